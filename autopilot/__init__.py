@@ -1,0 +1,1 @@
+"""Norrbin: a MAVLink-connected autopilot bridge for boats."""

@@ -1,0 +1,44 @@
+"""Angles: wrapping, shortest turns, unwrapping. Radians inside, degrees only at the edges."""
+
+from __future__ import annotations
+
+import math
+
+TWO_PI = 2.0 * math.pi
+
+
+def wrap(angle: float) -> float:
+    """Return `angle` [rad] in the half-open interval (-pi, pi]; non-finite input gives nan.
+
+    An angle that is inside already comes back unchanged, bit for bit.
+    """
+    if -math.pi < angle <= math.pi:
+        return angle
+    if not math.isfinite(angle):
+        return math.nan
+    wrapped = math.remainder(angle, TWO_PI)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def wrap_positive(angle: float) -> float:
+    """Return `angle` [rad] in [0, 2 pi), as a compass shows it; non-finite input gives nan."""
+    if not math.isfinite(angle):
+        return math.nan
+    positive = angle % TWO_PI
+    return 0.0 if positive >= TWO_PI else positive
+
+
+def shortest_turn(from_heading: float, to_heading: float) -> float:
+    """Return the signed turn [rad] in (-pi, pi] that leads from one heading [rad] to another."""
+    return wrap(to_heading - from_heading)
+
+
+def unwrap_next(previous: float, heading: float) -> float:
+    """Return `heading` [rad] shifted by whole turns so that it lies within pi of `previous` [rad]."""
+    return previous + wrap(heading - previous)
+
+
+def compass_deg(heading: float) -> float:
+    """Return `heading` [rad] as degrees in [0, 360)."""
+    degrees = math.degrees(wrap_positive(heading))
+    return 0.0 if degrees >= 360.0 else degrees

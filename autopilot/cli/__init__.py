@@ -1,0 +1,1 @@
+"""The autopilot command: one module per subcommand."""

@@ -1,0 +1,1 @@
+"""Heading laws and the design of their gains."""

@@ -1,0 +1,1 @@
+"""From samples to the navigation state the law steers by."""

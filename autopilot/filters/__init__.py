@@ -1,0 +1,1 @@
+"""Pure estimators that know no boat."""

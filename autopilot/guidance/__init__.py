@@ -1,0 +1,1 @@
+"""From orders to references the rudder can follow."""

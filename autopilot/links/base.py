@@ -1,0 +1,66 @@
+"""The contracts of the links: transports move bytes, links turn them into samples and commands.
+
+Nothing here or below blocks, sleeps or reads a clock: time is an argument.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from autopilot.signals import RudderCommand, Sample
+
+
+class LinkError(Exception):
+    """A link could not be opened or has been lost. The message names the link, what happened and what to do."""
+
+
+class Transport(Protocol):
+    """Moves bytes. A new transport writes these four methods and passes `tests/contract/test_transports.py`."""
+
+    name: str
+    """The URL as the user wrote it, for messages."""
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on, or -1 where there is none (loopback, replay, not yet connected)."""
+
+    def receive(self) -> list[bytes]:
+        """Return every chunk that waits, oldest first, datagram boundaries kept; [] when none.
+
+        Raises LinkError when the other side is gone for good (unplugged adapter, closed TCP connection).
+        """
+
+    def send(self, data: bytes) -> bool:
+        """Send all of `data` or nothing: False when it would block. Raises LinkError when the link is gone."""
+
+    def close(self) -> None:
+        """Give the descriptor back; further calls do nothing."""
+
+
+class Link(Protocol):
+    """Turns the bytes of one transport into samples, and commands into bytes."""
+
+    name: str
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return the samples that have arrived by `now` [s]. Bad packets are counted and dropped.
+
+        Raises LinkError when the transport is gone.
+        """
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Send the rudder command, or the release where it is not engaged. The command leaves first."""
+
+    def keep(self, now: float) -> None:
+        """Do what falls due in the slack: heartbeats, stream and parameter requests, reconnection."""
+
+    def release(self, now: float) -> None:
+        """Give the rudder back, several times over; called on every way out. Never raises."""
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return and forget the raw MAVLink packets received and sent since the last call ([] on other links)."""
+
+    def close(self) -> None:
+        """Release and close the transport."""

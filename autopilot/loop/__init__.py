@@ -1,0 +1,1 @@
+"""Clock, pace, run and record: the imperative shell around the pilot."""

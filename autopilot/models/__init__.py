@@ -1,0 +1,1 @@
+"""Pure equations of motion: no clock, no I/O, SI units and radians."""

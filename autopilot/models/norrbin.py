@@ -1,0 +1,108 @@
+"""Norrbin's yaw model, scaled with speed; Nomoto's first-order model is its case n3 = n2 = n0 = 0, n1 = 1.
+
+    T r' + n3 r^3 + n2 r^2 + n1 r + n0 = K delta
+
+Source: Jiang et al. 2016, eqs (1)-(3); Norrbin 1963. Everything in SI units and radians.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+SPEED_FLOOR_RATIO = 0.05
+"""Below this share of the reference speed the scaling is held: K ~ U/L and T ~ L/U have no sense at rest."""
+
+
+class Norrbin(NamedTuple):
+    """Parameters at `reference_speed` U0 [m/s].
+
+    gain K [1/s], time_constant T [s], n3 [s^2/rad^2], n2 [s/rad], n1 [-] (+1 course-stable, -1
+    course-unstable), n0 [rad/s].
+    """
+
+    gain: float
+    time_constant: float
+    n3: float = 0.0
+    n2: float = 0.0
+    n1: float = 1.0
+    n0: float = 0.0
+    reference_speed: float = 1.0
+
+
+def yaw_acceleration(model: Norrbin, rate: float, rudder: float) -> float:
+    """Return r' [rad/s^2] = (K delta - n3 r^3 - n2 r^2 - n1 r - n0)/T at rate r [rad/s] and rudder [rad].
+
+    Also elementwise over numpy arrays.
+    """
+    return (model.gain * rudder - damping(model, rate)) / model.time_constant
+
+
+def damping(model: Norrbin, rate: float) -> float:
+    """Return n3 r^3 + n2 r^2 + n1 r + n0 [rad/s], the right-hand side K delta in a steady turn at rate r."""
+    return ((model.n3 * rate + model.n2) * rate + model.n1) * rate + model.n0
+
+
+def steady_rudder(model: Norrbin, rate: float) -> float:
+    """Return the rudder angle [rad] that keeps a steady turn at `rate` [rad/s]: Jiang 2016 eq. (5)."""
+    return damping(model, rate) / model.gain
+
+
+def rudder_for(model: Norrbin, rate: float, acceleration: float) -> float:
+    """Return the rudder angle [rad] that gives yaw `acceleration` [rad/s^2] at `rate` [rad/s]: the inverse model."""
+    return (model.time_constant * acceleration + damping(model, rate)) / model.gain
+
+
+def at_speed(model: Norrbin, speed: float) -> Norrbin:
+    """Return the model at `speed` U [m/s]: K ~ U, T ~ 1/U, n3 ~ 1/U^2, n2 ~ 1/U, n0 ~ U, n1 constant.
+
+    These are the Norrbin coefficients made dimensionless with L/U (SNAME prime system); the hull length
+    cancels against the reference speed. Speeds below `SPEED_FLOOR_RATIO` of the reference are raised to it.
+    """
+    ratio = max(abs(speed) / model.reference_speed, SPEED_FLOOR_RATIO)
+    return Norrbin(
+        gain=model.gain * ratio,
+        time_constant=model.time_constant / ratio,
+        n3=model.n3 / (ratio * ratio),
+        n2=model.n2 / ratio,
+        n1=model.n1,
+        n0=model.n0 * ratio,
+        reference_speed=model.reference_speed * ratio,
+    )
+
+
+def rate_step(model: Norrbin, rate: float, rudder: float, dt: float) -> float:
+    """Return the yaw rate [rad/s] one classical Runge-Kutta step of `dt` [s] later, rudder [rad] held."""
+    k1 = yaw_acceleration(model, rate, rudder)
+    k2 = yaw_acceleration(model, rate + 0.5 * dt * k1, rudder)
+    k3 = yaw_acceleration(model, rate + 0.5 * dt * k2, rudder)
+    k4 = yaw_acceleration(model, rate + dt * k3, rudder)
+    return rate + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def steady_rate(model: Norrbin, rudder: float) -> float:
+    """Return the stable steady yaw rate [rad/s] at `rudder` [rad]: K delta = n3 r^3 + n2 r^2 + n1 r + n0.
+
+    A course-unstable boat (n1 < 0) has three solutions at small angles; the one returned lies on the branch
+    of the rudder's sign, where the boat ends up when the rudder is put over. Bisection; a model without a
+    bounded steady rate (n3 = 0 and n1 <= 0) raises ValueError.
+    """
+    if model.n3 <= 0.0 and model.n1 <= 0.0:
+        raise ValueError("steady_rate: n3 = 0 with n1 <= 0 has no bounded steady turn")
+    drive = model.gain * rudder
+    sign = 1.0 if drive - model.n0 >= 0.0 else -1.0
+    bound = 1.0e-6
+    while sign * (damping(model, sign * bound) - drive) <= 0.0 and bound < 1.0e6:
+        bound *= 2.0
+    low = _branch_start(model) if model.n1 < 0.0 else 0.0
+    for _ in range(200):
+        middle = 0.5 * (low + bound)
+        if sign * (damping(model, sign * middle) - drive) > 0.0:
+            bound = middle
+        else:
+            low = middle
+    return sign * 0.5 * (low + bound)
+
+
+def _branch_start(model: Norrbin) -> float:
+    """Rate [rad/s] at which a course-unstable boat's spiral curve turns stable: 3 n3 r^2 + n1 = 0."""
+    return float((-model.n1 / (3.0 * model.n3)) ** 0.5)

@@ -1,0 +1,70 @@
+"""The steering gear: what the rudder makes of an order. Angle, rate, lag and dead band; delay in `DelayLine`.
+
+delta' = clip((order - delta)/lag, -rate_max, rate_max),  |delta| <= angle_max,
+and no movement while |order - delta| < dead_band.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+
+class SteeringGear(NamedTuple):
+    """angle_max [rad], rate_max [rad/s] (inf: unlimited), lag [s], dead_band [rad] (half width), delay [s]."""
+
+    angle_max: float
+    rate_max: float
+    lag: float = 0.0
+    dead_band: float = 0.0
+    delay: float = 0.0
+
+
+def clip(value: float, low: float, high: float) -> float:
+    """Return `value` held between `low` and `high`; nan stays nan."""
+    if value < low:
+        return low
+    if value > high:
+        return high
+    return value
+
+
+def gear_step(gear: SteeringGear, angle: float, order: float, dt: float) -> float:
+    """Return the rudder angle [rad] `dt` [s] later, from `angle` [rad] under a held `order` [rad].
+
+    The lag is solved exactly over the step, then held to the rate: stable for any dt >= 0.
+    """
+    error = clip(order, -gear.angle_max, gear.angle_max) - angle
+    if abs(error) <= gear.dead_band:
+        return angle
+    share = -math.expm1(-dt / gear.lag) if gear.lag > 0.0 else 1.0
+    reach = gear.rate_max * dt
+    return clip(angle + clip(share * error, -reach, reach), -gear.angle_max, gear.angle_max)
+
+
+class DelayLine:
+    """Orders that take effect `delay` [s] after they were given. Memory: the orders still on their way."""
+
+    def __init__(self, delay: float, initial: float = 0.0) -> None:
+        if not 0.0 <= delay < math.inf:
+            raise ValueError(f"delay must be finite and not negative, got {delay}")
+        self._delay = delay
+        self._initial = initial
+        self._waiting: deque[tuple[float, float]] = deque()
+        self._value = initial
+
+    def reset(self) -> None:
+        """Forget every order."""
+        self._waiting.clear()
+        self._value = self._initial
+
+    def give(self, now: float, order: float) -> None:
+        """Take the `order` given at `now` [s]."""
+        self._waiting.append((now + self._delay, order))
+
+    def effective(self, now: float) -> float:
+        """Return the order in effect at `now` [s]; times must not go backwards."""
+        while self._waiting and self._waiting[0][0] <= now:
+            self._value = self._waiting.popleft()[1]
+        return self._value

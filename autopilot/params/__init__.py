@@ -1,0 +1,1 @@
+"""Vessel and firmware files, and the MAVLink parameter protocol."""

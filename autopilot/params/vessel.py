@@ -1,0 +1,163 @@
+"""The vessel file's schema: typed, frozen, one unit in every key name.
+
+Degrees and knots appear here because people write these files; `build` turns them into radians. Each field
+carries its range and its purpose, from which reading, checking and the JSON Schema all work.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, NamedTuple
+
+SCHEMA_VERSION = 1
+
+
+class Bounds(NamedTuple):
+    """Closed range of a number (`None`: no bound) and what the number means, in a few words."""
+
+    low: float | None
+    high: float | None
+    doc: str
+
+
+Positive = 1.0e-9
+
+
+@dataclass(frozen=True)
+class StandardErrors:
+    """Standard errors of the identified parameters, in the parameters' units; absent: not determined."""
+
+    K_1_s: Annotated[float, Bounds(0.0, None, "standard error of K")] | None = None
+    T_s: Annotated[float, Bounds(0.0, None, "standard error of T")] | None = None
+    n3_s2_rad2: Annotated[float, Bounds(0.0, None, "standard error of n3")] | None = None
+    n0_rad_s: Annotated[float, Bounds(0.0, None, "standard error of n0")] | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    """Norrbin model T r' + n3 r^3 + n2 r^2 + n1 r + n0 = K delta at the reference speed."""
+
+    K_1_s: Annotated[float, Bounds(1.0e-5, 100.0, "rudder gain K: steady yaw rate per rudder angle")]
+    T_s: Annotated[float, Bounds(1.0e-3, 10000.0, "time constant T")]
+    reference_speed_m_s: Annotated[float, Bounds(1.0e-3, 100.0, "speed at which K, T and n0..n3 hold")]
+    n1: Annotated[float, Bounds(-1.0, 1.0, "+1 course-stable, -1 course-unstable")] = 1.0
+    n3_s2_rad2: Annotated[float, Bounds(0.0, 1.0e9, "cubic damping")] = 0.0
+    n2_s_rad: Annotated[float, Bounds(-1.0e6, 1.0e6, "quadratic damping (asymmetry)")] = 0.0
+    n0_rad_s: Annotated[float, Bounds(-10.0, 10.0, "trim or wind bias")] = 0.0
+    standard_errors: StandardErrors = field(default_factory=StandardErrors)
+    source: str = ""
+    date: str = ""
+
+
+@dataclass(frozen=True)
+class Rudder:
+    """What the steering gear can do. rate_max_deg_s: null means a rudder of unlimited rate (simulation only)."""
+
+    angle_max_deg: Annotated[float, Bounds(1.0, 90.0, "end stop of the rudder, each side")]
+    rate_max_deg_s: Annotated[float, Bounds(0.1, 1000.0, "slewing rate; null: unlimited")] | None
+    lag_s: Annotated[float, Bounds(0.0, 60.0, "first-order lag of the steering gear")] = 0.0
+    delay_s: Annotated[float, Bounds(0.0, 10.0, "dead time from order to first movement")] = 0.0
+    dead_band_deg: Annotated[float, Bounds(0.0, 10.0, "smallest error the gear moves for")] = 0.0
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What the instruments are like: noise as standard deviation, latency from measurement to arrival."""
+
+    heading_noise_deg: Annotated[float, Bounds(0.001, 30.0, "standard deviation of the heading")] = 0.3
+    heading_latency_s: Annotated[float, Bounds(0.0, 5.0, "age of a heading when it arrives")] = 0.0
+    rate_noise_deg_s: Annotated[float, Bounds(0.001, 30.0, "standard deviation of the yaw rate")] = 0.2
+    variation_deg: Annotated[float, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
+    deviation_deg: tuple[tuple[float, float], ...] = ()
+    """Compass deviation table: [compass heading deg, deviation deg, east positive], interpolated round the card."""
+
+
+@dataclass(frozen=True)
+class Backstepping:
+    """Gains of the corrected backstepping law: z1'' + (k1+k2) z1' + (1 + k1 k2) z1 = 0."""
+
+    k1_1_s: Annotated[float, Bounds(Positive, 1000.0, "heading gain k1")]
+    k2_1_s: Annotated[float, Bounds(Positive, 1000.0, "rate gain k2")]
+
+
+@dataclass(frozen=True)
+class Pid:
+    """Gains of the PID heading law: rudder = kp e + ki * integral of e + kd e'."""
+
+    kp: Annotated[float, Bounds(0.0, 1000.0, "rudder angle per heading error")]
+    ki_1_s: Annotated[float, Bounds(0.0, 1000.0, "rudder angle per integral of the heading error")] = 0.0
+    kd_s: Annotated[float, Bounds(0.0, 1000.0, "rudder angle per rate error")] = 0.0
+
+
+@dataclass(frozen=True)
+class Control:
+    """Which law steers, how often, and its gains."""
+
+    law: Literal["backstepping", "pid"] = "backstepping"
+    rate_hz: Annotated[float, Bounds(1.0, 200.0, "control rate")] = 20.0
+    loop_delay_s: Annotated[float, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = (
+        0.05
+    )
+    backstepping: Backstepping | None = None
+    pid: Pid | None = None
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """How the boat is taken through a change of heading."""
+
+    rudder_share: Annotated[
+        float, Bounds(0.1, 1.0, "share of rudder angle and rate a turn may plan with")
+    ] = 0.7
+    turn_rate_max_deg_s: Annotated[float, Bounds(0.01, 360.0, "fastest turn")] | None = None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What may be commanded; null: what the rudder can do."""
+
+    angle_max_deg: Annotated[float, Bounds(1.0, 90.0, "largest rudder angle commanded")] | None = None
+    rate_max_deg_s: Annotated[float, Bounds(0.1, 1000.0, "fastest change of the command")] | None = None
+
+
+@dataclass(frozen=True)
+class Failsafe:
+    """What happens when the heading is lost: the action at once, the release after `release_after_s`."""
+
+    heading_timeout_s: Annotated[float, Bounds(0.1, 60.0, "age at which a heading is stale")] = 1.0
+    action: Literal["release", "amidships", "hold"] = "amidships"
+    release_after_s: Annotated[
+        float, Bounds(0.0, 600.0, "action held this long, then the rudder is released")
+    ] = 10.0
+    resume: bool = False
+    """Engage again by itself when the heading is back: only where the skipper has said so."""
+
+
+@dataclass(frozen=True)
+class Helm:
+    """How rudder commands reach a MAVLink flight controller."""
+
+    method: Literal["rc_override", "manual_control"] = "rc_override"
+    rate_hz: Annotated[float, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
+    rudder_at_full_pwm_deg: (
+        Annotated[float, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None
+    ) = None
+    reversed: bool = False
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """One boat: identity, identified model, rudder, sensors, gains, limits and fail-safes."""
+
+    schema_version: int
+    name: str
+    model: Model
+    rudder: Rudder
+    description: str = ""
+    sensors: Sensors = field(default_factory=Sensors)
+    control: Control = field(default_factory=Control)
+    guidance: Guidance = field(default_factory=Guidance)
+    limits: Limits = field(default_factory=Limits)
+    failsafe: Failsafe = field(default_factory=Failsafe)
+    helm: Helm = field(default_factory=Helm)

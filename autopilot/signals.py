@@ -1,0 +1,149 @@
+"""The values that travel: samples in, orders, state, reference and command, and the tick that holds them all.
+
+SI units and radians. Heading psi is clockwise from north, rudder is positive when it turns the boat to
+starboard, roll is positive starboard down. `time` is seconds of the loop's monotonic clock, and on a sample
+it is when the value was *measured*, not when it was read.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+
+class HeadingSample(NamedTuple):
+    """True heading [rad], with the yaw rate [rad/s] where the same instrument measures it."""
+
+    time: float
+    heading: float
+    rate: float | None = None
+    source: str = ""
+
+
+class RateSample(NamedTuple):
+    """Yaw rate [rad/s] from an instrument that knows no heading (NMEA ROT)."""
+
+    time: float
+    rate: float
+    source: str = ""
+
+
+class RudderSample(NamedTuple):
+    """Measured rudder angle [rad]."""
+
+    time: float
+    angle: float
+    source: str = ""
+
+
+class SpeedSample(NamedTuple):
+    """Speed [m/s], through the water or, where `over_ground`, over the ground."""
+
+    time: float
+    speed: float
+    over_ground: bool = False
+    source: str = ""
+
+
+class RollSample(NamedTuple):
+    """Roll angle [rad] and, where known, roll rate [rad/s]."""
+
+    time: float
+    roll: float
+    rate: float | None = None
+    source: str = ""
+
+
+class HelmSample(NamedTuple):
+    """Whether the other side lets us steer: False with the reason when a human or the firmware has the helm."""
+
+    time: float
+    available: bool
+    reason: str = ""
+    source: str = ""
+
+
+Sample = HeadingSample | RateSample | RudderSample | SpeedSample | RollSample | HelmSample
+
+
+class OrderKind(IntEnum):
+    """What the pilot is asked to do."""
+
+    STANDBY = 0
+    HEADING = 1
+    RUDDER = 2
+    ZIGZAG = 3
+
+
+class Order(NamedTuple):
+    """What the skipper wants.
+
+    `heading` [rad] is the course for HEADING (nan: adopt the present heading on engagement) and the base
+    course for ZIGZAG; `rudder` [rad] is the angle for RUDDER and ZIGZAG; `heading_change` [rad] is the
+    deviation at which a zigzag reverses. Every intended action raises `serial`: after an override or a
+    fail-safe the pilot engages again only for an order with a new one.
+    """
+
+    kind: OrderKind = OrderKind.STANDBY
+    heading: float = 0.0
+    rudder: float = 0.0
+    heading_change: float = 0.0
+    serial: int = 0
+
+
+class NavState(NamedTuple):
+    """Best knowledge of the boat at `time`.
+
+    heading [rad], rate [rad/s], speed [m/s], rudder [rad] (fed back, or from the steering-gear model), bias
+    [rad] (the rudder angle that wind, current and trim are worth), heading_age [s] since the newest heading
+    was measured. `valid` is False until a heading has been seen.
+    """
+
+    time: float
+    heading: float
+    rate: float
+    speed: float
+    rudder: float
+    bias: float
+    heading_age: float
+    valid: bool
+
+
+class Reference(NamedTuple):
+    """Desired heading psi_d [rad], its rate [rad/s] and acceleration [rad/s^2]."""
+
+    heading: float
+    rate: float = 0.0
+    acceleration: float = 0.0
+
+
+class Mode(IntEnum):
+    """State of the supervisor."""
+
+    STANDBY = 0
+    ENGAGED = 1
+    OVERRIDE = 2
+    FAILSAFE = 3
+
+
+class RudderCommand(NamedTuple):
+    """Rudder angle [rad] to be set at `time`; where `engaged` is False the rudder is released instead."""
+
+    time: float
+    angle: float
+    engaged: bool
+
+
+class Tick(NamedTuple):
+    """One tick, whole: what came in and what went out. Replaying the inputs gives the same outputs, bit for bit."""
+
+    index: int
+    now: float
+    samples: tuple[Sample, ...]
+    order: Order
+    state: NavState
+    reference: Reference
+    demand: float
+    command: RudderCommand
+    mode: Mode
+    alarms: tuple[str, ...]
