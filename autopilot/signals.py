@@ -135,9 +135,9 @@ class RudderCommand(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """One tick, whole: what came in and what went out. Replaying the inputs gives the same outputs, bit for bit."""
+    """One tick, whole. Replaying its inputs gives the same outputs, bit for bit."""
 
-    index: int
+    number: int
     now: float
     samples: tuple[Sample, ...]
     order: Order

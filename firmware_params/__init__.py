@@ -1,1 +1,1 @@
-"""Data: vessel files and firmware parameter files. Find them with importlib.resources.files('firmware_params')."""
+"""Data: vessel files and firmware parameter files; find them with importlib.resources."""

@@ -48,7 +48,7 @@ def steady_rudder(model: Norrbin, rate: float) -> float:
 
 
 def rudder_for(model: Norrbin, rate: float, acceleration: float) -> float:
-    """Return the rudder angle [rad] that gives yaw `acceleration` [rad/s^2] at `rate` [rad/s]: the inverse model."""
+    """Return the rudder [rad] that gives yaw `acceleration` [rad/s^2] at `rate` [rad/s]: the inverse model."""
     return (model.time_constant * acceleration + damping(model, rate)) / model.gain
 
 

@@ -96,9 +96,7 @@ class Control:
 
     law: Literal["backstepping", "pid"] = "backstepping"
     rate_hz: Annotated[float, Bounds(1.0, 200.0, "control rate")] = 20.0
-    loop_delay_s: Annotated[float, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = (
-        0.05
-    )
+    loop_delay_s: Annotated[float, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
     backstepping: Backstepping | None = None
     pid: Pid | None = None
 
@@ -107,9 +105,7 @@ class Control:
 class Guidance:
     """How the boat is taken through a change of heading."""
 
-    rudder_share: Annotated[
-        float, Bounds(0.1, 1.0, "share of rudder angle and rate a turn may plan with")
-    ] = 0.7
+    rudder_share: Annotated[float, Bounds(0.1, 1.0, "share of rudder angle and rate a turn may plan with")] = 0.7
     turn_rate_max_deg_s: Annotated[float, Bounds(0.01, 360.0, "fastest turn")] | None = None
 
 
@@ -127,9 +123,7 @@ class Failsafe:
 
     heading_timeout_s: Annotated[float, Bounds(0.1, 60.0, "age at which a heading is stale")] = 1.0
     action: Literal["release", "amidships", "hold"] = "amidships"
-    release_after_s: Annotated[
-        float, Bounds(0.0, 600.0, "action held this long, then the rudder is released")
-    ] = 10.0
+    release_after_s: Annotated[float, Bounds(0.0, 600.0, "action held this long, then the rudder is released")] = 10.0
     resume: bool = False
     """Engage again by itself when the heading is back: only where the skipper has said so."""
 
@@ -140,9 +134,7 @@ class Helm:
 
     method: Literal["rc_override", "manual_control"] = "rc_override"
     rate_hz: Annotated[float, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
-    rudder_at_full_pwm_deg: (
-        Annotated[float, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None
-    ) = None
+    rudder_at_full_pwm_deg: Annotated[float, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None = None
     reversed: bool = False
 
 
