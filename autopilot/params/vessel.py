@@ -7,17 +7,11 @@ carries its range and its purpose, from which reading, checking and the JSON Sch
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
+
+from autopilot.params.schema import Bounds as Bounds
 
 SCHEMA_VERSION = 1
-
-
-class Bounds(NamedTuple):
-    """Closed range of a number (`None`: no bound) and what the number means, in a few words."""
-
-    low: float | None
-    high: float | None
-    doc: str
 
 
 Positive = 1.0e-9

@@ -1,0 +1,201 @@
+"""Vessel files: found by path or shipped name, read strictly, checked across fields, written back."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import typing
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from autopilot.errors import InputError
+from autopilot.params import schema
+from autopilot.params.schema import Bounds, nearest
+from autopilot.params.strict_yaml import Node, parse_document, read_document, resolve_plain
+from autopilot.params.vessel import SCHEMA_VERSION, Vessel
+
+_BARE_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+
+
+def load_vessel(path_or_name: str | Path) -> Vessel:
+    """Return the vessel of a YAML file, or of the shipped file of that name (`lanxin`).
+
+    Anything with a folder or a suffix in it is a path, and so is what exists. Raises InputError.
+    """
+    path = Path(path_or_name)
+    if path.exists() or path.suffix or path.name != str(path_or_name):
+        return vessel_from(_document_at(path))
+    return vessel_from(_shipped_document(str(path_or_name)))
+
+
+def parse_vessel(text: str, file: str = "<text>") -> Vessel:
+    """Return the vessel described by YAML `text`; `file` is the name used in messages. Raises InputError."""
+    return vessel_from(parse_document(text, file))
+
+
+def shipped_vessels() -> list[str]:
+    """Return the names of the vessel files that come with the product."""
+    folder = resources.files("firmware_params") / "vessels"
+    names = (entry.name for entry in folder.iterdir())
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+
+
+def vessel_from(root: Node) -> Vessel:
+    """Return the vessel that a document holds, checked across its fields. Raises InputError."""
+    check_schema_version(root, SCHEMA_VERSION)
+    vessel = schema.read(root, Vessel)
+    for path, sentence in problems(vessel):
+        raise root.at(path).fault(sentence)
+    return vessel
+
+
+def check_schema_version(root: Node, known: int) -> None:
+    """Raise InputError where the document says that it was written for another schema, or does not say."""
+    if not isinstance(root.value, dict) or "schema_version" not in root.value:
+        return  # the schema's own sentence about a missing key is the right one
+    version = root.value["schema_version"]
+    if isinstance(version.value, int) and not isinstance(version.value, bool) and version.value != known:
+        raise version.fault(f"schema_version is {version.value}, this version of Norrbin reads {known}.")
+
+
+def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
+    """Yield (path of the key, sentence) for every value that fits its own range but not the others."""
+    if not vessel.name.strip():
+        yield "name", "name is empty; give the boat a name."
+    yield from _model_problems(vessel)
+    yield from _limit_problems(vessel)
+    if vessel.control.law == "backstepping" and vessel.control.backstepping is None:
+        yield "control", "control.law is backstepping, but control.backstepping with k1_1_s and k2_1_s is missing."
+    if vessel.control.law == "pid" and vessel.control.pid is None:
+        yield "control", "control.law is pid, but control.pid with kp is missing."
+    if vessel.failsafe.heading_timeout_s <= vessel.sensors.heading_latency_s:
+        yield (
+            "failsafe.heading_timeout_s",
+            f"failsafe.heading_timeout_s is {vessel.failsafe.heading_timeout_s:g}, it must be larger than "
+            f"sensors.heading_latency_s ({vessel.sensors.heading_latency_s:g}), or every heading is stale on arrival.",
+        )
+    yield from _deviation_problems(vessel.sensors.deviation_deg)
+
+
+def _model_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
+    model = vessel.model
+    if model.n1 not in (-1.0, 1.0):
+        yield "model.n1", f"model.n1 is {model.n1:g}, allowed are 1 (course-stable) and -1 (course-unstable)."
+    if model.n1 == -1.0 and model.n3_s2_rad2 <= 0.0:
+        yield (
+            "model.n1",
+            "model.n1 is -1 with model.n3_s2_rad2 0: a course-unstable boat needs n3 above 0, or its turns never end.",
+        )
+
+
+def _limit_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
+    limits, rudder = vessel.limits, vessel.rudder
+    if limits.angle_max_deg is not None and limits.angle_max_deg > rudder.angle_max_deg:
+        yield (
+            "limits.angle_max_deg",
+            f"limits.angle_max_deg is {limits.angle_max_deg:g}, allowed is at most rudder.angle_max_deg "
+            f"({rudder.angle_max_deg:g}).",
+        )
+    if limits.rate_max_deg_s is None or rudder.rate_max_deg_s is None:
+        return
+    if limits.rate_max_deg_s > rudder.rate_max_deg_s:
+        yield (
+            "limits.rate_max_deg_s",
+            f"limits.rate_max_deg_s is {limits.rate_max_deg_s:g}, allowed is at most rudder.rate_max_deg_s "
+            f"({rudder.rate_max_deg_s:g}).",
+        )
+
+
+def _deviation_problems(table: tuple[tuple[float, float], ...]) -> Iterator[tuple[str, str]]:
+    previous = -1.0
+    for heading, deviation in table:
+        if not 0.0 <= heading < 360.0 or heading <= previous:
+            yield (
+                "sensors.deviation_deg",
+                f"sensors.deviation_deg has the compass heading {heading:g} after {previous:g}; headings rise "
+                "from 0 to below 360.",
+            )
+        if abs(deviation) > 90.0:
+            yield (
+                "sensors.deviation_deg",
+                f"sensors.deviation_deg has a deviation of {deviation:g} at {heading:g}, allowed are -90 to 90.",
+            )
+        previous = heading
+
+
+def _document_at(path: Path) -> Node:
+    if not path.exists() and path.name == str(path) and path.stem in shipped_vessels():
+        raise InputError(f"{path}: no such file here; the shipped vessel is named {path.stem}, without the suffix.")
+    return read_document(path)
+
+
+def _shipped_document(name: str) -> Node:
+    shipped = shipped_vessels()
+    if name not in shipped:
+        near = nearest(name, shipped)
+        hint = f"did you mean {near}?" if near else f"shipped are {', '.join(shipped)}."
+        raise InputError(f"{name}: neither a file nor a shipped vessel; {hint}")
+    text = (resources.files("firmware_params") / "vessels" / f"{name}.yaml").read_text(encoding="utf-8")
+    return parse_document(text, f"{name}.yaml (shipped)")
+
+
+def dump_vessel(vessel: Vessel, comment: str = "") -> str:
+    """Return the vessel as YAML text with the meaning of each number beside it; reading it gives `vessel` again.
+
+    `comment` becomes the head of the file. Values that are absent (null by default) are left out.
+    """
+    head = [f"# {line}".rstrip() for line in comment.splitlines()]
+    return "\n".join([*head, *_section_lines(vessel, 0)]) + "\n"
+
+
+def _section_lines(section: Any, depth: int) -> list[str]:
+    hints = typing.get_type_hints(type(section), include_extras=True)
+    lines: list[str] = []
+    for field in dataclasses.fields(section):
+        value = getattr(section, field.name)
+        start = f"{'  ' * depth}{field.name}:"
+        if dataclasses.is_dataclass(value):
+            inner = _section_lines(value, depth + 1)
+            lines += [start, *inner] if inner else []
+        elif value != field.default or value not in (None, "", ()):
+            doc = _doc(hints[field.name])
+            lines.append(f"{start} {_value_text(value)}{f'  # {doc}' if doc else ''}")
+    return lines
+
+
+def _doc(hint: Any) -> str:
+    if typing.get_origin(hint) is typing.Annotated:
+        return next((extra.doc for extra in typing.get_args(hint) if isinstance(extra, Bounds)), "")
+    return next((doc for member in typing.get_args(hint) if (doc := _doc(member))), "")
+
+
+def _value_text(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return number_text(value)
+    if isinstance(value, tuple):
+        return f"[{', '.join(_value_text(item) for item in value)}]"
+    if isinstance(value, str):
+        return string_text(value)
+    return str(value)
+
+
+def number_text(value: float) -> str:
+    """Return the shortest text that reads back as `value`, with a point where YAML 1.1 readers need one."""
+    text = repr(value)
+    mantissa, exponent, power = text.partition("e")
+    return f"{mantissa}.0e{power}" if exponent and "." not in mantissa else text
+
+
+def string_text(value: str) -> str:
+    """Return `value` as a bare word where that is safe, else in double quotes on one line."""
+    if _BARE_WORD.fullmatch(value) and isinstance(resolve_plain(value), str):
+        return value
+    return yaml.safe_dump(value, default_style='"', allow_unicode=True, width=10**9).removesuffix("\n")
