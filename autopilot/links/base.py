@@ -15,10 +15,13 @@ class LinkError(Exception):
 
 
 class Transport(Protocol):
-    """Moves bytes. A new transport writes these four methods and passes `tests/contract/test_transports.py`."""
+    """Moves bytes. A new transport writes these methods and passes `tests/contract/test_transports.py`."""
 
     name: str
     """The URL as the user wrote it, for messages."""
+
+    is_stream: bool
+    """True where chunks may split or join packets anywhere (TCP, serial); False where each is a datagram."""
 
     def fileno(self) -> int:
         """Return the descriptor to wait on, or -1 where there is none (loopback, replay, not yet connected)."""
@@ -30,7 +33,13 @@ class Transport(Protocol):
         """
 
     def send(self, data: bytes) -> bool:
-        """Send all of `data` or nothing: False when it would block. Raises LinkError when the link is gone."""
+        """Send all of `data` or nothing: False when it would block or no peer is known yet.
+
+        Raises LinkError when the link is gone.
+        """
+
+    def forget_peer(self) -> None:
+        """Let go of a peer that was latched on to, so that another may take its place; elsewhere does nothing."""
 
     def close(self) -> None:
         """Give the descriptor back; further calls do nothing."""

@@ -1,0 +1,141 @@
+"""MAVLink bytes to messages and back: own framing around pymavlink's dialect codec, without I/O or clock.
+
+Nothing that arrives raises. A frame is accepted only whole, with a known id and the right checksum; what is
+noise is skipped byte by byte, so that one damaged frame never swallows a good one behind it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+Message: TypeAlias = Any
+"""A pymavlink message; `get_msgbuf()` gives its raw packet, `get_srcSystem()` its sender."""
+
+MAGIC_V1 = 0xFE
+MAGIC_V2 = 0xFD
+SIGNED = 0x01
+FRAME_MAX = 280
+"""Longest frame: header 10, payload 255, checksum 2, signature 13."""
+
+_known = dialect.mavlink_map
+
+
+class MavlinkCodec:
+    """Decodes what one link receives and encodes what one identity sends; it is the only writer of that identity.
+
+    Args:
+        system, component: the identity that `encode` puts on every packet.
+        is_stream: whether frames may be split over chunks (TCP, serial); a datagram never borrows from the next.
+
+    Attributes:
+        received: frames accepted.  bad: runs of bytes that were no frame.
+    """
+
+    def __init__(self, system: int = 255, component: int = 0, is_stream: bool = False) -> None:
+        self._mavlink = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._is_stream = is_stream
+        self._rest = b""
+        self.received = 0
+        self.bad = 0
+
+    @property
+    def system(self) -> int:
+        """System id on outgoing packets; settable, because a companion learns it from its vehicle."""
+        return int(self._mavlink.srcSystem)
+
+    @system.setter
+    def system(self, value: int) -> None:
+        self._mavlink.srcSystem = value
+
+    @property
+    def component(self) -> int:
+        """Component id on outgoing packets."""
+        return int(self._mavlink.srcComponent)
+
+    def encode(self, message: Message) -> bytes:
+        """Return the MAVLink 2 packet of `message` under this identity, with the next sequence number."""
+        mavlink = self._mavlink
+        packet: bytes = message.pack(mavlink)
+        mavlink.seq = (mavlink.seq + 1) & 0xFF
+        return packet
+
+    def decode(self, data: bytes) -> list[Message]:
+        """Return the messages in a datagram, or those completed by a chunk of the stream; never raises."""
+        messages: list[Message] = []
+        buffer = self._rest + data if self._rest else data
+        end = len(buffer)
+        start = 0
+        in_noise = False
+        while start < end:
+            length = frame_length(buffer, start)
+            if length > 0:
+                if start + length > end:
+                    break
+                message = self._decode_frame(buffer[start : start + length])
+                if message is not None:
+                    messages.append(message)
+                    start += length
+                    in_noise = False
+                    continue
+            elif length == 0:
+                break
+            if not in_noise:
+                self.bad += 1
+                in_noise = True
+            start = next_magic(buffer, start + 1)
+        if self._is_stream:
+            self._rest = bytes(buffer[start:])
+        elif start < end:
+            self.bad += 1
+        self.received += len(messages)
+        return messages
+
+    def _decode_frame(self, frame: bytes) -> Message | None:
+        try:
+            return self._mavlink.decode(bytearray(frame))
+        except dialect.MAVError:
+            return None
+
+
+def frame_length(buffer: bytes, start: int) -> int:
+    """Return the length of the frame that begins at `start`; 0 where more bytes are needed, -1 where none does.
+
+    An id outside the dialect has no known checksum and is taken for noise at once, so that a stray magic byte
+    cannot hold back the messages behind it.
+    """
+    magic = buffer[start]
+    waiting = len(buffer) - start
+    if magic == MAGIC_V2:
+        if waiting < 3:
+            return 0
+        flags = buffer[start + 2]
+        if flags & ~SIGNED:
+            return -1
+        if waiting < 10:
+            return 0
+        identity = buffer[start + 7] | buffer[start + 8] << 8 | buffer[start + 9] << 16
+        length = buffer[start + 1] + 12 + 13 * flags
+    elif magic == MAGIC_V1:
+        if waiting < 6:
+            return 0
+        identity = buffer[start + 5]
+        length = buffer[start + 1] + 8
+    else:
+        return -1
+    return length if identity in _known else -1
+
+
+def next_magic(buffer: bytes, start: int) -> int:
+    """Return where, from `start` on, a frame could next begin; the buffer's length where nowhere."""
+    found = [place for place in (buffer.find(MAGIC_V2, start), buffer.find(MAGIC_V1, start)) if place >= 0]
+    return min(found, default=len(buffer))
+
+
+def is_mavlink(data: bytes) -> bool:
+    """Return whether a datagram begins with one valid MAVLink frame."""
+    if not data:
+        return False
+    length = frame_length(data, 0)
+    return 0 < length <= len(data) and bool(MavlinkCodec().decode(data[:length]))

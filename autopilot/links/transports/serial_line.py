@@ -1,0 +1,131 @@
+"""A serial port, or any terminal that behaves like one (a pseudo-terminal), opened exclusively, never blocking."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import termios
+
+import serial
+
+from autopilot.links.base import LinkError
+
+CHUNK_LIMIT = 4096
+RECEIVE_LIMIT = 64
+
+
+class SerialTransport:
+    """Eight data bits, no parity, one stop bit, no flow control, at `baud`.
+
+    Raises LinkError with the way out where the device is missing, forbidden, in use, or no serial port.
+    """
+
+    is_stream = True
+
+    def __init__(self, name: str, path: str, baud: int) -> None:
+        self.name = name
+        self.baud = baud
+        self._path = path
+        self._closed = False
+        self._unsent = b""
+        try:
+            self._port = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        except (OSError, ValueError, termios.error) as error:
+            raise _open_error(name, path, baud, error) from error
+        self._fd = int(self._port.fileno())
+        self._poll = select.poll()
+        self._poll.register(self._fd, 0)
+
+    def fileno(self) -> int:
+        """Return the port's descriptor, -1 when closed."""
+        return -1 if self._closed else self._fd
+
+    def receive(self) -> list[bytes]:
+        """Return what has arrived; LinkError when the device is gone and nothing is left to read."""
+        if self._closed:
+            raise self._gone()
+        chunks: list[bytes] = []
+        for _ in range(RECEIVE_LIMIT):
+            try:
+                data = os.read(self._fd, CHUNK_LIMIT)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if not chunks:
+                    raise self._gone() from error
+                break
+            if not data:
+                # A terminal in raw mode answers "no bytes" both when it is idle and when it is gone.
+                if not chunks and self._hung_up():
+                    raise self._gone()
+                break
+            chunks.append(data)
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Hand all of `data` to the driver or nothing; LinkError when the device is gone."""
+        if self._closed or self._hung_up():
+            raise self._gone()
+        if self._unsent:
+            self._unsent = self._unsent[self._push(self._unsent) :]
+            if self._unsent:
+                return False
+        sent = self._push(data)
+        if sent == 0:
+            return not data
+        self._unsent = bytes(data[sent:])
+        return True
+
+    def waiting_to_send(self) -> int:
+        """Return how many bytes have been handed over but have not left; 0 where the driver cannot tell."""
+        try:
+            return int(self._port.out_waiting) + len(self._unsent)
+        except OSError:
+            return len(self._unsent)
+
+    def forget_peer(self) -> None:
+        """Do nothing: the other end is whatever is plugged in."""
+
+    def close(self) -> None:
+        """Give the port back."""
+        if not self._closed:
+            self._closed = True
+            self._port.close()
+
+    def _push(self, data: bytes) -> int:
+        try:
+            return os.write(self._fd, data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone() from error
+
+    def _hung_up(self) -> bool:
+        return bool(self._poll.poll(0))
+
+    def _gone(self) -> LinkError:
+        if self._closed:
+            return LinkError(f"{self.name}: the link is closed; open it again")
+        return LinkError(f"{self.name}: {self._path} is gone (unplugged?); plug it in again and restart")
+
+
+def _open_error(name: str, path: str, baud: int, error: Exception) -> LinkError:
+    code = getattr(error, "errno", None)
+    if isinstance(error, termios.error):
+        code = error.args[0]
+    text = str(error)
+    if code == errno.ENOENT:
+        return LinkError(f"{name}: there is no device {path}; plug it in, or list the ports with `ls /dev/tty*`")
+    if code in (errno.EACCES, errno.EPERM):
+        return LinkError(
+            f"{name}: permission denied on {path}; add your user to the group dialout "
+            "(sudo usermod -aG dialout $USER) and log in again"
+        )
+    if code in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK) or "exclusively lock" in text:
+        return LinkError(f"{name}: {path} is in use by another program; stop that program first")
+    if isinstance(error, ValueError):
+        return LinkError(f"{name}: {baud} baud is not possible on {path}; use for example 4800, 38400 or 115200")
+    if code in (errno.ENOTTY, errno.EINVAL, errno.EISDIR) or isinstance(error, termios.error) or "configure" in text:
+        return LinkError(f"{name}: {path} is not a serial port; name a device such as /dev/ttyUSB0")
+    return LinkError(f"{name}: cannot open {path}: {text}; check the device")

@@ -1,0 +1,184 @@
+"""TCP: a client that connects once, and a server for one client at a time. Both are streams."""
+
+from __future__ import annotations
+
+import socket
+
+from autopilot.links.base import LinkError
+from autopilot.links.transports.sockets import open_error, resolve
+
+CONNECT_TIMEOUT_S = 3.0
+CHUNK_LIMIT = 65536
+RECEIVE_LIMIT = 64
+
+
+class _Connection:
+    """One connected, non-blocking socket. A message the kernel took in part is completed before the next."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.socket = sock
+        self._unsent = b""
+
+    def receive(self) -> tuple[list[bytes], bool]:
+        """Return the chunks that wait and whether the connection still stands."""
+        chunks: list[bytes] = []
+        for _ in range(RECEIVE_LIMIT):
+            try:
+                data = self.socket.recv(CHUNK_LIMIT)
+            except BlockingIOError:
+                return chunks, True
+            except OSError:
+                return chunks, False
+            if not data:
+                return chunks, False
+            chunks.append(data)
+        return chunks, True
+
+    def send(self, data: bytes) -> bool:
+        """Send all or nothing; OSError when the connection has broken."""
+        if self._unsent:
+            self._unsent = self._unsent[self._push(self._unsent) :]
+            if self._unsent:
+                return False
+        sent = self._push(data)
+        if sent == 0:
+            return not data
+        self._unsent = bytes(data[sent:])
+        return True
+
+    def _push(self, data: bytes) -> int:
+        try:
+            return self.socket.send(data)
+        except BlockingIOError:
+            return 0
+
+
+class TcpClientTransport:
+    """Connects to a host and port; LinkError where nothing answers within `CONNECT_TIMEOUT_S`.
+
+    Opening is the one moment that may wait; afterwards nothing blocks.
+    """
+
+    is_stream = True
+
+    def __init__(self, name: str, host: str, port: int) -> None:
+        self.name = name
+        family, address = resolve(name, host, port, socket.SOCK_STREAM, passive=False)
+        sock = socket.socket(family, socket.SOCK_STREAM)
+        sock.settimeout(CONNECT_TIMEOUT_S)
+        try:
+            sock.connect(address)
+        except OSError as error:
+            sock.close()
+            raise open_error(name, error, "connect to", host, port) from error
+        self._connection = _Connection(sock)
+        self._lost = False
+        self._closed = False
+
+    def fileno(self) -> int:
+        """Return the socket's descriptor, -1 when closed."""
+        return self._connection.socket.fileno()
+
+    def receive(self) -> list[bytes]:
+        """Return the chunks that wait; LinkError once the other side has gone and all it sent has been read."""
+        if self._lost or self._closed:
+            raise self._gone()
+        chunks, standing = self._connection.receive()
+        self._lost = not standing
+        if self._lost and not chunks:
+            raise self._gone()
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Send all of `data` or nothing; LinkError when the connection has broken."""
+        try:
+            return self._connection.send(data)
+        except OSError as error:
+            raise self._gone() from error
+
+    def forget_peer(self) -> None:
+        """Do nothing: the peer is the one the user wrote."""
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._closed = True
+        self._connection.socket.close()
+
+    def _gone(self) -> LinkError:
+        if self._closed:
+            return LinkError(f"{self.name}: the link is closed; open it again")
+        return LinkError(f"{self.name}: the other side closed the connection; check that program and start again")
+
+
+class TcpServerTransport:
+    """Listens for one client at a time. When it leaves, the next may come; that is no error."""
+
+    is_stream = True
+
+    def __init__(self, name: str, host: str, port: int) -> None:
+        self.name = name
+        family, address = resolve(name, host, port, socket.SOCK_STREAM, passive=True)
+        self._listener = socket.socket(family, socket.SOCK_STREAM)
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._listener.setblocking(False)
+        self._client: _Connection | None = None
+        try:
+            self._listener.bind(address)
+            self._listener.listen(1)
+        except OSError as error:
+            self._listener.close()
+            raise open_error(name, error, "listen at", host, port) from error
+
+    @property
+    def port(self) -> int:
+        """The local port, of use where 0 was asked for."""
+        return int(self._listener.getsockname()[1])
+
+    def fileno(self) -> int:
+        """Return the client's descriptor, the listener's while there is no client, -1 when closed."""
+        return self._listener.fileno() if self._client is None else self._client.socket.fileno()
+
+    def receive(self) -> list[bytes]:
+        """Return what the client sent; [] while there is none. LinkError when closed."""
+        if self._client is None:
+            self._client = self._accept()
+            if self._client is None:
+                return []
+        chunks, standing = self._client.receive()
+        if not standing:
+            self.forget_peer()
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Send all of `data` to the client or nothing; False while there is none. LinkError when closed."""
+        if self._client is None:
+            self._client = self._accept()
+            if self._client is None:
+                return False
+        try:
+            return self._client.send(data)
+        except OSError:
+            self.forget_peer()
+            return False
+
+    def forget_peer(self) -> None:
+        """Hang up on the client, so that the next may come."""
+        if self._client is not None:
+            self._client.socket.close()
+            self._client = None
+
+    def close(self) -> None:
+        """Hang up and stop listening."""
+        self.forget_peer()
+        self._listener.close()
+
+    def _accept(self) -> _Connection | None:
+        try:
+            sock, _ = self._listener.accept()
+        except (BlockingIOError, ConnectionError):
+            return None
+        except OSError as error:
+            raise LinkError(f"{self.name}: the link is closed; open it again") from error
+        return _Connection(sock)

@@ -1,0 +1,170 @@
+"""UDP: `udpin` waits for a peer and latches on to it, `udpout` speaks to the one it was given.
+
+Both know one peer at a time and drop what strangers send.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+from collections.abc import Callable
+
+from autopilot.links.base import LinkError
+from autopilot.links.transports.sockets import open_error, resolve
+
+DATAGRAM_LIMIT = 65536
+RECEIVE_LIMIT = 500
+"""Datagrams taken in one `receive`, so that a flood cannot hold the loop."""
+WOULD_BLOCK = (errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS)
+TRANSIENT = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EINTR)
+"""Errors that pass by themselves: the peer has not started yet, or the network is away for a while."""
+
+
+def anything(data: bytes) -> bool:
+    """Accept every datagram."""
+    return bool(data)
+
+
+class _UdpTransport:
+    """What both kinds share: the socket and the draining of it."""
+
+    is_stream = False
+
+    def __init__(self, name: str, sock: socket.socket) -> None:
+        self.name = name
+        self.strangers = 0
+        """Datagrams dropped because they came from somebody else than the peer."""
+        self._socket = sock
+        self._closed = False
+
+    def fileno(self) -> int:
+        """Return the socket's descriptor, -1 when closed."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._closed = True
+        self._socket.close()
+
+    def _failed(self, error: OSError, doing: str) -> LinkError:
+        if self._closed:
+            return LinkError(f"{self.name}: the link is closed; open it again")
+        return LinkError(f"{self.name}: {doing} failed: {error.strerror or error}; check the network and start again")
+
+
+class UdpInTransport(_UdpTransport):
+    """Listens on the address the user wrote and latches on to the first peer whose datagram `accepts` finds valid.
+
+    Args:
+        name: the URL as written, for messages.
+        host, port: the local address; port 0 lets the system choose (see `port`).
+        accepts: says of a datagram whether its sender may become the peer.
+    """
+
+    def __init__(self, name: str, host: str, port: int, accepts: Callable[[bytes], bool] = anything) -> None:
+        family, address = resolve(name, host, port, socket.SOCK_DGRAM, passive=True)
+        sock = socket.socket(family, socket.SOCK_DGRAM)
+        sock.setblocking(False)
+        try:
+            sock.bind(address)
+        except OSError as error:
+            sock.close()
+            raise open_error(name, error, "listen at", host, port) from error
+        super().__init__(name, sock)
+        self._accepts = accepts
+        self._peer: tuple[str | int, ...] | None = None
+
+    @property
+    def port(self) -> int:
+        """The local port, of use where 0 was asked for."""
+        return int(self._socket.getsockname()[1])
+
+    @property
+    def peer(self) -> tuple[str | int, ...] | None:
+        """Address of the peer latched on to, None before the first valid datagram."""
+        return self._peer
+
+    def receive(self) -> list[bytes]:
+        """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
+        chunks: list[bytes] = []
+        receive = self._socket.recvfrom
+        for _ in range(RECEIVE_LIMIT):
+            try:
+                data, sender = receive(DATAGRAM_LIMIT)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if error.errno in TRANSIENT:
+                    continue
+                raise self._failed(error, "receiving") from error
+            if sender == self._peer:
+                chunks.append(data)
+            elif self._peer is None and self._accepts(data):
+                self._peer = sender
+                chunks.append(data)
+            else:
+                self.strangers += 1
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Send one datagram to the peer; False while there is none, or when the system's buffer is full."""
+        if self._peer is None:
+            if self._closed:
+                raise LinkError(f"{self.name}: the link is closed; open it again")
+            return False
+        try:
+            self._socket.sendto(data, self._peer)
+        except OSError as error:
+            if error.errno in WOULD_BLOCK or error.errno in TRANSIENT:
+                return False
+            raise self._failed(error, "sending") from error
+        return True
+
+    def forget_peer(self) -> None:
+        """Latch on to whoever is the next to send a valid datagram."""
+        self._peer = None
+
+
+class UdpOutTransport(_UdpTransport):
+    """Sends to one host and port, and receives from there alone (the kernel drops all others).
+
+    A peer that is not there yet is no error: its refusals are passed over until it starts.
+    """
+
+    def __init__(self, name: str, host: str, port: int) -> None:
+        family, address = resolve(name, host, port, socket.SOCK_DGRAM, passive=False)
+        sock = socket.socket(family, socket.SOCK_DGRAM)
+        sock.setblocking(False)
+        try:
+            sock.connect(address)
+        except OSError as error:
+            sock.close()
+            raise open_error(name, error, "reach", host, port) from error
+        super().__init__(name, sock)
+
+    def receive(self) -> list[bytes]:
+        """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
+        chunks: list[bytes] = []
+        receive = self._socket.recv
+        for _ in range(RECEIVE_LIMIT):
+            try:
+                chunks.append(receive(DATAGRAM_LIMIT))
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if error.errno not in TRANSIENT:
+                    raise self._failed(error, "receiving") from error
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Send one datagram; False when it could not leave now (full buffer, or nobody listens there yet)."""
+        try:
+            self._socket.send(data)
+        except OSError as error:
+            if error.errno in WOULD_BLOCK or error.errno in TRANSIENT:
+                return False
+            raise self._failed(error, "sending") from error
+        return True
+
+    def forget_peer(self) -> None:
+        """Do nothing: the peer is the one the user wrote."""

@@ -1,0 +1,103 @@
+"""Link URLs as the user writes them, turned into typed values and opened. Strict: a sentence for every error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.mavlink_codec import is_mavlink
+from autopilot.links.nmea0183 import is_nmea
+from autopilot.links.transports import (
+    SerialTransport,
+    TcpClientTransport,
+    TcpServerTransport,
+    UdpInTransport,
+    UdpOutTransport,
+)
+
+Protocol = Literal["mavlink", "nmea"]
+Medium = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
+
+EXAMPLES = {
+    "udpin": "udpin:127.0.0.1:14550",
+    "udpout": "udpout:192.168.1.10:14550",
+    "tcp": "tcp:127.0.0.1:5760",
+    "tcpin": "tcpin:0.0.0.0:5760",
+    "serial": "serial:/dev/ttyUSB0:115200",
+    "nmea": "nmea:/dev/ttyUSB1:4800",
+    "nmea-udp": "nmea-udp:0.0.0.0:10110",
+}
+SCHEMES: dict[str, tuple[Protocol, Medium]] = {
+    "udpin": ("mavlink", "udpin"),
+    "udpout": ("mavlink", "udpout"),
+    "tcp": ("mavlink", "tcp"),
+    "tcpin": ("mavlink", "tcpin"),
+    "serial": ("mavlink", "serial"),
+    "nmea": ("nmea", "serial"),
+    "nmea-udp": ("nmea", "udpin"),
+}
+BAUD_MIN, BAUD_MAX = 300, 4_000_000
+
+
+class LinkUrl(NamedTuple):
+    """A link: what is spoken, over what, and where. host and port on networks, path and baud on serial lines."""
+
+    text: str
+    protocol: Protocol
+    medium: Medium
+    host: str = ""
+    port: int = 0
+    path: str = ""
+    baud: int = 0
+
+
+def parse_url(text: str) -> LinkUrl:
+    """Return the link that `text` names; LinkError with one sentence where it names none."""
+    scheme, colon, rest = text.strip().partition(":")
+    if not colon or scheme not in SCHEMES:
+        allowed = ", ".join(EXAMPLES.values())
+        raise LinkError(f"link {text!r}: unknown kind {scheme!r}; write one of {allowed}")
+    protocol, medium = SCHEMES[scheme]
+    place, colon, number = rest.rpartition(":")
+    if not colon or not place:
+        raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
+    if medium == "serial":
+        baud = _number(text, scheme, "baud rate", number, BAUD_MIN, BAUD_MAX)
+        return LinkUrl(text, protocol, medium, path=place, baud=baud)
+    listens = medium in ("udpin", "tcpin")
+    port = _number(text, scheme, "port", number, 0 if listens else 1, 65535)
+    return LinkUrl(text, protocol, medium, host=_host(text, scheme, place), port=port)
+
+
+def open_transport(url: LinkUrl | str) -> Transport:
+    """Open the transport of `url`; LinkError with one sentence where that fails."""
+    link = parse_url(url) if isinstance(url, str) else url
+    if link.medium == "serial":
+        return SerialTransport(link.text, link.path, link.baud)
+    if link.medium == "udpin":
+        accepts: Callable[[bytes], bool] = is_mavlink if link.protocol == "mavlink" else is_nmea
+        return UdpInTransport(link.text, link.host, link.port, accepts)
+    if link.medium == "udpout":
+        return UdpOutTransport(link.text, link.host, link.port)
+    if link.medium == "tcp":
+        return TcpClientTransport(link.text, link.host, link.port)
+    return TcpServerTransport(link.text, link.host, link.port)
+
+
+def _number(text: str, scheme: str, what: str, digits: str, low: int, high: int) -> int:
+    value = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 9 else -1
+    if not low <= value <= high:
+        raise LinkError(
+            f"link {text!r}: {what} {digits!r} is not a whole number from {low} to {high}; "
+            f"write it like {EXAMPLES[scheme]}"
+        )
+    return value
+
+
+def _host(text: str, scheme: str, place: str) -> str:
+    bracketed = place.startswith("[") and place.endswith("]")
+    host = place[1:-1] if bracketed else place
+    if not host or (":" in host and not bracketed) or any(c.isspace() or c in "/[]" for c in host):
+        raise LinkError(f"link {text!r}: host {place!r} is not an address; write it like {EXAMPLES[scheme]}")
+    return host
