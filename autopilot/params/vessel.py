@@ -69,10 +69,11 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Backstepping:
-    """Gains of the corrected backstepping law: z1'' + (k1+k2) z1' + (1 + k1 k2) z1 = 0."""
+    """Gains of the corrected backstepping law: z1'' + (k1+k2) z1' + (gamma + k1 k2) z1 = 0."""
 
     k1_1_s: Annotated[float, Bounds(Positive, 1000.0, "heading gain k1")]
     k2_1_s: Annotated[float, Bounds(Positive, 1000.0, "rate gain k2")]
+    gamma_1_s2: Annotated[float, Bounds(Positive, 1.0e6, "weight of the heading error; 1 in the paper")] = 1.0
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,27 @@ def load_vessel(path_or_name: str | Path) -> Vessel:
 
     Anything with a folder or a suffix in it is a path, and so is what exists. Raises InputError.
     """
+    return vessel_from(vessel_document(path_or_name))
+
+
+def vessel_document(path_or_name: str | Path, also_shipped: tuple[str, ...] = ()) -> Node:
+    """Return the root node of a file, or of the shipped vessel of that name. Raises InputError.
+
+    `also_shipped` are names that the sentence about an unknown name offers too.
+    """
     path = Path(path_or_name)
-    if path.exists() or path.suffix or path.name != str(path_or_name):
-        return vessel_from(_document_at(path))
-    return vessel_from(_shipped_document(str(path_or_name)))
+    name = str(path_or_name)
+    shipped = shipped_vessels()
+    if path.exists() or path.suffix or path.name != name:
+        if not path.exists() and path.name == name and path.stem in (*shipped, *also_shipped):
+            raise InputError(f"{path}: no such file here; the shipped file is named {path.stem}, without the suffix.")
+        return read_document(path)
+    if name not in shipped:
+        near = nearest(name, [*shipped, *also_shipped])
+        hint = f"did you mean {near}?" if near else f"shipped are {', '.join([*shipped, *also_shipped])}."
+        raise InputError(f"{name}: neither a file nor shipped; {hint}")
+    text = (resources.files("firmware_params") / "vessels" / f"{name}.yaml").read_text(encoding="utf-8")
+    return parse_document(text, f"{name}.yaml (shipped)")
 
 
 def parse_vessel(text: str, file: str = "<text>") -> Vessel:
@@ -125,22 +142,6 @@ def _deviation_problems(table: tuple[tuple[float, float], ...]) -> Iterator[tupl
                 f"sensors.deviation_deg has a deviation of {deviation:g} at {heading:g}, allowed are -90 to 90.",
             )
         previous = heading
-
-
-def _document_at(path: Path) -> Node:
-    if not path.exists() and path.name == str(path) and path.stem in shipped_vessels():
-        raise InputError(f"{path}: no such file here; the shipped vessel is named {path.stem}, without the suffix.")
-    return read_document(path)
-
-
-def _shipped_document(name: str) -> Node:
-    shipped = shipped_vessels()
-    if name not in shipped:
-        near = nearest(name, shipped)
-        hint = f"did you mean {near}?" if near else f"shipped are {', '.join(shipped)}."
-        raise InputError(f"{name}: neither a file nor a shipped vessel; {hint}")
-    text = (resources.files("firmware_params") / "vessels" / f"{name}.yaml").read_text(encoding="utf-8")
-    return parse_document(text, f"{name}.yaml (shipped)")
 
 
 def dump_vessel(vessel: Vessel, comment: str = "") -> str:

@@ -1,0 +1,45 @@
+"""Files that are either old or new, never half: written beside, flushed to disk, renamed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from autopilot.errors import InputError
+
+
+def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
+    """Write `text` to `path` atomically; raises InputError with the sentence why it cannot be written."""
+    path = Path(path)
+    if not overwrite and path.exists():
+        raise InputError(f"{path}: exists already; give another name, or --overwrite to replace it.")
+    try:
+        _replace(path, text)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); give a folder that you may write to."
+        ) from None
+
+
+def _replace(path: Path, text: str) -> None:
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with open(descriptor, "w", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp's 0600 would lock out the user's other programs
+        Path(temporary).chmod(0o666 & ~_umask())
+        Path(temporary).replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            Path(temporary).unlink()
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,183 @@
+"""A vehicle on a real link: found by its heartbeat, then asked until a protocol client is finished."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, NamedTuple, Protocol
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.errors import InputError
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.url import open_transport, parse_url
+from autopilot.params.protocol import Target
+from autopilot.params.value_coding import BYTEWISE_AUTOPILOTS
+
+GROUND_STATION_SYSTEM = 255
+"""The id that ground stations use, so that a vehicle that enforces its SYSID_MYGCS still listens."""
+GROUND_STATION_COMPONENT = dialect.MAV_COMP_ID_MISSIONPLANNER
+HEARTBEAT_WAIT_S = 10.0
+OTHERS_WAIT_S = 1.2
+"""After the first heartbeat, so long for others: vehicles send one a second."""
+SILENCE_MAX_S = 10.0
+TICK_S = 0.02
+
+Progress = Callable[[int, int], None]
+
+
+class Client(Protocol):
+    """A protocol client without I/O, such as `Download` and `Upload`."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing left to do."""
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Done, of how much."""
+
+    def receive(self, now: float, message: Any) -> None:
+        """Take a message."""
+
+    def due(self, now: float) -> list[Any]:
+        """Return the messages to send."""
+
+
+class Vehicle(NamedTuple):
+    """Who answers: ids, MAV_AUTOPILOT and MAV_TYPE from its heartbeat, and whether it is armed."""
+
+    system: int
+    component: int
+    autopilot: int
+    kind: int
+    armed: bool
+
+    @property
+    def target(self) -> Target:
+        """Whom to address, and how integers travel."""
+        return Target(self.system, self.component, self.autopilot in BYTEWISE_AUTOPILOTS)
+
+    @property
+    def firmware(self) -> str:
+        """`ardurover`, `px4`, or a description of something else."""
+        is_rover = self.kind in (dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT)
+        if self.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA and is_rover:
+            return "ardurover"
+        if self.autopilot == dialect.MAV_AUTOPILOT_PX4:
+            return "px4"
+        return f"neither ArduRover nor PX4 (MAV_AUTOPILOT {self.autopilot}, MAV_TYPE {self.kind})"
+
+
+class ParameterSession:
+    """One vehicle on one link, for as long as parameters are exchanged. Use it as a context manager.
+
+    Raises InputError for a URL that is no MAVLink link, LinkError when it cannot be opened, when no heartbeat
+    of a vehicle comes, or when the vehicle falls silent.
+    """
+
+    def __init__(self, url: str, system: int | None = None) -> None:
+        link = parse_url(url)
+        if link.protocol != "mavlink":
+            raise InputError(f"link {url!r}: parameters travel over MAVLink; give a udpin, udpout, tcp or serial link.")
+        self._transport: Transport = open_transport(link)
+        self._codec = MavlinkCodec(GROUND_STATION_SYSTEM, GROUND_STATION_COMPONENT, self._transport.is_stream)
+        self._next_heartbeat = 0.0
+        self._url = url
+        try:
+            self.vehicle = self._find(system)
+        except BaseException:
+            self._transport.close()
+            raise
+
+    def __enter__(self) -> ParameterSession:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._transport.close()
+
+    def run(self, client: Client, show: Progress) -> None:
+        """Drive `client` until it is finished; LinkError when the vehicle falls silent meanwhile."""
+        heard = time.monotonic()
+        while not client.finished:
+            now = time.monotonic()
+            for message in self._receive():
+                if message.get_srcSystem() == self.vehicle.system:
+                    heard = now
+                client.receive(now, message)
+            for message in client.due(now):
+                # a full line drops it, and the client asks again
+                self._transport.send(self._codec.encode(message))
+            if now - heard > SILENCE_MAX_S:
+                raise LinkError(
+                    f"link {self._url!r}: vehicle {self.vehicle.system} has been silent for {SILENCE_MAX_S:g} s; "
+                    "check the cable or the radio, and run this command again."
+                )
+            show(*client.progress)
+            self._send_heartbeat(now)
+            self._wait()
+
+    def _receive(self) -> list[Any]:
+        return [message for chunk in self._transport.receive() for message in self._codec.decode(chunk)]
+
+    def _wait(self) -> None:
+        descriptor = self._transport.fileno()
+        if descriptor >= 0:
+            select.select([descriptor], [], [], TICK_S)
+        else:
+            time.sleep(TICK_S)
+
+    def _send_heartbeat(self, now: float) -> None:
+        if now < self._next_heartbeat:
+            return
+        self._next_heartbeat = now + 1.0
+        heartbeat = dialect.MAVLink_heartbeat_message(
+            dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+        )
+        self._transport.send(self._codec.encode(heartbeat))
+
+    def _find(self, system: int | None) -> Vehicle:
+        """Wait for the vehicle; of several, the one with the id asked for."""
+        start = time.monotonic()
+        deadline = start + HEARTBEAT_WAIT_S
+        found: dict[int, Vehicle] = {}
+        while (now := time.monotonic()) < deadline:
+            for vehicle in map(vehicle_of, self._receive()):
+                if vehicle is None or vehicle.system in found:
+                    continue
+                if not found and system is None:
+                    deadline = now + OTHERS_WAIT_S
+                found[vehicle.system] = vehicle
+            if system in found:
+                return found[system]
+            self._send_heartbeat(now)
+            self._wait()
+        return self._chosen(found, system)
+
+    def _chosen(self, found: dict[int, Vehicle], system: int | None) -> Vehicle:
+        ids = ", ".join(str(number) for number in sorted(found))
+        if not found:
+            raise LinkError(
+                f"link {self._url!r}: no heartbeat of a vehicle within {HEARTBEAT_WAIT_S:g} s; check that it is "
+                "powered, that it sends to this port, and the baud rate."
+            )
+        if system is not None:
+            raise LinkError(f"link {self._url!r}: no vehicle with system id {system}; heard: {ids}.")
+        if len(found) > 1:
+            raise LinkError(f"link {self._url!r}: several vehicles are heard ({ids}); choose one with --system.")
+        return next(iter(found.values()))
+
+
+def vehicle_of(message: Any) -> Vehicle | None:
+    """Return the vehicle that sent a heartbeat; None for other messages, ground stations and companions."""
+    if message.get_type() != "HEARTBEAT" or message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+        return None
+    if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
+        return None
+    armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+    return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type, armed)
