@@ -1,0 +1,129 @@
+"""Rudder angles to the MAVLink messages that steer an ArduRover boat, and the releases that give the helm back. Pure.
+
+RC_CHANNELS_OVERRIDE touches the steering channel alone (65535 leaves channels 1 to 8 alone, 0 the others);
+MANUAL_CONTROL carries steering in `y` and INT16_MAX, "not this axis", elsewhere, as ArduRover reads it
+(Rover/GCS_MAVLink_Rover.cpp, handle_manual_control_axes).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_codec import Message
+from autopilot.links.steering_pwm import InputTable, SteeringChannel, manual_table, pulse_from_manual, pulse_table
+from autopilot.links.vehicle_parameters import VehicleParameters
+
+RELEASES = 5
+"""A release may get lost like any packet, and the rudder would stay where it is until the vehicle's timeout."""
+RELEASE_SPACING_S = 0.1
+REPEAT_FOR_S = 1.0
+"""A command this old is repeated no more: whoever gave it has stopped."""
+LEAVE_ALONE = 65535
+RELEASE_HIGH_CHANNEL = 65534
+NOT_THIS_AXIS = 32767
+
+
+class SteeringOutput:
+    """Makes steering messages for one vehicle.
+
+    Attributes:
+        target: the vehicle's system id.
+        channel: its way from steering input to rudder servo, None while unknown.
+        commanded_pulse: input pulse [us] that the last steering message asks for.
+    """
+
+    def __init__(
+        self, method: Literal["rc_override", "manual_control"], rudder_at_full: float, reversed_: bool
+    ) -> None:
+        if not 0.0 < rudder_at_full < math.inf:
+            raise ValueError(f"rudder_at_full must be a positive angle in radians, got {rudder_at_full}")
+        self.target = 0
+        self.channel: SteeringChannel | None = None
+        self.commanded_pulse = 0
+        self._by_pulse = method == "rc_override"
+        self._share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
+        self._number = 0
+        self._table: InputTable | None = None
+        self._last: Message | None = None
+        self._last_sent = -math.inf
+        self._given = -math.inf
+        self._releases_left = 0
+        self._touched = False
+
+    def use(self, parameters: VehicleParameters) -> str:
+        """Take the vehicle's parameters as known so far; return what makes steering impossible, or ''."""
+        number, channel = parameters.steering_input, parameters.steering_channel()
+        if channel == self.channel and number == self._number:
+            return ""
+        self.forget()
+        if number is None or channel is None:
+            return ""
+        try:
+            self._table = pulse_table(channel) if self._by_pulse else manual_table(channel)
+        except ValueError as error:
+            return f"the vehicle's parameters leave no room to steer ({error}); correct them"
+        self._number, self.channel = number, channel
+        return ""
+
+    def forget(self) -> None:
+        """Forget the vehicle's parameters and the last command, as after a reboot."""
+        self._number, self.channel, self._table, self._last = 0, None, None, None
+
+    def angle_from_share(self, share: float) -> float:
+        """Return the rudder angle [rad] that a share -1..1 of full steering stands for."""
+        return share / self._share_per_radian
+
+    def steer(self, now: float, angle: float) -> Message | None:
+        """Return the message for rudder `angle` [rad]; None where the vehicle is not known well enough."""
+        if self._table is None or self.channel is None or not math.isfinite(angle):
+            return None
+        value = self._table.nearest(min(max(angle * self._share_per_radian, -1.0), 1.0))
+        self.commanded_pulse = value if self._by_pulse else pulse_from_manual(self.channel, value)
+        self._last = self._override(value) if self._by_pulse else self._manual(value)
+        self._given = self._last_sent = now
+        self._releases_left = RELEASES
+        self._touched = True
+        return self._last
+
+    def release(self, now: float) -> Message | None:
+        """Return the next of `RELEASES` releases after steering, `RELEASE_SPACING_S` apart; None when done."""
+        if self._last is not None:
+            self._last = None
+        elif now - self._last_sent < RELEASE_SPACING_S:
+            return None
+        if self._releases_left == 0:
+            return None
+        self._releases_left -= 1
+        self._last_sent = now
+        return self._release()
+
+    def repeat(self, now: float, rate_hz: float) -> Message | None:
+        """Return what is due again: the last command at `rate_hz` at least, or a release that is left."""
+        if self._last is None:
+            return self.release(now) if self._releases_left else None
+        if now - self._last_sent < 1.0 / rate_hz or now - self._given > REPEAT_FOR_S:
+            return None
+        self._last_sent = now
+        return self._last
+
+    def release_burst(self) -> list[Message]:
+        """Return all releases at once, for the way out; none where the rudder was never touched."""
+        self._last = None
+        self._releases_left = 0
+        return [self._release() for _ in range(RELEASES)] if self._touched and self._number else []
+
+    def _release(self) -> Message:
+        if not self._by_pulse:
+            return self._manual(NOT_THIS_AXIS)
+        return self._override(0 if self._number <= 8 else RELEASE_HIGH_CHANNEL)
+
+    def _override(self, value: int) -> Message:
+        channels = [LEAVE_ALONE] * 8 + [0] * 10
+        channels[self._number - 1] = value
+        return dialect.MAVLink_rc_channels_override_message(self.target, 1, *channels)
+
+    def _manual(self, y: int) -> Message:
+        return dialect.MAVLink_manual_control_message(self.target, NOT_THIS_AXIS, y, NOT_THIS_AXIS, NOT_THIS_AXIS, 0)

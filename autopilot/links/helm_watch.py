@@ -1,0 +1,169 @@
+"""Whether the vehicle lets us steer, and if not, the one sentence that says why. Pure.
+
+The vehicle is believed only as far as it shows: mode and arming from its heartbeat, the ground-station id from its
+parameters, and, while we steer, our own pulse seen again in RC_CHANNELS or the servo moving in SERVO_OUTPUT_RAW.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from autopilot.links.vehicle_parameters import OVERRIDE_TIME, VehicleParameters
+
+MANUAL_MODE = 0
+MODE_NAMES = {
+    0: "MANUAL",
+    1: "ACRO",
+    3: "STEERING",
+    4: "HOLD",
+    5: "LOITER",
+    6: "FOLLOW",
+    7: "SIMPLE",
+    8: "DOCK",
+    9: "CIRCLE",
+    10: "AUTO",
+    11: "RTL",
+    12: "SMART_RTL",
+    15: "GUIDED",
+    16: "INITIALISING",
+}
+"""ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
+HEARTBEAT_TIMEOUT_S = 3.0
+DISOBEDIENCE_S = 1.0
+"""The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
+BLIND_S = 3.0
+"""Steering without any report of the rudder is ended after this."""
+FORGIVEN_S = 2.0
+"""This long after our last command a rudder that did not obey may be tried again."""
+HISTORY_S = 1.0
+PULSE_TOLERANCE_US = 3
+STANDBY_STATE = 3
+
+
+class HelmWatch:
+    """Collects what the vehicle shows; `reason` gives the sentence, or nothing where the helm is ours.
+
+    Attributes:
+        obstacle: why this vehicle cannot be steered at all; empty where it can.
+        misfit: why its steering parameters cannot be used; empty where they can.
+        mode, armed, system_state, heartbeat_time: from the last heartbeat, -inf before the first.
+    """
+
+    def __init__(self) -> None:
+        self.obstacle = "waiting for the heartbeat of a vehicle"
+        self.misfit = ""
+        self.mode = -1
+        self.armed = False
+        self.system_state = 0
+        self.heartbeat_time = -math.inf
+        self._sent: deque[tuple[float, int]] = deque()
+        self._agreed: dict[str, float] = {}
+        self._report_time = -math.inf
+        self._last_command = -math.inf
+        self._disobeyed = ""
+        self._rebooted = False
+
+    @property
+    def booted(self) -> bool:
+        """Whether the vehicle has come up far enough to take commands: earlier ones can crash the firmware."""
+        return self.system_state >= STANDBY_STATE
+
+    def heartbeat(self, now: float, mode: int, armed: bool, system_state: int) -> None:
+        """Take the vehicle's heartbeat."""
+        self.heartbeat_time = now
+        self.mode = mode
+        self.armed = armed
+        self.system_state = system_state
+
+    def commanded(self, now: float, pulse: int) -> None:
+        """Take a command as it was sent: the input pulse [us] it asks for."""
+        sent = self._sent
+        if not sent:
+            self._agreed = {}
+            self._report_time = now
+        self._last_command = now
+        sent.append((now, pulse))
+        while now - sent[0][0] > HISTORY_S:
+            sent.popleft()
+
+    def rebooted(self) -> None:
+        """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew."""
+        self._rebooted = True
+        self.armed = False
+        self.system_state = 0
+        self._sent.clear()
+        self.misfit = ""
+
+    def released(self) -> None:
+        """Take note that we no longer steer."""
+        self._sent.clear()
+
+    @property
+    def recent_pulses(self) -> tuple[int, int] | None:
+        """Lowest and highest input pulse [us] commanded in the last `HISTORY_S`; None while we do not steer."""
+        if not self._sent:
+            return None
+        pulses = [pulse for _, pulse in self._sent]
+        return min(pulses), max(pulses)
+
+    def seen(self, now: float, what: str, pulse: int, expected: tuple[int, int]) -> None:
+        """Compare a reported `pulse` [us] with the range that the commands of late ask for.
+
+        `what` names the report in the sentence, such as "RC channel 1" or "servo 1".
+        """
+        low, high = min(expected) - PULSE_TOLERANCE_US, max(expected) + PULSE_TOLERANCE_US
+        self._report_time = now
+        if low <= pulse <= high:
+            self._agreed[what] = now
+        elif now - self._agreed.setdefault(what, now) > DISOBEDIENCE_S:
+            self._disobeyed = (
+                f"the rudder does not obey: {what} is at {pulse} us while {expected[1]} is commanded "
+                "(radio override switched off, or another ground station steers)"
+            )
+
+    def reason(self, now: float, parameters: VehicleParameters, system: int) -> str:
+        """Return why the vehicle does not let `system` steer at `now` [s]; empty when it does."""
+        if self.obstacle:
+            return self.obstacle
+        silence = now - self.heartbeat_time
+        if silence > HEARTBEAT_TIMEOUT_S:
+            return f"no heartbeat from the vehicle for {silence:.0f} s"
+        waiting = _parameter_reason(parameters, system) or self.misfit
+        if waiting and self._rebooted:
+            return f"the vehicle has rebooted; {waiting}"
+        self._rebooted = False
+        return waiting or self._state_reason() or self._obedience_reason(now)
+
+    def _state_reason(self) -> str:
+        if self.mode != MANUAL_MODE:
+            name = MODE_NAMES.get(self.mode, str(self.mode))
+            return f"the vehicle is in mode {name}, where rudder commands are not obeyed; switch it to MANUAL"
+        if not self.armed:
+            return "the vehicle is disarmed; arm it"
+        return ""
+
+    def _obedience_reason(self, now: float) -> str:
+        if self._disobeyed and now - self._last_command > FORGIVEN_S:
+            self._disobeyed = ""
+        if self._disobeyed:
+            return self._disobeyed
+        if self._sent and now - self._report_time > BLIND_S:
+            return "the vehicle reports neither RC_CHANNELS nor SERVO_OUTPUT_RAW, so nobody can see the rudder obey"
+        return ""
+
+
+def _parameter_reason(parameters: VehicleParameters, system: int) -> str:
+    gcs = parameters.gcs_system
+    if gcs is not None and not parameters.obeys(system):
+        return f"the vehicle obeys only system id {gcs}; start with --as-gcs or set {parameters.gcs_name} to {system}"
+    if not parameters.complete:
+        missing = ", ".join(parameters.missing[:3])
+        return f"waiting for the vehicle's parameters ({missing} ...)"
+    if parameters.steering_input is None:
+        return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
+    if parameters.steering_servo is None:
+        return "no servo output has the function 26 (GroundSteering); set SERVOn_FUNCTION of the rudder to 26"
+    if parameters.get(OVERRIDE_TIME) == 0.0:
+        return "the vehicle's RC_OVERRIDE_TIME is 0, which forbids overrides; set it to 3"
+    return ""

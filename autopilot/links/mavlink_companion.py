@@ -1,0 +1,254 @@
+"""The link of a companion computer to an ArduRover boat: attitude and speed in, rudder out on the steering channel.
+
+It latches on to one autopilot and hears no other, carries that vehicle's system id with component 191, touches
+the steering channel alone, and says in one sentence when the vehicle does not let it steer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Literal, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.companion_output import SteeringOutput
+from autopilot.links.mavlink_codec import MavlinkCodec, Message
+from autopilot.links.status_text import StatusTexts
+from autopilot.links.vehicle_reader import HEARTBEAT, VehicleReader
+from autopilot.signals import HelmSample, RudderCommand, Sample
+
+COMPONENT = 191
+"""MAV_COMP_ID_ONBOARD_COMPUTER."""
+AUTOPILOT_COMPONENT = 1
+DEFAULT_GCS = 255
+HEARTBEAT_S = 1.0
+SILENT_PEER_S = 10.0
+"""After this much silence another sender may take the vehicle's place on a link that listens."""
+PACKETS_KEPT = 20000
+BOATS = (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_TYPE_GROUND_ROVER)
+
+
+class CompanionSettings(NamedTuple):
+    """How to steer one vehicle.
+
+    rudder_at_full [rad]: rudder angle at full servo travel.  reversed: full positive steering is port.
+    method: RC_CHANNELS_OVERRIDE or MANUAL_CONTROL.  command_rate_hz: least rate at which commands are repeated.
+    attitude_rate_hz: rate asked of ATTITUDE.  heading_latency [s]: age of an attitude when the vehicle stamps it.
+    vehicle_system: the system id to latch on to, None for the first autopilot heard.
+    as_gcs: send steering from the ground station's id; gcs_system: that id, None for what the vehicle's
+    parameter says (255 until it is known).
+    """
+
+    rudder_at_full: float
+    reversed: bool = False
+    method: Literal["rc_override", "manual_control"] = "rc_override"
+    command_rate_hz: float = 10.0
+    attitude_rate_hz: float = 20.0
+    heading_latency: float = 0.0
+    vehicle_system: int | None = None
+    as_gcs: bool = False
+    gcs_system: int | None = None
+
+
+class CompanionLink:
+    """A `Link` to an ArduRover boat over any transport. ValueError where the settings cannot be.
+
+    Attributes:
+        state: MAV_STATE in our heartbeat; whoever runs the loop keeps it honest.
+        dropped: packets that the transport could not take.
+    """
+
+    def __init__(self, transport: Transport, settings: CompanionSettings) -> None:
+        self.name = transport.name
+        self.state: int = dialect.MAV_STATE_STANDBY
+        self.dropped = 0
+        self._transport = transport
+        self._settings = settings
+        self._codec = MavlinkCodec(settings.vehicle_system or 1, COMPONENT, transport.is_stream)
+        self._gcs_codec = MavlinkCodec(settings.gcs_system or DEFAULT_GCS, dialect.MAV_COMP_ID_MISSIONPLANNER)
+        self._steering_codec = self._gcs_codec if settings.as_gcs else self._codec
+        self._output = SteeringOutput(settings.method, settings.rudder_at_full, settings.reversed)
+        self._reader = VehicleReader(self._output, settings.attitude_rate_hz, settings.heading_latency)
+        self._watch = self._reader.watch
+        self._texts = StatusTexts()
+        self._vehicle = 0
+        self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
+        self._next_heartbeat = -math.inf
+        self._peer_heard = math.inf
+        self._helm: HelmSample | None = None
+        self._reason = self._watch.obstacle
+        self._start: float | None = None
+
+    @property
+    def vehicle_system(self) -> int | None:
+        """System id of the vehicle latched on to, None before its heartbeat."""
+        return self._vehicle or None
+
+    @property
+    def bad_packets(self) -> int:
+        """Runs of received bytes that were no valid MAVLink."""
+        return self._codec.bad
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return self._transport.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone.
+
+        A HelmSample comes first, whenever our right to steer or the reason against it has changed, and again
+        with every heartbeat of the vehicle.
+        """
+        samples: list[Sample] = []
+        heard = self._watch.heartbeat_time
+        for data in self._transport.receive():
+            for message in self._codec.decode(data):
+                self._packets.append((now, bytes(message._msgbuf)))
+                header = message._header
+                if header.srcSystem == self._vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
+                    self._reader.take(now, message, samples)
+                elif not self._vehicle and message.id == HEARTBEAT and self._is_ours(message):
+                    self._latch(message)
+                    self._reader.take(now, message, samples)
+        if self._watch.heartbeat_time != heard:
+            self._peer_heard = now
+            self._helm = None
+        self._judge_helm(now, samples)
+        return samples
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Send the rudder command; where it is not engaged or the helm is not ours, the release instead.
+
+        LinkError when the transport is gone.
+        """
+        message = None
+        if command.engaged and not self._reason:
+            message = self._output.steer(now, command.angle)
+        if message is not None:
+            self._watch.commanded(now, self._output.commanded_pulse)
+        else:
+            self._watch.released()
+            message = self._output.release(now)
+        if message is not None:
+            self._transmit(now, message, self._steering_codec)
+
+    def keep(self, now: float) -> None:
+        """Send what falls due: heartbeats, repeated commands, stream and parameter requests, texts.
+
+        LinkError when the transport is gone.
+        """
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = now + HEARTBEAT_S
+            self._send_heartbeats(now)
+        if self._vehicle:
+            repeated = self._output.repeat(now, self._settings.command_rate_hz)
+            if repeated is not None:
+                self._transmit(now, repeated, self._steering_codec)
+            if self._watch.booted:
+                self._send_requests(now)
+            for text in self._texts.due(now):
+                self._transmit(now, text, self._codec)
+        if now - self._peer_heard > SILENT_PEER_S:
+            self._transport.forget_peer()
+            self._peer_heard = now
+
+    def release(self, now: float) -> None:
+        """Give the rudder back, several times over; never raises."""
+        self._watch.released()
+        try:
+            for message in self._output.release_burst():
+                self._transmit(now, message, self._steering_codec)
+        except LinkError:
+            pass  # the line is gone: the vehicle drops our override by its own timeout
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return and forget (time [s], raw packet) of all received and sent since the last call."""
+        packets = list(self._packets)
+        self._packets.clear()
+        return packets
+
+    def close(self) -> None:
+        """Close the transport; call `release` first."""
+        self._transport.close()
+
+    def say(self, now: float, severity: int, text: str) -> None:
+        """Queue a STATUSTEXT of MAV_SEVERITY `severity`; `keep` sends it in pieces, rate-limited."""
+        self._texts.say(now, severity, text)
+
+    def report(self, now: float, name: str, value: float) -> None:
+        """Send `value` under `name` (at most 10 characters) as NAMED_VALUE_FLOAT; LinkError as for `send`."""
+        if self._start is None:
+            self._start = now
+        elapsed_ms = int((now - self._start) * 1000.0) & 0xFFFFFFFF
+        message = dialect.MAVLink_named_value_float_message(elapsed_ms, name.encode("ascii", "replace")[:10], value)
+        self._transmit(now, message, self._codec)
+
+    def _is_ours(self, message: Message) -> bool:
+        header = message._header
+        wanted = self._settings.vehicle_system
+        return (
+            message.autopilot != dialect.MAV_AUTOPILOT_INVALID
+            and header.srcComponent == AUTOPILOT_COMPONENT
+            and header.srcSystem != 0
+            and wanted in (None, header.srcSystem)
+        )
+
+    def _latch(self, message: Message) -> None:
+        self._vehicle = self._output.target = self._codec.system = message._header.srcSystem
+        self._watch.obstacle = _obstacle(message.autopilot, message.type)
+
+    def _judge_helm(self, now: float, samples: list[Sample]) -> None:
+        if self._settings.as_gcs and self._settings.gcs_system is None:
+            self._gcs_codec.system = self._reader.parameters.gcs_system or DEFAULT_GCS
+        self._reason = self._watch.reason(now, self._reader.parameters, self._steering_codec.system)
+        if self._helm is None or self._helm.reason != self._reason:
+            self._helm = HelmSample(now, not self._reason, self._reason, self.name)
+            samples.insert(0, self._helm)
+
+    def _send_heartbeats(self, now: float) -> None:
+        own = dialect.MAVLink_heartbeat_message(
+            dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, self.state, 3
+        )
+        self._transmit(now, own, self._codec)
+        if self._settings.as_gcs:
+            gcs = dialect.MAVLink_heartbeat_message(
+                dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+            )
+            self._transmit(now, gcs, self._gcs_codec)
+
+    def _send_requests(self, now: float) -> None:
+        for identity, interval_us in self._reader.streams.due(now):
+            request = dialect.MAVLink_command_long_message(
+                self._vehicle,
+                AUTOPILOT_COMPONENT,
+                dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+                0,
+                identity,
+                interval_us,
+                0,
+                0,
+                0,
+                0,
+                0,
+            )
+            self._transmit(now, request, self._codec)
+        for name in self._reader.parameters.due(now):
+            read = dialect.MAVLink_param_request_read_message(self._vehicle, AUTOPILOT_COMPONENT, name.encode(), -1)
+            self._transmit(now, read, self._codec)
+
+    def _transmit(self, now: float, message: Message, codec: MavlinkCodec) -> None:
+        packet = codec.encode(message)
+        if self._transport.send(packet):
+            self._packets.append((now, packet))
+        else:
+            self.dropped += 1
+
+
+def _obstacle(autopilot: int, kind: int) -> str:
+    if autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        return "the vehicle does not run ArduPilot, whose steering input is the only one known so far; use ArduRover"
+    if kind not in BOATS:
+        return f"the vehicle is of MAV_TYPE {kind}, not a boat or rover; connect to the boat's flight controller"
+    return ""

@@ -1,0 +1,52 @@
+"""Texts for the people who watch: STATUSTEXT in pieces of 50 characters, never faster than a radio can bear. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_codec import Message
+
+PIECE = 50
+SPACING_S = 0.2
+WAITING_LIMIT = 40
+REPEAT_S = 10.0
+"""The same text is sent again only after this."""
+
+
+class StatusTexts:
+    """A short queue of texts; when it is full the newest are dropped and counted in `dropped`."""
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._waiting: deque[Message] = deque()
+        self._next = -math.inf
+        self._identity = 0
+        self._last = ("", -math.inf)
+
+    def say(self, now: float, severity: int, text: str) -> None:
+        """Queue `text` with MAV_SEVERITY `severity` (0 emergency to 7 debug)."""
+        if text == self._last[0] and now - self._last[1] < REPEAT_S:
+            return
+        raw = text.encode("ascii", errors="replace")
+        pieces = [raw[start : start + PIECE] for start in range(0, len(raw), PIECE)]
+        if not pieces or len(self._waiting) + len(pieces) > WAITING_LIMIT:
+            self.dropped += bool(pieces)
+            return
+        self._last = (text, now)
+        identity = 0
+        if len(pieces) > 1:
+            # Pieces of one text share an id; 0 is for texts of one piece.
+            self._identity = self._identity % 65535 + 1
+            identity = self._identity
+        for number, piece in enumerate(pieces):
+            self._waiting.append(dialect.MAVLink_statustext_message(severity, piece, identity, number))
+
+    def due(self, now: float) -> list[Message]:
+        """Return the piece whose turn it is at `now` [s], or none."""
+        if not self._waiting or now < self._next:
+            return []
+        self._next = now + SPACING_S
+        return [self._waiting.popleft()]

@@ -1,0 +1,160 @@
+"""The few parameters of the flight controller that steering needs: asked for by name until they have come. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.links.steering_pwm import SteeringChannel
+
+RETRY_S = 0.5
+BURST = 8
+"""Requests sent at once, so that a slow telemetry radio is not flooded."""
+BURST_S = 0.1
+OPTIONAL_TRIES = 3
+FUNCTION_TRIES = 10
+GROUND_STEERING = 26
+SERVO_COUNT = 16
+
+GCS_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID")
+"""The parameter's name before and since ArduPilot 4.7; a vehicle has one of them."""
+GCS_HIGH = "MAV_GCS_SYSID_HI"
+EXPO = "MANUAL_STR_EXPO"
+OVERRIDE_TIME = "RC_OVERRIDE_TIME"
+RC_SUFFIXES = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
+SERVO_SUFFIXES = ("MIN", "TRIM", "MAX", "REVERSED")
+
+
+class VehicleParameters:
+    """What is known of the vehicle's parameters and what has still to be asked."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as after a reboot."""
+        self._values: dict[str, float] = {}
+        self._asked: dict[str, tuple[float, int]] = {}
+        self._next_burst = -math.inf
+        self._missing = self._find_missing()
+
+    def take(self, name: str, value: float) -> bool:
+        """Keep a value that the vehicle reports; return whether it is one of those used here and new."""
+        if not math.isfinite(value) or not _relevant(name) or self._values.get(name) == value:
+            return False
+        self._values[name] = value
+        self._missing = self._find_missing()
+        return True
+
+    def get(self, name: str) -> float | None:
+        """Return the value of the parameter, None where it has not come."""
+        return self._values.get(name)
+
+    @property
+    def missing(self) -> list[str]:
+        """Names that are needed and have not come; a name may be optional, see `complete`."""
+        return self._missing
+
+    @property
+    def complete(self) -> bool:
+        """Whether all that steering needs is known; what old firmware lacks was asked for often enough."""
+        return self.gcs_system is not None and all(
+            self._given_up(name) or name in (OVERRIDE_TIME, GCS_HIGH) for name in self._missing
+        )
+
+    def due(self, now: float) -> list[str]:
+        """Return the names to request at `now` [s]."""
+        if not self._missing or now < self._next_burst:
+            return []
+        names = []
+        for name in self._missing:
+            last, tries = self._asked.get(name, (-math.inf, 0))
+            if now - last >= RETRY_S and not self._given_up(name):
+                names.append(name)
+                self._asked[name] = (now, tries + 1)
+                if len(names) == BURST:
+                    break
+        if names:
+            self._next_burst = now + BURST_S
+        return names
+
+    @property
+    def gcs_name(self) -> str:
+        """The name under which this vehicle keeps its ground-station id."""
+        return next((name for name in GCS_NAMES if name in self._values), GCS_NAMES[0])
+
+    @property
+    def gcs_system(self) -> int | None:
+        """The system id whose overrides the vehicle obeys, None while unknown."""
+        value = self._values.get(self.gcs_name)
+        return None if value is None else round(value)
+
+    def obeys(self, system: int) -> bool:
+        """Return whether the vehicle obeys overrides from `system`, as far as its parameters tell."""
+        low = self.gcs_system
+        if low is None:
+            return False
+        high = round(self._values.get(GCS_HIGH, 0.0))
+        return low <= system <= max(low, high)
+
+    @property
+    def steering_input(self) -> int | None:
+        """Number of the input channel that steers (RCMAP_ROLL), None while unknown or impossible."""
+        value = self._values.get("RCMAP_ROLL")
+        return round(value) if value is not None and 1.0 <= value <= 16.0 else None
+
+    @property
+    def steering_servo(self) -> int | None:
+        """Number of the first servo output whose function is GroundSteering, None where none is known."""
+        for number in range(1, SERVO_COUNT + 1):
+            if self._values.get(f"SERVO{number}_FUNCTION") == GROUND_STEERING:
+                return number
+        return None
+
+    def steering_channel(self) -> SteeringChannel | None:
+        """Return the way from steering input to rudder servo; None while a piece of it is unknown."""
+        rc, servo = self.steering_input, self.steering_servo
+        if rc is None or servo is None:
+            return None
+        names = [f"RC{rc}_{suffix}" for suffix in RC_SUFFIXES] + [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
+        found = [self._values.get(name) for name in names]
+        values = [round(value) for value in found if value is not None]
+        if len(values) != len(names):
+            return None
+        rc_min, rc_trim, rc_max, dead_zone, rc_reversed, servo_min, servo_trim, servo_max, servo_reversed = values
+        return SteeringChannel(
+            rc_min,
+            rc_trim,
+            rc_max,
+            dead_zone,
+            bool(rc_reversed),
+            servo_min,
+            servo_trim,
+            servo_max,
+            bool(servo_reversed),
+            self._values.get(EXPO, 0.0),
+        )
+
+    def _find_missing(self) -> list[str]:
+        names = [] if self.gcs_system is not None else list(GCS_NAMES)
+        names += ["RCMAP_ROLL", EXPO, OVERRIDE_TIME, GCS_HIGH]
+        rc, servo = self.steering_input, self.steering_servo
+        if rc is not None:
+            names += [f"RC{rc}_{suffix}" for suffix in RC_SUFFIXES]
+        if servo is None:
+            names += [f"SERVO{number}_FUNCTION" for number in range(1, SERVO_COUNT + 1)]
+        else:
+            names += [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
+        return [name for name in names if name not in self._values]
+
+    def _given_up(self, name: str) -> bool:
+        return self._asked.get(name, (0.0, 0))[1] >= _tries(name)
+
+
+def _tries(name: str) -> float:
+    if name.endswith("_FUNCTION"):
+        return FUNCTION_TRIES  # a board with fewer outputs has no SERVO16_FUNCTION
+    return OPTIONAL_TRIES if name in (EXPO, OVERRIDE_TIME, GCS_HIGH) else math.inf
+
+
+def _relevant(name: str) -> bool:
+    return name.startswith(("RC", "SERVO", "SYSID_MYGCS", "MAV_GCS_SYSID")) or name == EXPO

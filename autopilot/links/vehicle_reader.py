@@ -1,0 +1,152 @@
+"""What a flight controller's messages say: samples for the pilot, and what steering it depends on. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.companion_output import SteeringOutput
+from autopilot.links.helm_watch import HelmWatch
+from autopilot.links.mavlink_codec import Message
+from autopilot.links.message_streams import MessageStreams
+from autopilot.links.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
+from autopilot.links.vehicle_clock import VehicleClock
+from autopilot.links.vehicle_parameters import VehicleParameters
+from autopilot.signals import HeadingSample, RollSample, RudderSample, Sample, SpeedSample
+
+SPEED_PREFERENCE_S = 2.0
+"""A lesser source of speed is used only when the better one has been silent this long."""
+LONG_SILENCE_S = 10.0
+"""A vehicle back after this much silence may be another one, or have other parameters: it is asked anew."""
+FIX_2D = 2
+USEC_WRAP_S = 2.0**32 * 1.0e-6
+ANGLE_LIMIT = 7.0
+RATE_LIMIT = 100.0
+SPEED_LIMIT = 200.0
+
+ATTITUDE = dialect.MAVLINK_MSG_ID_ATTITUDE
+POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+HUD = dialect.MAVLINK_MSG_ID_VFR_HUD
+GPS = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
+SERVOS = dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
+CHANNELS = dialect.MAVLINK_MSG_ID_RC_CHANNELS
+HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
+PARAMETER = dialect.MAVLINK_MSG_ID_PARAM_VALUE
+
+
+class VehicleReader:
+    """Takes the messages of one vehicle.
+
+    Args:
+        output: learns the vehicle's steering parameters as they come.
+        attitude_rate_hz: rate wanted of ATTITUDE.  heading_latency [s]: its age when the vehicle stamps it.
+    """
+
+    def __init__(self, output: SteeringOutput, attitude_rate_hz: float, heading_latency: float) -> None:
+        self.watch = HelmWatch()
+        self.parameters = VehicleParameters()
+        self.streams = MessageStreams(
+            {ATTITUDE: attitude_rate_hz, SERVOS: 10.0, CHANNELS: 10.0, POSITION: 5.0, HUD: 2.0, GPS: 1.0}
+        )
+        self._output = output
+        self._latency = heading_latency
+        self._clock = VehicleClock()
+        self._position_time = -math.inf
+        self._has_fix = True
+        self._handlers = {
+            ATTITUDE: self._attitude,
+            POSITION: self._position,
+            HUD: self._hud,
+            GPS: self._gps,
+            SERVOS: self._servos,
+            CHANNELS: self._channels,
+            HEARTBEAT: self._heartbeat,
+            PARAMETER: self._parameter,
+        }
+
+    def take(self, now: float, message: Message, samples: list[Sample]) -> None:
+        """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
+        handler = self._handlers.get(message.id)
+        if handler is not None:
+            handler(now, message, samples)
+
+    def _heartbeat(self, now: float, message: Message, samples: list[Sample]) -> None:
+        if now - self.watch.heartbeat_time > LONG_SILENCE_S and self._clock.known:
+            self._restart()
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.watch.heartbeat(now, message.custom_mode, armed, message.system_status)
+
+    def _attitude(self, now: float, message: Message, samples: list[Sample]) -> None:
+        self.streams.count(ATTITUDE)
+        time = self._sample_time(now, message.time_boot_ms * 1.0e-3) - self._latency
+        yaw, rate, roll, roll_rate = message.yaw, message.yawspeed, message.roll, message.rollspeed
+        # These comparisons are also false for nan.
+        if -ANGLE_LIMIT < yaw < ANGLE_LIMIT and -RATE_LIMIT < rate < RATE_LIMIT:
+            samples.append(HeadingSample(time, yaw, rate, "attitude"))
+        if -ANGLE_LIMIT < roll < ANGLE_LIMIT and -RATE_LIMIT < roll_rate < RATE_LIMIT:
+            samples.append(RollSample(time, roll, roll_rate, "attitude"))
+
+    def _position(self, now: float, message: Message, samples: list[Sample]) -> None:
+        self.streams.count(POSITION)
+        time = self._sample_time(now, message.time_boot_ms * 1.0e-3)
+        if self._has_fix:
+            self._position_time = now
+            samples.append(SpeedSample(time, math.hypot(message.vx, message.vy) * 0.01, True, "global_position_int"))
+
+    def _hud(self, now: float, message: Message, samples: list[Sample]) -> None:
+        self.streams.count(HUD)
+        speed = message.groundspeed
+        if self._has_fix and now - self._position_time > SPEED_PREFERENCE_S and 0.0 <= speed < SPEED_LIMIT:
+            samples.append(SpeedSample(now, speed, True, "vfr_hud"))
+
+    def _gps(self, now: float, message: Message, samples: list[Sample]) -> None:
+        self.streams.count(GPS)
+        # Before the first fix the vehicle sends zeros, which would pass for a boat at rest.
+        self._has_fix = message.fix_type >= FIX_2D
+
+    def _servos(self, now: float, message: Message, samples: list[Sample]) -> None:
+        self.streams.count(SERVOS)
+        servo, channel = self.parameters.steering_servo, self._output.channel
+        if servo is None or channel is None or message.port != 0:
+            return
+        pulse = getattr(message, f"servo{servo}_raw")
+        if pulse == 0:
+            return
+        recent = self.watch.recent_pulses
+        if recent is not None:
+            low, high = (servo_from_steering(channel, steering_from_pulse(channel, sent)) for sent in recent)
+            self.watch.seen(now, f"servo {servo}", pulse, (low, high))
+        angle = self._output.angle_from_share(share_from_servo(channel, pulse))
+        samples.append(RudderSample(self._servo_time(now, message.time_usec), angle, True, "servo_output_raw"))
+
+    def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
+        self.streams.count(CHANNELS)
+        number, recent = self.parameters.steering_input, self.watch.recent_pulses
+        if number is not None and recent is not None:
+            self.watch.seen(now, f"RC channel {number}", getattr(message, f"chan{number}_raw"), recent)
+
+    def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
+        if self.parameters.take(message.param_id, message.param_value):
+            self.watch.misfit = self._output.use(self.parameters)
+
+    def _sample_time(self, now: float, boot: float) -> float:
+        if self._clock.rebooted(boot):
+            self._restart()
+        return self._clock.local(now, boot)
+
+    def _servo_time(self, now: float, time_usec: int) -> float:
+        offset = self._clock.offset
+        if offset is None:
+            return now
+        # 32 bits of microseconds begin again every 71.6 minutes: take the turn that lies nearest.
+        boot = time_usec * 1.0e-6
+        turns = round((now - offset - boot) / USEC_WRAP_S)
+        return min(now, boot + turns * USEC_WRAP_S + offset)
+
+    def _restart(self) -> None:
+        self._clock.reset()
+        self.parameters.reset()
+        self.streams.reset()
+        self._output.forget()
+        self.watch.rebooted()

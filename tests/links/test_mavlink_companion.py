@@ -1,0 +1,307 @@
+"""The companion link against a small stand-in for an ArduRover boat, on a manual clock over a loopback."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.transports import loopback_pair
+from autopilot.signals import HeadingSample, HelmSample, RudderCommand, RudderSample, SpeedSample
+
+FULL = math.radians(30.0)
+PARAMETERS = {
+    "SYSID_MYGCS": 255.0,
+    "RCMAP_ROLL": 1.0,
+    "RC_OVERRIDE_TIME": 3.0,
+    "MANUAL_STR_EXPO": 0.0,
+    "RC1_MIN": 1000.0,
+    "RC1_TRIM": 1500.0,
+    "RC1_MAX": 2000.0,
+    "RC1_DZ": 30.0,
+    "RC1_REVERSED": 0.0,
+    "SERVO1_FUNCTION": 26.0,
+    "SERVO1_MIN": 1000.0,
+    "SERVO1_TRIM": 1500.0,
+    "SERVO1_MAX": 2000.0,
+    "SERVO1_REVERSED": 0.0,
+}
+
+
+class Rover:
+    """Answers as far as the link needs; knows nothing of the code under test but the wire."""
+
+    def __init__(self, transport, system: int = 1, **parameters: float) -> None:
+        self.transport = transport
+        self.codec = MavlinkCodec(system, 1)
+        self.parameters = {**PARAMETERS, **parameters}
+        self.mode = 0
+        self.armed = True
+        self.status = dialect.MAV_STATE_ACTIVE
+        self.boot = 100.0
+        self.pulse = 1500
+        self.obeys = True
+        self.received: list = []
+        self.reads: list[str] = []
+        self.intervals: dict[int, float] = {}
+
+    def send(self, message) -> None:
+        self.transport.send(self.codec.encode(message))
+
+    def heartbeat(self) -> None:
+        armed = dialect.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
+        self.send(dialect.MAVLink_heartbeat_message(11, 3, armed | 1, self.mode, self.status, 3))
+
+    def attitude(self, yaw: float = 0.5, rate: float = 0.1) -> None:
+        self.send(dialect.MAVLink_attitude_message(round(self.boot * 1000), 0.02, 0.0, yaw, 0.01, 0.0, rate))
+
+    def listen(self) -> None:
+        for data in self.transport.receive():
+            for message in self.codec.decode(data):
+                self.received.append(message)
+                kind = message.get_type()
+                if kind == "PARAM_REQUEST_READ":
+                    self.reads.append(message.param_id)
+                    if message.param_id in self.parameters:
+                        value = self.parameters[message.param_id]
+                        self.send(dialect.MAVLink_param_value_message(message.param_id.encode(), value, 9, 14, 0))
+                elif kind == "COMMAND_LONG" and message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+                    self.intervals[round(message.param1)] = message.param2
+                elif self.obeys and message.get_srcSystem() == self.parameters["SYSID_MYGCS"]:
+                    self.steer(message)
+
+    def steer(self, message) -> None:
+        if message.get_type() == "RC_CHANNELS_OVERRIDE" and message.chan1_raw != 65535:
+            self.pulse = message.chan1_raw or 1500
+        if message.get_type() == "MANUAL_CONTROL":
+            self.pulse = 1500 if message.y == 32767 else 1000 + (message.y + 1000) // 2
+
+    def report_rudder(self) -> None:
+        self.send(dialect.MAVLink_rc_channels_message(round(self.boot * 1000), 8, self.pulse, *[1500] * 17, 255))
+
+
+class Bench:
+    """A link and a rover that step through time together."""
+
+    def __init__(self, settings: CompanionSettings | None = None, **parameters: float) -> None:
+        near, far = loopback_pair()
+        self.link = CompanionLink(near, settings or CompanionSettings(FULL, as_gcs=True))
+        self.rover = Rover(far, **parameters)
+        self.now = 1000.0
+        self.command = RudderCommand(0.0, 0.0, False)
+        self.samples: list = []
+        self.talks = True
+
+    def run(self, seconds: float, step: float = 0.05) -> list:
+        samples = []
+        for _ in range(round(seconds / step)):
+            self.now += step
+            self.rover.boot += step
+            if self.talks:
+                if round(self.now / step) % round(1.0 / step) == 0:
+                    self.rover.heartbeat()
+                self.rover.attitude()
+                self.rover.report_rudder()
+            samples += self.link.receive(self.now)
+            self.link.send(self.now, self.command)
+            self.link.keep(self.now)
+            self.rover.listen()
+        self.samples += samples
+        return samples
+
+    @property
+    def helm(self) -> HelmSample:
+        return [sample for sample in self.samples if isinstance(sample, HelmSample)][-1]
+
+    def overrides(self) -> list:
+        return [m for m in self.rover.received if m.get_type() in ("RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL")]
+
+
+def ready(**kwargs) -> Bench:
+    bench = Bench(**kwargs)
+    bench.run(4.0)
+    assert bench.helm.available, bench.helm.reason
+    return bench
+
+
+def test_gets_the_helm_of_a_boat_that_answers() -> None:
+    bench = Bench()
+    bench.link.receive(bench.now)
+    bench.run(4.0)
+    assert bench.helm.available
+    assert bench.link.vehicle_system == 1
+    assert bench.rover.intervals[dialect.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(50000)
+    assert not bench.overrides(), "nothing may be moved before a command is engaged"
+
+
+@pytest.mark.parametrize("method", ["rc_override", "manual_control"])
+@pytest.mark.parametrize("degrees", [-30.0, -5.0, -1.0, 0.0, 1.0, 12.0, 30.0])
+def test_rudder_goes_where_it_is_told(method, degrees) -> None:
+    bench = ready(settings=CompanionSettings(FULL, method=method, as_gcs=True))
+    bench.command = RudderCommand(bench.now, math.radians(degrees), True)
+    bench.run(0.5)
+    # ArduRover's dead zone and end points, written out by hand.
+    held = bench.rover.pulse
+    steering = 4500 * max(held - 1530, 0) // 470 - 4500 * max(1470 - held, 0) // 470
+    moved = int(steering * 500 / 4500) / 500.0 * 30.0
+    assert moved == pytest.approx(degrees, abs=0.07)
+    assert bench.overrides()[-1].get_srcSystem() == 255
+    others = bench.overrides()[-1]
+    if method == "rc_override":
+        assert [getattr(others, f"chan{n}_raw") for n in range(2, 9)] == [65535] * 7
+        assert [getattr(others, f"chan{n}_raw") for n in range(9, 19)] == [0] * 10
+    else:
+        assert (others.x, others.z, others.r) == (32767, 32767, 32767)
+
+
+def test_releases_several_times_and_then_is_silent() -> None:
+    bench = ready()
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    bench.rover.received.clear()
+    bench.command = RudderCommand(bench.now, 0.2, False)
+    bench.run(3.0)
+    assert [m.chan1_raw for m in bench.overrides()] == [0] * 5
+    bench.rover.received.clear()
+    bench.link.release(bench.now)
+    bench.rover.listen()
+    assert [m.chan1_raw for m in bench.overrides()] == [0] * 5
+
+
+def test_wrong_ground_station_id_is_found_out_before_anything_moves() -> None:
+    bench = Bench(settings=CompanionSettings(FULL))
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(4.0)
+    assert not bench.helm.available
+    assert bench.helm.reason == "the vehicle obeys only system id 255; start with --as-gcs or set SYSID_MYGCS to 1"
+    assert not bench.overrides()
+
+
+def test_own_id_steers_where_the_vehicle_obeys_it() -> None:
+    bench = ready(settings=CompanionSettings(FULL), SYSID_MYGCS=1.0)
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    message = bench.overrides()[-1]
+    assert (message.get_srcSystem(), message.get_srcComponent()) == (1, 191)
+    assert bench.rover.pulse > 1600
+
+
+def test_a_rudder_that_does_not_obey_is_noticed() -> None:
+    bench = ready()
+    bench.rover.obeys = False
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(0.9)
+    assert bench.helm.available
+    bench.run(0.5)
+    assert not bench.helm.available
+    assert "does not obey: RC channel 1 is at 1500" in bench.helm.reason
+    bench.rover.received.clear()
+    bench.run(1.0)
+    assert {m.chan1_raw for m in bench.overrides()} <= {0}, "no steering without the helm"
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "words"), [("mode", 4, "mode HOLD"), ("mode", 15, "GUIDED"), ("armed", False, "disarmed")]
+)
+def test_mode_and_arming_take_the_helm(attribute, value, words) -> None:
+    bench = ready()
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    setattr(bench.rover, attribute, value)
+    bench.run(1.1)
+    assert not bench.helm.available
+    assert words in bench.helm.reason
+
+
+def test_reboot_is_noticed_and_everything_asked_anew() -> None:
+    bench = ready()
+    bench.rover.boot = 0.0
+    bench.rover.reads.clear()
+    bench.rover.intervals.clear()
+    samples = bench.run(0.1)
+    helm = [sample for sample in samples if isinstance(sample, HelmSample)]
+    assert not helm[0].available
+    assert "rebooted" in helm[0].reason
+    bench.run(4.0)
+    assert "RC1_DZ" in bench.rover.reads
+    assert dialect.MAVLINK_MSG_ID_ATTITUDE in bench.rover.intervals
+    assert bench.helm.available
+
+
+def test_silence_is_noticed() -> None:
+    bench = ready()
+    bench.talks = False
+    bench.run(4.2)
+    assert not bench.helm.available
+    assert "no heartbeat" in bench.helm.reason
+    bench.talks = True
+    bench.run(2.0)
+    assert bench.helm.available
+
+
+def test_a_second_vehicle_and_a_ground_station_are_not_heard() -> None:
+    bench = ready()
+    stranger = Rover(bench.rover.transport, system=7)
+    stranger.mode = 4
+    stranger.heartbeat()
+    stranger.attitude(yaw=3.0)
+    samples = bench.link.receive(bench.now)
+    assert samples == []
+
+
+def test_no_command_before_the_firmware_is_up() -> None:
+    bench = Bench()
+    bench.rover.status = dialect.MAV_STATE_BOOT
+    bench.run(3.0)
+    kinds = {message.get_type() for message in bench.rover.received}
+    assert kinds == {"HEARTBEAT"}
+    assert not bench.helm.available
+
+
+def test_samples_carry_measurement_time_and_si_units() -> None:
+    bench = ready(SYSID_MYGCS=255.0)
+    bench.rover.attitude(yaw=1.25, rate=-0.2)
+    bench.rover.send(
+        dialect.MAVLink_global_position_int_message(round(bench.rover.boot * 1e3), 0, 0, 0, 0, 300, 400, 0, 0)
+    )
+    usec = round(bench.rover.boot * 1e6)
+    bench.rover.send(dialect.MAVLink_servo_output_raw_message(usec, 0, 1750, *[0] * 7))
+    late = bench.now + 0.3
+    samples = bench.link.receive(late)
+    heading = next(sample for sample in samples if isinstance(sample, HeadingSample))
+    speed = next(sample for sample in samples if isinstance(sample, SpeedSample))
+    rudder = next(sample for sample in samples if isinstance(sample, RudderSample))
+    assert (heading.heading, heading.rate) == pytest.approx((1.25, -0.2))
+    assert speed.speed == pytest.approx(5.0)
+    assert rudder.angle == pytest.approx(math.radians(15.0))
+    assert rudder.ordered
+    for sample in (heading, speed, rudder):
+        assert sample.time == pytest.approx(bench.now, abs=0.002), "300 ms on the way do not make a sample younger"
+
+
+def test_packets_of_both_directions_are_kept_for_the_log() -> None:
+    bench = ready()
+    reader = MavlinkCodec()
+    kinds = {m.get_type() for _, packet in bench.link.take_packets() for m in reader.decode(packet)}
+    assert {"HEARTBEAT", "ATTITUDE", "PARAM_REQUEST_READ", "PARAM_VALUE", "COMMAND_LONG"} <= kinds
+    assert bench.link.take_packets() == []
+
+
+def test_px4_is_refused_with_a_sentence() -> None:
+    bench = Bench()
+    bench.rover.send(dialect.MAVLink_heartbeat_message(11, dialect.MAV_AUTOPILOT_PX4, 0, 0, 4, 3))
+    samples = bench.link.receive(bench.now)
+    assert "does not run ArduPilot" in samples[0].reason
+
+
+def test_long_texts_leave_in_pieces() -> None:
+    bench = ready()
+    bench.link.say(bench.now, 4, "x" * 70)
+    bench.run(1.0)
+    texts = [m for m in bench.rover.received if m.get_type() == "STATUSTEXT"]
+    assert [len(m.text) for m in texts] == [50, 20]
+    assert [m.chunk_seq for m in texts] == [0, 1]
+    assert texts[0].id == texts[1].id != 0
