@@ -1,0 +1,74 @@
+"""From the options of `sitl serve` to a world and its opened ports."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+
+from autopilot.errors import InputError
+from autopilot.links.url import BAUD_MAX, BAUD_MIN, open_transport, parse_url
+from autopilot.params.vessel_file import load_vessel
+from sitl.firmware import Firmware
+from sitl.pty_line import PtyTransport
+from sitl.scenario import Scenario, load_scenario
+from sitl.serve import Port
+from sitl.wire_mavlink import MavlinkVehicle
+from sitl.wire_nmea import NmeaInstruments, chosen_rates
+from sitl.world import World
+
+
+def world_from(arguments: argparse.Namespace) -> World:
+    """Return the world that vessel, scenario and options describe. Raises InputError."""
+    vessel = load_vessel(arguments.vessel)
+    scenario = with_options(load_scenario(arguments.scenario), arguments.armed, arguments.mode, arguments.speed_m_s)
+    return World(vessel, scenario, arguments.seed)
+
+
+def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed: float | None) -> Scenario:
+    """Return the scenario with what the command line says instead; None: as the scenario has it."""
+    vehicle, start = scenario.vehicle, scenario.start
+    if armed is not None:
+        vehicle = dataclasses.replace(vehicle, armed=armed)
+    if mode is not None:
+        vehicle = dataclasses.replace(vehicle, mode=mode)  # type: ignore[arg-type]  # argparse allows no other
+    if speed is not None:
+        start = dataclasses.replace(start, speed_m_s=speed)
+    return dataclasses.replace(scenario, vehicle=vehicle, start=start)
+
+
+def open_ports(world: World, urls: list[str], nmea: str | None, sentences: str) -> list[tuple[str, Port]]:
+    """Open every link; return what its ready line says, and the port. Raises InputError and LinkError."""
+    ports: list[tuple[str, Port]] = []
+    try:
+        if urls:
+            firmware = Firmware(world)
+            for url in urls:
+                ports.append((f"mavlink {url}", mavlink_port(firmware, url)))  # noqa: PERF401 - kept on failure, to close
+        if nmea is not None:
+            path, baud = _path_and_baud(nmea)
+            instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud)
+            ports.append((f"nmea {path} ({baud} baud)", Port(PtyTransport(path), instruments)))
+    except BaseException:
+        for _, port in ports:
+            port.transport.close()
+        raise
+    return ports
+
+
+def mavlink_port(firmware: Firmware, url: str) -> Port:
+    """Open one MAVLink link of the flight controller. Raises InputError and LinkError."""
+    link = parse_url(url)
+    if link.protocol != "mavlink":
+        raise InputError(f"--mavlink {url}: an NMEA link; the instruments are served by --nmea PATH:BAUD.")
+    is_stream = link.medium in ("tcp", "tcpin", "serial")
+    return Port(open_transport(link), MavlinkVehicle(firmware, is_stream))
+
+
+def _path_and_baud(text: str) -> tuple[str, int]:
+    path, _, digits = text.rpartition(":")
+    baud = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 9 else 0
+    if not path or not BAUD_MIN <= baud <= BAUD_MAX:
+        raise InputError(
+            f"--nmea {text}: write a path and a baud rate from {BAUD_MIN} to {BAUD_MAX}, e.g. /tmp/norrbin-nmea:4800."
+        )
+    return path, baud

@@ -1,0 +1,153 @@
+"""The simulated boat: yaw by Norrbin's model at the speed of the moment, with all that the model leaves out.
+
+Richer than what an identifier assumes, on purpose: the steering gear has delay, lag, rate and dead band,
+the boat loses speed and drifts in turns, rolls, is set by current and pushed by wind and waves. No clock and
+no randomness: disturbances are arguments.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.models.norrbin import Norrbin, at_speed, rate_step
+from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
+from autopilot.models.waves import GRAVITY
+
+
+class Hull(NamedTuple):
+    """What the yaw model leaves out; the defaults suit a planing or semi-displacement boat of 7 m.
+
+    length, beam, draught [m]; speed_time [s] in which the speed settles; turn_speed_loss c in
+    U = U0/(1 + c (r L/U)^2) of a steady turn; drift_lever [m], sway speed = -lever x yaw rate; sway_time [s];
+    roll_period [s], roll_damping [-]; roll_lever [-], heel = lever x r U/g outwards.
+    """
+
+    length: float = 7.0
+    beam: float = 2.5
+    draught: float = 0.5
+    speed_time: float = 4.0
+    turn_speed_loss: float = 0.3
+    drift_lever: float = 2.0
+    sway_time: float = 1.0
+    roll_period: float = 2.5
+    roll_damping: float = 0.15
+    roll_lever: float = 0.3
+
+
+class Plant(NamedTuple):
+    """Everything about the boat that does not change while it runs."""
+
+    model: Norrbin
+    gear: SteeringGear
+    hull: Hull = Hull()
+
+
+class Disturbance(NamedTuple):
+    """What sea, wind and current do at one instant.
+
+    rudder [rad]: yaw disturbance as an equivalent rudder; yaw_acceleration [rad/s^2]: what waves would give a
+    boat without yaw damping; roll_slope [rad]: effective wave slope athwartships; sway_speed [m/s]: leeway to
+    starboard; current_north, current_east [m/s].
+    """
+
+    rudder: float = 0.0
+    yaw_acceleration: float = 0.0
+    roll_slope: float = 0.0
+    sway_speed: float = 0.0
+    current_north: float = 0.0
+    current_east: float = 0.0
+
+
+STILL = Disturbance()
+
+
+class BoatState(NamedTuple):
+    """north, east [m] over the ground; heading [rad], not wrapped; rate [rad/s]; speed and sway [m/s] through
+    the water; roll [rad], roll_rate [rad/s]; rudder [rad]; north_speed, east_speed [m/s] over the ground."""
+
+    north: float = 0.0
+    east: float = 0.0
+    heading: float = 0.0
+    rate: float = 0.0
+    speed: float = 0.0
+    sway: float = 0.0
+    roll: float = 0.0
+    roll_rate: float = 0.0
+    rudder: float = 0.0
+    north_speed: float = 0.0
+    east_speed: float = 0.0
+
+
+def boat_step(
+    plant: Plant, state: BoatState, order: float, thrust_speed: float, disturbance: Disturbance, dt: float
+) -> BoatState:
+    """Return the state `dt` [s] later (dt of about 10 ms), the rudder `order` [rad] and all else held.
+
+    `thrust_speed` [m/s] is the speed that the propulsion would reach on a straight course.
+    """
+    hull = plant.hull
+    rudder = gear_step(plant.gear, state.rudder, order, dt)
+    rate = state.rate
+    if abs(state.speed) > 1.0e-3:
+        model = at_speed(plant.model, state.speed)
+        # astern the rudder works the other way round
+        steering = rudder if state.speed > 0.0 else -rudder
+        pushed = disturbance.yaw_acceleration * model.time_constant / model.gain
+        rate = rate_step(model, rate, steering + disturbance.rudder + pushed, dt)
+    else:
+        rate *= math.exp(-dt / plant.model.time_constant)
+    heading = state.heading + 0.5 * dt * (state.rate + rate)
+    speed = _speed_step(hull, state.speed, rate, thrust_speed, dt)
+    sway = state.sway + (disturbance.sway_speed - hull.drift_lever * rate - state.sway) * -math.expm1(
+        -dt / hull.sway_time
+    )
+    roll, roll_rate = _roll_step(hull, state, speed, rate, disturbance.roll_slope, dt)
+    cosine, sine = math.cos(heading), math.sin(heading)
+    north_speed = speed * cosine - sway * sine + disturbance.current_north
+    east_speed = speed * sine + sway * cosine + disturbance.current_east
+    return BoatState(
+        north=state.north + 0.5 * dt * (state.north_speed + north_speed),
+        east=state.east + 0.5 * dt * (state.east_speed + east_speed),
+        heading=heading,
+        rate=rate,
+        speed=speed,
+        sway=sway,
+        roll=roll,
+        roll_rate=roll_rate,
+        rudder=rudder,
+        north_speed=north_speed,
+        east_speed=east_speed,
+    )
+
+
+def _speed_step(hull: Hull, speed: float, rate: float, thrust_speed: float, dt: float) -> float:
+    """Speed settles, with `speed_time`, where thrust balances resistance and the loss in turning."""
+    swing = rate * hull.length / max(abs(speed), 0.1)
+    settled = thrust_speed / (1.0 + hull.turn_speed_loss * min(swing * swing, 100.0))
+    return speed + (settled - speed) * -math.expm1(-dt / hull.speed_time)
+
+
+def _roll_step(hull: Hull, state: BoatState, speed: float, rate: float, slope: float, dt: float) -> tuple[float, float]:
+    """phi'' + 2 zeta w phi' + w^2 (phi - slope - heel) = 0, semi-implicit Euler; heel is outwards in a turn."""
+    frequency = 2.0 * math.pi / hull.roll_period
+    heel = -hull.roll_lever * rate * speed / GRAVITY
+    acceleration = frequency * (frequency * (slope + heel - state.roll) - 2.0 * hull.roll_damping * state.roll_rate)
+    roll_rate = state.roll_rate + dt * acceleration
+    return state.roll + dt * roll_rate, roll_rate
+
+
+class Boat:
+    """A plant with its state and the orders that are still on their way to the rudder."""
+
+    def __init__(self, plant: Plant, initial: BoatState | None = None) -> None:
+        self.plant = plant
+        self.state = BoatState() if initial is None else initial
+        self._orders = DelayLine(plant.gear.delay, self.state.rudder)
+
+    def step(self, now: float, order: float, thrust_speed: float, disturbance: Disturbance, dt: float) -> BoatState:
+        """Give the rudder `order` [rad] at `now` [s], move `dt` [s] on and return the new state."""
+        self._orders.give(now, order)
+        effective = self._orders.effective(now)
+        self.state = boat_step(self.plant, self.state, effective, thrust_speed, disturbance, dt)
+        return self.state

@@ -1,0 +1,167 @@
+"""The `sitl` command: a simulated boat that stands in for the real one on its links."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+
+from autopilot.errors import ExitCode, InputError
+from autopilot.links.base import LinkError
+from sitl.scenario import shipped_scenarios
+
+DEFAULT_MAVLINK = "udpout:127.0.0.1:14550"
+DEFAULT_SENTENCES = "HDG,ROT,RSA,VHW"
+
+EXIT_CODES = """exit codes:
+  0  ended by --duration, Ctrl-C or a termination signal
+  2  bad usage, or a file that cannot be used
+  3  a link could not be opened or was lost
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of `sitl`."""
+    parser = argparse.ArgumentParser(
+        prog="sitl",
+        description="A simulated boat on real links.",
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    serve = commands.add_parser(
+        "serve",
+        help="the boat as a MAVLink flight controller and as instruments on a pseudo-terminal",
+        description="Serve a simulated boat as an ArduRover flight controller over MAVLink and as NMEA instruments "
+        "with a rudder drive on a pseudo-terminal. One line 'ready ...' is printed for each link.",
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_serve_options(serve)
+    return parser
+
+
+def _add_serve_options(serve: argparse.ArgumentParser) -> None:
+    serve.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
+    serve.add_argument(
+        "--mavlink",
+        metavar="URL",
+        action="append",
+        help=f"MAVLink link, may be repeated: udpout:, udpin:, tcpin:, serial: (default {DEFAULT_MAVLINK} "
+        "where no link is given)",
+    )
+    serve.add_argument("--nmea", metavar="PATH:BAUD", help="pseudo-terminal for NMEA, e.g. /tmp/norrbin-nmea:4800")
+    serve.add_argument(
+        "--sentences",
+        metavar="LIST",
+        default=DEFAULT_SENTENCES,
+        help=f"sentences on the NMEA line, each with its rate if wanted: HDG:10,ROT (default {DEFAULT_SENTENCES})",
+    )
+    serve.add_argument(
+        "--scenario",
+        metavar="FILE",
+        default="calm",
+        help=f"scenario file, or a shipped one: {', '.join(shipped_scenarios())} (default calm)",
+    )
+    serve.add_argument("--speedup", metavar="X", type=_positive, default=1.0, help="simulated seconds per second")
+    serve.add_argument("--seed", metavar="N", type=_seed, help="seed of all that is random (default: the scenario's)")
+    serve.add_argument("--duration", metavar="S", type=_positive, help="stop after so many simulated seconds")
+    arming = serve.add_mutually_exclusive_group()
+    arming.add_argument(
+        "--armed", action="store_true", default=None, help="start armed (default: as the scenario says)"
+    )
+    arming.add_argument("--disarmed", dest="armed", action="store_false", help="start disarmed")
+    serve.add_argument("--mode", choices=("MANUAL", "HOLD", "GUIDED"), help="mode at the start")
+    serve.add_argument("--speed-m-s", metavar="X", type=_speed, help="speed at the start, held by the throttle")
+    serve.add_argument("--truth", metavar="FILE.csv", type=Path, help="write what the boat really did")
+    serve.set_defaults(run=run_serve)
+
+
+def _positive(text: str) -> float:
+    return _number(text, 1.0e-3, 1.0e6)
+
+
+def _speed(text: str) -> float:
+    return _number(text, 0.0, 50.0)
+
+
+def _number(text: str, low: float, high: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from {low:g} to {high:g}")
+    return value
+
+
+def _seed(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) < 2**63):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 2^63 - 1")
+    return int(text)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `sitl` and return its exit code."""
+    arguments = build_parser().parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except InputError as error:
+        return _complain(error, ExitCode.USAGE)
+    except LinkError as error:
+        return _complain(error, ExitCode.LINK)
+    except KeyboardInterrupt:
+        return int(ExitCode.OK)
+
+
+def _complain(error: Exception, code: ExitCode) -> int:
+    print(f"sitl: {error}", file=sys.stderr)
+    return int(code)
+
+
+class _StopOnSignal:
+    """Becomes true at SIGINT or SIGTERM."""
+
+    def __init__(self) -> None:
+        self._stopped = False
+        signal.signal(signal.SIGINT, self._on_signal)
+        signal.signal(signal.SIGTERM, self._on_signal)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._stopped = True
+
+    def __call__(self) -> bool:
+        return self._stopped
+
+
+def run_serve(arguments: argparse.Namespace) -> int:
+    """Serve until told to stop."""
+    from sitl.assembly import open_ports, world_from
+    from sitl.serve import Pace, TruthFile, serve
+
+    should_stop = _StopOnSignal()
+    world = world_from(arguments)
+    truth = TruthFile(arguments.truth, world) if arguments.truth else None
+    ports = []
+    try:
+        urls = arguments.mavlink or ([] if arguments.nmea else [DEFAULT_MAVLINK])
+        ports = open_ports(world, urls, arguments.nmea, arguments.sentences)
+        for line, _ in ports:
+            print(f"ready {line}", flush=True)
+        pace = Pace(arguments.speedup)
+        serve(world, [port for _, port in ports], pace, arguments.duration, should_stop)
+    finally:
+        for _, port in ports:
+            port.transport.close()
+        if truth:
+            truth.close()
+    if pace.lost > 0.0:
+        print(f"sitl: this machine was {pace.lost:.1f} s too slow for --speedup {arguments.speedup:g}", file=sys.stderr)
+    return int(ExitCode.OK)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,200 @@
+"""Scenario files: the sea, the sensors, the faults and the start of one simulated run. Read strictly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+from autopilot.errors import InputError
+from autopilot.params import schema
+from autopilot.params.schema import Bounds, nearest
+from autopilot.params.strict_yaml import Node, parse_document, read_document
+
+SCHEMA_VERSION = 1
+
+Degrees = Annotated[float, Bounds(-360.0, 360.0, "direction, clockwise from north")]
+Seconds = Annotated[float, Bounds(0.0, 1.0e6, "simulated time since the start")]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where and how the boat starts; speed null: the reference speed of the vessel's model."""
+
+    latitude_deg: Annotated[float, Bounds(-89.0, 89.0, "latitude")] = 57.6900
+    longitude_deg: Annotated[float, Bounds(-180.0, 180.0, "longitude")] = 11.8400
+    heading_deg: Degrees = 0.0
+    speed_m_s: Annotated[float, Bounds(0.0, 50.0, "speed through the water, also what the throttle holds")] | None = (
+        None
+    )
+    unix_time_s: Annotated[int, Bounds(0, 4102444800, "date and time of the start")] = 1780308000
+
+
+@dataclass(frozen=True)
+class HullSection:
+    """What the identified model leaves out; the numbers are those of `sitl.boat.Hull`."""
+
+    length_m: Annotated[float, Bounds(0.2, 500.0, "length")] = 7.0
+    beam_m: Annotated[float, Bounds(0.1, 80.0, "beam")] = 2.5
+    draught_m: Annotated[float, Bounds(0.02, 30.0, "draught")] = 0.5
+    speed_time_s: Annotated[float, Bounds(0.1, 1000.0, "time in which the speed settles")] = 4.0
+    turn_speed_loss: Annotated[float, Bounds(0.0, 10.0, "c in U = U0/(1 + c (r L/U)^2)")] = 0.3
+    drift_lever_m: Annotated[float, Bounds(0.0, 200.0, "sway speed per yaw rate")] = 2.0
+    sway_time_s: Annotated[float, Bounds(0.01, 1000.0, "time in which the drift settles")] = 1.0
+    roll_period_s: Annotated[float, Bounds(0.5, 60.0, "natural roll period")] = 2.5
+    roll_damping: Annotated[float, Bounds(0.01, 1.0, "damping ratio in roll")] = 0.15
+    roll_lever: Annotated[float, Bounds(-5.0, 5.0, "outward heel = lever r U/g")] = 0.3
+
+
+@dataclass(frozen=True)
+class SecondOrderSection:
+    """Waves as white noise through 2 xi w0 sigma s/(s^2 + 2 xi w0 s + w0^2), an equivalent rudder in degrees."""
+
+    frequency_rad_s: Annotated[float, Bounds(0.01, 20.0, "w0")]
+    damping: Annotated[float, Bounds(0.001, 0.999, "xi")]
+    sigma_deg: Annotated[float, Bounds(0.0, 1000.0, "sigma of the numerator, output in degrees of rudder")]
+    noise_power: Annotated[float, Bounds(0.0, 1000.0, "intensity of the white noise")] = 0.1
+
+
+@dataclass(frozen=True)
+class IttcSection:
+    """A long-crested sea of the ITTC two-parameter spectrum; it comes from `from_deg`."""
+
+    significant_height_m: Annotated[float, Bounds(0.0, 30.0, "significant wave height")]
+    peak_period_s: Annotated[float, Bounds(0.5, 40.0, "period of the spectrum's peak")]
+    from_deg: Degrees = 0.0
+    components: Annotated[int, Bounds(2, 500, "number of sine waves")] = 60
+
+
+@dataclass(frozen=True)
+class WavesSection:
+    """Either kind of waves, both, or none."""
+
+    second_order: SecondOrderSection | None = None
+    ittc: IttcSection | None = None
+
+
+@dataclass(frozen=True)
+class WindSection:
+    """Wind over the ground and how the boat answers to it."""
+
+    speed_m_s: Annotated[float, Bounds(0.0, 60.0, "mean wind speed")] = 0.0
+    from_deg: Degrees = 0.0
+    gust_m_s: Annotated[float, Bounds(0.0, 30.0, "standard deviation of the gusts")] = 0.0
+    gust_time_s: Annotated[float, Bounds(0.1, 1000.0, "correlation time of the gusts")] = 10.0
+    rudder_deg_per_m2_s2: Annotated[float, Bounds(-1.0, 1.0, "equivalent rudder c in c V^2 sin(2 gamma)")] = 0.003
+    leeway: Annotated[float, Bounds(0.0, 0.2, "drift speed per wind speed abeam")] = 0.01
+
+
+@dataclass(frozen=True)
+class CurrentSection:
+    """A uniform current."""
+
+    speed_m_s: Annotated[float, Bounds(0.0, 10.0, "speed of the current")] = 0.0
+    towards_deg: Degrees = 0.0
+
+
+@dataclass(frozen=True)
+class SensorsSection:
+    """What the instruments make of the truth; null: as the vessel file says."""
+
+    heading_noise_deg: Annotated[float, Bounds(0.0, 30.0, "standard deviation of the heading")] | None = None
+    rate_noise_deg_s: Annotated[float, Bounds(0.0, 30.0, "standard deviation of the yaw rate")] | None = None
+    latency_s: Annotated[float, Bounds(0.0, 5.0, "age of heading, rate and roll when they leave the sensor")] | None = (
+        None
+    )
+    heading_offset_deg: Annotated[float, Bounds(-180.0, 180.0, "constant error of the heading")] = 0.0
+    heading_step_deg: Annotated[float, Bounds(0.0, 10.0, "resolution of the heading, 0: unlimited")] = 0.0
+    roll_noise_deg: Annotated[float, Bounds(0.0, 10.0, "standard deviation of the roll")] = 0.1
+    rudder_noise_deg: Annotated[float, Bounds(0.0, 10.0, "standard deviation of the rudder feedback")] = 0.05
+    speed_noise_m_s: Annotated[float, Bounds(0.0, 5.0, "standard deviation of speeds")] = 0.05
+    position_noise_m: Annotated[float, Bounds(0.0, 100.0, "standard deviation of positions")] = 0.5
+    variation_deg: Annotated[float, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
+
+
+FaultKind = Literal["heading_dropout", "heading_frozen", "rudder_stuck", "silence"]
+
+
+@dataclass(frozen=True)
+class FaultSection:
+    """One fault and when it lasts, in simulated seconds since the start."""
+
+    kind: FaultKind
+    from_s: Seconds
+    to_s: Seconds
+
+
+@dataclass(frozen=True)
+class VehicleSection:
+    """How the simulated flight controller starts."""
+
+    armed: bool = True
+    mode: Literal["MANUAL", "HOLD", "GUIDED"] = "MANUAL"
+    receiver: bool = True
+    """Whether a radio receiver is fitted, whose sticks stand still: steering centred, throttle at the start speed."""
+    boot_s: Annotated[float, Bounds(0.0, 120.0, "time after power-up before the firmware is ready")] = 0.0
+    position_after_s: Annotated[float, Bounds(0.0, 600.0, "time after power-up before there is a position")] = 0.0
+
+
+@dataclass(frozen=True)
+class DriveSection:
+    """The rudder drive on the NMEA line."""
+
+    silence_s: Annotated[float, Bounds(0.1, 60.0, "orders older than this are released")] = 2.0
+    released: Literal["amidships", "hold"] = "amidships"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One simulated run; everything has a default: a calm sea."""
+
+    schema_version: int
+    name: str
+    description: str = ""
+    seed: Annotated[int, Bounds(0, 2**63 - 1, "seed of all that is random")] = 1
+    start: Start = field(default_factory=Start)
+    hull: HullSection = field(default_factory=HullSection)
+    waves: WavesSection = field(default_factory=WavesSection)
+    wind: WindSection = field(default_factory=WindSection)
+    current: CurrentSection = field(default_factory=CurrentSection)
+    sensors: SensorsSection = field(default_factory=SensorsSection)
+    faults: tuple[FaultSection, ...] = ()
+    vehicle: VehicleSection = field(default_factory=VehicleSection)
+    drive: DriveSection = field(default_factory=DriveSection)
+
+
+def shipped_scenarios() -> list[str]:
+    """Return the names of the scenarios that come with the product."""
+    folder = resources.files("sitl") / "scenarios"
+    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def load_scenario(path_or_name: str | Path) -> Scenario:
+    """Return the scenario of a YAML file, or the shipped one of that name (`calm`). Raises InputError."""
+    path = Path(path_or_name)
+    name = str(path_or_name)
+    if path.exists() or path.suffix or path.name != name:
+        return scenario_from(read_document(path))
+    shipped = shipped_scenarios()
+    if name not in shipped:
+        near = nearest(name, shipped)
+        hint = f"did you mean {near}?" if near else f"shipped are {', '.join(shipped)}."
+        raise InputError(f"{name}: neither a file nor a shipped scenario; {hint}")
+    text = (resources.files("sitl") / "scenarios" / f"{name}.yaml").read_text(encoding="utf-8")
+    return scenario_from(parse_document(text, f"{name}.yaml (shipped)"))
+
+
+def scenario_from(root: Node) -> Scenario:
+    """Return the scenario that a document holds, checked across its fields. Raises InputError."""
+    scenario = schema.read(root, Scenario)
+    if scenario.schema_version != SCHEMA_VERSION:
+        raise root.at("schema_version").fault(
+            f"schema_version is {scenario.schema_version}, this version of Norrbin reads {SCHEMA_VERSION}."
+        )
+    for index, fault in enumerate(scenario.faults):
+        if fault.to_s <= fault.from_s:
+            raise root.at("faults").fault(
+                f"faults[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
+            )
+    return scenario

@@ -1,0 +1,232 @@
+"""What the simulated flight controller reports, message by message, in each field's own unit and sign.
+
+The field meanings are written out here, from the MAVLink message definitions (common.xml), and not taken from
+the side that reads them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.angles import wrap
+from sitl.firmware import Firmware, FirmwareMode
+from sitl.sensors import Reading
+
+UNKNOWN_HEADING = 65535
+FIRMWARE_VERSION = (4 << 24) | (6 << 16) | (0 << 8) | 255
+"""4.6.0, official release: major, minor, patch, type, a byte each."""
+
+
+def boot_ms(firmware: Firmware, time: float) -> int:
+    """Milliseconds since the firmware started, as 32 bits hold them."""
+    return round(firmware.time_since_boot(time) * 1000.0) & 0xFFFFFFFF
+
+
+def heartbeat(firmware: Firmware) -> Any:
+    """HEARTBEAT of an ArduPilot surface boat."""
+    base_mode = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    if firmware.mode is FirmwareMode.MANUAL:
+        base_mode |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    if firmware.mode is FirmwareMode.GUIDED:
+        base_mode |= dialect.MAV_MODE_FLAG_GUIDED_ENABLED
+    if firmware.armed:
+        base_mode |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_SURFACE_BOAT,
+        dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        base_mode,
+        int(firmware.mode),
+        _state(firmware),
+        3,
+    )
+
+
+def _state(firmware: Firmware) -> int:
+    if firmware.mode is FirmwareMode.INITIALISING:
+        return int(dialect.MAV_STATE_CALIBRATING)
+    if firmware.failsafe:
+        return int(dialect.MAV_STATE_CRITICAL)
+    if firmware.mode is FirmwareMode.HOLD:
+        return int(dialect.MAV_STATE_STANDBY)
+    return int(dialect.MAV_STATE_ACTIVE)
+
+
+def attitude(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """ATTITUDE: radians, yaw in (-pi, pi]; stamped with the time of measurement."""
+    return dialect.MAVLink_attitude_message(
+        boot_ms(firmware, reading.time),
+        reading.roll,
+        0.0,
+        wrap(reading.heading),
+        reading.roll_rate,
+        0.0,
+        reading.rate,
+    )
+
+
+def global_position(firmware: Firmware, time: float, reading: Reading) -> Any | None:
+    """GLOBAL_POSITION_INT: degrees x 1e7, mm, cm/s north, east, down, heading in hundredths of a degree."""
+    if not firmware.has_position(time):
+        return None
+    has_heading = firmware.world.sensors.has_heading(time)
+    return dialect.MAVLink_global_position_int_message(
+        boot_ms(firmware, reading.time),
+        round(reading.latitude * 1.0e7),
+        round(reading.longitude * 1.0e7),
+        0,
+        0,
+        _int16(reading.north_speed * 100.0),
+        _int16(reading.east_speed * 100.0),
+        0,
+        round(math.degrees(reading.heading) * 100.0) % 36000 if has_heading else UNKNOWN_HEADING,
+    )
+
+
+def vfr_hud(firmware: Firmware, time: float, reading: Reading) -> Any | None:
+    """VFR_HUD: ground speed in m/s, heading in whole degrees, throttle in per cent; a boat has no airspeed."""
+    if not firmware.world.sensors.has_heading(time):
+        return None
+    return dialect.MAVLink_vfr_hud_message(
+        0.0,
+        reading.ground_speed if firmware.has_position(time) else 0.0,
+        round(math.degrees(reading.heading)) % 360,
+        abs(firmware.throttle),
+        0.0,
+        0.0,
+    )
+
+
+def gps_raw(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """GPS_RAW_INT: time in us since boot, degrees x 1e7, mm, cm/s, course in hundredths of a degree."""
+    has_fix = firmware.has_position(time)
+    return dialect.MAVLink_gps_raw_int_message(
+        round(firmware.time_since_boot(reading.time) * 1.0e6),
+        3 if has_fix else 1,
+        round(reading.latitude * 1.0e7) if has_fix else 0,
+        round(reading.longitude * 1.0e7) if has_fix else 0,
+        0,
+        121 if has_fix else 65535,
+        200 if has_fix else 65535,
+        min(round(reading.ground_speed * 100.0), 65534) if has_fix else 65535,
+        round(math.degrees(reading.course) * 100.0) % 36000 if has_fix else 65535,
+        10 if has_fix else 0,
+    )
+
+
+def local_position(firmware: Firmware, time: float, reading: Reading) -> Any | None:
+    """LOCAL_POSITION_NED: metres from the start, m/s."""
+    if not firmware.has_position(time):
+        return None
+    state = firmware.world.boat.state
+    return dialect.MAVLink_local_position_ned_message(
+        boot_ms(firmware, reading.time),
+        state.north,
+        state.east,
+        0.0,
+        reading.north_speed,
+        reading.east_speed,
+        0.0,
+    )
+
+
+def servo_outputs(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """SERVO_OUTPUT_RAW: pulse widths in us, 0 where no pulses go out."""
+    return dialect.MAVLink_servo_output_raw_message(
+        round(firmware.time_since_boot(time) * 1.0e6) & 0xFFFFFFFF, 0, *firmware.servos
+    )
+
+
+def rc_channels(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """RC_CHANNELS: pulse widths in us as the firmware uses them, overrides included."""
+    return dialect.MAVLink_rc_channels_message(
+        boot_ms(firmware, time), 16, *firmware.channels, 0, 0, 200 if firmware.receiver else 255
+    )
+
+
+def sys_status(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """SYS_STATUS: mV, hundredths of an ampere, load in tenths of a per cent."""
+    fitted = (
+        dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
+        | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
+        | dialect.MAV_SYS_STATUS_SENSOR_GPS
+        | dialect.MAV_SYS_STATUS_AHRS
+        | dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+        | (dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if firmware.receiver else 0)
+    )
+    failed = 0 if firmware.has_position(time) else dialect.MAV_SYS_STATUS_SENSOR_GPS
+    if not firmware.world.sensors.has_heading(time):
+        failed |= dialect.MAV_SYS_STATUS_SENSOR_3D_MAG | dialect.MAV_SYS_STATUS_AHRS
+    enabled = fitted if firmware.armed else fitted & ~dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    return dialect.MAVLink_sys_status_message(
+        fitted, enabled, fitted & ~failed, 120, 12600, 100 + 20 * abs(firmware.throttle), 90, 0, 0, 0, 0, 0, 0
+    )
+
+
+def system_time(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """SYSTEM_TIME: us since 1970 and ms since boot."""
+    unix_us = firmware.world.scenario.start.unix_time_s * 1_000_000 + round(time * 1.0e6)
+    return dialect.MAVLink_system_time_message(unix_us if firmware.has_position(time) else 0, boot_ms(firmware, time))
+
+
+def mission_current(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """MISSION_CURRENT: there is no mission."""
+    return dialect.MAVLink_mission_current_message(0)
+
+
+def autopilot_version(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """AUTOPILOT_VERSION: what this firmware can do, truthfully for what is simulated."""
+    capabilities = (
+        dialect.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+        | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        | dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    )
+    nothing = [0] * 8
+    return dialect.MAVLink_autopilot_version_message(
+        capabilities, FIRMWARE_VERSION, 0, 0, 0, nothing, nothing, nothing, 0, 0, 0
+    )
+
+
+def simstate(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """SIMSTATE, as ArduPilot's simulator sends it: the truth, without sensors. Radians, degrees x 1e7."""
+    state = firmware.world.boat.state
+    return dialect.MAVLink_simstate_message(
+        state.roll,
+        0.0,
+        wrap(state.heading),
+        0.0,
+        0.0,
+        0.0,
+        state.roll_rate,
+        0.0,
+        state.rate,
+        round(reading.latitude * 1.0e7),
+        round(reading.longitude * 1.0e7),
+    )
+
+
+Builder = Callable[[Firmware, float, Reading], Any | None]
+
+BUILDERS: dict[int, Builder] = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: lambda firmware, time, reading: heartbeat(firmware),
+    dialect.MAVLINK_MSG_ID_ATTITUDE: attitude,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position,
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position,
+    dialect.MAVLINK_MSG_ID_VFR_HUD: vfr_hud,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw,
+    dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: servo_outputs,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
+    dialect.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
+    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
+    dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
+    dialect.MAVLINK_MSG_ID_SIMSTATE: simstate,
+}
+"""Every message that can be streamed or requested."""
+
+
+def _int16(value: float) -> int:
+    return min(max(round(value), -32768), 32767)

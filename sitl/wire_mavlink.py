@@ -1,0 +1,238 @@
+"""One MAVLink port of the simulated flight controller: bytes in, bytes out, on whatever clock is given.
+
+Behaves as ArduRover 4.6 on a boat does towards a companion or a ground station (ArduPilot,
+libraries/GCS_MAVLink/GCS_Common.cpp and Rover/GCS_MAVLink_Rover.cpp).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_codec import MavlinkCodec
+from sitl import radio
+from sitl.commands import ACCEPTED, FAILED, UNSUPPORTED, execute
+from sitl.firmware import Firmware
+from sitl.firmware_parameters import Parameter
+from sitl.streams import REQUESTS, Streams
+from sitl.telemetry import BUILDERS
+
+INT16_MAX = 32767
+PARAMETERS_PER_STEP = 5
+"""How fast a parameter list leaves: 500 a second."""
+
+
+class MavlinkVehicle:
+    """A port of the flight controller. Times are those of the world's clock (see `World.time_at`).
+
+    is_stream: whether the bytes that arrive may be split anywhere (TCP, serial line).
+    """
+
+    def __init__(self, firmware: Firmware, is_stream: bool = False) -> None:
+        self.firmware = firmware
+        self.world = firmware.world
+        system = int(firmware.parameters["SYSID_THISMAV"])
+        self.codec = MavlinkCodec(system=system, component=1, is_stream=is_stream)
+        self.streams = Streams(firmware.parameters, self.world.time)
+        self.reboots_at: float | None = None
+        self._outgoing: list[bytes] = []
+        self._parameter_queue: deque[int] = deque()
+        self._notices_seen = len(firmware.notices)
+        self._handlers = {
+            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._on_override,
+            dialect.MAVLINK_MSG_ID_MANUAL_CONTROL: self._on_manual_control,
+            dialect.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
+            dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
+            dialect.MAVLINK_MSG_ID_COMMAND_INT: self._on_command_int,
+            dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter_list,
+            dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_parameter_read,
+            dialect.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter_set,
+            dialect.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: self._on_request_stream,
+            dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._on_mission_list,
+            dialect.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: self._on_file_transfer,
+        }
+        self.world.watchers.append(self._after_step)
+
+    def receive(self, now: float, data: bytes) -> None:
+        """Take what has arrived at `now` [s]: a datagram, or a chunk of a stream. Never raises on bad bytes."""
+        self.world.advance(now)
+        time = self.world.time_at(now)
+        for message in self.codec.decode(data):
+            if self._is_for_us(message):
+                handler = self._handlers.get(message.get_msgId())
+                if handler:
+                    handler(message, time)
+
+    def advance(self, now: float) -> None:
+        """Move the world on to `now` [s]; what falls due on the way is ready for `transmit`."""
+        self.world.advance(now)
+
+    def transmit(self, now: float) -> list[bytes]:
+        """Return what has left by `now` [s], one packet each, oldest first."""
+        self.world.advance(now)
+        outgoing, self._outgoing = self._outgoing, []
+        return outgoing
+
+    def send(self, message: Any) -> None:
+        """Put a message on the wire, unless the scenario has silenced the boat."""
+        if not self.world.sensors.is_silent(self.world.time):
+            self._outgoing.append(self.codec.encode(message))
+
+    def send_now(self, identity: int, time: float) -> bool:
+        """Send one message of those that can be streamed; False where it is none of them or not to be had."""
+        reading = self.world.sensors.latest(time)
+        if identity not in BUILDERS or reading is None:
+            return False
+        if identity == dialect.MAVLINK_MSG_ID_ATTITUDE and not self.world.sensors.has_heading(time):
+            return False
+        message = BUILDERS[identity](self.firmware, time, reading)
+        if message is None:
+            return False
+        self.send(message)
+        return True
+
+    def _after_step(self, time: float) -> None:
+        for identity in self.streams.take_due(time):
+            self.send_now(identity, time)
+        for _ in range(min(PARAMETERS_PER_STEP, len(self._parameter_queue))):
+            self._send_parameter(self._parameter_queue.popleft())
+        while self._notices_seen < len(self.firmware.notices):
+            severity, text = self.firmware.notices[self._notices_seen]
+            self._notices_seen += 1
+            self.send(dialect.MAVLink_statustext_message(severity, text.encode()[:50]))
+        if self.reboots_at is not None and time > self.reboots_at:
+            self.reboots_at = None
+            self.firmware.reboot(time)
+            self.streams.reset(time)
+
+    def _is_for_us(self, message: Any) -> bool:
+        """Messages with a target are for us when it names us or everybody; our own echo is not."""
+        if message.get_srcSystem() == self.codec.system and message.get_srcComponent() == self.codec.component:
+            return False
+        system = getattr(message, "target_system", getattr(message, "target", 0))
+        component = getattr(message, "target_component", 0)
+        return system in (0, self.codec.system) and component in (0, self.codec.component)
+
+    def _is_from_station(self, message: Any) -> bool:
+        return bool(message.get_srcSystem() == self.firmware.parameters["SYSID_MYGCS"])
+
+    def _on_heartbeat(self, message: Any, time: float) -> None:
+        if self._is_from_station(message):
+            self.firmware.station_heard(time)
+
+    def _on_override(self, message: Any, time: float) -> None:
+        """From anyone but the ground station it is ignored without a word, as the firmware does."""
+        if not self._is_from_station(message):
+            return
+        self.firmware.station_heard(time)
+        for channel in range(1, radio.CHANNELS + 1):
+            pulse = getattr(message, f"chan{channel}_raw")
+            if channel <= 8:
+                if pulse != radio.LEFT_ALONE:
+                    self.firmware.overrides.put(channel, pulse, time)
+            elif pulse not in radio.LEFT_ALONE_HIGH:
+                released = pulse == radio.RELEASED_HIGH
+                self.firmware.overrides.put(channel, radio.RELEASED if released else pulse, time)
+
+    def _on_manual_control(self, message: Any, time: float) -> None:
+        """y steers, z is the throttle; an axis of INT16_MAX is released."""
+        if not self._is_from_station(message) or message.target != self.codec.system:
+            return
+        self.firmware.station_heard(time)
+        firmware = self.firmware
+        for value, channel in ((message.y, firmware.steering_channel), (message.z, firmware.throttle_channel)):
+            pulse = radio.RELEASED
+            if value != INT16_MAX:
+                pulse = radio.manual_control_pulse(firmware.input_calibration(channel), value)
+            firmware.overrides.put(channel, pulse, time)
+
+    def _on_set_mode(self, message: Any, time: float) -> None:
+        is_custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        done = bool(is_custom) and self.firmware.set_mode(message.custom_mode)
+        self._acknowledge(message, dialect.MAVLINK_MSG_ID_SET_MODE, ACCEPTED if done else FAILED)
+
+    def _on_command_long(self, message: Any, time: float) -> None:
+        parameters = tuple(float(getattr(message, f"param{number}")) for number in range(1, 8))
+        self._acknowledge(message, message.command, execute(self, time, message.command, parameters))
+
+    def _on_command_int(self, message: Any, time: float) -> None:
+        first = tuple(float(getattr(message, f"param{number}")) for number in range(1, 5))
+        parameters = (*first, float(message.x), float(message.y), float(message.z))
+        self._acknowledge(message, message.command, execute(self, time, message.command, parameters))
+
+    def _acknowledge(self, message: Any, command: int, result: int) -> None:
+        if result == UNSUPPORTED and not 0 <= command <= 65535:
+            return
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        self.send(dialect.MAVLink_command_ack_message(command, result, 0, 0, *sender))
+
+    def _on_parameter_list(self, message: Any, time: float) -> None:
+        self._parameter_queue = deque(range(len(self.firmware.parameters)))
+
+    def _on_parameter_read(self, message: Any, time: float) -> None:
+        """By name where the index is -1; what does not exist is not answered, as the firmware does."""
+        table = self.firmware.parameters
+        if message.param_index >= 0:
+            if table.at(message.param_index):
+                self._send_parameter(message.param_index)
+            return
+        name = parameter_name(message.param_id)
+        if table.find(name):
+            self._send_parameter(table.index_of(name))
+
+    def _on_parameter_set(self, message: Any, time: float) -> None:
+        """Answered by the value as it is then; integers are cast from the float that carried them."""
+        parameter = self.firmware.parameters.set(parameter_name(message.param_id), message.param_value)
+        if parameter is None:
+            return
+        self.streams.set_group(parameter.name, time)
+        self._send_value(parameter, 65535)
+        if parameter.name == "SYSID_THISMAV":
+            self.codec.system = int(parameter.value)
+
+    def _send_parameter(self, index: int) -> None:
+        parameter = self.firmware.parameters.at(index)
+        if parameter:
+            self._send_value(parameter, index)
+
+    def _send_value(self, parameter: Parameter, index: int) -> None:
+        count = len(self.firmware.parameters)
+        name = parameter.name.encode()
+        self.send(dialect.MAVLink_param_value_message(name, parameter.value, int(parameter.kind), count, index))
+
+    def _on_request_stream(self, message: Any, time: float) -> None:
+        """Sets the SR0_ parameters of the group, as the firmware does; stopping is rate 0."""
+        rate = message.req_message_rate if message.start_stop == 1 else 0
+        for name in REQUESTS.get(message.req_stream_id, ()):
+            self.firmware.parameters.set(name, rate)
+            self.streams.set_group(name, time)
+
+    def _on_timesync(self, message: Any, time: float) -> None:
+        """A request has tc1 = 0; the answer carries our nanoseconds since boot and the asker's own time."""
+        if message.tc1 == 0:
+            nanoseconds = round(self.firmware.time_since_boot(time) * 1.0e9)
+            self.send(dialect.MAVLink_timesync_message(nanoseconds, message.ts1))
+
+    def _on_mission_list(self, message: Any, time: float) -> None:
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        self.send(dialect.MAVLink_mission_count_message(*sender, 0, message.mission_type))
+
+    def _on_file_transfer(self, message: Any, time: float) -> None:
+        """There are no files: every request is refused (NAK, unknown command), so that the asker falls back."""
+        request = bytes(message.payload)
+        sequence = (int.from_bytes(request[0:2], "little") + 1) & 0xFFFF
+        reply = bytearray(251)
+        reply[0:2] = sequence.to_bytes(2, "little")
+        reply[2], reply[3], reply[4], reply[5], reply[12] = request[2], 129, 1, request[3], 7
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        self.send(dialect.MAVLink_file_transfer_protocol_message(0, *sender, list(reply)))
+
+
+def parameter_name(raw: str | bytes) -> str:
+    """Return a parameter's name from the 16 characters of the message, with or without padding."""
+    text = raw.decode("ascii", "replace") if isinstance(raw, bytes) else raw
+    return text.split("\x00", 1)[0]

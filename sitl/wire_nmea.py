@@ -1,0 +1,251 @@
+"""The boat's instruments and rudder drive on one NMEA 0183 line, at the pace of its baud rate.
+
+Out: compass, rate gyro, rudder sensor, log and GPS. In: the rudder order `$--ROR` (IEC 61162-1): starboard
+rudder order in degrees with status A; status V, or no order for a while, releases the rudder.
+"""
+
+from __future__ import annotations
+
+import datetime
+import itertools
+import math
+from collections.abc import Callable, Mapping
+
+from autopilot.angles import wrap
+from autopilot.errors import InputError
+from autopilot.links import nmea_encoders as encode
+from autopilot.links.nmea0183 import NmeaFramer, Sentence
+from sitl.sensors import Reading
+from sitl.uart import UartLine
+from sitl.world import Orders, World
+
+RATES_HZ: Mapping[str, float] = {
+    "HDG": 10.0,
+    "HDM": 10.0,
+    "HDT": 10.0,
+    "THS": 10.0,
+    "ROT": 10.0,
+    "RSA": 5.0,
+    "VHW": 1.0,
+    "VTG": 1.0,
+    "RMC": 1.0,
+}
+"""Sentences that can be chosen, and how often each leaves unless its rate is given."""
+
+TYPICAL_LENGTH: Mapping[str, int] = {
+    "HDG": 26,
+    "HDM": 19,
+    "HDT": 19,
+    "THS": 19,
+    "ROT": 20,
+    "RSA": 22,
+    "VHW": 46,
+    "VTG": 48,
+    "RMC": 76,
+}
+"""Bytes of a sentence with its line end, for sharing out a slow line."""
+
+FULLEST_LINE = 0.8
+"""Default rates are lowered until the line is this full at most: a full line makes every heading late."""
+
+BACKLOG_MAX_S = 0.5
+"""With more than this still to be sent, an instrument skips its turn."""
+
+
+def chosen_rates(text: str, baud: int) -> dict[str, float]:
+    """Return the rate [Hz] of each sentence in a list such as `HDG,ROT:5`; InputError for what is not known.
+
+    Rates that are written are kept; the others are the defaults, lowered together where the line is too slow.
+    """
+    fixed: dict[str, float] = {}
+    free: dict[str, float] = {}
+    for item in text.split(","):
+        name, colon, rate = item.strip().partition(":")
+        if name not in RATES_HZ or name in fixed or name in free:
+            raise InputError(f"--sentences: {name!r} is unknown or named twice, allowed are {', '.join(RATES_HZ)}.")
+        if colon:
+            fixed[name] = _rate(name, rate)
+        else:
+            free[name] = RATES_HZ[name]
+    room = FULLEST_LINE * baud / 10.0 - sum(TYPICAL_LENGTH[name] * rate for name, rate in fixed.items())
+    wanted = sum(TYPICAL_LENGTH[name] * rate for name, rate in free.items())
+    share = min(1.0, max(room, 0.05 * baud / 10.0) / wanted) if wanted else 1.0
+    return fixed | {name: rate * share for name, rate in free.items()}
+
+
+def _rate(name: str, text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = math.nan
+    if not 0.01 <= rate <= 100.0:
+        raise InputError(f"--sentences: the rate {text!r} of {name} is not a number from 0.01 to 100 (Hz).")
+    return rate
+
+
+class RudderDrive:
+    """The rudder drive that listens on the line: a helm that goes before the flight controller."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._section = world.scenario.drive
+        self._order: float | None = None
+        self._order_time = -math.inf
+        self._held: float | None = None
+        self.accepted = 0
+        self.refused = 0
+        world.helms.insert(0, self)
+
+    def take(self, sentence: Sentence, time: float) -> None:
+        """Take a rudder order; anything else on the line is not for the drive."""
+        if sentence.type != "ROR":
+            return
+        order = _rudder_order(sentence)
+        if order is None:
+            self.refused += 1
+            return
+        self.accepted += 1
+        angle, is_valid = order
+        self._order_time = time
+        if is_valid:
+            self._order = angle
+        else:
+            self._release()
+
+    def orders(self, time: float) -> Orders:
+        """Return the order in force; without one the rudder goes amidships or stays, as the scenario says."""
+        if self._order is not None and time - self._order_time > self._section.silence_s:
+            self._release()
+        return Orders(rudder=self._held if self._order is None else self._order)
+
+    def _release(self) -> None:
+        if self._order is not None and self._section.released == "hold":
+            self._held = self._world.boat.state.rudder
+        self._order = None
+
+
+def _rudder_order(sentence: Sentence) -> tuple[float, bool] | None:
+    """Starboard rudder order [rad] and whether its status is A; None where the sentence cannot be used."""
+    if len(sentence.fields) < 2 or sentence.fields[1] not in ("A", "V"):
+        return None
+    if sentence.fields[1] == "V":
+        return 0.0, False
+    try:
+        degrees = float(sentence.fields[0])
+    except ValueError:
+        return None
+    return (math.radians(degrees), True) if -90.0 <= degrees <= 90.0 else None
+
+
+class NmeaInstruments:
+    """The instruments of one line with the drive on it. Times are those of the world's clock."""
+
+    def __init__(self, world: World, rates_hz: Mapping[str, float], baud: int = 4800) -> None:
+        self.world = world
+        self.drive = RudderDrive(world)
+        self.framer = NmeaFramer()
+        self.skipped = 0
+        self._to_listener = UartLine(baud)
+        self._to_drive = UartLine(baud)
+        self._period = {name: 1.0 / rate for name, rate in rates_hz.items()}
+        # instruments are not switched on in the same instant: spread their first sentences
+        self._due = {name: world.time + index * 0.03 for index, name in enumerate(self._period)}
+        self._compose: dict[str, Callable[[Reading], bytes]] = {
+            "HDG": self._hdg,
+            "HDM": lambda reading: encode.encode_hdm(reading.heading - self._variation()),
+            "HDT": lambda reading: encode.encode_hdt(reading.heading),
+            "THS": self._ths,
+            "ROT": lambda reading: encode.encode_rot(reading.rate),
+            "RSA": lambda reading: encode.encode_rsa(reading.rudder),
+            "VHW": lambda reading: encode.encode_vhw(reading.water_speed, reading.heading),
+            "VTG": lambda reading: encode.encode_vtg(reading.course, reading.ground_speed),
+            "RMC": self._rmc,
+        }
+        world.watchers.append(self._after_step)
+
+    def receive(self, now: float, data: bytes) -> None:
+        """Take bytes that the other side began to send at `now` [s]; they arrive at the line's pace."""
+        self.world.advance(now)
+        self._to_drive.put(self.world.time_at(now), data)
+
+    def advance(self, now: float) -> None:
+        """Move the world on to `now` [s]."""
+        self.world.advance(now)
+
+    def transmit(self, now: float) -> list[bytes]:
+        """Return the bytes that have passed the line by `now` [s]: one chunk, cut anywhere, or none."""
+        self.world.advance(now)
+        passed = self._to_listener.take(self.world.time_at(now))
+        return [passed] if passed else []
+
+    def _after_step(self, time: float) -> None:
+        for sentence in self.framer.feed(self._to_drive.take(time)):
+            self.drive.take(sentence, time)
+        for name, due in self._due.items():
+            if due <= time + 1.0e-9:
+                following = due + self._period[name]
+                self._due[name] = following if following > time else time + self._period[name]
+                self._say(name, time)
+
+    def _say(self, name: str, time: float) -> None:
+        sensors = self.world.sensors
+        reading = sensors.latest(time)
+        if reading is None or sensors.is_silent(time):
+            return
+        if name in ("HDG", "HDM", "HDT") and not sensors.has_heading(time):
+            return
+        if self._to_listener.backlog(time) > BACKLOG_MAX_S:
+            self.skipped += 1
+            return
+        self._to_listener.put(time, self._compose[name](reading))
+
+    def _variation(self) -> float:
+        variation = self.world.sensors.variation
+        return 0.0 if variation is None else math.radians(variation)
+
+    def _hdg(self, reading: Reading) -> bytes:
+        """HDG shows the compass: heading less variation and deviation; the deviation card is on board, not sent."""
+        magnetic = reading.heading - self._variation()
+        known = self.world.sensors.variation is not None
+        shown = magnetic - deviation_of_magnetic(self.world.vessel.sensors.deviation_deg, magnetic)
+        return encode.encode_hdg(shown, variation=self._variation() if known else None)
+
+    def _ths(self, reading: Reading) -> bytes:
+        has_heading = self.world.sensors.has_heading(self.world.time)
+        return encode.encode_ths(reading.heading, mode="A" if has_heading else "V")
+
+    def _rmc(self, reading: Reading) -> bytes:
+        seconds = self.world.scenario.start.unix_time_s + reading.time
+        moment = datetime.datetime.fromtimestamp(seconds, tz=datetime.UTC)
+        midnight = moment.replace(hour=0, minute=0, second=0, microsecond=0)
+        return encode.encode_rmc(
+            reading.course,
+            reading.ground_speed,
+            reading.latitude,
+            reading.longitude,
+            seconds_of_day=(moment - midnight).total_seconds(),
+            day_month_year=(moment.day, moment.month, moment.year),
+            variation=None if self.world.sensors.variation is None else self._variation(),
+        )
+
+
+def deviation_of_magnetic(table: tuple[tuple[float, float], ...], magnetic: float) -> float:
+    """Return the deviation [rad] at a magnetic heading [rad], from a card of (compass heading, deviation) [deg].
+
+    Linear round the card; the card is entered with the compass heading, which is found by iteration.
+    """
+    if not table:
+        return 0.0
+    deviation = 0.0
+    for _ in range(20):
+        deviation = _card(table, math.degrees(magnetic) - deviation)
+    return math.radians(deviation)
+
+
+def _card(table: tuple[tuple[float, float], ...], compass_deg: float) -> float:
+    heading = math.degrees(wrap(math.radians(compass_deg))) % 360.0
+    around = [(table[-1][0] - 360.0, table[-1][1]), *table, (table[0][0] + 360.0, table[0][1])]
+    for (low, at_low), (high, at_high) in itertools.pairwise(around):
+        if low <= heading <= high:
+            return at_low + (at_high - at_low) * (heading - low) / (high - low) if high > low else at_low
+    return table[0][1]

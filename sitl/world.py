@@ -1,0 +1,143 @@
+"""The simulated world: one boat in its sea, moved on in fixed steps by whoever asks for a later time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+from autopilot.params.vessel import Vessel
+from sitl.boat import Boat, BoatState, Hull, Plant
+from sitl.faults import is_at_work
+from sitl.scenario import Scenario
+from sitl.sea import Sea
+from sitl.sensors import Sensors
+
+STEP = 0.01
+"""Step of the physics [s]; sensors measure at each."""
+
+
+class Orders(NamedTuple):
+    """What one helm wants: rudder [rad] and engine speed [m/s]; None leaves it to others."""
+
+    rudder: float | None = None
+    thrust_speed: float | None = None
+
+
+class Helm(Protocol):
+    """Whoever can turn the rudder or work the engine."""
+
+    def orders(self, time: float) -> Orders:
+        """Return the orders at `time` [s]; called once for each step of the world."""
+
+
+class World:
+    """Boat, sea and sensors of one run. Time is seconds since the start of the run: simulated time.
+
+    `helms` are asked for their orders before each step, `watchers` are called with the time after each.
+    The same vessel, scenario, seed and orders give the same readings, bit for bit.
+    """
+
+    def __init__(self, vessel: Vessel, scenario: Scenario, seed: int | None = None, epoch: float = 0.0) -> None:
+        self.vessel = vessel
+        self.scenario = scenario
+        sea_seed, sensor_seed = np.random.SeedSequence(scenario.seed if seed is None else seed).spawn(2)
+        plant = plant_of(vessel, scenario)
+        start = scenario.start
+        self.cruise_speed = vessel.model.reference_speed_m_s if start.speed_m_s is None else start.speed_m_s
+        heading = math.radians(start.heading_deg)
+        self.boat = Boat(
+            plant,
+            BoatState(
+                heading=heading,
+                speed=self.cruise_speed,
+                north_speed=self.cruise_speed * math.cos(heading),
+                east_speed=self.cruise_speed * math.sin(heading),
+            ),
+        )
+        self._sea = Sea(scenario, plant.hull, sea_seed, STEP)
+        self.sensors = Sensors(vessel, scenario, sensor_seed)
+        self.helms: list[Helm] = []
+        self.watchers: list[Callable[[float], None]] = []
+        self._epoch = epoch
+        self._steps = 0
+        self.sensors.sample(0.0, self.boat.state)
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds since the start, on the grid of steps."""
+        return self._steps * STEP
+
+    def time_at(self, now: float) -> float:
+        """Return the simulated time at `now` [s] of the caller's clock, which showed `epoch` at the start."""
+        return now - self._epoch
+
+    @property
+    def next_step(self) -> float:
+        """When the next step is complete."""
+        return (self._steps + 1) * STEP
+
+    def advance(self, now: float) -> None:
+        """Move on to the last step that ends at or before `now` [s]; earlier times change nothing."""
+        time = self.time_at(now)
+        while self.next_step <= time + 1.0e-9:
+            self._step()
+            for watch in self.watchers:
+                watch(self.time)
+
+    def _step(self) -> None:
+        time = self.time
+        state = self.boat.state
+        order, thrust = self._orders(time)
+        if is_at_work(self.scenario.faults, "rudder_stuck", time):
+            order = state.rudder
+        state = self.boat.step(time, order, thrust, self._sea.step(time, state), STEP)
+        self._steps += 1
+        self.sensors.sample(self.time, state)
+
+    def _orders(self, time: float) -> tuple[float, float]:
+        """The first helm that wants the rudder has it, and likewise the engine; nobody: as it was at the start."""
+        orders = [helm.orders(time) for helm in self.helms]
+        return (
+            next((order.rudder for order in orders if order.rudder is not None), 0.0),
+            next((order.thrust_speed for order in orders if order.thrust_speed is not None), self.cruise_speed),
+        )
+
+
+def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
+    """Return the plant that a vessel and a scenario describe, in radians."""
+    model, rudder, hull = vessel.model, vessel.rudder, scenario.hull
+    return Plant(
+        model=Norrbin(
+            gain=model.K_1_s,
+            time_constant=model.T_s,
+            n3=model.n3_s2_rad2,
+            n2=model.n2_s_rad,
+            n1=model.n1,
+            n0=model.n0_rad_s,
+            reference_speed=model.reference_speed_m_s,
+        ),
+        gear=SteeringGear(
+            angle_max=math.radians(rudder.angle_max_deg),
+            rate_max=math.inf if rudder.rate_max_deg_s is None else math.radians(rudder.rate_max_deg_s),
+            lag=rudder.lag_s,
+            dead_band=math.radians(rudder.dead_band_deg),
+            delay=rudder.delay_s,
+        ),
+        hull=Hull(
+            length=hull.length_m,
+            beam=hull.beam_m,
+            draught=hull.draught_m,
+            speed_time=hull.speed_time_s,
+            turn_speed_loss=hull.turn_speed_loss,
+            drift_lever=hull.drift_lever_m,
+            sway_time=hull.sway_time_s,
+            roll_period=hull.roll_period_s,
+            roll_damping=hull.roll_damping,
+            roll_lever=hull.roll_lever,
+        ),
+    )
