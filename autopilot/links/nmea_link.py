@@ -1,0 +1,167 @@
+"""The link to instruments and a rudder drive on NMEA 0183: samples in, the rudder order out as ROR.
+
+A sentence is as old as its first byte: at 4800 baud a heading of 20 characters has been 42 ms on the line by the
+time it ends. So the time of a sample is reckoned back from its arrival:
+
+    time = arrival - (bytes of this batch from the sentence's `$` on) * 10 / baud - latency of the instrument
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence
+from autopilot.links.nmea_encoders import encode_ror
+from autopilot.links.nmea_samples import Deviation, NmeaReader
+from autopilot.signals import HeadingSample, HelmSample, RudderCommand, Sample
+
+BITS_PER_BYTE = 10
+"""Start bit, eight data bits, stop bit."""
+RELEASES = 5
+RELEASE_SPACING_S = 0.1
+REPEAT_S = 0.5
+"""A drive releases the rudder when no order has come for 2 s or so: the last one is repeated at least this often."""
+REPEAT_FOR_S = 1.0
+
+
+class NmeaSettings(NamedTuple):
+    """How to read and steer an NMEA boat.
+
+    baud: of the line, 0 where there is none (UDP).  heading_latency [s]: age of a heading when its sentence
+    begins.  variation [rad], east positive, None to take it from the instruments.  deviation: (compass heading,
+    deviation) pairs [rad].  steers: whether a rudder drive listens on this link.
+    """
+
+    baud: int = 0
+    heading_latency: float = 0.0
+    variation: float | None = None
+    deviation: tuple[tuple[float, float], ...] = ()
+    steers: bool = True
+
+
+class NmeaLink:
+    """A `Link` over NMEA 0183. ValueError where the settings cannot be.
+
+    Attributes:
+        replaced: commands not sent because the line was still busy with an earlier one; the newest is sent.
+    """
+
+    def __init__(self, transport: Transport, settings: NmeaSettings = NmeaSettings()) -> None:  # noqa: B008
+        self.name = transport.name
+        self.replaced = 0
+        self._transport = transport
+        self._settings = settings
+        self._framer = NmeaFramer()
+        self._reader = NmeaReader(settings.variation, Deviation(settings.deviation))
+        self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
+        self._line_free = -math.inf
+        self._command: RudderCommand | None = None
+        self._given = -math.inf
+        self._last_sent = -math.inf
+        self._pending = False
+        self._releases_left = 0
+        self._announced = False
+
+    @property
+    def counts(self) -> Counts:
+        """Sentences, checksum errors, malformed and ignored ones so far."""
+        framed = self._framer.counts
+        return Counts(
+            framed.sentences,
+            framed.checksum_errors,
+            framed.malformed + self._reader.malformed,
+            framed.ignored + self._reader.ignored,
+        )
+
+    @property
+    def waiting_for_variation(self) -> int:
+        """Magnetic headings dropped because no variation is known; configure one where this grows."""
+        return self._reader.waiting_for_variation
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return self._transport.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone."""
+        samples: list[Sample] = []
+        if not self._announced and self._settings.steers:
+            self._announced = True
+            samples.append(HelmSample(now, True, "", self.name))
+        chunks = self._transport.receive()
+        if not chunks:
+            return samples
+        if not self._transport.is_stream:
+            self._framer.reset()
+            chunks = [chunk if chunk.endswith(b"\n") else chunk + b"\r\n" for chunk in chunks]
+        sentences = self._framer.feed(b"".join(chunks))
+        for sentence in sentences:
+            sample = self._reader.read(self._measured(now, sentence), sentence)
+            if isinstance(sample, HeadingSample):
+                sample = sample._replace(time=sample.time - self._settings.heading_latency)
+            if sample is not None:
+                samples.append(sample)
+        return samples
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Send the rudder order; a line still busy takes the newest one as soon as it is free.
+
+        A command that is not engaged, or not finite, is sent as a release: status V, several times.
+        """
+        if not self._settings.steers:
+            return
+        engaged = command.engaged and math.isfinite(command.angle)
+        if engaged:
+            if self._pending:
+                self.replaced += 1
+            self._command, self._pending, self._given = command, True, now
+            self._releases_left = RELEASES
+        else:
+            self._command, self._pending = None, False
+        self._push(now)
+
+    def keep(self, now: float) -> None:
+        """Send what waits: the newest command, its repetition, or the releases that are left."""
+        if self._command is not None and now - self._last_sent >= REPEAT_S and now - self._given <= REPEAT_FOR_S:
+            self._pending = True
+        self._push(now)
+
+    def release(self, now: float) -> None:
+        """Give the rudder back, several times over; never raises."""
+        if self._settings.steers and (self._command is not None or self._releases_left):
+            self._command, self._pending = None, False
+            for _ in range(max(self._releases_left, 1)):
+                try:
+                    self._transport.send(encode_ror(0.0, False))
+                except LinkError:
+                    break  # the line is gone; the drive releases by its own timeout
+            self._releases_left = 0
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return []: NMEA carries no MAVLink packets."""
+        return []
+
+    def close(self) -> None:
+        """Close the transport; call `release` first."""
+        self._transport.close()
+
+    def _measured(self, now: float, sentence: Sentence) -> float:
+        return now - (self._framer.taken - sentence.start) * self._seconds_per_byte
+
+    def _push(self, now: float) -> None:
+        if now < self._line_free:
+            return
+        if self._command is not None:
+            if self._pending:
+                self._pending = not self._write(now, encode_ror(self._command.angle, True))
+        elif self._releases_left and (now - self._last_sent >= RELEASE_SPACING_S or self._releases_left == RELEASES):
+            self._releases_left -= self._write(now, encode_ror(0.0, False))
+
+    def _write(self, now: float, sentence: bytes) -> bool:
+        if not self._transport.send(sentence):
+            return False
+        self._last_sent = now
+        self._line_free = now + len(sentence) * self._seconds_per_byte
+        return True
