@@ -29,10 +29,11 @@ class RateSample(NamedTuple):
 
 
 class RudderSample(NamedTuple):
-    """Measured rudder angle [rad]."""
+    """Rudder angle [rad]: measured, or, where `ordered`, what the steering gear was told (SERVO_OUTPUT_RAW)."""
 
     time: float
     angle: float
+    ordered: bool = False
     source: str = ""
 
 

@@ -1,0 +1,133 @@
+"""From a vessel file to a Pilot: the only place where degrees become radians and parts are chosen by name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple
+
+from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
+from autopilot.control.design import LoopGains, Verdict, judge, linear_gains_backstepping, linear_gains_pid
+from autopilot.control.pid import PidGains, PidLaw
+from autopilot.errors import RefusedError
+from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.limits import RudderLimits
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+from autopilot.params.vessel import Vessel
+from autopilot.pilot import HeadingLaw, Pilot, PilotConfig
+from autopilot.safety import FailsafeAction
+
+DISTURBANCE = math.radians(2.0)
+DISTURBANCE_TIME = 0.5
+"""Waves and gusts move the boat like a rudder of this size [rad], correlated over this time [s]."""
+BIAS_CHANGE = math.radians(2.0)
+BIAS_TIME = 10.0
+"""Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer."""
+
+
+def model_of(vessel: Vessel) -> Norrbin:
+    """Return the identified model of the vessel file."""
+    model = vessel.model
+    return Norrbin(
+        gain=model.K_1_s,
+        time_constant=model.T_s,
+        n3=model.n3_s2_rad2,
+        n2=model.n2_s_rad,
+        n1=model.n1,
+        n0=model.n0_rad_s,
+        reference_speed=model.reference_speed_m_s,
+    )
+
+
+def gear_of(vessel: Vessel) -> SteeringGear:
+    """Return the steering gear of the vessel file."""
+    rudder = vessel.rudder
+    return SteeringGear(
+        angle_max=math.radians(rudder.angle_max_deg),
+        rate_max=_radians_or_unlimited(rudder.rate_max_deg_s),
+        lag=rudder.lag_s,
+        dead_band=math.radians(rudder.dead_band_deg),
+        delay=rudder.delay_s,
+    )
+
+
+def limits_of(vessel: Vessel) -> RudderLimits:
+    """Return what may be commanded: the file's limits, inside what the rudder can do."""
+    gear = gear_of(vessel)
+    limits = vessel.limits
+    angle = gear.angle_max if limits.angle_max_deg is None else math.radians(limits.angle_max_deg)
+    rate = _radians_or_unlimited(limits.rate_max_deg_s)
+    return RudderLimits(min(angle, gear.angle_max), min(rate, gear.rate_max))
+
+
+def noise_of(vessel: Vessel) -> FilterNoise:
+    """Return the filter's noise: instruments from the file, sea and wind from the constants of this module."""
+    model, sensors = vessel.model, vessel.sensors
+    disturbance = model.K_1_s / model.T_s * DISTURBANCE
+    return FilterNoise(
+        heading=math.radians(sensors.heading_noise_deg) ** 2,
+        rate=math.radians(sensors.rate_noise_deg_s) ** 2,
+        acceleration=disturbance * disturbance * DISTURBANCE_TIME,
+        bias=BIAS_CHANGE * BIAS_CHANGE / max(BIAS_TIME, 2.0 * model.T_s),
+    )
+
+
+def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
+    """Return the heading law `name` (the file's own choice when None) with the file's gains.
+
+    Raises RefusedError where the file has no gains for it.
+    """
+    control = vessel.control
+    chosen = name or control.law
+    if chosen == "backstepping" and control.backstepping is not None:
+        gains = BacksteppingGains(*astuple(control.backstepping))
+        return BacksteppingLaw(gains, vessel.model.reference_speed_m_s)
+    if chosen == "pid" and control.pid is not None:
+        return PidLaw(PidGains(control.pid.kp, control.pid.ki_1_s, control.pid.kd_s))
+    raise RefusedError(
+        f"vessel {vessel.name!r} has no gains for the law {chosen!r}: add control.{chosen} to the file, "
+        f"or let `autopilot gains` work them out"
+    )
+
+
+def loop_gains_of(vessel: Vessel, name: str | None = None) -> LoopGains:
+    """Return the law's gains on heading error, rate and integral, about straight running."""
+    law = law_of(vessel, name)
+    if isinstance(law, BacksteppingLaw):
+        return linear_gains_backstepping(model_of(vessel), law.gains)
+    assert isinstance(law, PidLaw)
+    return linear_gains_pid(law.gains)
+
+
+def verdict_of(vessel: Vessel, name: str | None = None) -> Verdict:
+    """Return the margins of the vessel's law with its rudder, and why it must not engage where it must not."""
+    return judge(
+        model_of(vessel),
+        gear_of(vessel),
+        limits_of(vessel).rate_max,
+        vessel.control.loop_delay_s,
+        loop_gains_of(vessel, name),
+    )
+
+
+def build_pilot(vessel: Vessel, law: str | None = None) -> Pilot:
+    """Return the pilot of a vessel. Raises RefusedError where its gains must not be engaged on its rudder."""
+    verdict = verdict_of(vessel, law)
+    if verdict.refusal:
+        raise RefusedError(f"vessel {vessel.name!r}: {verdict.refusal}")
+    failsafe = vessel.failsafe
+    turn_rate = vessel.guidance.turn_rate_max_deg_s
+    config = PilotConfig(
+        model=model_of(vessel),
+        gear=gear_of(vessel),
+        noise=noise_of(vessel),
+        limits=limits_of(vessel),
+        failsafe=FailsafeAction(failsafe.heading_timeout_s, failsafe.action, failsafe.release_after_s, failsafe.resume),
+        rudder_share=vessel.guidance.rudder_share,
+        turn_rate_max=_radians_or_unlimited(turn_rate),
+    )
+    return Pilot(config, law_of(vessel, law))
+
+
+def _radians_or_unlimited(degrees: float | None) -> float:
+    return math.inf if degrees is None else math.radians(degrees)

@@ -1,0 +1,92 @@
+"""The corrected Norrbin backstepping heading law.
+
+With z1 = wrap(psi - psi_d), alpha = -k1 z1 + psi_d', z2 = r - alpha and V = (g z1^2 + z2^2)/2, the rudder
+
+    delta = (T/K) [-k2 z2 - g z1 + (n1 r + n2 r^2 + n3 r^3 + n0)/T + psi_d'' - k1 (r - psi_d')] - b
+
+makes V' = -g k1 z1^2 - k2 z2^2 and z1'' + (k1 + k2) z1' + (g + k1 k2) z1 = 0. b is the rudder angle that
+wind, current and trim are worth: the estimator learns it from the rudder that was really told, so that there
+is nothing here to wind up.
+
+The paper has g = 1 1/s^2, hidden in V = (z1^2 + z2^2)/2. Left at 1 it asks a boat with K = 0.1 1/s and
+T = 20 s for at least 200 deg of rudder per degree of error however small k1 and k2 are; so g is a gain here.
+
+Source: Jiang et al. 2016, eqs (6)-(25), derived anew: their eq. (26) prints K/T for T/K, (1 - k1 k2) for
+-(1 + k1 k2) and -(k1 + k2) psi_d' for +(k1 + k2) psi_d'.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from autopilot.angles import wrap
+from autopilot.models.norrbin import Norrbin, rudder_for
+from autopilot.models.steering_gear import clip
+from autopilot.signals import NavState, Reference
+
+
+SPEED_RANGE = (0.2, 1.5)
+"""Share of the reference speed within which the gains follow the speed."""
+
+
+class BacksteppingGains(NamedTuple):
+    """k1 [1/s] on the heading error, k2 [1/s] on the rate error, gamma [1/s^2] the weight of the heading error."""
+
+    k1: float
+    k2: float
+    gamma: float = 1.0
+
+
+def errors(gains: BacksteppingGains, heading: float, rate: float, reference: Reference) -> tuple[float, float]:
+    """Return z1 [rad] and z2 [rad/s], eqs (6), (9) and (14)."""
+    z1 = wrap(heading - reference.heading)
+    return z1, rate - (reference.rate - gains.k1 * z1)
+
+
+def backstepping_rudder(
+    model: Norrbin, gains: BacksteppingGains, reference: Reference, heading: float, rate: float, bias: float = 0.0
+) -> float:
+    """Return the unlimited rudder demand [rad] of the law in the module's docstring."""
+    z1, z2 = errors(gains, heading, rate, reference)
+    wanted = -gains.k2 * z2 - gains.gamma * z1 + reference.acceleration - gains.k1 * (rate - reference.rate)
+    return rudder_for(model, rate, wanted) - bias
+
+
+def printed_equation_26(
+    model: Norrbin, gains: BacksteppingGains, reference: Reference, heading: float, rate: float
+) -> float:
+    """Return the rudder [rad] that eq. (26) gives as printed, misprints and all: to show what they do."""
+    z1 = wrap(heading - reference.heading)
+    k1, k2 = gains.k1, gains.k2
+    return (model.gain / model.time_constant) * (
+        (-k1 - k2 + 1.0 / model.time_constant) * rate
+        + model.n3 / model.time_constant * rate**3
+        + (1.0 - k1 * k2) * z1
+        - (k1 + k2) * reference.rate
+        + reference.acceleration
+    )
+
+
+class BacksteppingLaw:
+    """The law as the pilot holds it. It has no memory: bias and limits reach it through the state.
+
+    The gains hold at `reference_speed` [m/s] and go with the speed, as 1/T does: a slow boat is not asked
+    for a quick boat's accelerations.
+    """
+
+    name = "backstepping"
+
+    def __init__(self, gains: BacksteppingGains, reference_speed: float) -> None:
+        if not min(gains) > 0.0:
+            raise ValueError(f"backstepping: k1, k2 and gamma must be positive, got {gains}")
+        self.gains = gains
+        self._reference_speed = reference_speed
+
+    def reset(self, rudder: float) -> None:
+        """Nothing to forget."""
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Return the rudder demand [rad]."""
+        ratio = clip(model.reference_speed / self._reference_speed, *SPEED_RANGE)
+        gains = BacksteppingGains(self.gains.k1 * ratio, self.gains.k2 * ratio, self.gains.gamma * ratio * ratio)
+        return backstepping_rudder(model, gains, reference, state.heading, state.rate, state.bias)

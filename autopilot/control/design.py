@@ -1,0 +1,204 @@
+"""Gains from model, rudder and delay, with the margins they leave.
+
+About straight running the loop, cut at the rudder, is
+
+    L(s) = (p + i/s + d s) K / (s (T s + n1)) * exp(-s tau) / (lag s + 1)
+
+with p, i and d the law's gains on heading error, its integral and the rate. From its frequency response come
+gain, phase and delay margin and the worst sensitivity Ms = max |1/(1 + L)| (Astrom and Murray 2021, ch. 10).
+The rudder's rate adds a limit of its own: at the crossover frequency w an error of amplitude A asks for a
+rudder moving at A |C(jw)| w, so that errors above rate_max/(|C| w) find the rudder saturated.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import NamedTuple
+
+from autopilot.control.backstepping import BacksteppingGains
+from autopilot.control.pid import PidGains
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+
+WORST_SENSITIVITY = 1.6
+"""Ms that a design may reach; 1.4 is cautious, 2.0 is the usual limit."""
+LEAST_ERROR = math.radians(1.0)
+"""A heading error this small must not saturate the rudder's rate in a designed loop."""
+REFUSED_ERROR = math.radians(0.1)
+"""A loop whose rudder rate saturates at errors as small as this limit-cycles on compass noise alone."""
+GRID = 400
+
+
+class LoopGains(NamedTuple):
+    """proportional [rad/rad], integral [1/s], derivative [s]: rudder on heading error, its integral, the rate."""
+
+    proportional: float
+    integral: float
+    derivative: float
+
+
+class Margins(NamedTuple):
+    """gain [-] (inf: none needed), phase [rad], delay [s], sensitivity Ms [-], crossover [rad/s], stable or not,
+    saturation: heading error amplitude [rad] at the crossover from which the rudder's rate saturates."""
+
+    gain: float
+    phase: float
+    delay: float
+    sensitivity: float
+    crossover: float
+    stable: bool
+    saturation: float
+
+
+class Verdict(NamedTuple):
+    """Margins, and the reason not to engage ("" when there is none)."""
+
+    margins: Margins
+    refusal: str
+
+
+def linear_gains_backstepping(model: Norrbin, gains: BacksteppingGains) -> LoopGains:
+    """Return the law's gains about straight running: (T/K)(gamma + k1 k2) and (T/K)(k1 + k2 - n1/T)."""
+    ratio = model.time_constant / model.gain
+    return LoopGains(
+        ratio * (gains.gamma + gains.k1 * gains.k2), 0.0, ratio * (gains.k1 + gains.k2 - model.n1 / model.time_constant)
+    )
+
+
+def linear_gains_pid(gains: PidGains) -> LoopGains:
+    """Return the PID's gains as they are."""
+    return LoopGains(gains.kp, gains.ki, gains.kd)
+
+
+def controller(gains: LoopGains, omega: float) -> complex:
+    """Return C(j omega), omega [rad/s]."""
+    return complex(gains.proportional, gains.derivative * omega - gains.integral / omega)
+
+
+def loop(model: Norrbin, lag: float, delay: float, gains: LoopGains, omega: float) -> complex:
+    """Return L(j omega), omega [rad/s]: the module's equation."""
+    s = 1j * omega
+    plant = model.gain / (s * (model.time_constant * s + model.n1))
+    return controller(gains, omega) * plant * cmath.exp(-s * delay) / (lag * s + 1.0)
+
+
+def margins(model: Norrbin, lag: float, delay: float, rate_max: float, gains: LoopGains) -> Margins:
+    """Return the margins of the loop with a first-order `lag` [s], dead time `delay` [s] and rudder `rate_max` [rad/s].
+
+    Stability is decided by the Nyquist criterion on a logarithmic grid around the loop's own frequencies.
+    """
+    scale = max(1.0 / model.time_constant, _rough_crossover(model, gains))
+    low, high = 1.0e-3 * min(scale, 1.0 / model.time_constant), 1.0e3 * scale
+    omegas = [low * (high / low) ** (index / (GRID - 1)) for index in range(GRID)]
+    values = [loop(model, lag, delay, gains, omega) for omega in omegas]
+    sensitivity = max(1.0 / abs(1.0 + value) for value in values)
+    crossover, phase = _crossover(omegas, values)
+    saturation = math.inf
+    if math.isfinite(rate_max) and crossover > 0.0:
+        saturation = rate_max / (abs(controller(gains, crossover)) * crossover)
+    stable = _encirclements(model, gains, values)
+    return Margins(
+        gain=_gain_margin(omegas, values),
+        phase=phase,
+        delay=phase / crossover if crossover > 0.0 else math.inf,
+        sensitivity=sensitivity,
+        crossover=crossover,
+        stable=stable,
+        saturation=saturation,
+    )
+
+
+def _rough_crossover(model: Norrbin, gains: LoopGains) -> float:
+    drive = model.gain / model.time_constant
+    return max(math.sqrt(drive * gains.proportional), drive * abs(gains.derivative), 1.0e-6)
+
+
+def _crossover(omegas: list[float], values: list[complex]) -> tuple[float, float]:
+    """Return the highest frequency [rad/s] where |L| falls through 1, and the phase margin [rad] there."""
+    for index in range(len(values) - 2, -1, -1):
+        if abs(values[index]) >= 1.0 > abs(values[index + 1]):
+            margin = math.remainder(cmath.phase(values[index]) - math.pi, 2.0 * math.pi)
+            return omegas[index], margin
+    return 0.0, math.pi
+
+
+def _gain_margin(omegas: list[float], values: list[complex]) -> float:
+    """Return the factor by which the gain may still grow: 1/|L| at the first crossing of the negative real axis."""
+    best = math.inf
+    for before, after in zip(values, values[1:], strict=False):
+        if before.real < 0.0 and after.real < 0.0 and before.imag < 0.0 <= after.imag and 0.0 < abs(after) < 1.0:
+            best = min(best, 1.0 / abs(after))
+    return best
+
+
+def _encirclements(model: Norrbin, gains: LoopGains, values: list[complex]) -> bool:
+    """Nyquist: the turns of 1 + L from the lowest to the highest frequency must make up for the open loop's poles.
+
+    Every integrator at the origin and every unstable pole costs half a turn of the upper half of the curve.
+    """
+    turned = 0.0
+    for before, after in zip(values, values[1:], strict=False):
+        turned += cmath.phase((1.0 + after) / (1.0 + before))
+    integrators = 1 + (1 if gains.integral > 0.0 else 0)
+    unstable = 1 if model.n1 < 0.0 else 0
+    wanted = math.pi * (0.5 * integrators + unstable)
+    return abs(turned - wanted) < 0.5
+
+
+def judge(model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float, gains: LoopGains) -> Verdict:
+    """Return the margins with the real rudder, and why these gains must not be engaged where they must not.
+
+    `rate_max` [rad/s] is what limits and gear leave; `loop_delay` [s] comes on top of the gear's own delay.
+    """
+    found = margins(model, gear.lag, gear.delay + loop_delay, rate_max, gains)
+    rudder = (
+        f"a rudder with {_rate_text(rate_max)}, {gear.lag:.2f} s lag and "
+        f"{gear.delay + loop_delay:.2f} s delay in the loop"
+    )
+    cure = "lower the gains, or let `autopilot gains` design them for this rudder"
+    if not found.stable:
+        return Verdict(found, f"refused to engage: the loop is unstable with {rudder}; {cure}")
+    if found.saturation < REFUSED_ERROR:
+        return Verdict(
+            found,
+            f"refused to engage: with {rudder} the rudder's rate saturates at a heading error of "
+            f"{math.degrees(found.saturation):.3f} deg and the loop would limit-cycle; {cure}",
+        )
+    return Verdict(found, "")
+
+
+def design_backstepping(model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float) -> BacksteppingGains:
+    """Return the quickest k1 = k2 = k, gamma = k^2/4 (damping ratio 0.89) whose loop keeps Ms and leaves the rudder's rate room for LEAST_ERROR.
+
+    Raises ValueError where no gain does: the rudder is too slow for this boat.
+    """
+    delay = gear.delay + loop_delay
+
+    def holds(k: float) -> bool:
+        found = margins(model, gear.lag, delay, rate_max, linear_gains_backstepping(model, _at(k)))
+        return found.stable and found.sensitivity <= WORST_SENSITIVITY and found.saturation >= LEAST_ERROR
+
+    slowest, quickest = 1.0e-3 / model.time_constant, 1.0e2 / model.time_constant
+    grid = [slowest * (quickest / slowest) ** (index / 120) for index in range(121)]
+    good = [k for k in grid if holds(k)]
+    if not good:
+        raise ValueError(
+            "design: no gain gives a stable loop with margins: the steering gear is too slow for this boat"
+        )
+    return _at(good[-1])
+
+
+def _at(k: float) -> BacksteppingGains:
+    return BacksteppingGains(k, k, 0.25 * k * k)
+
+
+def equivalent_pid(model: Norrbin, gains: BacksteppingGains, integral_time: float = 0.0) -> PidGains:
+    """Return the PID whose linear part equals the backstepping law's; `integral_time` [s] 0 means none."""
+    linear = linear_gains_backstepping(model, gains)
+    integral = linear.proportional / integral_time if integral_time > 0.0 else 0.0
+    return PidGains(linear.proportional, integral, max(linear.derivative, 0.0))
+
+
+def _rate_text(rate_max: float) -> str:
+    return "unlimited rate" if math.isinf(rate_max) else f"{math.degrees(rate_max):.1f} deg/s"

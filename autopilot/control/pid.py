@@ -1,0 +1,75 @@
+"""PID heading law with the derivative on the rate error and anti-windup by what was really told.
+
+    delta = -kp z1 - kd (r - psi_d') + I,   I' = -ki z1 + (delta_told - delta_wanted)/t_track
+
+The integrator is pulled towards the value that reproduces the rudder the limits let through (back
+calculation, Astrom and Wittenmark 1997, section 8.5), so that saturation cannot wind it up.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from autopilot.angles import wrap
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import clip
+from autopilot.signals import NavState, Reference
+
+INTEGRAL_MAX = 1.0
+"""Largest rudder angle [rad] the integrator may hold: no trim on any boat needs more."""
+
+
+class PidGains(NamedTuple):
+    """kp [rad rudder per rad], ki [1/s], kd [s]; none negative."""
+
+    kp: float
+    ki: float = 0.0
+    kd: float = 0.0
+
+
+class PidMemory(NamedTuple):
+    """Integrator [rad of rudder] and the demand [rad] of the tick before (None: none yet)."""
+
+    integral: float = 0.0
+    wanted: float | None = None
+
+
+def pid_step(
+    gains: PidGains,
+    memory: PidMemory,
+    reference: Reference,
+    heading: float,
+    rate: float,
+    last_rudder: float,
+    dt: float,
+) -> tuple[float, PidMemory]:
+    """Return the unlimited demand [rad] and the new memory; `last_rudder` [rad] is what was really told before."""
+    z1 = wrap(heading - reference.heading)
+    integral = memory.integral
+    if gains.ki > 0.0:
+        excess = 0.0 if memory.wanted is None else last_rudder - memory.wanted
+        tracking = clip(dt * gains.ki / max(gains.kp, gains.ki), 0.0, 1.0)
+        integral = clip(integral - gains.ki * z1 * dt + tracking * excess, -INTEGRAL_MAX, INTEGRAL_MAX)
+    wanted = integral - gains.kp * z1 - gains.kd * (rate - reference.rate)
+    return wanted, PidMemory(integral, wanted)
+
+
+class PidLaw:
+    """The law as the pilot holds it; its memory is the integrator alone."""
+
+    name = "pid"
+
+    def __init__(self, gains: PidGains) -> None:
+        if min(gains) < 0.0:
+            raise ValueError(f"pid: no gain may be negative, got {gains}")
+        self.gains = gains
+        self._memory = PidMemory()
+
+    def reset(self, rudder: float) -> None:
+        """Start from the present `rudder` [rad], so that engaging makes no bump."""
+        self._memory = PidMemory(integral=rudder if self.gains.ki > 0.0 else 0.0)
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Return the rudder demand [rad]; the model is not used."""
+        demand, self._memory = pid_step(self.gains, self._memory, reference, state.heading, state.rate, last_rudder, dt)
+        return demand

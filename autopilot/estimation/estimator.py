@@ -1,0 +1,203 @@
+"""From samples to NavState: fuses in order of measurement time, whatever the order of arrival.
+
+Late samples are taken in where they belong: the filter goes back to its state before them and fuses again
+what came after, as far back as its short memory reaches. Repeated ones are dropped. The state handed out is
+carried forward from the newest measurement to now, so that sensor latency does not reach the law.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from autopilot.angles import wrap
+from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation.heading_filter import FilterNoise, FilterState
+from autopilot.estimation.rudder_track import RudderTrack
+from autopilot.models.norrbin import Norrbin, at_speed
+from autopilot.models.steering_gear import SteeringGear, clip
+from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
+
+KEPT_SAMPLES = 24
+GATE_SIGMAS = 6.0
+GATE_LEAST = math.radians(10.0)
+GATE_PATIENCE = 5
+"""A heading this far off is a spike; this many of them in a row are the truth."""
+PREDICT_LONGEST = 2.0
+"""The boat is not carried forward further than this [s] from its newest measurement."""
+SPEED_SMOOTHING = 2.0
+SPEED_FRESH = 10.0
+
+
+@dataclass(slots=True)
+class Counters:
+    """What became of the samples."""
+
+    fused: int = 0
+    late: int = 0
+    too_late: int = 0
+    repeated: int = 0
+    spikes: int = 0
+    not_finite: int = 0
+
+
+class _Fused(NamedTuple):
+    before: FilterState
+    sample: HeadingSample | RateSample
+
+
+class Estimator:
+    """Heading, rate, rudder and bias from irregular samples; see the module's docstring."""
+
+    def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise) -> None:
+        self._reference_model = model
+        self._noise = noise
+        self.rudder = RudderTrack(gear)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        self.model = self._reference_model
+        self.counters = Counters()
+        self.rudder.reset()
+        self._state: FilterState | None = None
+        self._fused: deque[_Fused] = deque(maxlen=KEPT_SAMPLES)
+        self._spikes_in_row = 0
+        self._heading_time = -math.inf
+        self._speed: float | None = None
+        self._speed_time = -math.inf
+
+    def update(self, now: float, samples: tuple[Sample, ...]) -> NavState:
+        """Take the samples that have arrived by `now` [s] and return the state at `now`."""
+        headings = []
+        for sample in samples:
+            if isinstance(sample, HeadingSample | RateSample):
+                headings.append(sample)
+            elif isinstance(sample, RudderSample):
+                self._take_rudder(now, sample)
+            elif isinstance(sample, SpeedSample):
+                self._take_speed(now, sample)
+        self.rudder.advance(now)
+        if len(headings) > 1:
+            headings.sort(key=lambda sample: sample.time)
+        for heading in headings:
+            self._take_heading(now, heading)
+        return self._nav_state(now)
+
+    def forget_bias(self) -> None:
+        """Hold the bias for unknown: the rudder has been moved by somebody who did not tell us."""
+        if self._state is not None:
+            self._state = self._state._replace(bias=0.0, p02=0.0, p12=0.0, p22=ekf.BIAS_UNKNOWN)
+            self._fused.clear()
+
+    def _take_rudder(self, now: float, sample: RudderSample) -> None:
+        if not math.isfinite(sample.angle) or not math.isfinite(sample.time):
+            self.counters.not_finite += 1
+        elif not sample.ordered:
+            self.rudder.feed_back(min(sample.time, now), sample.angle)
+
+    def _take_speed(self, now: float, sample: SpeedSample) -> None:
+        if not math.isfinite(sample.speed):
+            self.counters.not_finite += 1
+            return
+        if self._speed is None or now - self._speed_time > SPEED_FRESH:
+            self._speed = sample.speed
+        else:
+            share = 1.0 - math.exp(-max(now - self._speed_time, 0.0) / SPEED_SMOOTHING)
+            self._speed += share * (sample.speed - self._speed)
+        self._speed_time = now
+        self.model = at_speed(self._reference_model, self._speed)
+
+    def _take_heading(self, now: float, sample: HeadingSample | RateSample) -> None:
+        values = sample.rate if isinstance(sample, RateSample) else sample.heading + (sample.rate or 0.0)
+        if not math.isfinite(sample.time) or not math.isfinite(values):
+            self.counters.not_finite += 1
+            return
+        # a clock that is a little ahead must not carry the filter into the future
+        sample = sample._replace(time=min(sample.time, now))
+        if self._state is None:
+            if isinstance(sample, HeadingSample):
+                self._begin(sample)
+            return
+        if any(entry.sample == sample for entry in self._fused):
+            self.counters.repeated += 1
+            return
+        if sample.time < self._state.time:
+            self._fuse_late(sample)
+        elif sample.time - self._state.time > PREDICT_LONGEST and isinstance(sample, HeadingSample):
+            self._begin(sample)
+        else:
+            self._fuse(sample)
+
+    def _begin(self, sample: HeadingSample) -> None:
+        kept_bias = self._state.bias if self._state is not None else 0.0
+        self._state = ekf.initial(sample.time, wrap(sample.heading), sample.rate, self._noise)._replace(bias=kept_bias)
+        self._fused.clear()
+        self._spikes_in_row = 0
+        self._heading_time = sample.time
+        self.counters.fused += 1
+
+    def _fuse_late(self, sample: HeadingSample | RateSample) -> None:
+        index = next((i for i, entry in enumerate(self._fused) if entry.sample.time > sample.time), len(self._fused))
+        if index == len(self._fused) or self._fused[index].before.time > sample.time:
+            self.counters.too_late += 1
+            return
+        self.counters.late += 1
+        after = [entry.sample for entry in list(self._fused)[index:]]
+        self._state = self._fused[index].before
+        while len(self._fused) > index:
+            self._fused.pop()
+        self._fuse(sample)
+        for later in after:
+            self._fuse(later)
+
+    def _fuse(self, sample: HeadingSample | RateSample) -> None:
+        assert self._state is not None
+        before = self._state
+        state = self._carried(before, sample.time)
+        if isinstance(sample, RateSample):
+            state = ekf.fuse_rate(state, sample.rate, self._noise.rate)
+        else:
+            if self._is_spike(state, sample.heading):
+                if self._spikes_in_row > GATE_PATIENCE:
+                    self._begin(sample)
+                return
+            state = ekf.fuse_heading(state, sample.heading, self._noise.heading)
+            if sample.rate is not None:
+                state = ekf.fuse_rate(state, sample.rate, self._noise.rate)
+            self._heading_time = max(self._heading_time, sample.time)
+        self._fused.append(_Fused(before, sample))
+        self._state = state
+        self.counters.fused += 1
+
+    def _is_spike(self, state: FilterState, heading: float) -> bool:
+        gate = max(GATE_LEAST, GATE_SIGMAS * math.sqrt(state.p00 + self._noise.heading))
+        if abs(wrap(heading - state.psi)) <= gate:
+            self._spikes_in_row = 0
+            return False
+        self._spikes_in_row += 1
+        self.counters.spikes += 1
+        return True
+
+    def _carried(self, state: FilterState, to: float) -> FilterState:
+        longest = 0.5 * self.model.time_constant
+        for duration, angle in self.rudder.pieces(state.time, min(to, state.time + PREDICT_LONGEST)):
+            steps = max(1, math.ceil(duration / longest))
+            for _ in range(steps):
+                state = ekf.predict(self.model, self._noise, state, angle, duration / steps)
+        return state._replace(time=to)
+
+    def _nav_state(self, now: float) -> NavState:
+        speed = self._reference_model.reference_speed
+        if self._speed is not None and now - self._speed_time < SPEED_FRESH:
+            speed = self._speed
+        state = self._state
+        if state is None:
+            return NavState(now, 0.0, 0.0, speed, self.rudder.angle, 0.0, math.inf, False)
+        if not ekf.is_sound(state):
+            return NavState(now, math.nan, math.nan, speed, self.rudder.angle, 0.0, now - self._heading_time, False)
+        ahead = self._carried(state, now) if now > state.time else state
+        bias = clip(ahead.bias, -0.5, 0.5)
+        return NavState(now, ahead.psi, ahead.rate, speed, self.rudder.angle, bias, now - self._heading_time, True)

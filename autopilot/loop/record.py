@@ -1,0 +1,211 @@
+"""The log: a .tlog that every MAVLink tool reads, with each tick inside it exactly.
+
+A .tlog is a row of (8-byte big-endian time in microseconds since 1970, MAVLink packet). Norrbin writes into it
+what its MAVLink links received and sent, a few NAMED_VALUE_FLOAT and ATTITUDE for plotting, and TUNNEL
+messages that carry the records of `tick_codec` in pieces. One write call a tick, not buffered here: a killed
+process loses at most the tick it was in.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.errors import InputError
+from autopilot.links.mavlink_codec import MAGIC_V2, MavlinkCodec, frame_length
+from autopilot.loop.tick_codec import HEADER, TICK, decode_header, decode_tick, encode_header, encode_tick
+from autopilot.signals import HeadingSample, Tick
+
+PAYLOAD_TYPE = 0x8E52
+"""TUNNEL payload type of our records: above 32767, where the MAVLink standard leaves them to everybody."""
+PIECE = 124
+MOST_PIECES = 255
+PLOT_PERIOD = 0.1
+COMPONENT = 191
+FORMAT = 1
+
+
+class Recorder:
+    """Writes one log. Opening it raises InputError where the place cannot be written."""
+
+    def __init__(self, path: Path, header: dict[str, Any], clock_now: float, system: int = 1) -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
+        except OSError as error:
+            raise InputError(f"log {path}: {error.strerror}; give another place with --log") from error
+        self._codec = MavlinkCodec(system, COMPONENT)
+        self._offset = time.time() - clock_now
+        self._serial = 0
+        self._next_plot = 0.0
+        self.failed = ""
+        self._write(self._tunnel(clock_now, encode_header({"format": FORMAT, **header})))
+
+    def record(self, tick: Tick, packets: list[tuple[float, bytes]]) -> None:
+        """Append one tick and the MAVLink packets that went with it. A full disk stops the log, not the boat."""
+        parts = [self._stamp(when) + packet for when, packet in packets]
+        if tick.now >= self._next_plot:
+            self._next_plot = tick.now + PLOT_PERIOD
+            parts.extend(self._plots(tick))
+        parts.append(self._tunnel(tick.now, encode_tick(tick)))
+        self._write(b"".join(parts))
+
+    def keep_packets(self, packets: list[tuple[float, bytes]]) -> None:
+        """Append MAVLink packets that belong to no tick."""
+        self._write(b"".join(self._stamp(when) + packet for when, packet in packets))
+
+    def close(self) -> None:
+        """Close the file; further calls do nothing."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def _write(self, data: bytes) -> None:
+        if self._file < 0 or self.failed:
+            return
+        try:
+            written = os.write(self._file, data)
+        except OSError as error:
+            self.failed = f"log stopped: {error.strerror}; free the disk and start a new log"
+            return
+        if written < len(data):
+            self.failed = "log stopped: disk full; free the disk and start a new log"
+
+    def _stamp(self, when: float) -> bytes:
+        return struct.pack(">Q", int((when + self._offset) * 1.0e6))
+
+    def _tunnel(self, when: float, record: bytes) -> bytes:
+        self._serial = (self._serial + 1) & 0xFFFF
+        stamp = self._stamp(when)
+        pieces = [record[at : at + PIECE] for at in range(0, len(record), PIECE)]
+        if len(pieces) > MOST_PIECES:
+            raise InputError(f"log: a record of {len(record)} bytes does not fit; {MOST_PIECES * PIECE} are allowed")
+        out = []
+        for index, piece in enumerate(pieces):
+            payload = struct.pack("<HBB", self._serial, index, len(pieces)) + piece
+            message = dialect.MAVLink_tunnel_message(
+                0, 0, PAYLOAD_TYPE, len(payload), payload + bytes(128 - len(payload))
+            )
+            out.append(stamp + self._codec.encode(message))
+        return b"".join(out)
+
+    def _plots(self, tick: Tick) -> Iterator[bytes]:
+        stamp = self._stamp(tick.now)
+        boot_ms = int(tick.now * 1000.0) & 0xFFFFFFFF
+        state = tick.state
+        values = {
+            "psi_deg": math.degrees(state.heading),
+            "psi_d_deg": math.degrees(tick.reference.heading),
+            "rud_cmd_deg": math.degrees(tick.command.angle),
+            "rud_deg": math.degrees(state.rudder),
+            "bias_deg": math.degrees(state.bias),
+            "mode": float(tick.mode),
+        }
+        for name, value in values.items():
+            yield stamp + self._codec.encode(dialect.MAVLink_named_value_float_message(boot_ms, name.encode(), value))
+
+
+class Log(NamedTuple):
+    """A log that has been read."""
+
+    header: dict[str, Any]
+    ticks: list[Tick]
+
+
+def read_packets(path: Path) -> Iterator[tuple[float, bytes]]:
+    """Yield (seconds since 1970, packet) of a .tlog; stops at a torn end. Raises InputError."""
+    data = _bytes_of(path)
+    place = 0
+    while place + 10 <= len(data):
+        (stamp,) = struct.unpack_from(">Q", data, place)
+        length = frame_length(data, place + 8)
+        if length < 0:
+            raise InputError(
+                f"{path}: no MAVLink packet at byte {place + 8}: this is not a .tlog, or it is damaged there"
+            )
+        if length == 0 or place + 8 + length > len(data):
+            return
+        yield stamp * 1.0e-6, data[place + 8 : place + 8 + length]
+        place += 8 + length
+
+
+def read_log(path: Path) -> Log:
+    """Return the header and the ticks of a log; a torn last record is left out. Raises InputError where none is."""
+    header: dict[str, Any] | None = None
+    ticks: list[Tick] = []
+    for record in _records(path):
+        if record[0] == HEADER and header is None:
+            header = decode_header(record)
+        elif record[0] == TICK:
+            ticks.append(decode_tick(record))
+    if header is None:
+        raise InputError(f"{path}: holds no Norrbin ticks; give a log that `autopilot run --log` wrote")
+    return Log(header, ticks)
+
+
+def read_table(path: Path) -> dict[str, npt.NDArray[np.float64]]:
+    """Return a log as columns for identification, one row for each heading sample, in order of measurement.
+
+    time_s, heading_rad, yaw_rate_rad_s (nan where not measured), rudder_rad (fed back, or from the
+    steering-gear model), speed_m_s. Raises InputError.
+    """
+    ticks = read_log(path).ticks
+    rows = sorted(
+        {
+            sample.time: (sample.heading, math.nan if sample.rate is None else sample.rate)
+            for tick in ticks
+            for sample in tick.samples
+            if isinstance(sample, HeadingSample)
+        }.items()
+    )
+    if len(rows) < 2:
+        raise InputError(f"{path}: holds {len(rows)} headings; two at least are needed")
+    times = np.array([time for time, _ in rows])
+    ticked = np.array([tick.now for tick in ticks])
+    return {
+        "time_s": times,
+        "heading_rad": np.array([heading for _, (heading, _) in rows]),
+        "yaw_rate_rad_s": np.array([rate for _, (_, rate) in rows]),
+        "rudder_rad": np.interp(times, ticked, [tick.state.rudder for tick in ticks]),
+        "speed_m_s": np.interp(times, ticked, [tick.state.speed for tick in ticks]),
+    }
+
+
+def _records(path: Path) -> Iterator[bytes]:
+    codec = MavlinkCodec()
+    serial = -1
+    parts: list[bytes] = []
+    for _, packet in read_packets(path):
+        if packet[0] != MAGIC_V2 or int.from_bytes(packet[7:10], "little") != dialect.MAVLINK_MSG_ID_TUNNEL:
+            continue
+        for message in codec.decode(packet):
+            if message.payload_type != PAYLOAD_TYPE:
+                continue
+            payload = bytes(message.payload[: message.payload_length])
+            number, index, count = struct.unpack_from("<HBB", payload)
+            if index == 0:
+                serial, parts = number, []
+            if number != serial or index != len(parts):
+                continue
+            parts.append(payload[4:])
+            if len(parts) == count:
+                yield b"".join(parts)
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; give a log that exists and can be read") from error
+    if not data:
+        raise InputError(f"{path}: the log is empty")
+    return data

@@ -1,0 +1,108 @@
+"""The real-time loop around the pilot: receive, step, send, record, wait.
+
+A tick is due when a heading has arrived, or when the control period has passed without one, so that silence
+is noticed and fail-safes act.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from autopilot.links.base import Link
+from autopilot.loop.clock import Clock
+from autopilot.loop.record import Recorder
+from autopilot.pilot import Pilot
+from autopilot.signals import HeadingSample, Order, Sample, Tick
+
+SHORTEST_PERIOD = 0.4
+"""Headings that come quicker than this share of the control period wait for the next tick."""
+
+Orders = Callable[[float, Tick | None], Order]
+"""What the skipper wants at a time [s], in view of the tick before."""
+
+
+class Session:
+    """One run of the pilot over its links. Use it as a context: leaving it releases the rudder, whatever happened."""
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        links: Sequence[Link],
+        clock: Clock,
+        rate_hz: float,
+        orders: Orders,
+        recorder: Recorder | None = None,
+    ) -> None:
+        self._pilot = pilot
+        self._links = tuple(links)
+        self._clock = clock
+        self._period = 1.0 / rate_hz
+        self._orders = orders
+        self._recorder = recorder
+        self._samples: list[Sample] = []
+        self._last = -self._period
+        self.tick: Tick | None = None
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the rudder on every link, then close links and log."""
+        now = self._clock.now()
+        for link in self._links:
+            link.release(now)
+        if self._recorder is not None and self.tick is not None:
+            self._recorder.keep_packets(self._packets())
+        for link in self._links:
+            link.close()
+        if self._recorder is not None:
+            self._recorder.close()
+
+    def run(self, until: float, watch: Callable[[Tick], bool] | None = None) -> None:
+        """Run to `until` [s], or until `watch`, called after every tick, returns True. Raises LinkError."""
+        while True:
+            now = self._clock.now()
+            if now >= until:
+                return
+            if self.poll(now) and watch is not None and self.tick is not None and watch(self.tick):
+                return
+            now = self._clock.now()
+            self._clock.wait([fd for fd in (link.fileno() for link in self._links) if fd >= 0], min(self._due(), until))
+
+    def poll(self, now: float) -> bool:
+        """Take what has arrived by `now` [s] and tick where it is time to; return whether it ticked."""
+        fresh = False
+        for link in self._links:
+            for sample in link.receive(now):
+                self._samples.append(sample)
+                fresh = fresh or isinstance(sample, HeadingSample)
+        elapsed = now - self._last
+        if elapsed < self._period and not (fresh and elapsed >= SHORTEST_PERIOD * self._period):
+            for link in self._links:
+                link.keep(now)
+            return False
+        self._step(now)
+        return True
+
+    def _due(self) -> float:
+        return self._last + self._period
+
+    def _step(self, now: float) -> None:
+        samples = tuple(self._samples)
+        self._samples.clear()
+        tick = self._pilot.step(now, samples, self._orders(now, self.tick))
+        for link in self._links:
+            link.send(now, tick.command)
+        self._last = now
+        self.tick = tick
+        for link in self._links:
+            link.keep(now)
+        packets = self._packets()
+        if self._recorder is not None:
+            self._recorder.record(tick, packets)
+
+    def _packets(self) -> list[tuple[float, bytes]]:
+        return [packet for link in self._links for packet in link.take_packets()]

@@ -1,0 +1,195 @@
+"""One tick as bytes and back, exactly: every float keeps its 64 bits, so that a log replays bit for bit.
+
+Little-endian. A record is its kind (one byte) and its body: HEADER is JSON text, TICK is described by the
+structures below. Sources and reasons are UTF-8 with a length byte before them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from typing import Any
+
+from autopilot.errors import InputError
+from autopilot.signals import (
+    HeadingSample,
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    RateSample,
+    Reference,
+    RollSample,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    SpeedSample,
+    Tick,
+)
+
+HEADER = 1
+TICK = 2
+
+_INPUTS = struct.Struct("<IdBdddIB")
+"""number, now, order kind, order heading, rudder, heading change, serial, count of samples."""
+_OUTPUTS = struct.Struct("<7d?3dd?dB")
+"""state: heading, rate, speed, rudder, bias, age, time; valid; reference; demand; engaged; angle; mode."""
+_SAMPLE = struct.Struct("<Bdd")
+_NUMBER = struct.Struct("<d")
+
+
+def encode_header(fields: dict[str, Any]) -> bytes:
+    """Return the record that opens a log: what is needed to build the pilot again."""
+    return bytes([HEADER]) + json.dumps(fields, ensure_ascii=False, sort_keys=True).encode()
+
+
+def decode_header(record: bytes) -> dict[str, Any]:
+    """Return the fields of a header record. Raises InputError."""
+    try:
+        fields = json.loads(record[1:].decode())
+    except ValueError as error:
+        raise InputError(f"the log's header is damaged: {error}") from error
+    if not isinstance(fields, dict):
+        raise InputError("the log's header is damaged: not a mapping")
+    return fields
+
+
+def encode_tick(tick: Tick) -> bytes:
+    """Return the record of one tick."""
+    order, state, reference = tick.order, tick.state, tick.reference
+    parts = [
+        bytes([TICK]),
+        _INPUTS.pack(
+            tick.number,
+            tick.now,
+            order.kind,
+            order.heading,
+            order.rudder,
+            order.heading_change,
+            order.serial,
+            len(tick.samples),
+        ),
+    ]
+    parts.extend(_encode_sample(sample) for sample in tick.samples)
+    parts.append(
+        _OUTPUTS.pack(
+            state.heading,
+            state.rate,
+            state.speed,
+            state.rudder,
+            state.bias,
+            state.heading_age,
+            state.time,
+            state.valid,
+            *reference,
+            tick.demand,
+            tick.command.engaged,
+            tick.command.angle,
+            tick.mode,
+        )
+    )
+    parts.extend(_text(alarm) for alarm in tick.alarms)
+    return b"".join(parts)
+
+
+def decode_tick(record: bytes) -> Tick:
+    """Return the tick of a record. Raises InputError where it is damaged."""
+    try:
+        return _decode_tick(record)
+    except (struct.error, IndexError, ValueError) as error:
+        raise InputError(f"a tick in the log is damaged: {error}") from error
+
+
+def _decode_tick(record: bytes) -> Tick:
+    number, now, kind, heading, rudder, change, serial, count = _INPUTS.unpack_from(record, 1)
+    place = 1 + _INPUTS.size
+    samples: list[Sample] = []
+    for _ in range(count):
+        sample, place = _decode_sample(record, place)
+        samples.append(sample)
+    out = _OUTPUTS.unpack_from(record, place)
+    place += _OUTPUTS.size
+    alarms = []
+    while place < len(record):
+        alarm, place = _read_text(record, place)
+        alarms.append(alarm)
+    return Tick(
+        number=number,
+        now=now,
+        samples=tuple(samples),
+        order=Order(OrderKind(kind), heading, rudder, change, serial),
+        state=NavState(out[6], out[0], out[1], out[2], out[3], out[4], out[5], out[7]),
+        reference=Reference(*out[8:11]),
+        demand=out[11],
+        command=RudderCommand(now, out[13], out[12]),
+        mode=Mode(out[14]),
+        alarms=tuple(alarms),
+    )
+
+
+_KINDS: tuple[type[Any], ...] = (HeadingSample, RateSample, RudderSample, SpeedSample, RollSample, HelmSample)
+
+
+def _encode_sample(sample: Sample) -> bytes:
+    kind = _KINDS.index(type(sample))
+    if isinstance(sample, HelmSample):
+        body = _SAMPLE.pack(kind, sample.time, float(sample.available)) + _text(sample.reason)
+    elif isinstance(sample, HeadingSample):
+        body = _SAMPLE.pack(kind, sample.time, sample.heading) + _optional(sample.rate)
+    elif isinstance(sample, RollSample):
+        body = _SAMPLE.pack(kind, sample.time, sample.roll) + _optional(sample.rate)
+    elif isinstance(sample, RateSample):
+        body = _SAMPLE.pack(kind, sample.time, sample.rate)
+    elif isinstance(sample, RudderSample):
+        body = _SAMPLE.pack(kind, sample.time, sample.angle) + bytes([sample.ordered])
+    else:
+        body = _SAMPLE.pack(kind, sample.time, sample.speed) + bytes([sample.over_ground])
+    return body + _text(sample.source)
+
+
+def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
+    kind, time, value = _SAMPLE.unpack_from(record, place)
+    place += _SAMPLE.size
+    made = _KINDS[kind]
+    if made is HelmSample:
+        reason, place = _read_text(record, place)
+        source, place = _read_text(record, place)
+        return HelmSample(time, bool(value), reason, source), place
+    if made is RateSample:
+        source, place = _read_text(record, place)
+        return RateSample(time, value, source), place
+    if made in (HeadingSample, RollSample):
+        (second,) = _NUMBER.unpack_from(record, place)
+        source, place = _read_text(record, place + _NUMBER.size)
+        return made(time, value, None if _is_absent(second) else second, source), place
+    flag = bool(record[place])
+    source, place = _read_text(record, place + 1)
+    sample: Sample = made(time, value, flag, source)
+    return sample, place
+
+
+_ABSENT = struct.pack("<Q", 0x7FF8_4E4F_4E45_0000)
+"""A quiet NaN with a payload of our own stands for None: a NaN that was measured stays a NaN."""
+
+
+def _optional(value: float | None) -> bytes:
+    return _ABSENT if value is None else _NUMBER.pack(value)
+
+
+def _is_absent(value: float) -> bool:
+    return math.isnan(value) and _NUMBER.pack(value) == _ABSENT
+
+
+def _text(text: str) -> bytes:
+    data = text.encode()[:255]
+    return bytes([len(data)]) + data
+
+
+def _read_text(record: bytes, place: int) -> tuple[str, int]:
+    length = record[place]
+    end = place + 1 + length
+    if end > len(record):
+        raise IndexError("text runs past the end")
+    return record[place + 1 : end].decode(errors="replace"), end

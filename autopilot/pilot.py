@@ -1,0 +1,186 @@
+"""Pilot.step: one tick, pure. Samples and an order in, a rudder command out.
+
+No clock, file, socket or log here or below: the same inputs give the same outputs, so that a log replays to
+the same commands, bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+from autopilot.estimation.estimator import Estimator
+from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.guidance.trials import zigzag_side
+from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_limits, turn_step
+from autopilot.limits import RudderLimits, limit
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear, clip
+from autopilot.safety import Envelope, FailsafeAction, Supervisor
+from autopilot.signals import (
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    Reference,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    Tick,
+)
+
+LONGEST_STEP = 0.5
+"""A longer silence between ticks [s] counts as this much for limits and reference."""
+SPEED_CHANGE = 0.02
+"""Turn limits are worked out anew when the speed has changed by this share."""
+
+
+class HeadingLaw(Protocol):
+    """What a heading law offers the pilot; `tests/contract/test_laws.py` holds every law to it."""
+
+    name: str
+
+    def reset(self, rudder: float) -> None:
+        """Start anew with the rudder at `rudder` [rad]."""
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Return the rudder demand [rad], not yet limited; `last_rudder` [rad] is what was really told."""
+
+
+class PilotConfig(NamedTuple):
+    """Everything the pilot knows of the boat; `build` makes it from a vessel file.
+
+    rudder_share [-] and turn_rate_max [rad/s] bound the planned turns.
+    """
+
+    model: Norrbin
+    gear: SteeringGear
+    noise: FilterNoise
+    limits: RudderLimits
+    failsafe: FailsafeAction
+    rudder_share: float = 0.7
+    turn_rate_max: float = math.inf
+
+
+class Pilot:
+    """The brain as one object: estimator, guidance, law, limits and supervisor, each with its small memory."""
+
+    def __init__(self, config: PilotConfig, law: HeadingLaw) -> None:
+        self.config = config
+        self.law = law
+        self.estimator = Estimator(config.model, config.gear, config.noise)
+        self.supervisor = Supervisor(Envelope(*config.limits), config.failsafe)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything since power-on."""
+        self.estimator.reset()
+        self.supervisor.reset()
+        self.law.reset(0.0)
+        self._number = 0
+        self._now: float | None = None
+        self._told = RudderCommand(0.0, 0.0, False)
+        self._boat = VirtualBoat(0.0)
+        self._order = Order()
+        self._side = 1
+        self._turn_limits: TurnLimits | None = None
+        self._turn_speed = 0.0
+
+    def step(self, now: float, samples: tuple[Sample, ...], order: Order) -> Tick:
+        """Return the tick at `now` [s]: what the samples say, what the order asks, what the rudder is told."""
+        dt = 0.0 if self._now is None else clip(now - self._now, 0.0, LONGEST_STEP)
+        self._now = now
+        self._listen(now, samples)
+        state = self.estimator.update(now, samples)
+        was = self.supervisor.mode
+        mode = self.supervisor.decide(now, order, state)
+        if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
+            state = self._engage(now, state)
+        reference = self._guide(mode, order, state, dt)
+        demand = self._demand(mode, order, reference, state, dt)
+        previous = self._told.angle if self._told.engaged else state.rudder
+        limited = limit(self.config.limits, previous, demand, dt)
+        command = self.supervisor.check(now, order, previous, demand, limited, dt)
+        if command.engaged:
+            self.estimator.rudder.order(now, command.angle)
+        self._told = command
+        self._number += 1
+        return Tick(
+            number=self._number,
+            now=now,
+            samples=samples,
+            order=order,
+            state=state,
+            reference=reference,
+            demand=demand,
+            command=command,
+            mode=self.supervisor.mode,
+            alarms=self.supervisor.alarms(),
+        )
+
+    def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
+        for sample in samples:
+            if isinstance(sample, HelmSample):
+                self.supervisor.hear(sample)
+            elif isinstance(sample, RudderSample) and self._moved_by_others(sample):
+                # the steering gear follows somebody else's orders
+                self.estimator.rudder.order(now, sample.angle)
+
+    def _moved_by_others(self, sample: RudderSample) -> bool:
+        return sample.ordered and not self._told.engaged and math.isfinite(sample.angle)
+
+    def _engage(self, now: float, state: NavState) -> NavState:
+        """Take the helm without a bump: from the heading, rate and rudder that are."""
+        if not self.estimator.rudder.is_known(now):
+            self.estimator.forget_bias()
+            state = state._replace(bias=0.0)
+        start = clip(state.rudder, -self.config.limits.angle_max, self.config.limits.angle_max)
+        self.law.reset(start)
+        self._boat = VirtualBoat(state.heading, state.rate, 0.0)
+        self._order = Order()
+        self._told = RudderCommand(now, start, True)
+        return state
+
+    def _guide(self, mode: Mode, order: Order, state: NavState, dt: float) -> Reference:
+        if mode is not Mode.ENGAGED:
+            return Reference(state.heading, state.rate, 0.0)
+        if order != self._order:
+            self._begin(order, state)
+        if order.kind is not OrderKind.HEADING:
+            return Reference(state.heading, state.rate, 0.0)
+        model = self.estimator.model
+        target = self._order_heading
+        self._boat = turn_step(model, self._limits_at(model), self._boat, target, dt)
+        return reference_of(model, self._boat)
+
+    def _begin(self, order: Order, state: NavState) -> None:
+        """An order that is new: adopt the present heading where it names none."""
+        if self._order.kind is not OrderKind.HEADING:
+            self._boat = VirtualBoat(state.heading, state.rate, 0.0)
+        self._order = order
+        self._order_heading = order.heading if math.isfinite(order.heading) else state.heading
+        self._side = 1
+
+    def _limits_at(self, model: Norrbin) -> TurnLimits:
+        speed = model.reference_speed
+        if self._turn_limits is None or abs(speed - self._turn_speed) > SPEED_CHANGE * self._turn_speed:
+            self._turn_speed = speed
+            self._turn_limits = turn_limits(
+                model,
+                self.config.limits.angle_max,
+                self.config.limits.rate_max,
+                self.config.rudder_share,
+                self.config.turn_rate_max,
+            )
+        return self._turn_limits
+
+    def _demand(self, mode: Mode, order: Order, reference: Reference, state: NavState, dt: float) -> float:
+        if mode is not Mode.ENGAGED:
+            return 0.0
+        if order.kind is OrderKind.RUDDER:
+            return order.rudder
+        if order.kind is OrderKind.ZIGZAG:
+            self._side = zigzag_side(self._side, self._order_heading, state.heading, order.heading_change)
+            return self._side * order.rudder
+        return self.law.update(self.estimator.model, reference, state, self._told.angle, dt)

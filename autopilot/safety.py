@@ -1,0 +1,152 @@
+"""The supervisor: who has the rudder, and the last word on every command.
+
+    STANDBY  --order with a new serial, heading fresh, helm free-->  ENGAGED
+    ENGAGED  --order STANDBY-->                                      STANDBY
+    ENGAGED  --human or firmware takes the helm-->                   OVERRIDE
+    ENGAGED  --heading stale, anything not finite, envelope broken-> FAILSAFE
+    OVERRIDE, FAILSAFE  --order with a new serial-->                 ENGAGED
+    OVERRIDE, FAILSAFE  --order STANDBY-->                           STANDBY
+    FAILSAFE --heading back for RESUME_AFTER, file says resume-->    ENGAGED
+
+The envelope check shares no code with the limits that the law obeys.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.signals import HelmSample, Mode, NavState, Order, OrderKind, RudderCommand
+
+RESUME_AFTER = 2.0
+ENVELOPE_SLACK = 1.0e-9
+
+WAITING_HEADING = "waiting for a heading: check that the compass or the vehicle sends one"
+HEADING_LOST = "heading lost: steer by hand, check the compass and its link"
+NOT_FINITE = "a value was not finite: steer by hand, keep the log"
+ENVELOPE = "command outside its envelope: steer by hand, keep the log"
+OVERRIDDEN = "overridden"
+
+
+class FailsafeAction(NamedTuple):
+    """heading_timeout [s]; action release, amidships or hold; release_after [s]; resume by itself or not."""
+
+    heading_timeout: float
+    action: str
+    release_after: float
+    resume: bool
+
+
+class Envelope(NamedTuple):
+    """What no command may exceed: angle_max [rad], rate_max [rad/s]."""
+
+    angle_max: float
+    rate_max: float
+
+
+class Supervisor:
+    """The state machine in the module's docstring. Memory: mode, since when, and which order is spent."""
+
+    def __init__(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
+        self._envelope = envelope
+        self._failsafe = failsafe
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand by, with no order seen."""
+        self.mode = Mode.STANDBY
+        self.reason = ""
+        self._since = -math.inf
+        self._spent = 0
+        self._helm: dict[str, HelmSample] = {}
+        self._heading_since: float | None = None
+
+    def hear(self, sample: HelmSample) -> None:
+        """Take a link's word on whether the helm is free."""
+        self._helm[sample.source] = sample
+
+    def decide(self, now: float, order: Order, state: NavState) -> Mode:
+        """Return the mode at `now` [s]: the table in the module's docstring."""
+        trouble = self._trouble(state)
+        self._watch_heading(now, trouble)
+        taken = next((sample.reason for sample in self._helm.values() if not sample.available), None)
+        if order.kind is OrderKind.STANDBY:
+            self._enter(now, Mode.STANDBY, "")
+        elif self.mode is Mode.ENGAGED:
+            if taken is not None:
+                self._enter(now, Mode.OVERRIDE, f"{OVERRIDDEN}: {taken}", spend=order)
+            elif trouble:
+                self._enter(now, Mode.FAILSAFE, trouble, spend=order)
+        elif order.serial != self._spent or self._may_resume(now):
+            if taken is not None:
+                self.reason = f"cannot engage: {taken}"
+            elif trouble:
+                self.reason = WAITING_HEADING if trouble == HEADING_LOST else trouble
+            else:
+                self._enter(now, Mode.ENGAGED, "")
+        return self.mode
+
+    def check(
+        self, now: float, order: Order, previous: float, demand: float, limited: float, dt: float
+    ) -> RudderCommand:
+        """Return the command that leaves: `limited` [rad] when engaged and inside the envelope, else the fail-safe's.
+
+        `previous` [rad] is what the rudder was told `dt` [s] before; `demand` [rad] is what the law wanted.
+        """
+        if self.mode is Mode.ENGAGED:
+            if not math.isfinite(demand):
+                self._enter(now, Mode.FAILSAFE, NOT_FINITE, spend=order)
+            elif not self._inside(previous, limited, dt):
+                self._enter(now, Mode.FAILSAFE, ENVELOPE, spend=order)
+            else:
+                return RudderCommand(now, limited, True)
+        if self.mode is Mode.FAILSAFE:
+            return self._failsafe_command(now, previous, dt)
+        return RudderCommand(now, 0.0, False)
+
+    def alarms(self) -> tuple[str, ...]:
+        """Return what the skipper must hear now, with what to do; () when all is well."""
+        return (self.reason,) if self.reason else ()
+
+    def _trouble(self, state: NavState) -> str:
+        if math.isnan(state.heading) or math.isnan(state.rate):
+            return NOT_FINITE
+        if not state.valid or not state.heading_age <= self._failsafe.heading_timeout:
+            return HEADING_LOST
+        return ""
+
+    def _watch_heading(self, now: float, trouble: str) -> None:
+        if trouble:
+            self._heading_since = None
+        elif self._heading_since is None:
+            self._heading_since = now
+
+    def _may_resume(self, now: float) -> bool:
+        return (
+            self.mode is Mode.FAILSAFE
+            and self._failsafe.resume
+            and self._heading_since is not None
+            and now - self._heading_since >= RESUME_AFTER
+        )
+
+    def _enter(self, now: float, mode: Mode, reason: str, spend: Order | None = None) -> None:
+        if spend is not None:
+            self._spent = spend.serial
+        if mode is not self.mode:
+            self._since = now
+        self.mode = mode
+        self.reason = reason
+
+    def _inside(self, previous: float, command: float, dt: float) -> bool:
+        if not math.isfinite(command) or abs(command) > self._envelope.angle_max + ENVELOPE_SLACK:
+            return False
+        return abs(command - previous) <= self._envelope.rate_max * dt + ENVELOPE_SLACK
+
+    def _failsafe_command(self, now: float, previous: float, dt: float) -> RudderCommand:
+        if self._failsafe.action == "release" or now - self._since >= self._failsafe.release_after:
+            return RudderCommand(now, 0.0, False)
+        safe = previous if math.isfinite(previous) else 0.0
+        if self._failsafe.action == "hold":
+            return RudderCommand(now, safe, True)
+        step = self._envelope.rate_max * dt
+        return RudderCommand(now, math.copysign(max(abs(safe) - step, 0.0), safe), True)
