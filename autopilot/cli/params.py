@@ -134,26 +134,19 @@ def _upload(arguments: argparse.Namespace) -> int:
     wanted = wanted_parameters(firmware)
     with ParameterSession(arguments.link, arguments.system) as session:
         _refuse_other_firmware(arguments.file, firmware, session.vehicle)
-        reading = Upload(session.vehicle.target, wanted, only_compare=True)
-        with ProgressBar("reading") as bar:
-            session.run(reading, bar.show)
-        if arguments.dry_run or not _needs_setting(reading):
-            return _report(arguments, session.vehicle, reading, None)
-        backup = _back_up(arguments, session.vehicle, firmware, reading)
         upload = Upload(session.vehicle.target, wanted)
+        with ProgressBar("reading") as bar:
+            session.run(upload, bar.show)
+        if arguments.dry_run or not upload.differs:
+            return _report(arguments, session.vehicle, upload, None)
+        backup = _back_up(arguments, session.vehicle, firmware, upload)
+        upload.proceed()
         try:
             with ProgressBar("uploading") as bar:
                 session.run(upload, bar.show)
         finally:  # whatever ends it, what is known to be set is said
             code = _report(arguments, session.vehicle, upload, backup)
     return code
-
-
-def _needs_setting(compared: Upload) -> bool:
-    from autopilot.params.upload import Verdict
-
-    verdicts = {outcome.verdict for outcome in compared.outcomes()}
-    return bool(verdicts & {Verdict.WOULD_SET})
 
 
 def _uploadable(file: str) -> FirmwareFile:
@@ -180,7 +173,7 @@ def _refuse_other_firmware(file: str, firmware: FirmwareFile, vehicle: Vehicle) 
         print(f"autopilot: vehicle {vehicle.system} is armed; parameters take effect at once.", file=sys.stderr)
 
 
-def _back_up(arguments: argparse.Namespace, vehicle: Vehicle, firmware: FirmwareFile, reading: Upload) -> str | None:
+def _back_up(arguments: argparse.Namespace, vehicle: Vehicle, firmware: FirmwareFile, upload: Upload) -> str | None:
     """Save the old values before anything changes; a backup that cannot be written stops the upload."""
     import time
     from pathlib import Path
@@ -193,7 +186,7 @@ def _back_up(arguments: argparse.Namespace, vehicle: Vehicle, firmware: Firmware
     stamp = time.strftime("%Y%m%dT%H%M%S")
     path = arguments.backup or f"{Path(arguments.file).stem}.before-{stamp}-sys{vehicle.system}.yaml"
     text = dump_firmware(
-        {outcome.name: outcome.old for outcome in reading.outcomes() if outcome.old is not None},
+        {outcome.name: outcome.old for outcome in upload.outcomes() if outcome.old is not None},
         firmware.firmware,
         firmware.frame,
         description=f"Values of vehicle {vehicle.system} before the upload of {arguments.file}",

@@ -102,7 +102,7 @@ def firmware_from(root: Node) -> FirmwareFile:
     firmware = schema.read(root, FirmwareFile)
     seen: dict[str, str] = {}
     for group, name, entry in _entries(firmware):
-        node = root.at(f"groups.{group}.parameters.{name}")
+        node = root.at("groups", group, "parameters", name)
         for each in (name, *entry.also_named):
             _check_name(node, each)
             if each in seen:

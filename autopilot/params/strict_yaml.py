@@ -60,10 +60,10 @@ class Node(NamedTuple):
         """Return the error that points at the key of this value."""
         return InputError(f"{self.file}, line {self.key_line}, column {self.key_column}: {sentence}")
 
-    def at(self, path: str) -> Node:
-        """Return the node at the dotted `path` below this one, or the deepest existing one on the way."""
+    def at(self, *keys: str) -> Node:
+        """Return the node that `keys` lead to from this one, or the deepest existing one on the way."""
         node = self
-        for key in path.split("."):
+        for key in keys:
             if not isinstance(node.value, dict) or key not in node.value:
                 break
             node = node.value[key]

@@ -51,6 +51,7 @@ class Phase(StrEnum):
     """Where an upload stands."""
 
     READING = "reading"
+    COMPARED = "compared"
     SETTING = "setting"
     VERIFYING = "verifying"
     FINISHED = "finished"
@@ -76,6 +77,7 @@ class _Item:
 class Upload:
     """Writes `wanted` to the target. Give `receive` every message and send what `due` returns, until `finished`.
 
+    It is finished a first time when everything is read and compared; `proceed` then sets what differs.
     Names that stay unanswered at first are asked once more after the rest has been set, because an enabling
     parameter can bring its group into being. Only `outcomes` after `finished` are the vehicle's last word;
     before that they say what is known so far.
@@ -86,14 +88,12 @@ class Upload:
         target: Target,
         wanted: Sequence[Wanted],
         patience: Patience = PATIENCE,
-        *,
-        only_compare: bool = False,
     ) -> None:
         self._target = target
         self._patience = patience
-        self._only_compare = only_compare
         self._items = [_Item(each) for each in wanted]
         self._by_name = {name: item for item in self._items for name in item.wanted.names}
+        self._may_set = False
         self._has_reread_unknown = False
         self._rounds = 0
         self.phase = Phase.READING
@@ -101,8 +101,19 @@ class Upload:
 
     @property
     def finished(self) -> bool:
-        """Whether every parameter has its verdict."""
-        return self.phase is Phase.FINISHED
+        """Whether every parameter is compared, or after `proceed`, has its last verdict."""
+        return self.phase in (Phase.COMPARED, Phase.FINISHED)
+
+    @property
+    def differs(self) -> bool:
+        """Whether there is anything that `proceed` would set."""
+        return any(self._must_be_set(item) for item in self._items)
+
+    def proceed(self) -> None:
+        """Set what differs, as soon as everything is compared."""
+        self._may_set = True
+        if self.phase is Phase.COMPARED:
+            self._begin_setting()
 
     @property
     def progress(self) -> tuple[int, int]:
@@ -163,7 +174,11 @@ class Upload:
 
     def _next_phase(self) -> None:
         if self.phase is Phase.READING:
-            self._begin_setting()
+            self._find_unsettable()
+            if self._may_set:
+                self._begin_setting()
+            else:
+                self.phase = Phase.COMPARED
         elif self.phase is Phase.SETTING and not self._has_reread_unknown and self._unknown():
             self._has_reread_unknown = True
             self.phase = Phase.READING
@@ -186,23 +201,22 @@ class Upload:
         return bool(doubtful)
 
     def _begin_setting(self) -> None:
-        if self._only_compare:
-            self.phase = Phase.FINISHED
-            return
         names = [item.name for item in self._items if self._must_be_set(item)]
         self.phase = Phase.SETTING
         self._has_reread_unknown = self._has_reread_unknown or not names
         self._requests = Requests(names, self._patience)
 
+    def _find_unsettable(self) -> None:
+        for item in self._items:
+            if item.old is None:
+                continue
+            try:
+                encode(item.wanted.value, item.old.kind, self._target.bytewise)
+            except ValueError as error:
+                item.reason = str(error)
+
     def _must_be_set(self, item: _Item) -> bool:
-        if item.old is None or item.was_sent or item.holds_wanted():
-            return False
-        try:
-            encode(item.wanted.value, item.old.kind, self._target.bytewise)
-        except ValueError as error:
-            item.reason = str(error)
-            return False
-        return True
+        return not (item.old is None or item.reason or item.was_sent or item.holds_wanted())
 
     def _begin_verifying(self) -> None:
         self.phase = Phase.VERIFYING
@@ -242,7 +256,7 @@ class Upload:
             return Verdict.UNCHANGED, ""
         if not item.was_sent:
             return Verdict.WOULD_SET, ""
-        if is_unanswered or not self.finished:
+        if is_unanswered or self.phase is not Phase.FINISHED:
             return Verdict.UNCONFIRMED, "sent, but not read back"
         if item.holds_wanted():
             return Verdict.SET, ""

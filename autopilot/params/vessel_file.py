@@ -66,7 +66,7 @@ def vessel_from(root: Node) -> Vessel:
     check_schema_version(root, SCHEMA_VERSION)
     vessel = schema.read(root, Vessel)
     for path, sentence in problems(vessel):
-        raise root.at(path).fault(sentence)
+        raise root.at(*path.split(".")).fault(sentence)
     return vessel
 
 

@@ -82,7 +82,9 @@ class ParameterVehicle:
 class BadLink:
     """Loses, repeats and delays packets; everything from one seed."""
 
-    def __init__(self, seed: int, loss: float, repeat: float = 0.0, delay_s: tuple[float, float] = (0.01, 0.01)) -> None:
+    def __init__(
+        self, seed: int, loss: float, repeat: float = 0.0, delay_s: tuple[float, float] = (0.01, 0.01)
+    ) -> None:
         self.random = random.Random(seed)
         self.loss, self.repeat, self.delay_s = loss, repeat, delay_s
         self.under_way: list[tuple[float, int, bytes]] = []
