@@ -58,7 +58,11 @@ def at_speed(model: Norrbin, speed: float) -> Norrbin:
     These are the Norrbin coefficients made dimensionless with L/U (SNAME prime system); the hull length
     cancels against the reference speed. Speeds below `SPEED_FLOOR_RATIO` of the reference are raised to it.
     """
-    ratio = max(abs(speed) / model.reference_speed, SPEED_FLOOR_RATIO)
+    return at_speed_ratio(model, max(abs(speed) / model.reference_speed, SPEED_FLOOR_RATIO))
+
+
+def at_speed_ratio(model: Norrbin, ratio: float) -> Norrbin:
+    """Return the model at `ratio` > 0 times its reference speed. Also elementwise over numpy arrays."""
     return Norrbin(
         gain=model.gain * ratio,
         time_constant=model.time_constant / ratio,

@@ -1,0 +1,121 @@
+"""`autopilot identify`: a boat's model, with its uncertainty, from recordings of rudder, speed and motion."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from autopilot.errors import ExitCode, InputError
+
+if TYPE_CHECKING:
+    from autopilot.identification.identify import SteadyTurns
+    from autopilot.identification.runs import Run
+
+DESCRIPTION = """\
+Fits Norrbin's model  T r' + n3 r^3 + n1 r + n0 = K delta,  K ~ U, T ~ 1/U, n3 ~ 1/U^2,  to all LOG files together,
+and foretells every LOG and every --holdout LOG from its rudder and speed alone. A LOG is a CSV table or a .tlog.
+"""
+
+COLUMNS_HELP = """\
+columns of a CSV table, by quantity and unit (rudder positive to starboard, heading clockwise):
+  time_s   rudder_deg|rudder_rad   speed_m_s|speed_kn   heading_deg|heading_rad   yaw_rate_deg_s|yaw_rate_rad_s
+Heading or yaw rate may be absent. Where the table calls them otherwise, MAP.yaml says how, a line for each:
+  rudder_rad: delta_rudder [rad]
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the `identify` subcommand."""
+    parser = subparsers.add_parser(
+        "identify",
+        help="a boat's model from recordings of rudder, speed and motion",
+        description=DESCRIPTION,
+        epilog=COLUMNS_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("logs", nargs="*", metavar="LOG", help="recordings to fit, CSV or .tlog")
+    parser.add_argument("--holdout", nargs="+", default=[], metavar="LOG", help="recordings to foretell, not to fit")
+    parser.add_argument("--columns", metavar="MAP.yaml", help="how the CSV tables call their columns")
+    parser.add_argument("--steady-turns", metavar="FILE", help="CSV of steady turns (rudder, yaw rate): gives n3")
+    parser.add_argument("--gain-1-s", type=float, metavar="K", help="hold K [1/s] in the steady-turn stage")
+    parser.add_argument("--model", choices=("norrbin", "nomoto"), default="norrbin", help="nomoto: n3 = 0")
+    parser.add_argument("--reference-speed-m-s", type=float, metavar="U", help="default: mean speed of the LOGs")
+    parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
+    parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Identify, print, and write the vessel file; return the exit code."""
+    _check(arguments)
+    from autopilot.cli import identify_report as report
+
+    steady = _steady_turns(arguments.steady_turns) if arguments.steady_turns else None
+    if not arguments.logs:
+        assert steady is not None
+        print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
+        return int(ExitCode.OK)
+    result = _identify(arguments, steady)
+    if arguments.out:
+        from autopilot.cli.identify_vessel import write_vessel
+
+        write_vessel(arguments.out, result)
+    print(report.as_json(result) if arguments.json else report.as_text(result))
+    if arguments.out and not arguments.json:
+        print(f"\nWrote the model to {arguments.out}.")
+    return int(ExitCode.OK)
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    for name, value in (("--gain-1-s", arguments.gain_1_s), ("--reference-speed-m-s", arguments.reference_speed_m_s)):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise InputError(f"{name} must be a positive number, got {value:g}.")
+    if arguments.logs:
+        return
+    if not arguments.steady_turns:
+        raise InputError("identify needs a LOG, or --steady-turns FILE with --gain-1-s K.")
+    if arguments.gain_1_s is None:
+        raise InputError("--steady-turns without a LOG needs --gain-1-s K: steady turns tell n3 only for a known K.")
+    for name in ("holdout", "out"):
+        if getattr(arguments, name):
+            raise InputError(f"--{name} needs a LOG to fit: steady turns alone give no time constant.")
+
+
+def _steady_turns(path: str) -> SteadyTurns:
+    from autopilot.identification.identify import SteadyTurns
+    from autopilot.loop.csv_log import STEADY_TURN_NEEDS, read_csv
+
+    table = read_csv(path, None, STEADY_TURN_NEEDS)
+    return SteadyTurns(table["rudder_rad"], table["yaw_rate_rad_s"], table.get("speed_m_s"))
+
+
+def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
+    from autopilot.cli.identify_report import Result
+    from autopilot.cli.progress import ProgressBar
+    from autopilot.identification.identify import identify
+    from autopilot.identification.prediction import predict
+    from autopilot.identification.two_stage import nomoto_stage
+
+    fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
+    with ProgressBar("identifying") as bar:
+        found = identify(
+            fitted,
+            arguments.model,
+            arguments.reference_speed_m_s,
+            steady_turns=steady,
+            gain=arguments.gain_1_s,
+            progress=bar.show,
+        )
+    stage_one = nomoto_stage(fitted, found.model.reference_speed)
+    predictions = [(run, "fit", predict(found.model, run)) for run in fitted]
+    predictions += [(run, "holdout", predict(found.model, run)) for run in held_out]
+    return Result(arguments.model, found, stage_one, predictions)
+
+
+def _load(paths: list[str], arguments: argparse.Namespace) -> list[Run]:
+    from autopilot.loop.csv_log import load_column_map
+    from autopilot.loop.recordings import load_run
+
+    column_map = load_column_map(arguments.columns) if arguments.columns else None
+    return [load_run(path, column_map, arguments.reverse_rudder) for path in paths]

@@ -1,0 +1,180 @@
+"""What `autopilot identify` found, as JSON (SI and radians, degrees beside) and as tables for people."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+from autopilot.identification.identify import Identified, SteadyTurns
+from autopilot.identification.prediction import Prediction
+from autopilot.identification.runs import Run
+from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
+
+DEG = math.pi / 180.0
+
+
+class Quantity(NamedTuple):
+    """A parameter's symbol, its name in the model, unit in radians, unit in degrees, and radians per degree-unit."""
+
+    symbol: str
+    name: str
+    unit: str
+    unit_deg: str
+    factor: float
+
+
+QUANTITIES = (
+    Quantity("K", "gain", "1/s", "1/s", 1.0),
+    Quantity("T", "time_constant", "s", "s", 1.0),
+    Quantity("n3", "n3", "s^2/rad^2", "s^2/deg^2", DEG**-2),
+    Quantity("n1", "n1", "1", "1", 1.0),
+    Quantity("n0", "n0", "rad/s", "deg/s", DEG),
+)
+
+
+class Result(NamedTuple):
+    """Everything to be told: the kind of model asked for, the estimate, stage one, and each run with its role."""
+
+    kind: str
+    found: Identified
+    stage_one: Nomoto | None
+    predictions: Sequence[tuple[Run, str, Prediction]]
+
+
+def as_json(result: Result) -> str:
+    """Return the result as JSON text; null where a number was not determined."""
+    found, model = result.found, result.found.model
+    document = {
+        "model": result.kind,
+        "parameters": {
+            quantity.symbol: _parameter(quantity, getattr(model, quantity.name), found.standard_errors[quantity.name])
+            for quantity in QUANTITIES
+        },
+        "reference_speed_m_s": model.reference_speed,
+        "runs": [_run(run, role, prediction) for run, role, prediction in result.predictions],
+        "unidentifiable": list(found.unidentifiable),
+        "reasons": found.unidentifiable,
+        "two_stage": _stages(result),
+        "residuals": {
+            "yaw_rate_rms_rad_s": _finite(found.noise[0].size),
+            "heading_rms_rad": _finite(found.noise[1].size),
+        },
+    }
+    return json.dumps(document, indent=2, allow_nan=False)
+
+
+def _parameter(quantity: Quantity, value: float | None, std: float | None) -> dict[str, Any]:
+    return {
+        "value": value,
+        "std": std,
+        "unit": quantity.unit,
+        "value_deg": None if value is None else value / quantity.factor,
+        "std_deg": None if std is None else std / quantity.factor,
+        "unit_deg": quantity.unit_deg,
+    }
+
+
+def _run(run: Run, role: str, prediction: Prediction) -> dict[str, Any]:
+    return {
+        "file": run.source,
+        "role": role,
+        "seconds": prediction.seconds,
+        "yaw_rate_r2": prediction.yaw_rate_r2,
+        "heading_rms_deg": None if prediction.heading_rms is None else math.degrees(prediction.heading_rms),
+        "segments": len(run.segments),
+    }
+
+
+def _stages(result: Result) -> dict[str, float | None]:
+    stage_one, steady = result.stage_one, result.found.steady
+    return {
+        "K": stage_one.gain if stage_one else None,
+        "T": stage_one.time_constant if stage_one else None,
+        "n3": steady.n3 if steady else None,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def as_text(result: Result) -> str:
+    """Return the result as tables and sentences."""
+    found, model = result.found, result.found.model
+    stages = _stages(result)
+    rows = [("", "estimate", "standard error", "unit", "in degrees", "two-stage (RLS)")]
+    for quantity in QUANTITIES:
+        value, std = getattr(model, quantity.name), found.standard_errors[quantity.name]
+        degrees = "" if quantity.factor == 1.0 else f"{value / quantity.factor:.5g} {quantity.unit_deg}"
+        staged = stages.get(quantity.symbol)
+        rows.append(
+            (
+                quantity.symbol,
+                f"{value:.5g}",
+                "held" if std is None else f"{std:.2g}",
+                quantity.unit,
+                degrees,
+                "" if staged is None else f"{staged:.5g}",
+            )
+        )
+    parts = [
+        f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
+        _table(rows),
+        "Open-loop prediction from rudder and speed alone",
+        _table(_run_rows(result)),
+        *found.unidentifiable.values(),
+    ]
+    return "\n\n".join(parts)
+
+
+def _run_rows(result: Result) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [("run", "role", "seconds", "R2 of yaw rate", "heading rms deg")]
+    for run, role, prediction in result.predictions:
+        r2, rms = prediction.yaw_rate_r2, prediction.heading_rms
+        rows.append(
+            (
+                run.source,
+                role,
+                f"{prediction.seconds:.1f}",
+                "-" if r2 is None else f"{r2:.3f}",
+                "-" if rms is None else f"{math.degrees(rms):.1f}",
+            )
+        )
+    return rows
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return "\n".join(_line(row, widths) for row in rows)
+
+
+def _line(row: Sequence[str], widths: Iterable[int]) -> str:
+    return "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def steady_report(turns: SteadyTurns, gain: float, *, as_json: bool) -> str:
+    """Return n3 from steady turns alone, with K [1/s] given: Jiang 2016's second stage."""
+    cubic = cubic_damping_stage(turns.rudder, turns.rate, gain)
+    values = {"gain": gain, "time_constant": None, "n3": cubic.n3, "n1": 1.0, "n0": 0.0}
+    if as_json:
+        document = {
+            "model": "norrbin",
+            "parameters": {
+                q.symbol: _parameter(q, values[q.name], cubic.standard_error if q.symbol == "n3" else None)
+                for q in QUANTITIES
+            },
+            "reference_speed_m_s": None,
+            "runs": [],
+            "unidentifiable": ["T"],
+            "reasons": {"T": "T: steady turns tell nothing of the time constant; record a zigzag."},
+        }
+        return json.dumps(document, indent=2, allow_nan=False)
+    error = "" if cubic.standard_error is None else f" +- {cubic.standard_error:.2g}"
+    error_deg = "" if cubic.standard_error is None else f" +- {cubic.standard_error * DEG**2:.2g}"
+    return (
+        f"K   {gain:.5g} 1/s (given)\n"
+        f"n3  {cubic.n3:.5g}{error} s^2/rad^2  =  {cubic.n3 * DEG**2:.5g}{error_deg} s^2/deg^2\n\n"
+        "Steady turns tell nothing of the time constant T; record a zigzag."
+    )

@@ -1,0 +1,204 @@
+"""From recorded runs to a model with its standard errors, and to a plain statement of what they cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from autopilot.errors import InputError
+from autopilot.identification.noise import Noise
+from autopilot.identification.output_error import NOISE_ROUNDS, Solution, solve
+from autopilot.identification.runs import FloatArray, Run
+from autopilot.identification.starting_point import StartingPoint, starting_point
+from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage
+from autopilot.models.norrbin import Norrbin
+
+ModelKind = Literal["nomoto", "norrbin"]
+Progress = Callable[[int, int], None]
+"""Told how many of how many steps are done."""
+
+LINEAR = ("gain", "time_constant", "n0")
+CUBIC = ("gain", "time_constant", "n3", "n0")
+
+STEADY_ROUNDS = 3
+"""K and the n3 that the steady turns give for it settle within a per cent in as many rounds."""
+
+LARGEST_RELATIVE_ERROR = 0.5
+"""A parameter whose standard error is more than this share of it cannot be told from zero at two sigma."""
+
+LEAST_RUDDER_MOVEMENT_RAD = 0.005
+LEAST_SPEED_M_S = 0.02
+LEAST_EXPLAINED = 0.05
+"""Share of the motion that the rudder must explain before anything is fitted to it."""
+
+CLEARLY_BACKWARDS = 0.3
+"""Share of the motion that a rudder of opposite sign must explain before the sign is called wrong."""
+
+
+class Steps:
+    """Counts steps and tells the progress."""
+
+    def __init__(self, progress: Progress, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def next(self) -> None:
+        """One step more is done."""
+        self._done = min(self._done + 1, self._total)
+        self._progress(self._done, self._total)
+
+
+class SteadyTurns(NamedTuple):
+    """Turns in which nothing changes any more, one per element: rudder [rad], rate [rad/s], and speed [m/s],
+    None where they were all made at the reference speed."""
+
+    rudder: FloatArray
+    rate: FloatArray
+    speed: FloatArray | None = None
+
+
+class Identified(NamedTuple):
+    """The model; standard errors by parameter name, None where not fitted; what the runs cannot tell, a sentence
+    by symbol; the residuals of rate and heading; and n3 of the steady-turn stage where there was one."""
+
+    model: Norrbin
+    standard_errors: dict[str, float | None]
+    unidentifiable: dict[str, str]
+    noise: tuple[Noise, Noise]
+    steady: CubicDamping | None = None
+
+
+def mean_speed(runs: Sequence[Run]) -> float:
+    """Return the mean speed [m/s] over the runs' recorded time: the reference at which parameters are stated."""
+    way = [float(np.trapezoid(np.abs(s.speed), s.time)) for run in runs for s in run.segments]
+    time = [float(s.time[-1] - s.time[0]) for run in runs for s in run.segments]
+    return sum(way) / sum(time)
+
+
+def identify(
+    runs: Sequence[Run],
+    kind: ModelKind = "norrbin",
+    reference_speed: float | None = None,
+    *,
+    steady_turns: SteadyTurns | None = None,
+    gain: float | None = None,
+    progress: Progress = lambda done, total: None,
+) -> Identified:
+    """Return the output-error estimate from all runs together, scaled with speed.
+
+    A "norrbin" has n3: from `steady_turns` where given (with K held at `gain` [1/s], or else at the fitted K),
+    otherwise fitted with the rest and dropped again, with the reason, where it ends on its bound or cannot be
+    told from zero: the linear model that is left is stable everywhere. reference_speed [m/s]: default the mean.
+
+    Raises InputError where the rudder never moves, the boat makes no way, the motion does not follow the
+    rudder, or follows it backwards.
+    """
+    speed = mean_speed(runs) if reference_speed is None else reference_speed
+    _check_excitation(runs, speed)
+    steps = Steps(progress, total=1 + NOISE_ROUNDS * (1 if kind == "nomoto" else 2))
+    start = starting_point(runs, speed)
+    _check_response(runs, start)
+    steps.next()
+    linear = solve(runs, start.model, LINEAR, steps.next)
+    if kind == "nomoto":
+        return _identified(linear, {})
+    if steady_turns is not None:
+        return _with_steady_turns(runs, linear, steady_turns, gain, steps)
+    cubic = solve(runs, linear.model, CUBIC, steps.next)
+    reason = _why_no_cubic(cubic)
+    return _identified(linear, {"n3": reason}) if reason else _identified(cubic, {})
+
+
+def steady_damping(turns: SteadyTurns, gain: float, reference_speed: float) -> CubicDamping:
+    """Return n3 at the reference speed [m/s] from steady turns, K [1/s] held at that speed."""
+    ratio = np.ones(turns.rate.size) if turns.speed is None else turns.speed / reference_speed
+    # with the rate in units of the speed ratio every turn obeys the equation of the reference speed
+    return cubic_damping_stage(turns.rudder, turns.rate / ratio, gain)
+
+
+def _with_steady_turns(
+    runs: Sequence[Run], linear: Solution, turns: SteadyTurns, gain: float | None, steps: Steps
+) -> Identified:
+    """Fit the rest with n3 held at what the steady turns give for the K of the round before."""
+    solution = linear
+    for _ in range(STEADY_ROUNDS):
+        K = solution.model.gain if gain is None else gain
+        cubic = steady_damping(turns, K, solution.model.reference_speed)
+        if cubic.n3 <= 0.0:
+            reason = (
+                f"n3: the steady turns give {cubic.n3:.3g} s^2/rad^2 with K = {K:.3g} 1/s, which would let the boat "
+                "turn without bound, so it is held at 0; check the signs and units of the steady turns."
+            )
+            return _identified(linear, {"n3": reason})._replace(steady=cubic)
+        solution = solve(runs, solution.model._replace(n3=cubic.n3), LINEAR, lambda: None, rounds=2)
+        steps.next()
+    found = _identified(solution, {})
+    return found._replace(standard_errors={**found.standard_errors, "n3": cubic.standard_error}, steady=cubic)
+
+
+def _identified(solution: Solution, reasons: dict[str, str]) -> Identified:
+    names = ("gain", "time_constant", "n3", "n1", "n0")
+    errors = {name: solution.standard_error(name) for name in names}
+    return Identified(solution.model, errors, {**reasons, **_too_uncertain(solution)}, solution.noise)
+
+
+def _why_no_cubic(solution: Solution) -> str:
+    n3, error = solution.model.n3, solution.standard_error("n3") or 0.0
+    remedy = "steady turns at large rudder angles would tell it (--steady-turns)."
+    if solution.at_bound:
+        return (
+            "n3: the fit ends at its bound 0 (left alone it would turn negative and the simulation diverge), so it "
+            f"is held at 0; {remedy}"
+        )
+    if error > LARGEST_RELATIVE_ERROR * n3:
+        return (
+            f"n3: {n3:.3g} with a standard error of {error:.2g} s^2/rad^2 cannot be told from 0, so it is held at 0; "
+            f"{remedy}"
+        )
+    return ""
+
+
+def _too_uncertain(solution: Solution) -> dict[str, str]:
+    reasons = {}
+    for name, symbol, unit in (("gain", "K", "1/s"), ("time_constant", "T", "s")):
+        value, error = getattr(solution.model, name), solution.standard_error(name) or 0.0
+        if error > LARGEST_RELATIVE_ERROR * value:
+            reasons[symbol] = (
+                f"{symbol}: {value:.3g} with a standard error of {error:.2g} {unit} is not determined by these runs; "
+                "record a zigzag in which the rudder goes over several times."
+            )
+    return reasons
+
+
+def _sources(runs: Sequence[Run]) -> str:
+    return ", ".join(run.source for run in runs)
+
+
+def _check_excitation(runs: Sequence[Run], speed: float) -> None:
+    movement = max(float(np.ptp(segment.rudder)) for run in runs for segment in run.segments)
+    if movement < LEAST_RUDDER_MOVEMENT_RAD:
+        raise InputError(
+            f"{_sources(runs)}: the rudder never moves (by {np.degrees(movement):.2f} deg in all), so nothing can be "
+            "identified; record a zigzag."
+        )
+    if speed < LEAST_SPEED_M_S:
+        raise InputError(
+            f"{_sources(runs)}: the boat makes no way (mean speed {speed:.3f} m/s), so its rudder has nothing to "
+            "steer with; check the speed column and its unit."
+        )
+
+
+def _check_response(runs: Sequence[Run], start: StartingPoint) -> None:
+    if start.model.gain < 0.0 and start.explained > CLEARLY_BACKWARDS:
+        raise InputError(
+            f"{_sources(runs)}: the boat turns against its rudder (K = {start.model.gain:.3g} 1/s explains "
+            f"{100.0 * start.explained:.0f} % of the motion); rudder must be positive to starboard and heading "
+            "clockwise: pass --reverse-rudder if the recorded rudder has the opposite sign."
+        )
+    if start.model.gain <= 0.0 or start.explained < LEAST_EXPLAINED:
+        raise InputError(
+            f"{_sources(runs)}: the motion does not follow the rudder (it explains "
+            f"{100.0 * max(start.explained, 0.0):.0f} % of it), so nothing can be identified; check that heading, "
+            "yaw rate and rudder are the right columns and share one clock."
+        )

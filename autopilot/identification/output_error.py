@@ -1,0 +1,149 @@
+"""The estimate that ships: simulate the model with the recorded rudder, fit it to heading and yaw rate.
+
+Minimises, over the parameters theta and each segment's initial rate and heading,
+
+    sum over samples of ((r_measured - r(theta)) / s_r)^2 + ((psi_measured - psi(theta)) / s_psi)^2
+
+where r and psi are the open-loop response to recorded rudder and speed. The weights come from the residuals
+themselves, found by repeating the fit: s^2 is their mean square times (1 + rho)/(1 - rho), rho their correlation
+from sample to sample. Where instruments are to blame for the residuals (rho = 0) that is plain weighting by
+noise; where gusts and what the model leaves out are (rho near 1), heading errors are sums of rate errors and
+tell little that the rate has not told already, and their long memory takes their weight away.
+
+The initial state is fitted, but held near the first measured one within the instrument's own noise, as seen in
+the second differences of the record: a boat at rest forgets nothing, and must not start with an invented turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from autopilot.identification.noise import Noise, residual_noise, robust_covariance
+from autopilot.identification.residuals import Problem, initial_state, physical_scale, typical_rate
+from autopilot.identification.runs import FloatArray, Run
+from autopilot.identification.simulation import forcing
+from autopilot.models.norrbin import Norrbin
+
+STEPS_PER_TIME_CONSTANT = 12.0
+"""Integration steps per time constant during the fit; Runge-Kutta is then exact to far below any sensor."""
+
+NOISE_ROUNDS = 4
+"""How often the weights are found anew from the residuals; they have settled to a per cent by then."""
+
+
+class Solution(NamedTuple):
+    """Best model with the parameters `free` fitted.
+
+    covariance: of the free parameters in their own units, shape (F, F). noise: of rate and heading residuals.
+    at_bound: n3 was fitted and ended at its bound 0.
+    """
+
+    model: Norrbin
+    free: tuple[str, ...]
+    covariance: FloatArray
+    noise: tuple[Noise, Noise]
+    at_bound: bool
+
+    def standard_error(self, name: str) -> float | None:
+        """Return the standard error of a parameter, None where it was not fitted."""
+        if name not in self.free:
+            return None
+        index = self.free.index(name)
+        return float(np.sqrt(max(self.covariance[index, index], 0.0)))
+
+
+def solve(
+    runs: Sequence[Run],
+    start: Norrbin,
+    free: tuple[str, ...],
+    after_round: Callable[[], None] = lambda: None,
+    rounds: int = NOISE_ROUNDS,
+) -> Solution:
+    """Return the best model near `start` with the parameters `free` (of gain, time_constant, n3, n0) fitted.
+
+    K and T stay positive and n3 not negative; what is not free keeps its value in `start`.
+    """
+    segments = tuple(segment for run in runs for segment in run.segments)
+    scale = typical_rate(segments)
+    base, states = start, [initial_state(segment) for segment in segments]
+    noise: tuple[Noise, Noise] | None = None
+    for _ in range(rounds):
+        steps = forcing(segments, base.time_constant / STEPS_PER_TIME_CONSTANT)
+        problem = Problem(segments, steps, base, free, scale)
+        z = _minimise(problem, problem.vector(states), noise or _noise(problem, problem.vector(states)))
+        base, states = problem.model(z), problem.states(z)
+        noise = _noise(problem, z)
+        after_round()
+    return _solution(problem, z)
+
+
+def _noise(problem: Problem, z: FloatArray) -> tuple[Noise, Noise]:
+    residuals = [values for values, _ in problem.response(z)]
+    return residual_noise([values[:, 0] for values in residuals]), residual_noise([v[:, 1] for v in residuals])
+
+
+def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise]) -> FloatArray:
+    """Return the vector that minimises the weighted residuals and the anchors of the initial states."""
+    S, F = len(problem.segments), len(problem.free)
+    memory: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+
+    def evaluate(vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        key = vector.tobytes()
+        if key not in memory:
+            memory.clear()
+            distance, spread = problem.anchors(vector)
+            residuals, jacobians = (
+                [distance.T.ravel()],
+                [np.hstack([np.zeros((2 * S, F)), np.diag(1 / spread.T.ravel())])],
+            )
+            for s, (values, slope) in enumerate(problem.weighted(vector, noise)):
+                full = np.zeros((*values.shape, vector.size))
+                full[:, :, [*range(F), F + s, F + S + s]] = slope
+                residuals.append(values.ravel())
+                jacobians.append(full.reshape(-1, vector.size))
+            memory[key] = np.concatenate(residuals), np.concatenate(jacobians)
+        return memory[key]
+
+    low = np.array([0.0 if name == "n3" else -np.inf for name in problem.free] + [-np.inf] * (2 * S))
+
+    def residual(vector: FloatArray) -> FloatArray:
+        return evaluate(vector)[0]
+
+    def jacobian(vector: FloatArray) -> FloatArray:
+        return evaluate(vector)[1]
+
+    found = least_squares(
+        residual,
+        z,
+        jac=jacobian,
+        bounds=(low, np.full(z.size, np.inf)),
+        x_scale="jac",
+        xtol=1.0e-6,
+        ftol=1.0e-6,
+        max_nfev=60,
+    )
+    return np.asarray(found.x, dtype=np.float64)
+
+
+def _solution(problem: Problem, z: FloatArray) -> Solution:
+    """Gather the standard errors, with the initial states projected out segment by segment."""
+    F = len(problem.free)
+    noise = _noise(problem, z)
+    spread = problem.anchors(z)[1]
+    residuals, jacobians = [], []
+    for s, (values, slope) in enumerate(problem.weighted(z, noise)):
+        flat = slope.reshape(-1, F + 2)
+        own = np.vstack([flat[:, F:], np.diag(1.0 / spread[s])])
+        target = np.vstack([flat[:, :F], np.zeros((2, F))])
+        projected = flat[:, :F] - flat[:, F:] @ np.linalg.lstsq(own, target, rcond=None)[0]
+        residuals.append(values)
+        jacobians.append(projected.reshape(*values.shape, F))
+    model = problem.model(z)
+    scale = physical_scale(model, problem.free, problem.typical_rate)
+    covariance = robust_covariance(jacobians, residuals) * np.outer(scale, scale)
+    at_bound = "n3" in problem.free and float(z[problem.free.index("n3")]) < 1.0e-4
+    return Solution(model, problem.free, covariance, noise, at_bound)

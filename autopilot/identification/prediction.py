@@ -1,0 +1,68 @@
+"""How well a model foretells a run: open loop over its whole length, from rudder and speed alone."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.identification.residuals import initial_state
+from autopilot.identification.runs import FloatArray, Run, seconds
+from autopilot.identification.simulation import at_samples, forcing, simulate, stack
+from autopilot.models.norrbin import Norrbin
+
+STEPS_PER_TIME_CONSTANT = 20.0
+LONGEST_STEP_S = 0.5
+
+
+class Prediction(NamedTuple):
+    """seconds: length of the run. yaw_rate_r2: share of the measured yaw rate's variance that was foretold, None
+    where none was measured. heading_rms: root mean square heading error [rad], None likewise."""
+
+    seconds: float
+    yaw_rate_r2: float | None
+    heading_rms: float | None
+
+
+def predict(model: Norrbin, run: Run) -> Prediction:
+    """Return how well `model` foretells the run.
+
+    It starts each segment from the first measured heading and rate and sees nothing but rudder and speed
+    afterwards; only a gap in the recording starts it anew.
+    """
+    simulated = simulate_run(model, run)
+    rate = np.concatenate([segment.rate for segment in run.segments])
+    heading = np.concatenate([segment.heading for segment in run.segments])
+    rate_error = np.concatenate([values[:, 0] for values in simulated]) - rate
+    heading_error = np.concatenate([values[:, 1] for values in simulated]) - heading
+    return Prediction(seconds(run), _r2(rate, rate_error), _rms(heading_error))
+
+
+def simulate_run(model: Norrbin, run: Run) -> list[FloatArray]:
+    """Return per segment the simulated rate [rad/s] and heading [rad, unwrapped] at its samples: shape (N, 2)."""
+    longest = min(model.time_constant / STEPS_PER_TIME_CONSTANT, LONGEST_STEP_S)
+    steps = forcing(run.segments, longest)
+    states = [initial_state(segment) for segment in run.segments]
+    trajectory = simulate(stack([model]), steps, np.array([[rate] for rate, _ in states]))
+    return [
+        np.hstack(
+            [
+                at_samples(trajectory.rate, steps, run.segments, s),
+                at_samples(trajectory.turned, steps, run.segments, s) + states[s][1],
+            ]
+        )
+        for s in range(len(run.segments))
+    ]
+
+
+def _r2(measured: FloatArray, error: FloatArray) -> float | None:
+    known = np.isfinite(measured)
+    if np.count_nonzero(known) < 2:
+        return None
+    spread = float(np.sum((measured[known] - np.mean(measured[known])) ** 2))
+    return 1.0 - float(np.sum(error[known] ** 2)) / spread if spread > 0.0 else None
+
+
+def _rms(error: FloatArray) -> float | None:
+    known = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else None

@@ -1,0 +1,141 @@
+"""Recordings as the identification sees them: continuous stretches of rudder, speed and measured motion.
+
+Nothing is invented. The rudder and the speed drive the model, so they must be known throughout a stretch: they
+are taken to move linearly between neighbouring samples, and where neighbours lie too far apart the record is
+cut there. Heading and yaw rate are only compared with, so a blank among them simply does not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+GAP_SAMPLES = 5.0
+"""Neighbouring samples of rudder or speed further apart than this many median spacings make a gap."""
+
+GAP_SHORTEST_S = 0.5
+"""No gap is shorter than this, however fast the recording: a rudder moves little in that time."""
+
+SHORTEST_SEGMENT_SAMPLES = 8
+"""Shorter stretches between gaps tell less than their own initial state costs."""
+
+
+class Segment(NamedTuple):
+    """A stretch without gaps; arrays of one length N.
+
+    time [s] strictly increasing; heading [rad] unwrapped, nan where not measured; rate [rad/s], nan where not
+    measured; rudder [rad] and speed [m/s], finite throughout.
+    """
+
+    time: FloatArray
+    heading: FloatArray
+    rate: FloatArray
+    rudder: FloatArray
+    speed: FloatArray
+
+
+class Run(NamedTuple):
+    """One recording: where it came from, and its segments in order of time."""
+
+    source: str
+    segments: tuple[Segment, ...]
+
+
+def seconds(run: Run) -> float:
+    """Return the recorded time [s] inside the run's segments."""
+    return float(sum(segment.time[-1] - segment.time[0] for segment in run.segments))
+
+
+def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
+    """Return the Run in `columns`: arrays of one length under the keys `time_s`, `rudder_rad`, `speed_m_s`,
+    and `heading_rad` or `yaw_rate_rad_s` or both; nan where a value is missing.
+
+    Rows without a time are dropped. Raises InputError, naming `source`, where a needed column is missing,
+    time does not increase, or no stretch is long enough.
+    """
+    _require(source, columns)
+    known = np.isfinite(columns["time_s"])
+    time = columns["time_s"][known]
+    if time.size == 0:
+        raise InputError(f"{source}: no row has a time, so there is nothing to identify from.")
+    backwards = np.flatnonzero(np.diff(time) <= 0.0)
+    if backwards.size:
+        at = int(backwards[0])
+        raise InputError(
+            f"{source}: time goes from {time[at]:g} s to {time[at + 1]:g} s between samples {at + 1} and {at + 2}; "
+            "it must increase from sample to sample."
+        )
+    nothing = np.full(time.size, np.nan)
+    heading = columns["heading_rad"][known] if "heading_rad" in columns else nothing
+    rate = columns["yaw_rate_rad_s"][known] if "yaw_rate_rad_s" in columns else nothing
+    rudder, rudder_known = _bridge(time, columns["rudder_rad"][known])
+    speed, speed_known = _bridge(time, columns["speed_m_s"][known])
+    table = Segment(time, heading, rate, rudder, speed)
+    segments = [
+        _tidy(Segment(*(array[part] for array in table))) for part in _stretches(time, rudder_known & speed_known)
+    ]
+    useful = tuple(segment for segment in segments if _measured(segment) >= SHORTEST_SEGMENT_SAMPLES)
+    if not useful:
+        raise InputError(
+            f"{source}: no stretch of {SHORTEST_SEGMENT_SAMPLES} samples has rudder, speed and heading or yaw rate "
+            "together; check that the columns overlap in time."
+        )
+    return Run(source, useful)
+
+
+def _require(source: str, columns: Mapping[str, FloatArray]) -> None:
+    for name in ("time_s", "rudder_rad", "speed_m_s"):
+        if name not in columns:
+            raise InputError(f"{source}: {name} is missing; time, rudder and speed are all needed.")
+    if "heading_rad" not in columns and "yaw_rate_rad_s" not in columns:
+        raise InputError(f"{source}: neither heading nor yaw rate is there; at least one of them is needed.")
+
+
+def _bridge(time: FloatArray, values: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return `values` with short blanks bridged linearly, and where they are known that way."""
+    measured = np.flatnonzero(np.isfinite(values))
+    if measured.size < 2:
+        return values, np.isfinite(values)
+    moments = time[measured]
+    longest = gap_limit(moments)
+    after = np.searchsorted(moments, time, side="left")
+    inside = (after < moments.size) & (time >= moments[0])
+    right = np.minimum(after, moments.size - 1)
+    left = np.maximum(right - 1, 0)
+    exact = np.isfinite(values)
+    known = exact | (inside & (moments[right] - moments[left] <= longest))
+    return np.where(known, np.interp(time, moments, values[measured]), np.nan), known
+
+
+def gap_limit(moments: FloatArray) -> float:
+    """Return the longest spacing [s] of samples at `moments` [s] that still counts as continuous."""
+    return max(GAP_SAMPLES * float(np.median(np.diff(moments))), GAP_SHORTEST_S)
+
+
+def _stretches(time: FloatArray, known: NDArray[np.bool_]) -> list[slice]:
+    """Return the slices of rows that are known throughout and nowhere further apart than a gap."""
+    rows = np.flatnonzero(known)
+    if rows.size < 2:
+        return []
+    apart = np.diff(time[rows]) > gap_limit(time[rows])
+    cuts = np.flatnonzero(apart | (np.diff(rows) > 1)) + 1
+    return [slice(int(part[0]), int(part[-1]) + 1) for part in np.split(rows, cuts)]
+
+
+def _tidy(segment: Segment) -> Segment:
+    """Return the segment with its heading unwrapped over the samples that have one."""
+    heading = segment.heading.copy()
+    measured = np.isfinite(heading)
+    heading[measured] = np.unwrap(heading[measured])
+    return segment._replace(heading=heading, rate=np.where(np.isfinite(segment.rate), segment.rate, np.nan))
+
+
+def _measured(segment: Segment) -> int:
+    return int(np.count_nonzero(np.isfinite(segment.heading) | np.isfinite(segment.rate)))
