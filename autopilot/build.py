@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import astuple
+from typing import NamedTuple
 
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.design import LoopGains, Verdict, judge, linear_gains_backstepping, linear_gains_pid
@@ -11,6 +13,10 @@ from autopilot.control.pid import PidGains, PidLaw
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.limits import RudderLimits
+from autopilot.links.base import Link, LinkError
+from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.nmea_link import NmeaLink, NmeaSettings
+from autopilot.links.url import open_transport, parse_url
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Vessel
@@ -131,3 +137,46 @@ def build_pilot(vessel: Vessel, law: str | None = None) -> Pilot:
 
 def _radians_or_unlimited(degrees: float | None) -> float:
     return math.inf if degrees is None else math.radians(degrees)
+
+
+class LinkOptions(NamedTuple):
+    """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first)."""
+
+    as_gcs: bool = False
+    vehicle_system: int | None = None
+
+
+def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
+    """Return the opened link of a URL, set up for the vessel. Raises LinkError."""
+    parsed = parse_url(url)
+    transport = open_transport(parsed)
+    sensors, helm = vessel.sensors, vessel.helm
+    if parsed.protocol == "nmea":
+        variation = None if sensors.variation_deg is None else math.radians(sensors.variation_deg)
+        table = tuple((math.radians(at), math.radians(deviation)) for at, deviation in sensors.deviation_deg)
+        return NmeaLink(transport, NmeaSettings(parsed.baud, sensors.heading_latency_s, variation, table))
+    full_deg = helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
+    settings = CompanionSettings(
+        rudder_at_full=math.radians(full_deg),
+        reversed=helm.reversed,
+        method=helm.method,
+        command_rate_hz=helm.rate_hz,
+        attitude_rate_hz=vessel.control.rate_hz,
+        heading_latency=sensors.heading_latency_s,
+        vehicle_system=options.vehicle_system,
+        as_gcs=options.as_gcs,
+    )
+    return CompanionLink(transport, settings)
+
+
+def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008
+    """Return the links of all `urls`, opened; where one fails the others are closed again. Raises LinkError."""
+    links: list[Link] = []
+    try:
+        for url in urls:
+            links.append(build_link(vessel, url, options))
+    except LinkError:
+        for link in links:
+            link.close()
+        raise
+    return links

@@ -12,7 +12,6 @@ from typing import NamedTuple
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
-
 BIAS_UNKNOWN = math.radians(3.0) ** 2
 RATE_UNKNOWN = 0.2**2
 """Variances of a bias [rad^2] and of a rate [(rad/s)^2] of which nothing is known."""

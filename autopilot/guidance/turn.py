@@ -28,6 +28,8 @@ STABLE_STOP = (2.5, 2.0)
 UNSTABLE_STOP = (1.0, 0.8)
 """kappa in units of jerk/acceleration, and mu in units of kappa^2, by course stability: tuned on boats with T
 from 0.3 to 20 s for turns without overshoot in little more than the time-optimal time."""
+ARRIVED = 1.0e-6
+"""Heading [rad] and rate [rad/s] to go, and rudder [rad] off straight, together: below it the turn is over."""
 STOP_STEPS = 24
 STOP_STEPS_MOST = 60
 
@@ -122,6 +124,10 @@ def _rudder_and_rate(
 
 def turn_step(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: float, dt: float) -> VirtualBoat:
     """Return the virtual boat `dt` [s] later on its way to the heading `target` [rad], the short way round."""
+    straight = rudder_for(model, 0.0, 0.0)
+    if abs(wrap(target - boat.heading)) + abs(boat.rate) + abs(boat.rudder - straight) < ARRIVED:
+        # no need to look ahead from where there is nowhere to go
+        return VirtualBoat(target, 0.0, straight)
     finest = min(0.2 * model.time_constant, 0.4 / limits.kappa)
     steps = max(1, min(20, math.ceil(dt / finest)))
     for _ in range(steps):

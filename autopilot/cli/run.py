@@ -1,0 +1,67 @@
+"""`autopilot run`: steer a boat in real time."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import select
+import sys
+from typing import Any
+
+from autopilot.errors import InputError
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the subcommand."""
+    from autopilot.cli.steering import add_steering_options
+
+    parser = subparsers.add_parser(
+        "run",
+        help="steer a boat in real time",
+        description="Steer a boat in real time. On a terminal, type: e 90 (engage on 90 deg), +10, -1, r 5, s, q.",
+    )
+    add_steering_options(parser)
+    parser.add_argument("--engage", metavar="HEADING", help="engage on this heading in degrees, or `present`")
+    parser.add_argument("--law", choices=("backstepping", "pid"), help="law to steer with (default: the file's)")
+    parser.add_argument("--duration", type=float, metavar="S", help="stop after this time (default: run on)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Steer until the duration is over, a signal comes or the skipper quits."""
+    from autopilot.build import limits_of
+    from autopilot.cli.skipper import HELP, Skipper, heading_of
+    from autopilot.cli.steering import steer
+    from autopilot.params.vessel_file import load_vessel
+    from autopilot.signals import Tick
+
+    if arguments.duration is not None and not arguments.duration > 0.0:
+        raise InputError(f"--duration {arguments.duration}: seconds above 0 are allowed")
+    if not (math.isfinite(arguments.speedup) and arguments.speedup > 0.0):
+        raise InputError(f"--speedup {arguments.speedup}: a number above 0 is allowed")
+    vessel = load_vessel(arguments.vessel)
+    skipper = Skipper(limits_of(vessel).angle_max)
+    if arguments.engage is not None:
+        skipper.engage(None if arguments.engage == "present" else heading_of(arguments.engage))
+    listens = sys.stdin is not None and sys.stdin.isatty()
+    if listens:
+        print(HELP)
+
+    def watch(tick: Tick) -> bool:
+        if listens and select.select([sys.stdin], (), (), 0.0)[0]:
+            line = sys.stdin.readline()
+            try:
+                print(skipper.type_line(line) if line else "")
+            except InputError as error:
+                print(error)
+        return skipper.quit
+
+    return steer(
+        vessel,
+        arguments,
+        skipper,
+        watch,
+        duration=math.inf if arguments.duration is None else arguments.duration,
+        law=arguments.law,
+        must_engage=arguments.engage is not None,
+    )

@@ -1,0 +1,166 @@
+"""What `run` and `trial` share: options, building the session, signals, the status line, and how it ends."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+from autopilot import __version__
+from autopilot.angles import compass_deg
+from autopilot.build import LinkOptions, build_links, build_pilot
+from autopilot.errors import ExitCode, RefusedError
+from autopilot.links.base import LinkError
+from autopilot.loop.clock import MonotonicClock
+from autopilot.loop.record import Recorder
+from autopilot.loop.session import Orders, Session
+from autopilot.params.vessel import Vessel
+from autopilot.params.vessel_file import dump_vessel
+from autopilot.signals import Mode, OrderKind, Tick
+
+STATUS_PERIOD = 0.5
+ENGAGE_PATIENCE = 20.0
+"""Time [s] after the first heading in which an ordered engagement must come about."""
+
+
+def add_steering_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of every command that steers."""
+    parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
+    parser.add_argument(
+        "--link",
+        action="append",
+        required=True,
+        metavar="URL",
+        help="udpin:127.0.0.1:14550, tcp:HOST:PORT, serial:/dev/ttyUSB0:115200, nmea:/dev/ttyUSB1:4800; repeatable",
+    )
+    parser.add_argument("--log", metavar="FILE.tlog", type=Path, help="write everything to this log")
+    parser.add_argument(
+        "--as-gcs", action="store_true", help="send steering with the ground station's id, which ArduPilot obeys"
+    )
+    parser.add_argument("--vehicle-system", type=int, metavar="ID", help="MAVLink system id of the vehicle")
+    parser.add_argument(
+        "--wait", type=float, default=30.0, metavar="S", help="give up when no heading comes for this long (0: never)"
+    )
+    parser.add_argument(
+        "--speedup", type=float, default=1.0, metavar="X", help="for a simulator that runs X times faster"
+    )
+
+
+class Ending:
+    """Whether to stop, and the checks that end a run early. Called after every tick."""
+
+    def __init__(self, links: list[str], wait: float, must_engage: bool) -> None:
+        self.stop = False
+        self._links = ", ".join(links)
+        self._wait = wait
+        self._must_engage = must_engage
+        self._first_heading: float | None = None
+        self.engaged = False
+
+    def __call__(self, tick: Tick) -> bool:
+        """Return whether to stop now. Raises LinkError or RefusedError where going on makes no sense."""
+        if tick.mode is Mode.ENGAGED:
+            self.engaged = True
+        if self._first_heading is None:
+            if tick.state.valid:
+                self._first_heading = tick.now
+            elif 0.0 < self._wait <= tick.now:
+                raise LinkError(
+                    f"no heading came over {self._links} in {self._wait:.0f} s: check that the vehicle or compass is "
+                    f"on, that it sends to this address, and the baud rate"
+                )
+        elif self._must_engage and not self.engaged and tick.now - self._first_heading > ENGAGE_PATIENCE:
+            raise RefusedError("; ".join(tick.alarms) or "the pilot did not engage")
+        return self.stop
+
+
+def steer(
+    vessel: Vessel,
+    arguments: argparse.Namespace,
+    orders: Orders,
+    watch: Callable[[Tick], bool],
+    duration: float,
+    law: str | None = None,
+    must_engage: bool = True,
+) -> int:
+    """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released."""
+    pilot = build_pilot(vessel, law)
+    clock = MonotonicClock(arguments.speedup)
+    ending = Ending(arguments.link, arguments.wait, must_engage)
+    links = build_links(vessel, arguments.link, LinkOptions(arguments.as_gcs, arguments.vehicle_system))
+    recorder = None
+    try:
+        if arguments.log is not None:
+            header = {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": law}
+            recorder = Recorder(arguments.log, header, clock.now())
+    except Exception:
+        for link in links:
+            link.close()
+        raise
+    status = StatusLine()
+
+    def after(tick: Tick) -> bool:
+        status.show(tick, recorder)
+        return ending(tick) or watch(tick)
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        ending.stop = True
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder) as session:
+            session.run(clock.now() + duration, after)
+    finally:
+        status.end()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    last = session.tick
+    if last is not None and last.mode is Mode.FAILSAFE:
+        print(f"ended in fail-safe: {'; '.join(last.alarms)}", file=sys.stderr)
+        return int(ExitCode.FAILSAFE)
+    return int(ExitCode.OK)
+
+
+class StatusLine:
+    """One line that is rewritten on a terminal; elsewhere a line for each change of mode or alarm."""
+
+    def __init__(self) -> None:
+        self._live = sys.stdout.isatty()
+        self._next = -math.inf
+        self._said: tuple[Mode, tuple[str, ...]] | None = None
+
+    def show(self, tick: Tick, recorder: Recorder | None) -> None:
+        """Show the tick where it is time to."""
+        alarms = tick.alarms + ((recorder.failed,) if recorder is not None and recorder.failed else ())
+        if (tick.mode, alarms) != self._said:
+            self._said = (tick.mode, alarms)
+            self._print_line(f"{tick.now:8.1f} s  {tick.mode.name}" + "".join(f"  ! {alarm}" for alarm in alarms))
+        elif self._live and tick.now >= self._next:
+            self._next = tick.now + STATUS_PERIOD
+            print(f"\r{status_text(tick)}\033[K", end="", flush=True)
+
+    def end(self) -> None:
+        """Leave the line."""
+        if self._live:
+            print("\r\033[K", end="", flush=True)
+
+    def _print_line(self, line: str) -> None:
+        print(f"\r{line}\033[K" if self._live else line, flush=True)
+
+
+def status_text(tick: Tick) -> str:
+    """Return the status of a tick in one line, in degrees and knots."""
+    state = tick.state
+    if not state.valid:
+        return f"{tick.mode.name:8s}  no heading yet"
+    ordered = f"{compass_deg(tick.reference.heading):5.1f}" if tick.order.kind is OrderKind.HEADING else "  -  "
+    return (
+        f"{tick.mode.name:8s}  heading {compass_deg(state.heading):5.1f}  reference {ordered}  "
+        f"rate {math.degrees(state.rate):+5.1f} deg/s  rudder {math.degrees(state.rudder):+5.1f}  "
+        f"order {math.degrees(tick.command.angle):+5.1f}  bias {math.degrees(state.bias):+4.1f}  "
+        f"{state.speed * 3600.0 / 1852.0:4.1f} kn"
+    )

@@ -1,0 +1,44 @@
+"""Replay: a log's inputs through a fresh pilot, its outputs compared bit for bit."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import NamedTuple
+
+from autopilot.build import build_pilot
+from autopilot.errors import InputError
+from autopilot.loop.record import read_log
+from autopilot.params.vessel_file import parse_vessel
+from autopilot.signals import RudderCommand
+
+
+class ReplayResult(NamedTuple):
+    """How many ticks were compared, whether all were identical, and where the first difference is."""
+
+    ticks: int
+    identical: bool
+    first_difference: int | None
+    detail: str
+
+
+def replay(path: Path) -> ReplayResult:
+    """Run the log at `path` again. Raises InputError where it cannot be read."""
+    log = read_log(path)
+    vessel = log.header.get("vessel")
+    if not isinstance(vessel, str):
+        raise InputError(f"{path}: its header names no vessel; it was written by another version")
+    pilot = build_pilot(parse_vessel(vessel, f"{path} (header)"), log.header.get("law"))
+    for recorded in log.ticks:
+        tick = pilot.step(recorded.now, recorded.samples, recorded.order)
+        if _bits(tick.command) != _bits(recorded.command) or tick.mode != recorded.mode:
+            detail = (
+                f"recorded {recorded.mode.name} {recorded.command.angle!r} rad, "
+                f"replayed {tick.mode.name} {tick.command.angle!r} rad"
+            )
+            return ReplayResult(len(log.ticks), False, recorded.number, detail)
+    return ReplayResult(len(log.ticks), True, None, "")
+
+
+def _bits(command: RudderCommand) -> bytes:
+    return struct.pack("<dd?", command.time, command.angle, command.engaged)
