@@ -10,7 +10,8 @@ import math
 from enum import IntEnum
 
 from sitl.firmware_parameters import ParameterTable, default_parameters
-from sitl.radio import CHANNELS, STEERING_FULL, THROTTLE_FULL, Calibration, Overrides, input_angle, output_pulse
+from sitl.firmware_setup import Setup, setup_of
+from sitl.radio import CHANNELS, STEERING_FULL, THROTTLE_FULL, Overrides, input_angle, output_pulse
 from sitl.world import Orders, World
 
 CRUISE_SHARE = 0.5
@@ -38,6 +39,8 @@ class Firmware:
         full_deg = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
         # how the servo is linked to the rudder does not change with the parameters
         self._linkage = math.radians(-full_deg if vessel.helm.reversed else full_deg) / 500.0
+        self._setup = setup_of(self.parameters)
+        self._setup_changes = self.parameters.changes
         self.overrides = Overrides()
         self.receiver = vehicle.receiver
         self.sticks = self._resting_sticks()
@@ -83,50 +86,18 @@ class Firmware:
         return self.time_since_boot(time) >= self.world.scenario.vehicle.position_after_s
 
     @property
-    def steering_channel(self) -> int:
-        """RC channel of the steering (RCMAP_ROLL)."""
-        return self._channel("RCMAP_ROLL")
-
-    @property
-    def throttle_channel(self) -> int:
-        """RC channel of the throttle (RCMAP_THROTTLE)."""
-        return self._channel("RCMAP_THROTTLE")
-
-    def _channel(self, name: str) -> int:
-        return min(max(int(self.parameters[name]), 1), CHANNELS)
-
-    def input_calibration(self, channel: int) -> Calibration:
-        """Return RCn_MIN, _TRIM, _MAX, _DZ and _REVERSED of a channel."""
-        value = self.parameters
-        prefix = f"RC{channel}_"
-        return Calibration(
-            int(value[prefix + "MIN"]),
-            int(value[prefix + "TRIM"]),
-            int(value[prefix + "MAX"]),
-            int(value[prefix + "DZ"]),
-            value[prefix + "REVERSED"] != 0.0,
-        )
-
-    def output_calibration(self, channel: int) -> Calibration:
-        """Return SERVOn_MIN, _TRIM, _MAX and _REVERSED of an output."""
-        value = self.parameters
-        prefix = f"SERVO{channel}_"
-        return Calibration(
-            int(value[prefix + "MIN"]),
-            int(value[prefix + "TRIM"]),
-            int(value[prefix + "MAX"]),
-            0,
-            value[prefix + "REVERSED"] != 0.0,
-        )
+    def setup(self) -> Setup:
+        """What the parameters say at this moment."""
+        if self._setup_changes != self.parameters.changes:
+            self._setup_changes = self.parameters.changes
+            self._setup = setup_of(self.parameters)
+        return self._setup
 
     def set_mode(self, number: int) -> bool:
         """Change the mode; False where the number is none of ours or the firmware is still starting."""
         if self.mode is FirmwareMode.INITIALISING or number not in (0, 4, 15):
             return False
-        mode = FirmwareMode(number)
-        if mode is not self.mode:
-            self.mode = mode
-            self.failsafe = ""
+        self.mode = FirmwareMode(number)
         return True
 
     def set_armed(self, armed: bool) -> bool:
@@ -148,100 +119,72 @@ class Firmware:
             if time < self._ready_time:
                 return Orders(0.0, 0.0)
             self._become_ready()
-        self._read_radio(time)
-        self._check_station(time)
-        steering = self._steering() if self.mode is FirmwareMode.MANUAL else 0
-        self.throttle = self._pilot_throttle() if self.mode is FirmwareMode.MANUAL and self.armed else 0
-        self._drive_servos(steering)
+        setup = self.setup
+        self._read_radio(time, setup)
+        self._check_station(time, setup)
+        is_manual = self.mode is FirmwareMode.MANUAL and self._radio_failed_since is None
+        steering = input_angle(setup.steering_input, self._pulse(setup.steering_channel), STEERING_FULL)
+        throttle = input_angle(setup.throttle_input, self._pulse(setup.throttle_channel), THROTTLE_FULL)
+        self.throttle = throttle if is_manual and self.armed else 0
+        self._drive_servos(setup, steering if is_manual else 0)
         speed = self.world.cruise_speed * self.throttle / THROTTLE_FULL / CRUISE_SHARE
         return Orders(self._rudder_of_servo(), speed)
 
-    def _read_radio(self, time: float) -> None:
+    def _pulse(self, channel: int) -> int:
+        return self.channels[channel - 1]
+
+    def _read_radio(self, time: float, setup: Setup) -> None:
         """Sticks or overrides into the channels; without either for RC_FS_TIMEOUT the radio has failed."""
         has_news = self.receiver or self.overrides.are_new
         self.overrides.are_new = False
         self._has_heard_radio = self._has_heard_radio or self.receiver
-        if has_news and self._update_channels(time):
+        if has_news and self._update_channels(time, setup):
             self._last_radio_time = time
-        self._check_radio(time)
+        is_low = self._has_heard_radio and self._pulse(setup.throttle_channel) < setup.radio_failsafe_pulse
+        has_failed = setup.radio_failsafe and (is_low or time - self._last_radio_time > setup.radio_timeout)
+        self._radio_failed_since = self._watch("Radio", has_failed, self._radio_failed_since, time, setup)
 
-    def _update_channels(self, time: float) -> bool:
-        timeout = self.parameters["RC_OVERRIDE_TIME"]
-        has_updated = False
-        for channel in range(1, CHANNELS + 1):
-            override = self.overrides.active(channel, time, timeout)
-            if override is not None:
-                self.channels[channel - 1] = override
-            elif self._has_heard_radio:
-                self.channels[channel - 1] = self.sticks[channel - 1]
-            else:
-                continue
-            has_updated = True
-        return has_updated
+    def _update_channels(self, time: float, setup: Setup) -> bool:
+        overrides = self.overrides.active(time, setup.override_time)
+        if self._has_heard_radio:
+            self.channels = list(self.sticks)
+        for channel, pulse in overrides.items():
+            self.channels[channel - 1] = pulse
+        return self._has_heard_radio or bool(overrides)
 
-    def _check_radio(self, time: float) -> None:
-        has_failed = self.parameters["FS_THR_ENABLE"] != 0.0 and (
-            (self.channels[self.throttle_channel - 1] < self.parameters["FS_THR_VALUE"] and self._has_heard_radio)
-            or time - self._last_radio_time > self.parameters["RC_FS_TIMEOUT"]
-        )
-        if not has_failed:
-            self._radio_failed_since = None
-            if self.failsafe == "Radio":
-                self.failsafe = ""
-                self.notices.append((4, "Radio Failsafe Cleared"))
-            return
-        if self._radio_failed_since is None:
-            self._radio_failed_since = time
-        self._trigger("Radio", time - self._radio_failed_since)
-
-    def _check_station(self, time: float) -> None:
+    def _check_station(self, time: float, setup: Setup) -> None:
         """FS_GCS_ENABLE: a ground station that was there and has fallen silent."""
         is_lost = (
-            self.parameters["FS_GCS_ENABLE"] != 0.0
+            setup.station_failsafe
             and self._station_time is not None
-            and time - self._station_time > self.parameters["FS_GCS_TIMEOUT"]
+            and time - self._station_time > setup.station_timeout
         )
+        self._station_lost_since = self._watch("GCS", is_lost, self._station_lost_since, time, setup)
+
+    def _watch(self, name: str, is_lost: bool, since: float | None, time: float, setup: Setup) -> float | None:
+        """Fail-safe of one kind: FS_ACTION after FS_TIMEOUT, cleared when what was lost is back."""
         if not is_lost:
-            self._station_lost_since = None
-            if self.failsafe == "GCS":
+            if self.failsafe == name:
                 self.failsafe = ""
-                self.notices.append((4, "GCS Failsafe Cleared"))
-            return
-        if self._station_lost_since is None:
-            self._station_lost_since = time
-        self._trigger("GCS", time - self._station_lost_since)
+                self.notices.append((4, f"{name} Failsafe Cleared"))
+            return None
+        start = time if since is None else since
+        if time - start > setup.failsafe_time and not self.failsafe and self.mode is not FirmwareMode.HOLD:
+            self.failsafe = name
+            self.overrides.clear()
+            self.notices.append((4, f"{name} Failsafe"))
+            if setup.failsafe_holds:
+                self.mode = FirmwareMode.HOLD
+        return start
 
-    def _trigger(self, name: str, lasted: float) -> None:
-        if self.failsafe or lasted <= self.parameters["FS_TIMEOUT"] or self.mode is FirmwareMode.HOLD:
-            return
-        self.failsafe = name
-        self.overrides.clear()
-        self.notices.append((4, f"{name} Failsafe"))
-        if self.parameters["FS_ACTION"] != 0.0:
-            self.mode = FirmwareMode.HOLD
-
-    def _steering(self) -> int:
-        if self._radio_failed_since is not None:
-            return 0
-        channel = self.steering_channel
-        return input_angle(self.input_calibration(channel), self.channels[channel - 1], STEERING_FULL)
-
-    def _pilot_throttle(self) -> int:
-        if self._radio_failed_since is not None:
-            return 0
-        channel = self.throttle_channel
-        return input_angle(self.input_calibration(channel), self.channels[channel - 1], THROTTLE_FULL)
-
-    def _drive_servos(self, steering: int) -> None:
-        """Each output follows its SERVOn_FUNCTION: 26 steering, 70 throttle; the rest stays without pulses."""
-        for channel in range(1, CHANNELS + 1):
-            function = self.parameters[f"SERVO{channel}_FUNCTION"]
-            if function == 26.0:
-                self.servos[channel - 1] = output_pulse(self.output_calibration(channel), steering, STEERING_FULL)
-            elif function == 70.0:
-                self.servos[channel - 1] = output_pulse(self.output_calibration(channel), self.throttle, THROTTLE_FULL)
-            else:
-                self.servos[channel - 1] = 0
+    def _drive_servos(self, setup: Setup, steering: int) -> None:
+        """Each output follows its SERVOn_FUNCTION; outputs without one have no pulses."""
+        servos = [0] * CHANNELS
+        for channel, servo in setup.steering_outputs:
+            servos[channel - 1] = output_pulse(servo, steering, STEERING_FULL)
+        for channel, servo in setup.throttle_outputs:
+            servos[channel - 1] = output_pulse(servo, self.throttle, THROTTLE_FULL)
+        self.servos = servos
 
     def _rudder_of_servo(self) -> float:
         """The servo that is fitted stands on output 1, amidships at 1500 us; without pulses it stays amidships."""
@@ -251,9 +194,9 @@ class Firmware:
     def _resting_sticks(self) -> list[int]:
         """Steering centred, throttle where the boat runs at its cruise speed, mode switch in its first position."""
         sticks = [1500] * CHANNELS
-        throttle = self.input_calibration(3)
+        throttle = self.setup.throttle_input
         above = throttle.trim + throttle.dead_zone
         # one more microsecond than the exact share, so that truncation does not lose a percent
-        sticks[2] = above + math.ceil(CRUISE_SHARE * (throttle.high - above))
+        sticks[self.setup.throttle_channel - 1] = above + math.ceil(CRUISE_SHARE * (throttle.high - above))
         sticks[7] = 1000
         return sticks

@@ -100,6 +100,8 @@ class ParameterTable:
     def __init__(self, parameters: list[Parameter]) -> None:
         self._rows = {parameter.name: parameter for parameter in parameters}
         self._names = [parameter.name for parameter in parameters]
+        self.changes = 0
+        """How often a value has been set: who keeps something worked out from the values looks here."""
         if len(self._rows) != len(parameters):
             raise ValueError("a parameter is listed twice")
 
@@ -132,6 +134,7 @@ class ParameterTable:
         if not parameter.is_read_only and value == value:
             parameter = parameter._replace(value=_stored(parameter.kind, value))
             self._rows[name] = parameter
+            self.changes += 1
         return parameter
 
 

@@ -65,25 +65,25 @@ class Overrides:
     """RC channel overrides: value and age of each, and whether a new one has come since the last look."""
 
     def __init__(self) -> None:
-        self._values = [0] * CHANNELS
-        self._times = [0.0] * CHANNELS
+        self._held: dict[int, tuple[int, float]] = {}
         self.are_new = False
 
     def put(self, channel: int, pulse: int, time: float) -> None:
         """Override `channel` (from 1) with `pulse` [us]; 0 releases it."""
-        self._values[channel - 1] = pulse
-        self._times[channel - 1] = time
+        if pulse == RELEASED:
+            self._held.pop(channel, None)
+        else:
+            self._held[channel] = (pulse, time)
         self.are_new = True
 
     def clear(self) -> None:
         """Release every channel."""
-        self._values = [0] * CHANNELS
+        self._held.clear()
 
-    def active(self, channel: int, time: float, timeout: float) -> int | None:
-        """Return the pulse in force, None where there is none. timeout < 0: never ends; 0: overrides are off."""
-        value = self._values[channel - 1]
-        if value == 0 or timeout == 0.0:
-            return None
-        if timeout > 0.0 and time - self._times[channel - 1] >= timeout:
-            return None
-        return value
+    def active(self, time: float, timeout: float) -> dict[int, int]:
+        """Return the pulses in force by channel. timeout [s] < 0: they never end; 0: overrides are off."""
+        if timeout == 0.0:
+            return {}
+        return {
+            channel: pulse for channel, (pulse, when) in self._held.items() if timeout < 0.0 or time - when < timeout
+        }

@@ -143,12 +143,13 @@ class MavlinkVehicle:
         if not self._is_from_station(message) or message.target != self.codec.system:
             return
         self.firmware.station_heard(time)
-        firmware = self.firmware
-        for value, channel in ((message.y, firmware.steering_channel), (message.z, firmware.throttle_channel)):
-            pulse = radio.RELEASED
-            if value != INT16_MAX:
-                pulse = radio.manual_control_pulse(firmware.input_calibration(channel), value)
-            firmware.overrides.put(channel, pulse, time)
+        setup = self.firmware.setup
+        for value, channel, calibration in (
+            (message.y, setup.steering_channel, setup.steering_input),
+            (message.z, setup.throttle_channel, setup.throttle_input),
+        ):
+            pulse = radio.RELEASED if value == INT16_MAX else radio.manual_control_pulse(calibration, value)
+            self.firmware.overrides.put(channel, pulse, time)
 
     def _on_set_mode(self, message: Any, time: float) -> None:
         is_custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

@@ -1,0 +1,251 @@
+"""The simulated flight controller does what an ArduRover boat does towards a companion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sitl.firmware_parameters import ParameterTable, default_parameters
+
+MakeBench = Callable[..., Any]
+
+
+def test_override_moves_the_rudder_through_the_dead_zone(bench: MakeBench) -> None:
+    boat = bench()
+    boat.override(1560)
+    boat.run(0.1)
+    assert boat.steering_pulse == 1531
+    assert boat.last("HEARTBEAT").custom_mode == 0
+    boat.override(2000)
+    boat.run(2.5)
+    assert math.degrees(boat.world.boat.state.rudder) == pytest.approx(30.0, abs=0.01)
+    assert boat.world.boat.state.rate > 0.0
+
+
+@pytest.mark.parametrize("system", [1, 2, 254])
+def test_overrides_of_anyone_but_the_ground_station_are_ignored_in_silence(bench: MakeBench, system: int) -> None:
+    boat = bench(system=system)
+    boat.run(0.1)
+    boat.forget()
+    boat.override(1900)
+    boat.send(dialect.MAVLink_manual_control_message(1, 32767, 900, 32767, 32767, 0))
+    boat.run(0.5)
+    assert boat.steering_pulse == 1500
+    assert not boat.of("STATUSTEXT")
+    boat.parameter_set("SYSID_MYGCS", system)
+    boat.override(1900)
+    boat.run(0.1)
+    assert boat.steering_pulse > 1850
+
+
+def test_override_holds_for_its_time_and_then_the_stick_has_the_rudder(bench: MakeBench) -> None:
+    boat = bench()
+    boat.override(1900)
+    boat.run(2.95)
+    assert boat.steering_pulse == 1893
+    boat.run(0.1)
+    assert boat.steering_pulse == 1500
+
+
+def test_leave_alone_does_not_refresh_an_override(bench: MakeBench) -> None:
+    boat = bench()
+    boat.override(1900)
+    for _ in range(31):
+        boat.run(0.1)
+        boat.override(65535)
+    boat.run(0.05)
+    assert boat.steering_pulse == 1500
+
+
+def test_zero_releases_at_once(bench: MakeBench) -> None:
+    boat = bench()
+    boat.override(1900)
+    boat.run(0.2)
+    boat.override(0)
+    boat.run(0.05)
+    assert boat.steering_pulse == 1500
+
+
+def test_override_time_is_the_parameter(bench: MakeBench) -> None:
+    boat = bench()
+    boat.parameter_set("RC_OVERRIDE_TIME", 1.0)
+    boat.override(1900)
+    boat.run(0.9)
+    assert boat.steering_pulse > 1500
+    boat.run(0.2)
+    assert boat.steering_pulse == 1500
+
+
+def test_channels_beyond_eight_have_other_special_values(bench: MakeBench) -> None:
+    boat = bench()
+    alone = [65535] * 8
+    boat.send(dialect.MAVLink_rc_channels_override_message(1, 1, *alone, 1700))
+    boat.run(0.05)
+    assert boat.firmware.channels[8] == 1700
+    boat.send(dialect.MAVLink_rc_channels_override_message(1, 1, *alone, 0))
+    boat.run(0.05)
+    assert boat.firmware.channels[8] == 1700, "zero leaves channels 9 and up alone"
+    boat.send(dialect.MAVLink_rc_channels_override_message(1, 1, *alone, 65534))
+    boat.run(0.05)
+    assert boat.firmware.channels[8] == 1500
+
+
+def test_without_a_receiver_outputs_go_neutral_and_then_hold(bench: MakeBench) -> None:
+    boat = bench(vehicle={"receiver": False})
+    for _ in range(20):
+        boat.override(1900)
+        boat.run(0.1)
+    assert boat.steering_pulse == 1893
+    boat.run(0.35)
+    assert boat.steering_pulse == 1893, "the last override stays applied"
+    boat.run(0.2)
+    assert boat.steering_pulse == 1500, "neutral after half a second"
+    assert boat.last("HEARTBEAT").custom_mode == 0
+    boat.run(2.5)
+    assert boat.last("HEARTBEAT").custom_mode == 4, "and HOLD after FS_TIMEOUT"
+    assert boat.last("HEARTBEAT").system_status == dialect.MAV_STATE_CRITICAL
+    assert "Radio Failsafe" in [message.text for message in boat.of("STATUSTEXT")]
+
+
+def test_manual_control_steers_and_leaves_the_throttle(bench: MakeBench) -> None:
+    boat = bench()
+    boat.send(dialect.MAVLink_manual_control_message(1, 32767, 500, 32767, 32767, 0))
+    boat.run(0.1)
+    assert boat.firmware.channels[0] == 1750
+    assert boat.steering_pulse == 1500 + (4500 * 220 // 470) * 500 // 4500
+    assert boat.firmware.throttle == 50
+    boat.send(dialect.MAVLink_manual_control_message(1, 32767, 32767, 32767, 32767, 0))
+    boat.run(0.05)
+    assert boat.steering_pulse == 1500
+
+
+def test_manual_control_for_another_vehicle_is_not_ours(bench: MakeBench) -> None:
+    boat = bench()
+    boat.send(dialect.MAVLink_manual_control_message(7, 32767, 500, 32767, 32767, 0))
+    boat.run(0.1)
+    assert boat.steering_pulse == 1500
+
+
+@pytest.mark.parametrize("mode", [4, 15])
+def test_in_hold_and_guided_an_override_moves_nothing_and_the_boat_stops(bench: MakeBench, mode: int) -> None:
+    boat = bench()
+    boat.override(1900)
+    boat.run(0.2)
+    assert boat.command(dialect.MAV_CMD_DO_SET_MODE, 1, mode).result == dialect.MAV_RESULT_ACCEPTED
+    for _ in range(100):
+        boat.override(1900)
+        boat.run(0.1)
+    assert boat.steering_pulse == 1500
+    assert boat.last("RC_CHANNELS").chan1_raw == 1900
+    assert boat.world.boat.state.speed < 1.0
+
+
+def test_set_mode_message_changes_the_mode_and_is_acknowledged(bench: MakeBench) -> None:
+    boat = bench()
+    boat.send(dialect.MAVLink_set_mode_message(1, 1, 4))
+    boat.run(1.0)
+    assert (boat.last("COMMAND_ACK").command, boat.last("COMMAND_ACK").result) == (11, 0)
+    assert boat.last("HEARTBEAT").custom_mode == 4
+    boat.send(dialect.MAVLink_set_mode_message(1, 1, 99))
+    boat.run(0.1)
+    assert boat.last("COMMAND_ACK").result == dialect.MAV_RESULT_FAILED
+
+
+def test_disarming_stops_the_engine_and_arming_starts_it(bench: MakeBench) -> None:
+    boat = bench()
+    assert boat.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0).result == 0
+    boat.run(1.0)
+    assert not boat.last("HEARTBEAT").base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED
+    assert boat.last("SERVO_OUTPUT_RAW").servo3_raw == 1500
+    boat.override(1900)
+    boat.run(0.1)
+    assert boat.steering_pulse == 1893, "ArduRover lets the steering move while disarmed"
+    assert boat.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1).result == 0
+    boat.run(1.0)
+    assert boat.last("HEARTBEAT").base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED
+    assert boat.last("SERVO_OUTPUT_RAW").servo3_raw == 1750
+
+
+def test_throttle_override_changes_the_speed(bench: MakeBench) -> None:
+    boat = bench()
+    for _ in range(300):
+        boat.send(dialect.MAVLink_rc_channels_override_message(1, 1, 65535, 65535, 2000, *[65535] * 5))
+        boat.run(0.1, step=0.1)
+    assert boat.world.boat.state.speed == pytest.approx(2.0 * boat.world.cruise_speed, rel=0.01)
+
+
+def test_ground_station_failsafe(bench: MakeBench) -> None:
+    boat = bench()
+    boat.parameter_set("FS_GCS_ENABLE", 1)
+    boat.send(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    boat.run(6.0)
+    assert boat.last("HEARTBEAT").custom_mode == 0
+    boat.run(2.0)
+    assert boat.last("HEARTBEAT").custom_mode == 4
+
+
+def test_boot_takes_its_time_and_position_comes_later(bench: MakeBench) -> None:
+    boat = bench(vehicle={"boot_s": 2.0, "position_after_s": 5.0})
+    boat.run(1.5)
+    assert boat.last("HEARTBEAT").system_status == dialect.MAV_STATE_CALIBRATING
+    assert boat.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1).result == dialect.MAV_RESULT_FAILED
+    boat.run(2.0)
+    assert boat.last("HEARTBEAT").system_status == dialect.MAV_STATE_ACTIVE
+    assert boat.of("ATTITUDE"), "heading comes without a position"
+    assert not boat.of("GLOBAL_POSITION_INT")
+    assert boat.last("GPS_RAW_INT").fix_type == 1
+    boat.run(2.5)
+    assert boat.of("GLOBAL_POSITION_INT")
+    assert boat.last("GPS_RAW_INT").fix_type == 3
+
+
+def test_reboot_starts_time_again_disarmed(bench: MakeBench) -> None:
+    boat = bench()
+    boat.run(5.0)
+    assert boat.command(dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1).result == dialect.MAV_RESULT_DENIED
+    boat.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+    assert boat.command(dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1).result == 0
+    boat.forget()
+    boat.run(1.2)
+    assert boat.of("ATTITUDE")[-1].time_boot_ms < 1500
+    assert boat.last("HEARTBEAT").base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED == 0
+
+
+def test_integers_are_cast_and_read_only_values_stay() -> None:
+    table = ParameterTable(default_parameters())
+    cast = table.set("RC1_TRIM", 1499.6)
+    assert cast is not None
+    assert cast.value == 1500.0
+    held = table.set("RC1_REVERSED", 1000.0)
+    assert held is not None
+    assert held.value == 127.0
+    single = table.set("FS_TIMEOUT", 0.1)
+    assert single is not None
+    assert single.value == pytest.approx(0.1, rel=1e-7)
+    assert single.value != 0.1
+    fixed = table.set("FORMAT_VERSION", 3.0)
+    assert fixed is not None
+    assert fixed.value == 16.0
+    assert table.set("NO_SUCH_NAME", 1.0) is None
+    not_a_number = table.set("FS_TIMEOUT", math.nan)
+    assert not_a_number is not None
+    assert not_a_number.value == single.value
+
+
+def test_parameter_names_fit_and_are_unique() -> None:
+    names = [parameter.name for parameter in default_parameters()]
+    assert len(set(names)) == len(names)
+    assert all(len(name) <= 16 and name.replace("_", "").isalnum() and name.isupper() for name in names)
+
+
+def test_servo_parameters_move_the_servo_but_not_its_linkage(bench: MakeBench) -> None:
+    boat = bench()
+    boat.parameter_set("SERVO1_REVERSED", 1)
+    boat.override(1900)
+    boat.run(2.0)
+    assert boat.steering_pulse == 1107
+    assert math.degrees(boat.world.boat.state.rudder) == pytest.approx(-30.0 * 393 / 500, abs=0.02)
