@@ -158,8 +158,12 @@ def _parameter_reason(parameters: VehicleParameters, system: int) -> str:
     if gcs is not None and not parameters.obeys(system):
         return f"the vehicle obeys only system id {gcs}; start with --as-gcs or set {parameters.gcs_name} to {system}"
     if not parameters.complete:
-        missing = ", ".join(parameters.missing[:3])
-        return f"waiting for the vehicle's parameters ({missing} ...)"
+        unanswered = ", ".join(parameters.unanswered[:5])
+        if unanswered:
+            return (
+                f"the vehicle does not answer when asked for {unanswered}; check that both directions of the link work"
+            )
+        return "reading the vehicle's parameters"
     if parameters.steering_input is None:
         return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
     if parameters.steering_servo is None:

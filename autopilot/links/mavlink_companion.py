@@ -16,6 +16,7 @@ from autopilot.links.base import LinkError, Transport
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.mavlink_codec import MavlinkCodec, Message
 from autopilot.links.status_text import StatusTexts
+from autopilot.links.transports import UdpInTransport
 from autopilot.links.vehicle_reader import HEARTBEAT, VehicleReader
 from autopilot.signals import HelmSample, RudderCommand, Sample
 
@@ -24,8 +25,8 @@ COMPONENT = 191
 AUTOPILOT_COMPONENT = 1
 DEFAULT_GCS = 255
 HEARTBEAT_S = 1.0
-SILENT_PEER_S = 10.0
-"""After this much silence another sender may take the vehicle's place on a link that listens."""
+SILENT_PEER_S = 5.0
+"""A sender without a vehicle's heartbeat for this long gives up its place on a link that listens."""
 PACKETS_KEPT = 20000
 BOATS = (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_TYPE_GROUND_ROVER)
 
@@ -72,11 +73,14 @@ class CompanionLink:
         self._output = SteeringOutput(settings.method, settings.rudder_at_full, settings.reversed)
         self._reader = VehicleReader(self._output, settings.attitude_rate_hz, settings.heading_latency)
         self._watch = self._reader.watch
+        if isinstance(transport, UdpInTransport):
+            # A ground station that also sends here must not take the vehicle's place.
+            transport.accepts = self._holds_our_vehicle
         self._texts = StatusTexts()
         self._vehicle = 0
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._next_heartbeat = -math.inf
-        self._peer_heard = math.inf
+        self._peer_heard: float | None = None
         self._helm: HelmSample | None = None
         self._reason = self._watch.obstacle
         self._start: float | None = None
@@ -150,7 +154,9 @@ class CompanionLink:
                 self._send_requests(now)
             for text in self._texts.due(now):
                 self._transmit(now, text, self._codec)
-        if now - self._peer_heard > SILENT_PEER_S:
+        if self._peer_heard is None:
+            self._peer_heard = now
+        elif now - self._peer_heard > SILENT_PEER_S:
             self._transport.forget_peer()
             self._peer_heard = now
 
@@ -184,6 +190,10 @@ class CompanionLink:
         elapsed_ms = int((now - self._start) * 1000.0) & 0xFFFFFFFF
         message = dialect.MAVLink_named_value_float_message(elapsed_ms, name.encode("ascii", "replace")[:10], value)
         self._transmit(now, message, self._codec)
+
+    def _holds_our_vehicle(self, datagram: bytes) -> bool:
+        messages = MavlinkCodec().decode(datagram)
+        return any(message.id == HEARTBEAT and self._is_ours(message) for message in messages)
 
     def _is_ours(self, message: Message) -> bool:
         header = message._header

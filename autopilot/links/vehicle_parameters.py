@@ -12,6 +12,7 @@ BURST = 8
 BURST_S = 0.1
 OPTIONAL_TRIES = 3
 FUNCTION_TRIES = 10
+PATIENCE_TRIES = 6
 GROUND_STEERING = 26
 SERVO_COUNT = 16
 
@@ -53,6 +54,15 @@ class VehicleParameters:
     def missing(self) -> list[str]:
         """Names that are needed and have not come; a name may be optional, see `complete`."""
         return self._missing
+
+    @property
+    def unanswered(self) -> list[str]:
+        """Names that were asked for `PATIENCE_TRIES` times in vain and are still needed."""
+        return [
+            name
+            for name in self._missing
+            if self._asked.get(name, (0.0, 0))[1] >= PATIENCE_TRIES and not self._given_up(name)
+        ]
 
     @property
     def complete(self) -> bool:

@@ -7,9 +7,9 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
-from autopilot.links.transports import loopback_pair
+from autopilot.links.transports import UdpInTransport, UdpOutTransport, loopback_pair
 from autopilot.signals import HeadingSample, HelmSample, RudderCommand, RudderSample, SpeedSample
 
 FULL = math.radians(30.0)
@@ -305,3 +305,28 @@ def test_long_texts_leave_in_pieces() -> None:
     assert [len(m.text) for m in texts] == [50, 20]
     assert [m.chunk_seq for m in texts] == [0, 1]
     assert texts[0].id == texts[1].id != 0
+
+
+def test_a_listening_link_passes_over_a_ground_station_and_follows_a_vehicle_that_moves() -> None:
+    listening = UdpInTransport("udpin:127.0.0.1:0", "127.0.0.1", 0, is_mavlink)
+    station, vehicle = (UdpOutTransport("far", "127.0.0.1", listening.port) for _ in range(2))
+    link = CompanionLink(listening, CompanionSettings(FULL))
+    gcs = MavlinkCodec(255, 190).encode(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    rover = Rover(vehicle)
+    for second in range(3):
+        station.send(gcs)
+        rover.heartbeat()
+        link.receive(float(second))
+        link.keep(float(second))
+    assert link.vehicle_system == 1
+    assert listening.peer == vehicle._socket.getsockname()
+    moved = UdpOutTransport("far", "127.0.0.1", listening.port)
+    rover.transport = moved
+    for second in range(3, 12):
+        station.send(gcs)
+        rover.heartbeat()
+        link.receive(float(second))
+        link.keep(float(second))
+    assert listening.peer == moved._socket.getsockname(), "a restarted vehicle sends from another port"
+    for end in (link, station, vehicle, moved):
+        end.close()

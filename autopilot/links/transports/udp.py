@@ -71,7 +71,8 @@ class UdpInTransport(_UdpTransport):
             sock.close()
             raise open_error(name, error, "listen at", host, port) from error
         super().__init__(name, sock)
-        self._accepts = accepts
+        self.accepts = accepts
+        """May be set anew, by a link that knows better which sender is the right one."""
         self._peer: tuple[str | int, ...] | None = None
 
     @property
@@ -99,7 +100,7 @@ class UdpInTransport(_UdpTransport):
                 raise self._failed(error, "receiving") from error
             if sender == self._peer:
                 chunks.append(data)
-            elif self._peer is None and self._accepts(data):
+            elif self._peer is None and self.accepts(data):
                 self._peer = sender
                 chunks.append(data)
             else:
