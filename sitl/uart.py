@@ -20,6 +20,8 @@ class UartLine:
 
     def put(self, time: float, data: bytes) -> None:
         """Begin to send `data` at `time` [s], or as soon as what is before it has gone."""
+        if not data:
+            return
         start = max(time, self._free_at)
         self._waiting.append((start, data))
         self._free_at = start + len(data) * self.byte_time

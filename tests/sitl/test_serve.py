@@ -1,0 +1,226 @@
+"""`sitl serve` as its own process, met by pymavlink's own client and by a serial port; and its refusals."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+
+from autopilot.links.base import LinkError
+from sitl.cli import main
+from sitl.pty_line import PtyTransport
+from sitl.serve import Pace
+
+os.environ.setdefault("MAVLINK20", "1")
+from pymavlink import mavutil
+
+PATIENCE_S = 20.0
+Serve = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def serve() -> Iterator[Serve]:
+    """Start `sitl serve lanxin ...`; whatever is left running at the end is killed."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start(*options: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "sitl.cli", "serve", "lanxin", *options]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        running.append(process)
+        return process
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def line_of(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline().strip()
+
+
+def wait_for(client: Any, kind: str, accept: Callable[[Any], bool] = lambda message: True) -> Any:
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        message = client.recv_match(type=kind, blocking=True, timeout=1.0)
+        if message is not None and accept(message):
+            return message
+    raise AssertionError(f"no such {kind} within {PATIENCE_S} s")
+
+
+def test_pymavlinks_own_client_sees_a_rover_boat_and_steers_it(serve: Serve) -> None:
+    port = free_port()
+    process = serve("--mavlink", f"udpout:127.0.0.1:{port}", "--speedup", "5", "--disarmed")
+    assert line_of(process) == f"ready mavlink udpout:127.0.0.1:{port}"
+    client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255, source_component=190)
+    try:
+        heartbeat = client.wait_heartbeat(timeout=PATIENCE_S)
+        assert heartbeat.type == mavutil.mavlink.MAV_TYPE_SURFACE_BOAT
+        assert client.flightmode == "MANUAL"
+        assert not client.motors_armed()
+        client.arducopter_arm()
+        wait_for(client, "HEARTBEAT", lambda _: client.motors_armed())
+        client.set_mode("HOLD")
+        wait_for(client, "HEARTBEAT", lambda _: client.flightmode == "HOLD")
+        client.set_mode("MANUAL")
+        wait_for(client, "HEARTBEAT", lambda _: client.flightmode == "MANUAL")
+        client.param_fetch_one("RC_OVERRIDE_TIME")
+        assert wait_for(client, "PARAM_VALUE").param_value == 3.0
+
+        def steered(message: Any) -> bool:
+            client.mav.rc_channels_override_send(1, 1, 1560, *[65535] * 7)
+            return bool(message.servo1_raw == 1531)
+
+        client.mav.command_long_send(1, 1, mavutil.mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 36, 100000, 0, 0, 0, 0, 0)
+        wait_for(client, "SERVO_OUTPUT_RAW", steered)
+    finally:
+        client.close()
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(PATIENCE_S) == 0
+
+
+def test_instruments_on_a_serial_port(serve: Serve, tmp_path: Path) -> None:
+    path = tmp_path / "compass"
+    process = serve("--nmea", f"{path}:38400", "--sentences", "HDG,ROT,RSA:10", "--speedup", "4")
+    assert line_of(process) == f"ready nmea {path} (38400 baud)"
+    with serial.Serial(str(path), 38400, timeout=1.0) as port:
+        body = b"AGROR,15.00,A,,V,B"
+        checksum = 0
+        for byte in body:
+            checksum ^= byte
+        deadline = time.monotonic() + PATIENCE_S
+        heard: set[bytes] = set()
+        angle = 0.0
+        while time.monotonic() < deadline and not (angle > 14.7 and len(heard) >= 3):
+            port.write(b"$%s*%02X\r\n" % (body, checksum))
+            sentence = port.readline()
+            heard.add(sentence[3:6])
+            if sentence[3:6] == b"RSA":
+                angle = float(sentence.split(b",")[1])
+        assert heard >= {b"HDG", b"ROT", b"RSA"}
+        assert angle == pytest.approx(15.0, abs=0.5)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 0
+    assert not os.path.lexists(path), "the link to the pseudo-terminal is taken away"
+
+
+def test_both_at_once_for_a_given_time_with_the_truth_on_file(serve: Serve, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.csv"
+    nmea = tmp_path / "nmea"
+    process = serve(
+        *("--mavlink", f"udpout:127.0.0.1:{free_port()}", "--mavlink", "tcpin:127.0.0.1:0"),
+        *("--nmea", f"{nmea}:4800", "--duration", "10", "--speedup", "20", "--truth", str(truth)),
+        *("--scenario", "jiang", "--seed", "3", "--speed-m-s", "3.5"),
+    )
+    assert process.wait(PATIENCE_S) == 0
+    assert process.stdout is not None
+    assert [line.split()[1] for line in process.stdout.read().splitlines()] == ["mavlink", "mavlink", "nmea"]
+    rows = [line.split(",") for line in truth.read_text().splitlines()]
+    assert rows[0][:2] == ["time_s", "north_m"]
+    assert len(rows) == 102
+    assert float(rows[-1][0]) == pytest.approx(10.0)
+    assert float(rows[-1][1]) == pytest.approx(35.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["serve", "lanxn"], 2, "did you mean lanxin"),
+        (["serve", "lanxin", "--scenario", "clam"], 2, "did you mean calm"),
+        (["serve", "lanxin", "--mavlink", "udp:127.0.0.1:1"], 3, "udpout:"),
+        (["serve", "lanxin", "--mavlink", "nmea:/dev/null:4800"], 2, "--nmea PATH:BAUD"),
+        (["serve", "lanxin", "--nmea", "/tmp/x"], 2, "path and a baud rate"),
+        (["serve", "lanxin", "--nmea", "/tmp/x:12"], 2, "from 300 to"),
+        (["serve", "lanxin", "--nmea", "/no/such/folder/x:4800"], 3, "No such file"),
+        (["serve", "lanxin", "--nmea", "/tmp/x:4800", "--sentences", "HDX"], 2, "allowed are HDG"),
+        (["serve", "lanxin", "--truth", "/no/such/folder/t.csv"], 2, "cannot be written"),
+    ],
+)
+def test_refusals_are_one_sentence(
+    arguments: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = [(number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM)]
+    try:
+        assert main(arguments) == code
+    finally:
+        for number, handler in kept:
+            signal.signal(number, handler)
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert error.startswith("sitl: ")
+
+
+@pytest.mark.parametrize("option", ["--speedup=0", "--speedup=nan", "--seed=-1", "--duration=x", "--mode=AUTO"])
+def test_bad_options_end_with_2(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["serve", "lanxin", option])
+    assert caught.value.code == 2
+    assert option.split("=")[0] in capsys.readouterr().err
+
+
+def test_a_port_in_use_is_said_and_ends_with_3(capsys: pytest.CaptureFixture[str]) -> None:
+    kept = [(number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        try:
+            assert main(["serve", "lanxin", "--mavlink", f"udpin:127.0.0.1:{taken.getsockname()[1]}"]) == 3
+        finally:
+            for number, handler in kept:
+                signal.signal(number, handler)
+    assert "in use" in capsys.readouterr().err
+
+
+def test_a_link_left_over_is_replaced_and_a_file_is_not(tmp_path: Path) -> None:
+    stale = tmp_path / "stale"
+    stale.symlink_to("/dev/pts/does-not-exist")
+    line = PtyTransport(str(stale))
+    assert stale.resolve() != Path("/dev/pts/does-not-exist")
+    line.close()
+    line.close()
+    assert not stale.is_symlink()
+    precious = tmp_path / "precious"
+    precious.write_text("kept")
+    with pytest.raises(LinkError, match="does not exist yet"):
+        PtyTransport(str(precious))
+    assert precious.read_text() == "kept"
+
+
+def test_nobody_listening_on_the_pseudo_terminal_costs_bytes_and_nothing_else(tmp_path: Path) -> None:
+    line = PtyTransport(str(tmp_path / "line"))
+    try:
+        for _ in range(200):
+            line.send(b"x" * 1000)
+        assert line.dropped > 0
+        assert line.receive() == []
+    finally:
+        line.close()
+
+
+def test_pace_speeds_up_and_gives_up_what_it_cannot_keep() -> None:
+    wall = [100.0]
+    pace = Pace(10.0, lambda: wall[0])
+    assert pace.simulated(0.0) == 0.0
+    wall[0] = 100.2
+    assert pace.simulated(0.0) == pytest.approx(2.0)
+    assert pace.wait_for(3.0) == pytest.approx(0.1)
+    assert pace.lost == 0.0
+    wall[0] = 110.0
+    assert pace.simulated(2.0) == pytest.approx(2.0 + 0.5 * 10.0), "half a second behind at most"
+    assert pace.lost == pytest.approx(9.3)
