@@ -70,10 +70,16 @@ def read_by_index(target: Target, index: int) -> Message:
     return dialect.MAVLink_param_request_read_message(target.system, target.component, b"", index)
 
 
+class _ParamSet(dialect.MAVLink_param_set_message):
+    """PARAM_SET whose param_value is given as its four bytes: as a float, a signalling nan would change on the way."""
+
+    unpacker = struct.Struct("<4sBB16sB")
+
+
 def set_value(target: Target, name: str, value: Number, kind: int) -> Message:
     """Return the PARAM_SET; ValueError with the reason where the vehicle's type cannot hold the value."""
-    field = encode(value, kind, target.bytewise)
-    return dialect.MAVLink_param_set_message(target.system, target.component, name.encode("ascii"), field, kind)
+    raw = encode(value, kind, target.bytewise)
+    return _ParamSet(target.system, target.component, name.encode("ascii"), raw, kind)
 
 
 class Download:

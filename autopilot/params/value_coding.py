@@ -65,22 +65,18 @@ def decode(field: float, raw: bytes, kind: int, bytewise: bool) -> Number:
     return int(field) if math.isfinite(field) else field
 
 
-def encode(value: Number, kind: int, bytewise: bool) -> float:
-    """Return the float that carries `value` as MAV_PARAM_TYPE `kind`; ValueError with the reason where none does."""
+def encode(value: Number, kind: int, bytewise: bool) -> bytes:
+    """Return the 4 bytes that carry `value` as MAV_PARAM_TYPE `kind`; ValueError with the reason where none do."""
     if kind not in _FORMATS:
-        return as_float32(value)
+        return struct.pack("<f", value)
     low, high = integer_range(kind)
     if value != int(value):
         raise ValueError(f"the vehicle holds it as {type_name(kind)}, a whole number is needed")
     if not low <= value <= high:
         raise ValueError(f"the vehicle holds it as {type_name(kind)}, allowed are {low} to {high}")
-    if not bytewise:
-        return as_float32(value)
-    raw = struct.pack(_FORMATS[kind], int(value)).ljust(4, b"\0")
-    field = float(struct.unpack("<f", raw)[0])
-    if struct.pack("<f", field) != raw:
-        raise ValueError("its bytes are a signalling nan, which does not survive being sent as a float")
-    return field
+    if bytewise:
+        return struct.pack(_FORMATS[kind], int(value)).ljust(4, b"\0")
+    return struct.pack("<f", value)
 
 
 def integer_range(kind: int) -> tuple[int, int]:

@@ -29,13 +29,17 @@ class ParameterVehicle:
         self.mavlink = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
         self.waiting: list[tuple[str, int]] = []
 
-    def value_message(self, name: str, index: int) -> Any:
+    def packet(self, name: str, index: int) -> bytes:
+        """Return the PARAM_VALUE packet; integers that travel as bytes are written into it as bytes."""
         value, kind = self.table[name]
+        message = dialect.MAVLink_param_value_message(name.encode(), float(value), kind, len(self.table), index)
+        packet = bytearray(message.pack(self.mavlink))
         if self.bytewise and kind in INTEGER_FORMATS:
-            field = struct.unpack("<f", struct.pack(INTEGER_FORMATS[kind], int(value)).ljust(4, b"\0"))[0]
-        else:
-            field = value
-        return dialect.MAVLink_param_value_message(name.encode(), field, kind, len(self.table), index)
+            packet[10:14] = struct.pack(INTEGER_FORMATS[kind], int(value)).ljust(4, b"\0")
+            crc = dialect.x25crc(packet[1:-2])
+            crc.accumulate(bytes([message.crc_extra]))
+            packet[-2:] = struct.pack("<H", crc.crc)
+        return bytes(packet)
 
     def handle(self, message: Any) -> None:
         kind = message.get_type()
@@ -57,15 +61,15 @@ class ParameterVehicle:
         name, entry = message.param_id, self.table[message.param_id]
         assert message.param_type == entry[1]
         if name not in self.read_only:
-            entry[0] = self.stored(name, entry[1], message.param_value)
+            entry[0] = self.stored(name, entry[1], message.param_value, bytes(message.get_msgbuf()[10:14]))
             self.table.update({key: list(value) for key, value in self.enables.get(name, {}).items() if entry[0]})
         if name not in self.silent_sets:
             self.waiting.append((name, 65535))
 
-    def stored(self, name: str, kind: int, field: float) -> float:
+    def stored(self, name: str, kind: int, field: float, raw: bytes) -> float:
         if kind in INTEGER_FORMATS and self.bytewise:
             size = struct.calcsize(INTEGER_FORMATS[kind])
-            value = struct.unpack(INTEGER_FORMATS[kind], struct.pack("<f", field)[:size])[0]
+            value = struct.unpack(INTEGER_FORMATS[kind], raw[:size])[0]
         elif kind in INTEGER_FORMATS:
             value = int(field + (0.01 if field >= 0 else -0.01))  # AP_Param::set_float
         else:
@@ -74,7 +78,7 @@ class ParameterVehicle:
         return min(max(value, low), high)
 
     def transmit(self, at_most: int) -> list[bytes]:
-        packets = [self.value_message(*each).pack(self.mavlink) for each in self.waiting[:at_most]]
+        packets = [self.packet(*each) for each in self.waiting[:at_most]]
         del self.waiting[:at_most]
         return packets
 
