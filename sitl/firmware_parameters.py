@@ -55,6 +55,13 @@ def _channels() -> Iterator[Parameter]:
         yield Parameter(f"SERVO{channel}_FUNCTION", Kind.INT16, {1: 26, 3: 70}.get(channel, 0))
 
 
+def _stream_rates() -> Iterator[Parameter]:
+    streams = "RAW_SENS EXT_STAT RC_CHAN RAW_CTRL POSITION EXTRA1 EXTRA2 EXTRA3 PARAMS"
+    for link in range(3):
+        for stream in streams.split():
+            yield Parameter(f"SR{link}_{stream}", Kind.INT16, 10 if stream == "PARAMS" else 1)
+
+
 def default_parameters() -> list[Parameter]:
     """Return the table in the order in which it is listed."""
     return [
@@ -85,8 +92,7 @@ def default_parameters() -> list[Parameter]:
         *_rows("SCHED_LOOP_RATE 100", Kind.INT16),
         *_rows("SERIAL0_BAUD 115 SERIAL1_BAUD 57 SERIAL2_BAUD 57", Kind.INT32),
         *_rows("SERIAL0_PROTOCOL 2 SERIAL1_PROTOCOL 2 SERIAL2_PROTOCOL 2", Kind.INT8),
-        *_rows("SR0_RAW_SENS 1 SR0_EXT_STAT 1 SR0_RC_CHAN 1 SR0_RAW_CTRL 1 SR0_POSITION 1", Kind.INT16),
-        *_rows("SR0_EXTRA1 1 SR0_EXTRA2 1 SR0_EXTRA3 1 SR0_PARAMS 10", Kind.INT16),
+        *_stream_rates(),
         *_rows("BATT_MONITOR 4 AHRS_EKF_TYPE 3 EK3_ENABLE 1 COMPASS_USE 1 COMPASS_AUTODEC 1", Kind.INT8),
         *_rows("COMPASS_DEC 0 AHRS_TRIM_X 0 AHRS_TRIM_Y 0 AHRS_TRIM_Z 0", Kind.REAL32),
         *_rows("GPS1_TYPE 1 GPS_TYPE 1 BRD_SAFETY_DEFLT 0 SYSID_ENFORCE 0", Kind.INT8),
