@@ -153,10 +153,11 @@ class NmeaReader:
 
     def _vtg(self, time: float, fields: tuple[str, ...]) -> Sample:
         _mode(fields, 8)
-        return SpeedSample(time, _speed(fields, 4), True)
+        return SpeedSample(time, _speed(fields, 4, 0.0), True)
 
     def _vhw(self, time: float, fields: tuple[str, ...]) -> Sample:
-        return SpeedSample(time, _speed(fields, 4), False)
+        # A paddle wheel that turns backwards is sent as a negative speed.
+        return SpeedSample(time, _speed(fields, 4, -SPEED_LIMIT), False)
 
 
 class _NoDataError(Exception):
@@ -213,11 +214,11 @@ def _mode(fields: tuple[str, ...], index: int, required: bool = False) -> None:
         raise ValueError(mode)
 
 
-def _speed(fields: tuple[str, ...], index: int) -> float:
+def _speed(fields: tuple[str, ...], index: int, low: float) -> float:
     """Speed [m/s] from a pair of fields: knots with N, or else km/h with K."""
     if _field(fields, index):
         _letter(fields, index + 1, "N")
-        return _number(fields, index, 0.0, SPEED_LIMIT) * KNOT_M_S
+        return _number(fields, index, low, SPEED_LIMIT) * KNOT_M_S
     if _field(fields, index + 2):
         _letter(fields, index + 3, "K")
-    return _number(fields, index + 2, 0.0, SPEED_LIMIT) * KMH_M_S
+    return _number(fields, index + 2, low, SPEED_LIMIT) * KMH_M_S

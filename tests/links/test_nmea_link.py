@@ -1,0 +1,149 @@
+"""The NMEA link on a manual clock: sample times, rudder orders on a slow line, and the way out."""
+
+from __future__ import annotations
+
+import math
+import os
+import pty
+
+import pytest
+
+from autopilot.links import nmea_encoders as encoders
+from autopilot.links.base import LinkError
+from autopilot.links.nmea_link import NmeaLink, NmeaSettings
+from autopilot.links.transports import ReplayTransport, loopback_pair
+from autopilot.links.url import open_transport
+from autopilot.signals import HeadingSample, HelmSample, RudderCommand
+
+
+def orders(transport) -> list[tuple[float, str]]:
+    """Return (order [deg], status) of every ROR that has arrived."""
+    found = []
+    for data in transport.receive():
+        for line in data.decode().split():
+            fields = line.split("*")[0].split(",")
+            assert fields[0] == "$AGROR"
+            found.append((float(fields[1]), fields[2]))
+    return found
+
+
+def test_a_sample_is_as_old_as_its_first_byte() -> None:
+    line = encoders.encode_hdt(1.0)
+    replay = ReplayTransport([(10.0, line + line)], is_stream=True)
+    link = NmeaLink(replay, NmeaSettings(baud=4800, heading_latency=0.1))
+    replay.advance(10.0)
+    headings = [sample for sample in link.receive(10.0) if isinstance(sample, HeadingSample)]
+    seconds = len(line) * 10 / 4800.0
+    assert [sample.time for sample in headings] == pytest.approx([10.0 - 2 * seconds - 0.1, 10.0 - seconds - 0.1])
+    assert seconds == pytest.approx(0.0396, abs=0.0001), "19 characters at 480 a second"
+
+
+def test_a_sentence_split_between_chunks_counts_from_its_beginning() -> None:
+    line = encoders.encode_hdt(1.0)
+    replay = ReplayTransport([(0.0, line[:5]), (1.0, line[5:])], is_stream=True)
+    link = NmeaLink(replay, NmeaSettings(baud=4800))
+    replay.advance(1.0)
+    (heading,) = (sample for sample in link.receive(1.0) if isinstance(sample, HeadingSample))
+    assert heading.time == pytest.approx(1.0 - len(line) * 10 / 4800.0)
+
+
+def test_datagrams_need_no_line_end_and_do_not_run_together() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    far.send(encoders.encode_hdt(1.0).strip())
+    far.send(b"$HEHDT,1")
+    far.send(encoders.encode_hdt(0.5))
+    headings = [sample.heading for sample in link.receive(0.0) if isinstance(sample, HeadingSample)]
+    assert headings == pytest.approx([1.0, 0.5], abs=1e-3)
+
+
+def test_the_helm_is_announced_once_and_only_where_a_drive_listens() -> None:
+    near, _ = loopback_pair()
+    link = NmeaLink(near)
+    assert [type(sample) for sample in link.receive(0.0)] == [HelmSample]
+    assert link.receive(0.1) == []
+    assert NmeaLink(near, NmeaSettings(steers=False)).receive(0.0) == []
+
+
+def test_on_a_slow_line_the_newest_command_wins() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(baud=4800))
+    for step in range(100):
+        now = step * 0.01
+        link.send(now, RudderCommand(now, math.radians(step / 10.0), True))
+        link.keep(now)
+    got = orders(far)
+    each = len(encoders.encode_ror(math.radians(5.0), True)) * 10 / 4800.0
+    assert len(got) == pytest.approx(1.0 / each, abs=3), "no more than the line can carry"
+    assert link.replaced == pytest.approx(100 - len(got), abs=1)
+    link.keep(1.2)
+    assert orders(far)[-1] == (9.9, "A"), "what waited last leaves as soon as the line is free"
+
+
+def test_release_says_status_v_several_times_and_then_nothing() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(baud=38400))
+    link.send(0.0, RudderCommand(0.0, 0.2, False))
+    assert orders(far) == [], "what was never taken is not given back"
+    link.send(0.1, RudderCommand(0.1, 0.2, True))
+    for step in range(20, 120):
+        link.send(step * 0.02, RudderCommand(0.0, 0.2, False))
+        link.keep(step * 0.02)
+    assert [status for _, status in orders(far)] == ["A"] + ["V"] * 5
+
+
+def test_a_command_that_is_no_number_is_a_release() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    link.send(0.0, RudderCommand(0.0, 0.2, True))
+    link.send(1.0, RudderCommand(1.0, math.nan, True))
+    assert [status for _, status in orders(far)] == ["A", "V"]
+
+
+def test_a_command_is_repeated_for_a_while_only() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    link.send(0.0, RudderCommand(0.0, 0.1, True))
+    for step in range(1, 60):
+        link.keep(step * 0.1)
+    assert 2 <= len(orders(far)) <= 4
+
+
+def test_the_way_out_never_raises() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    link.send(0.0, RudderCommand(0.0, 0.2, True))
+    orders(far)
+    link.release(0.1)
+    assert {status for _, status in orders(far)} == {"V"}
+    link.send(0.2, RudderCommand(0.2, 0.2, True))
+    far.close()
+    link.release(0.3)
+
+
+def test_a_real_pseudo_terminal_both_ways_and_unplugged() -> None:
+    master, slave = pty.openpty()
+    link = NmeaLink(open_transport(f"nmea:{os.ttyname(slave)}:4800"), NmeaSettings(baud=4800))
+    os.close(slave)
+    os.write(master, encoders.encode_hdg(1.0, 0.0, 0.0))
+    headings = [sample for sample in link.receive(1.0) if isinstance(sample, HeadingSample)]
+    assert headings[0].heading == pytest.approx(1.0, abs=1e-3)
+    link.send(1.0, RudderCommand(1.0, math.radians(3.0), True))
+    assert os.read(master, 100).startswith(b"$AGROR,3.00,A,,V,B*")
+    os.close(master)
+    with pytest.raises(LinkError, match="unplugged"):
+        link.receive(2.0)
+    link.release(2.0)
+    link.close()
+
+
+def test_counts_add_up() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    far.send(b"$HEHDT,41.87,T*25\r\n$HEHDT,400.0,T*15\r\n$GPGSV,1,1,00*79\r\n")
+    far.send(b"$HEHDT,400.0,T*" + b"%02X\r\n" % 0x2B)
+    link.receive(0.0)
+    counts = link.counts
+    assert counts.sentences == 3 - (counts.checksum_errors - 1)
+    assert counts.ignored == 1
+    assert counts.checksum_errors + counts.malformed == 2
