@@ -22,10 +22,13 @@ from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Vessel
 from autopilot.pilot import HeadingLaw, Pilot, PilotConfig
 from autopilot.safety import FailsafeAction
+from autopilot.signals import NavState, Reference
 
 DISTURBANCE = math.radians(2.0)
 DISTURBANCE_TIME = 0.5
 """Waves and gusts move the boat like a rudder of this size [rad], correlated over this time [s]."""
+TRIAL_LAW = "trial"
+"""In place of a law's name: trials order rudder angles and need no gains."""
 BIAS_CHANGE = math.radians(2.0)
 BIAS_TIME = 10.0
 """Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer."""
@@ -78,6 +81,19 @@ def noise_of(vessel: Vessel) -> FilterNoise:
     )
 
 
+class HoldRudder:
+    """Stands where a law would, for trials: leaves the rudder where it was told to be."""
+
+    name = TRIAL_LAW
+
+    def reset(self, rudder: float) -> None:
+        """Nothing to forget."""
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Return `last_rudder` [rad]."""
+        return last_rudder
+
+
 def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
     """Return the heading law `name` (the file's own choice when None) with the file's gains.
 
@@ -85,6 +101,8 @@ def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
     """
     control = vessel.control
     chosen = name or control.law
+    if chosen == TRIAL_LAW:
+        return HoldRudder()
     if chosen == "backstepping" and control.backstepping is not None:
         gains = BacksteppingGains(*astuple(control.backstepping))
         return BacksteppingLaw(gains, vessel.model.reference_speed_m_s)
@@ -118,8 +136,7 @@ def verdict_of(vessel: Vessel, name: str | None = None) -> Verdict:
 
 def build_pilot(vessel: Vessel, law: str | None = None) -> Pilot:
     """Return the pilot of a vessel. Raises RefusedError where its gains must not be engaged on its rudder."""
-    verdict = verdict_of(vessel, law)
-    if verdict.refusal:
+    if law != TRIAL_LAW and (verdict := verdict_of(vessel, law)).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {verdict.refusal}")
     failsafe = vessel.failsafe
     turn_rate = vessel.guidance.turn_rate_max_deg_s

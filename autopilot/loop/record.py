@@ -138,22 +138,29 @@ def read_packets(path: Path) -> Iterator[tuple[float, bytes]]:
         place += 8 + length
 
 
-def read_log(path: Path) -> Log:
-    """Return the header and the ticks of a log; a torn last record is left out. Raises InputError where none is."""
-    header: dict[str, Any] | None = None
-    ticks: list[Tick] = []
+def read_logs(path: Path) -> list[Log]:
+    """Return the logs in a file, several where it was put together from several; a torn last record is left out.
+
+    Raises InputError where there is none.
+    """
+    logs: list[Log] = []
     for record in _records(path):
-        if record[0] == HEADER and header is None:
-            header = decode_header(record)
-        elif record[0] == TICK:
-            ticks.append(decode_tick(record))
-    if header is None:
+        if record[0] == HEADER:
+            logs.append(Log(decode_header(record), []))
+        elif record[0] == TICK and logs:
+            logs[-1].ticks.append(decode_tick(record))
+    if not logs:
         raise InputError(f"{path}: holds no Norrbin ticks; give a log that `autopilot run --log` wrote")
-    return Log(header, ticks)
+    return logs
+
+
+def read_log(path: Path) -> Log:
+    """Return the first log in a file. Raises InputError where there is none."""
+    return read_logs(path)[0]
 
 
 def read_table(path: Path) -> dict[str, npt.NDArray[np.float64]]:
-    """Return a log as columns for identification, one row for each heading sample, in order of measurement.
+    """Return the first log in a file as columns for identification, one row for each heading sample, in order of measurement.
 
     time_s, heading_rad, yaw_rate_rad_s (nan where not measured), rudder_rad (fed back, or from the
     steering-gear model), speed_m_s. Raises InputError.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from autopilot.build import build_pilot
 from autopilot.errors import InputError
-from autopilot.loop.record import read_log
+from autopilot.loop.record import Log, read_logs
 from autopilot.params.vessel_file import parse_vessel
 from autopilot.signals import RudderCommand
 
@@ -23,8 +23,17 @@ class ReplayResult(NamedTuple):
 
 
 def replay(path: Path) -> ReplayResult:
-    """Run the log at `path` again. Raises InputError where it cannot be read."""
-    log = read_log(path)
+    """Run every log in the file at `path` again, each from its own header. Raises InputError."""
+    count = 0
+    for log in read_logs(path):
+        count += len(log.ticks)
+        difference = _first_difference(path, log)
+        if difference is not None:
+            return ReplayResult(count, False, *difference)
+    return ReplayResult(count, True, None, "")
+
+
+def _first_difference(path: Path, log: Log) -> tuple[int, str] | None:
     vessel = log.header.get("vessel")
     if not isinstance(vessel, str):
         raise InputError(f"{path}: its header names no vessel; it was written by another version")
@@ -32,12 +41,11 @@ def replay(path: Path) -> ReplayResult:
     for recorded in log.ticks:
         tick = pilot.step(recorded.now, recorded.samples, recorded.order)
         if _bits(tick.command) != _bits(recorded.command) or tick.mode != recorded.mode:
-            detail = (
+            return recorded.number, (
                 f"recorded {recorded.mode.name} {recorded.command.angle!r} rad, "
                 f"replayed {tick.mode.name} {tick.command.angle!r} rad"
             )
-            return ReplayResult(len(log.ticks), False, recorded.number, detail)
-    return ReplayResult(len(log.ticks), True, None, "")
+    return None
 
 
 def _bits(command: RudderCommand) -> bytes:
