@@ -54,11 +54,11 @@ class Node(NamedTuple):
 
     def fault(self, sentence: str) -> InputError:
         """Return the error `FILE, line L, column C: SENTENCE` that points at this value."""
-        return InputError(f"{self.file}, line {self.line}, column {self.column}: {sentence}")
+        return _at_place(self.file, self.line, self.column, sentence)
 
     def key_fault(self, sentence: str) -> InputError:
         """Return the error that points at the key of this value."""
-        return InputError(f"{self.file}, line {self.key_line}, column {self.key_column}: {sentence}")
+        return _at_place(self.file, self.key_line, self.key_column, sentence)
 
     def at(self, *keys: str) -> Node:
         """Return the node that `keys` lead to from this one, or the deepest existing one on the way."""
@@ -125,6 +125,11 @@ def _syntax_sentence(error: yaml.MarkedYAMLError, file: str) -> str:
     return f"{place}: not valid YAML: {what}."
 
 
+def _at_place(file: str, line: int, column: int, sentence: str) -> InputError:
+    """One line, also where a key or value quoted in the sentence holds line breaks."""
+    return InputError(f"{file}, line {line}, column {column}: {' '.join(sentence.split())}")
+
+
 class _Reader:
     """Builds the nodes from the parser's events, refusing as it goes, so that nothing large is ever built."""
 
@@ -146,7 +151,7 @@ class _Reader:
         return root
 
     def _fault(self, mark: Any, sentence: str) -> InputError:
-        return InputError(f"{self._file}, line {mark.line + 1}, column {mark.column + 1}: {sentence}")
+        return _at_place(self._file, mark.line + 1, mark.column + 1, sentence)
 
     def _value(self, event: Any, path: str, key_mark: Any, depth: int) -> Node:
         mark = event.start_mark
