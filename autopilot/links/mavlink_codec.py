@@ -70,25 +70,21 @@ class MavlinkCodec:
         in_noise = False
         while start < end:
             length = frame_length(buffer, start)
-            if length > 0:
-                if start + length > end:
-                    break
-                message = self._decode_frame(buffer[start : start + length])
-                if message is not None:
-                    messages.append(message)
-                    start += length
-                    in_noise = False
-                    continue
-            elif length == 0:
+            incomplete = length == 0 or start + length > end
+            if incomplete and self._is_stream:
                 break
+            message = self._decode_frame(buffer[start : start + length]) if length > 0 and not incomplete else None
+            if message is not None:
+                messages.append(message)
+                start += length
+                in_noise = False
+                continue
             if not in_noise:
                 self.bad += 1
                 in_noise = True
             start = next_magic(buffer, start + 1)
         if self._is_stream:
             self._rest = bytes(buffer[start:])
-        elif start < end:
-            self.bad += 1
         self.received += len(messages)
         return messages
 

@@ -50,8 +50,9 @@ class VehicleClock:
 
         `now` [s] is when the message arrived.
         """
-        if boot > self._newest or self._newest - boot > WRAP_S / 2.0:
-            self._newest = boot
+        if self._newest - boot > WRAP_S / 2.0:
+            self.reset()  # the counter began again: so does the offset
+        self._newest = max(self._newest, boot)
         offset = now - boot
         if now >= self._window_end:
             # After a silence longer than a window nothing old is worth keeping.

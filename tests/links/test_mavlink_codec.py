@@ -1,0 +1,176 @@
+"""The codec against pymavlink's own reader as an independent peer, on damaged, split and merged bytes, and on noise."""
+
+from __future__ import annotations
+
+import os
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_codec import FRAME_MAX, MavlinkCodec, is_mavlink
+
+
+def packets(count: int, system: int = 1) -> list[bytes]:
+    """Return `count` ATTITUDE packets, each with its number as the yaw."""
+    codec = MavlinkCodec(system, 1)
+    return [codec.encode(dialect.MAVLink_attitude_message(n, 0.0, 0.0, float(n), 0.0, 0.0, 0.0)) for n in range(count)]
+
+
+def yaws(messages: list) -> list[float]:
+    return [message.yaw for message in messages]
+
+
+def test_pymavlink_reads_what_is_written(tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(os.environ, "MAVLINK20", "1")
+    from pymavlink import mavutil
+
+    log = tmp_path / "packets.tlog"
+    stamp = (1_700_000_000_000_000).to_bytes(8, "big")
+    log.write_bytes(b"".join(stamp + packet for packet in packets(300, system=42)))
+    reader = mavutil.mavlink_connection(str(log))
+    read = [reader.recv_match() for _ in range(300)]
+    reader.close()
+    assert [message.yaw for message in read] == [float(n) for n in range(300)]
+    assert [message.get_seq() for message in read] == [n % 256 for n in range(300)]
+    assert {(message.get_srcSystem(), message.get_srcComponent()) for message in read} == {(42, 1)}
+
+
+def test_what_pymavlink_writes_is_read_in_both_versions() -> None:
+    peer = dialect.MAVLink(None, srcSystem=9, srcComponent=1)
+    message = dialect.MAVLink_attitude_message(1, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0)
+    codec = MavlinkCodec()
+    for version_1 in (False, True):
+        (read,) = codec.decode(bytes(message.pack(peer, force_mavlink1=version_1)))
+        assert (read.yaw, read.get_srcSystem()) == (0.25, 9)
+    assert (codec.received, codec.bad) == (2, 0)
+
+
+def test_a_signed_packet_is_read() -> None:
+    peer = dialect.MAVLink(None, srcSystem=9, srcComponent=1)
+    peer.signing.secret_key = bytes(32)
+    peer.signing.sign_outgoing = True
+    peer.signing.timestamp = 1
+    signed = bytes(dialect.MAVLink_attitude_message(1, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0).pack(peer))
+    tail = packets(1)
+    for is_stream in (False, True):
+        assert yaws(MavlinkCodec(is_stream=is_stream).decode(signed + tail[0])) == [0.25, 0.0]
+
+
+def test_the_raw_packet_of_each_message_is_kept() -> None:
+    sent = packets(3)
+    read = MavlinkCodec().decode(b"".join(sent))
+    assert [bytes(message.get_msgbuf()) for message in read] == sent
+
+
+def test_several_messages_in_a_datagram() -> None:
+    assert yaws(MavlinkCodec().decode(b"".join(packets(5)))) == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+
+def test_a_truncated_datagram_takes_nothing_from_the_next() -> None:
+    first, second = packets(2)
+    codec = MavlinkCodec()
+    assert codec.decode(first[:-3]) == []
+    assert yaws(codec.decode(second)) == [1.0]
+    assert (codec.received, codec.bad) == (1, 1)
+
+
+def test_noise_that_looks_like_a_header_holds_nothing_back() -> None:
+    codec = MavlinkCodec(is_stream=True)
+    assert yaws(codec.decode(b"\xfd\xff\x00" + b"".join(packets(3)))) == [0.0, 1.0, 2.0]
+
+
+def test_a_damaged_frame_does_not_swallow_the_one_behind_it() -> None:
+    first, second, third = packets(3)
+    for is_stream in (False, True):
+        for place in range(len(second)):
+            damaged = bytearray(second)
+            damaged[place] ^= 0x55
+            codec = MavlinkCodec(is_stream=is_stream)
+            # A longer length may claim bytes of what follows: give the stream enough to see that it lies.
+            read = yaws(codec.decode(first + bytes(damaged) + third)) + yaws(codec.decode(b"\0" * FRAME_MAX))
+            assert read == [0.0, 2.0], f"byte {place}"
+
+
+@given(st.integers(1, 60), st.lists(st.binary(max_size=20), min_size=4, max_size=4))
+def test_a_stream_may_be_split_anywhere(size, noise) -> None:
+    sent = packets(3)
+    clean = [part.replace(b"\xfd", b"").replace(b"\xfe", b"") for part in noise]
+    stream = b"".join(part + packet for part, packet in zip(clean, sent, strict=False)) + clean[3]
+    codec = MavlinkCodec(is_stream=True)
+    read = [m for start in range(0, len(stream), size) for m in codec.decode(stream[start : start + size])]
+    assert yaws(read) == [0.0, 1.0, 2.0]
+
+
+@given(st.binary(max_size=400), st.booleans())
+def test_noise_never_raises(data, is_stream) -> None:
+    codec = MavlinkCodec(is_stream=is_stream)
+    codec.decode(data)
+    codec.decode(data[::-1])
+    assert len(codec._rest) <= FRAME_MAX
+    is_mavlink(data)
+
+
+def test_long_noise_takes_no_memory_and_next_to_nothing_false_is_accepted() -> None:
+    rng = random.Random(7)
+    stream, datagrams = MavlinkCodec(is_stream=True), MavlinkCodec()
+    for _ in range(500):
+        noise = bytes(rng.choice((0xFD, 0xFE, 0, 1, 30, rng.randrange(256))) for _ in range(200))
+        stream.decode(noise)
+        datagrams.decode(noise)
+        assert len(stream._rest) <= FRAME_MAX
+    # A checksum of 16 bits lets one false frame in 65536 pass, and half of this noise begins a frame.
+    assert stream.received + datagrams.received <= 3
+    assert stream.bad > 0
+    # An unfinished frame of the noise may still claim what comes next, but no more than one frame's length of it.
+    stream.decode(bytes(FRAME_MAX))
+    assert yaws(stream.decode(packets(1)[0])) == [0.0]
+
+
+def test_every_message_of_the_dialect_survives_bit_flips() -> None:
+    """Every damaged frame is refused: 16-bit checksums find all single-byte errors."""
+    rng = random.Random(3)
+    peer = MavlinkCodec(1, 1)
+    codec = MavlinkCodec()
+    for identity in (0, 22, 30, 33, 35, 36, 65, 70, 74, 77, 253):
+        kind = dialect.mavlink_map[identity]
+        size = kind.unpacker.size
+        arguments = _fill(kind)
+        packet = peer.encode(kind(*arguments))
+        assert len(packet) <= size + 12
+        assert len(codec.decode(packet)) == 1
+        for _ in range(100):
+            damaged = bytearray(packet)
+            damaged[rng.randrange(1, len(damaged))] ^= rng.randrange(1, 256)
+            assert codec.decode(bytes(damaged)) == []
+
+
+def _fill(kind: type) -> list:
+    """Return an argument for each field: text where the field is characters, numbers elsewhere."""
+    return [b"name" if fieldtype == "char" else 1 for fieldtype in kind.fieldtypes]
+
+
+def test_a_stranger_is_known_by_his_first_bytes() -> None:
+    packet = packets(1)[0]
+    assert is_mavlink(packet)
+    assert is_mavlink(packet + b"anything")
+    for other in (b"", b"\xfd", packet[:-1], b"\x00" + packet, b"GET / HTTP/1.1"):
+        assert not is_mavlink(other)
+
+
+def test_identity_may_be_learnt_and_sequences_go_on() -> None:
+    codec = MavlinkCodec(1, 191)
+    codec.system = 7
+    heartbeat = dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3)
+    sent = [codec.encode(heartbeat) for _ in range(257)]
+    assert {(packet[5], packet[6]) for packet in sent} == {(7, 191)}
+    assert [packet[4] for packet in sent] == [*range(256), 0]
+
+
+@pytest.mark.parametrize("is_stream", [False, True])
+def test_empty_chunks_are_nothing(is_stream) -> None:
+    codec = MavlinkCodec(is_stream=is_stream)
+    assert codec.decode(b"") == []
+    assert codec.bad == 0

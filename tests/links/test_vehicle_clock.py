@@ -1,0 +1,83 @@
+"""The vehicle's clock mapped to ours: delay only ever makes a sample older."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.links.vehicle_clock import WINDOW_S, WRAP_S, VehicleClock
+
+
+def test_the_quickest_message_sets_the_offset() -> None:
+    clock = VehicleClock()
+    rng = random.Random(1)
+    worst = 0.0
+    for step in range(400):
+        boot = 50.0 + step * 0.05
+        delay = 0.005 + rng.expovariate(1.0 / 0.03)
+        local = clock.local(1000.0 + boot + delay, boot)
+        if step > 40:
+            worst = max(worst, abs(local - (1000.0 + boot + 0.005)))
+    assert worst < 0.004, "a jitter of 30 ms leaves less than 4 ms"
+
+
+@given(st.lists(st.tuples(st.floats(0.001, 1.0), st.floats(0.0, 2.0)), min_size=1, max_size=50))
+def test_no_sample_comes_from_the_future(steps) -> None:
+    clock = VehicleClock()
+    boot, now = 10.0, 0.0
+    for step, delay in steps:
+        boot += step
+        now = max(now, boot + delay)
+        assert clock.local(now, boot) <= now + 1e-9
+
+
+def test_a_vehicle_that_was_paused_is_followed_again() -> None:
+    clock = VehicleClock()
+    for step in range(100):
+        clock.local(step * 0.1, step * 0.1)
+    age = 0.0
+    for step in range(300):
+        now = 15.0 + step * 0.1
+        age = now - clock.local(now, 10.0 + step * 0.1)
+    assert age == pytest.approx(0.0, abs=1e-9)
+
+
+def test_drift_is_followed() -> None:
+    clock = VehicleClock()
+    for step in range(20000):
+        boot = step * 0.1
+        now = boot * (1.0 + 100e-6)
+        local = clock.local(now, boot)
+    assert now - local <= 100e-6 * 2.0 * WINDOW_S + 1e-6
+
+
+def test_a_reboot_is_told_from_disorder_and_from_the_wrap() -> None:
+    clock = VehicleClock()
+    assert not clock.rebooted(5.0)
+    clock.local(0.0, 100.0)
+    assert not clock.rebooted(99.5)
+    assert clock.rebooted(98.0)
+    assert clock.rebooted(0.0)
+    late = VehicleClock()
+    late.local(0.0, WRAP_S - 1.0)
+    assert not late.rebooted(1.0), "time_boot_ms begins again after 49.7 days"
+    late.local(2.0, 1.0)
+    assert not late.rebooted(1.1)
+
+
+def test_the_wrap_does_not_shift_samples_into_the_future() -> None:
+    clock = VehicleClock()
+    clock.local(0.0, WRAP_S - 1.0)
+    assert clock.local(2.0, 1.0) == pytest.approx(2.0, abs=1e-6)
+    assert clock.local(2.5, 1.5) == pytest.approx(2.5, abs=1e-6)
+
+
+def test_reset_forgets() -> None:
+    clock = VehicleClock()
+    clock.local(0.0, 100.0)
+    clock.reset()
+    assert clock.offset is None
+    assert clock.local(7.0, 0.5) == pytest.approx(7.0)
