@@ -92,6 +92,8 @@ class Download:
     QUIET_S = 0.8
     """A list that has paused this long has ended, and what is missing is asked for."""
     LIST_TRIES = 8
+    SMALLER_TO_BELIEVE = 20
+    """So many packets in a row must tell of a smaller table before it counts."""
     RESTARTS_MAX = 3
     """A vehicle whose table changes under our hands is read again, this often."""
 
@@ -104,6 +106,7 @@ class Download:
         self._last_news: float | None = None
         self._gaps: Requests[int] | None = None
         self._restarts = 0
+        self._smaller_in_a_row = 0
         self.finished = False
 
     @property
@@ -131,6 +134,8 @@ class Download:
             return
         if not value.position < value.table_size:
             return
+        if self._is_of_old_table(value):
+            return
         if self._has_changed(value):
             self._restart()
         self._count = value.table_size
@@ -147,6 +152,14 @@ class Download:
             if known.name == value.name:
                 self._by_index[index] = known._replace(value=value.value)
                 return
+
+    def _is_of_old_table(self, value: ParameterValue) -> bool:
+        """Tables grow when a parameter enables others; packets of the smaller table may still be under way."""
+        if value.table_size >= self._count:
+            self._smaller_in_a_row = 0
+            return False
+        self._smaller_in_a_row += 1
+        return self._smaller_in_a_row < self.SMALLER_TO_BELIEVE
 
     def _has_changed(self, value: ParameterValue) -> bool:
         known = self._by_index.get(value.position)

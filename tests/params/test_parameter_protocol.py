@@ -1,0 +1,204 @@
+"""Download and upload against a vehicle behind a link that loses, repeats and reorders, on a manual clock."""
+
+from __future__ import annotations
+
+import random
+import struct
+
+import pytest
+from parameter_vehicle import BadLink, ParameterVehicle, converse
+
+from autopilot.params.firmware_file import Wanted
+from autopilot.params.protocol import Download, NamedDownload, Target
+from autopilot.params.requests import Patience, Requests
+from autopilot.params.upload import Outcome, Upload, Verdict
+from autopilot.params.value_coding import encode, same_value
+
+INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
+RANGES = {INT8: 127, INT16: 32767}
+
+
+def table_of(count: int, bytewise: bool) -> dict[str, tuple[float, int]]:
+    """A table of every type; integers beyond 2^24 only where they travel bytewise."""
+    rng = random.Random(count)
+    table: dict[str, tuple[float, int]] = {}
+    for number in range(count):
+        kind = rng.choice([INT8, INT16, INT32, REAL32])
+        largest = RANGES.get(kind, 2**31 - 1 if bytewise else 2**24 - 1)
+        value: float = rng.randint(-largest, largest - 1)
+        if kind == REAL32:
+            value = struct.unpack("<f", struct.pack("<f", rng.uniform(-1e4, 1e4)))[0]
+        table[f"P{number:04d}"] = (value, kind)
+    return table
+
+
+def links(loss: float) -> tuple[BadLink, BadLink]:
+    """Both directions: packets come late by up to 0.1 s, so out of order, and every tenth twice."""
+    return BadLink(1, loss, 0.1, (0.005, 0.1)), BadLink(2, loss, 0.1, (0.005, 0.1))
+
+
+def upload(vehicle: ParameterVehicle, wanted: list[Wanted], loss: float = 0.0) -> dict[str, Outcome]:
+    client = Upload(Target(1, 1, vehicle.bytewise), wanted)
+    client.proceed()
+    converse(client, vehicle, *links(loss), limit_s=400.0)
+    return {outcome.name: outcome for outcome in client.outcomes()}
+
+
+@pytest.mark.parametrize("bytewise", [False, True])
+@pytest.mark.parametrize("loss", [0.0, 0.05, 0.3])
+def test_a_download_is_complete_and_bit_exact(bytewise: bool, loss: float) -> None:
+    vehicle = ParameterVehicle(table_of(1000, bytewise), bytewise)
+    client = Download(Target(1, 1, bytewise))
+    converse(client, vehicle, *links(loss), limit_s=60.0)
+    assert {name: value.value for name, value in client.values.items()} == {
+        name: entry[0] for name, entry in vehicle.table.items()
+    }
+    assert client.missing == []
+
+
+@pytest.mark.parametrize("bytewise", [False, True])
+@pytest.mark.parametrize("loss", [0.0, 0.05, 0.3])
+def test_an_upload_is_complete_and_bit_exact(bytewise: bool, loss: float) -> None:
+    vehicle = ParameterVehicle(table_of(200, bytewise), bytewise)
+    wanted = [Wanted((name,), value + 1) for name, (value, _) in vehicle.table.items()]
+    outcomes = upload(vehicle, wanted, loss)
+    assert {outcome.verdict for outcome in outcomes.values()} == {Verdict.SET}
+    for each in wanted:
+        held, kind = vehicle.table[each.name]
+        assert same_value(held, each.value, kind)
+
+
+def test_a_list_that_stops_half_way_is_completed_by_index() -> None:
+    vehicle = ParameterVehicle(table_of(100, False))
+    vehicle.list_stops_after = 17
+    client = Download(Target(1, 1))
+    converse(client, vehicle, *links(0.0), limit_s=20.0)
+    assert len(client.values) == 100
+
+
+def test_a_table_that_grows_while_it_is_read_is_read_again() -> None:
+    vehicle = ParameterVehicle(table_of(100, False))
+    client = Download(Target(1, 1))
+    up, down = links(0.0)
+    with pytest.raises(AssertionError, match="not finished"):
+        converse(client, vehicle, up, down, limit_s=0.1, rate=5)
+    vehicle.table["NEW"] = [1.0, REAL32]
+    converse(client, vehicle, up, down, limit_s=20.0)
+    assert len(client.values) == 101
+    assert client.values["NEW"].value == 1.0
+
+
+def test_a_vehicle_that_says_nothing_ends_the_download_empty() -> None:
+    client = Download(Target(1, 1))
+    converse(client, ParameterVehicle({}), *links(1.0), limit_s=20.0)
+    assert client.progress == (0, 0)
+
+
+def test_another_vehicle_on_the_link_is_not_taken_for_ours() -> None:
+    other = ParameterVehicle({"A": (1.0, REAL32)})
+    client = Download(Target(7, 1))
+    converse(client, other, *links(0.0), limit_s=20.0)
+    assert client.values == {}
+
+
+def test_named_parameters_and_those_that_do_not_exist() -> None:
+    client = NamedDownload(Target(1, 1), ["P0003", "NOPE"])
+    converse(client, ParameterVehicle(table_of(10, False)), *links(0.05), limit_s=20.0)
+    assert list(client.values) == ["P0003"]
+    assert client.unknown == ["NOPE"]
+
+
+def test_each_way_an_upload_can_fail_has_its_verdict() -> None:
+    vehicle = ParameterVehicle(
+        {
+            "SAME": (5, INT16),
+            "PLAIN": (1, INT16),
+            "LIMITED": (1.0, REAL32),
+            "FIXED": (3.0, REAL32),
+            "SMALL": (1, INT8),
+            "WHOLE": (1, INT8),
+            "NEWNAME": (1, INT16),
+            "QUIET": (1.0, REAL32),
+        }
+    )
+    vehicle.limits["LIMITED"] = (0.0, 2.0)
+    vehicle.read_only.add("FIXED")
+    vehicle.silent_sets.add("QUIET")
+    wanted = [
+        Wanted(("SAME",), 5),
+        Wanted(("PLAIN",), 2),
+        Wanted(("LIMITED",), 9.0),
+        Wanted(("FIXED",), 4.0),
+        Wanted(("SMALL",), 300),
+        Wanted(("WHOLE",), 1.5),
+        Wanted(("OLDNAME", "NEWNAME"), 7),
+        Wanted(("QUIET",), 0.1),
+        Wanted(("MISSING",), 1),
+    ]
+    outcomes = upload(vehicle, wanted, loss=0.05)
+    assert {name: outcome.verdict for name, outcome in outcomes.items()} == {
+        "SAME": Verdict.UNCHANGED,
+        "PLAIN": Verdict.SET,
+        "LIMITED": Verdict.CONSTRAINED,
+        "FIXED": Verdict.REJECTED,
+        "SMALL": Verdict.REJECTED,
+        "WHOLE": Verdict.REJECTED,
+        "NEWNAME": Verdict.SET,
+        "QUIET": Verdict.SET,
+        "MISSING": Verdict.UNKNOWN,
+    }
+    assert outcomes["LIMITED"].now == 2.0
+    assert outcomes["SMALL"].reason == "the vehicle holds it as INT8, allowed are -128 to 127"
+    assert outcomes["WHOLE"].reason == "the vehicle holds it as INT8, a whole number is needed"
+    assert (vehicle.table["SMALL"][0], vehicle.table["WHOLE"][0]) == (1, 1)
+
+
+def test_parameters_that_an_enabling_one_brings_into_being_are_set_too() -> None:
+    vehicle = ParameterVehicle({"GRP_ENABLE": (0, INT8)})
+    vehicle.enables["GRP_ENABLE"] = {"GRP_GAIN": (1.0, REAL32)}
+    outcomes = upload(vehicle, [Wanted(("GRP_GAIN",), 2.5), Wanted(("GRP_ENABLE",), 1)])
+    assert outcomes["GRP_GAIN"].verdict is Verdict.SET
+    assert vehicle.table["GRP_GAIN"][0] == 2.5
+
+
+def test_nothing_is_set_before_proceed() -> None:
+    vehicle = ParameterVehicle({"A": (1, INT16), "B": (1.0, REAL32)})
+    client = Upload(Target(1, 1), [Wanted(("A",), 2), Wanted(("B",), 1.0)])
+    converse(client, vehicle, *links(0.0), limit_s=20.0)
+    assert client.finished
+    assert client.differs
+    assert vehicle.sets_received == 0
+    assert [outcome.verdict for outcome in client.outcomes()] == [Verdict.WOULD_SET, Verdict.UNCHANGED]
+    client.proceed()
+    assert not client.finished
+
+
+def test_a_vehicle_that_falls_silent_after_the_sets_leaves_them_unconfirmed() -> None:
+    vehicle = ParameterVehicle({"A": (1, INT16)})
+    client = Upload(Target(1, 1), [Wanted(("A",), 2)])
+    converse(client, vehicle, *links(0.0), limit_s=20.0)
+    client.proceed()
+    converse(client, vehicle, *links(1.0), limit_s=60.0)
+    assert client.outcomes()[0].verdict is Verdict.UNCONFIRMED
+
+
+def test_requests_keep_to_their_window_and_their_tries() -> None:
+    requests = Requests(["a", "b", "c"], Patience(interval_s=1.0, tries=2, window=2))
+    assert requests.due(0.0) == ["a", "b"]
+    assert requests.due(0.5) == []
+    requests.answered("a", 0.5)
+    assert requests.due(0.5) == ["c"]
+    assert requests.due(1.0) == ["b"]
+    assert requests.due(2.1) == ["c"]
+    assert (requests.given_up, requests.done) == (["b"], False)
+    requests.answered("c", 2.2)
+    assert requests.done
+
+
+def test_integers_travel_as_numbers_or_as_bytes() -> None:
+    assert encode(-1, INT32, bytewise=False) == struct.pack("<f", -1.0)
+    assert encode(-1, INT32, bytewise=True) == b"\xff\xff\xff\xff"
+    assert encode(-5_000_000, INT32, bytewise=True) == struct.pack("<i", -5_000_000)
+    assert encode(200, 1, bytewise=True) == b"\xc8\0\0\0"
+    assert same_value(struct.unpack("<f", struct.pack("<f", 0.1))[0], 0.1, REAL32)
+    assert not same_value(16_777_216, 16_777_217, INT32)
