@@ -63,6 +63,8 @@ class HelmWatch:
         self._last_command = -math.inf
         self._disobeyed = ""
         self._rebooted = False
+        self._judged = (-1, -1)
+        self._parameter_reason = ""
 
     @property
     def booted(self) -> bool:
@@ -129,7 +131,11 @@ class HelmWatch:
         silence = now - self.heartbeat_time
         if silence > HEARTBEAT_TIMEOUT_S:
             return f"no heartbeat from the vehicle for {silence:.0f} s"
-        waiting = _parameter_reason(parameters, system) or self.misfit
+        judged = (parameters.revision, system)
+        if judged != self._judged:
+            self._judged = judged
+            self._parameter_reason = _parameter_reason(parameters, system)
+        waiting = self._parameter_reason or self.misfit
         if waiting and self._rebooted:
             return f"the vehicle has rebooted; {waiting}"
         self._rebooted = False

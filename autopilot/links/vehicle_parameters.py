@@ -29,10 +29,13 @@ class VehicleParameters:
     """What is known of the vehicle's parameters and what has still to be asked."""
 
     def __init__(self) -> None:
+        self.revision = 0
+        """Counts every change, so that what follows from the parameters is worked out only once."""
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, as after a reboot."""
+        self.revision += 1
         self._values: dict[str, float] = {}
         self._asked: dict[str, tuple[float, int]] = {}
         self._next_burst = -math.inf
@@ -42,6 +45,7 @@ class VehicleParameters:
         """Keep a value that the vehicle reports; return whether it is one of those used here and new."""
         if not math.isfinite(value) or not _relevant(name) or self._values.get(name) == value:
             return False
+        self.revision += 1
         self._values[name] = value
         self._missing = self._find_missing()
         return True
@@ -84,6 +88,7 @@ class VehicleParameters:
                 if len(names) == BURST:
                     break
         if names:
+            self.revision += 1
             self._next_burst = now + BURST_S
         return names
 
