@@ -145,7 +145,7 @@ class Pilot:
     def _guide(self, mode: Mode, order: Order, state: NavState, dt: float) -> Reference:
         if mode is not Mode.ENGAGED:
             return Reference(state.heading, state.rate, 0.0)
-        if order != self._order:
+        if not order.is_same(self._order):
             self._begin(order, state)
         if order.kind is not OrderKind.HEADING:
             return Reference(state.heading, state.rate, 0.0)

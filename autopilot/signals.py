@@ -91,6 +91,11 @@ class Order(NamedTuple):
     heading_change: float = 0.0
     serial: int = 0
 
+    def is_same(self, other: Order) -> bool:
+        """Return whether both ask for the same: two headings that are nan are the same wish."""
+        both_present = self.heading != self.heading and other.heading != other.heading
+        return self == (other._replace(heading=self.heading) if both_present else other)
+
 
 class NavState(NamedTuple):
     """Best knowledge of the boat at `time`.

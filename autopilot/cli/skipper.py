@@ -22,7 +22,7 @@ class Skipper:
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
         """Return the order at `now`; a heading adopted on engagement becomes the heading ordered."""
-        if self._adopt and tick is not None and tick.mode is Mode.ENGAGED and tick.order == self._order:
+        if self._adopt and tick is not None and tick.mode is Mode.ENGAGED and tick.order.is_same(self._order):
             self._adopt = False
             self._order = self._order._replace(heading=tick.state.heading)
         return self._order

@@ -69,13 +69,28 @@ class Ending:
             if tick.state.valid:
                 self._first_heading = tick.now
             elif 0.0 < self._wait <= tick.now:
-                raise LinkError(
-                    f"no heading came over {self._links} in {self._wait:.0f} s: check that the vehicle or compass is "
-                    f"on, that it sends to this address, and the baud rate"
-                )
+                raise self._silence(self._wait)
         elif self._must_engage and not self.engaged and tick.now - self._first_heading > ENGAGE_PATIENCE:
-            raise RefusedError("; ".join(tick.alarms) or "the pilot did not engage")
+            raise self._refusal(tick)
         return self.stop
+
+    def final(self, tick: Tick | None) -> None:
+        """Raise LinkError or RefusedError where the time ran out before anything was steered."""
+        if self.stop or tick is None:
+            return
+        if self._first_heading is None:
+            raise self._silence(tick.now)
+        if self._must_engage and not self.engaged:
+            raise self._refusal(tick)
+
+    def _silence(self, seconds: float) -> LinkError:
+        return LinkError(
+            f"no heading came over {self._links} in {seconds:.0f} s: check that the vehicle or compass is on, that it "
+            f"sends to this address, the baud rate, and sensors.variation_deg for a compass that knows no true north"
+        )
+
+    def _refusal(self, tick: Tick) -> RefusedError:
+        return RefusedError("; ".join(tick.alarms) or "the pilot did not engage")
 
 
 def steer(
@@ -114,6 +129,7 @@ def steer(
     try:
         with Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder) as session:
             session.run(clock.now() + duration, after)
+        ending.final(session.tick)
     finally:
         status.end()
         for number, handler in before.items():

@@ -24,7 +24,6 @@ from autopilot.models.norrbin import Norrbin, rudder_for
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Reference
 
-
 SPEED_RANGE = (0.2, 1.5)
 """Share of the reference speed within which the gains follow the speed."""
 

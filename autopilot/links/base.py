@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from autopilot.signals import RudderCommand, Sample
+from autopilot.signals import Mode, RudderCommand, Sample
 
 
 class LinkError(Exception):
@@ -61,6 +61,9 @@ class Link(Protocol):
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command, or the release where it is not engaged. The command leaves first."""
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+        """Pass on who has the rudder and what is wrong, where the link has a way to say it."""
 
     def keep(self, now: float) -> None:
         """Do what falls due in the slack: heartbeats, stream and parameter requests, reconnection."""

@@ -18,7 +18,7 @@ from autopilot.links.mavlink_codec import MavlinkCodec, Message
 from autopilot.links.status_text import StatusTexts
 from autopilot.links.transports import UdpInTransport
 from autopilot.links.vehicle_reader import HEARTBEAT, VehicleReader
-from autopilot.signals import HelmSample, RudderCommand, Sample
+from autopilot.signals import HelmSample, Mode, RudderCommand, Sample
 
 COMPONENT = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
@@ -28,6 +28,18 @@ HEARTBEAT_S = 1.0
 SILENT_PEER_S = 5.0
 """A sender without a vehicle's heartbeat for this long gives up its place on a link that listens."""
 PACKETS_KEPT = 20000
+STATES = {
+    Mode.STANDBY: dialect.MAV_STATE_STANDBY,
+    Mode.ENGAGED: dialect.MAV_STATE_ACTIVE,
+    Mode.OVERRIDE: dialect.MAV_STATE_STANDBY,
+    Mode.FAILSAFE: dialect.MAV_STATE_CRITICAL,
+}
+SEVERITIES = {
+    Mode.STANDBY: dialect.MAV_SEVERITY_NOTICE,
+    Mode.ENGAGED: dialect.MAV_SEVERITY_NOTICE,
+    Mode.OVERRIDE: dialect.MAV_SEVERITY_WARNING,
+    Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL,
+}
 BOATS = (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_TYPE_GROUND_ROVER)
 
 
@@ -83,6 +95,7 @@ class CompanionLink:
         self._peer_heard: float | None = None
         self._helm: HelmSample | None = None
         self._reason = self._watch.obstacle
+        self._alarms: tuple[str, ...] = ()
         self._start: float | None = None
 
     @property
@@ -178,6 +191,15 @@ class CompanionLink:
     def close(self) -> None:
         """Close the transport; call `release` first."""
         self._transport.close()
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+        """Keep the state in our heartbeat honest, and say every new alarm as STATUSTEXT."""
+        self.state = STATES[mode]
+        if alarms != self._alarms:
+            for alarm in alarms:
+                if alarm not in self._alarms:
+                    self.say(now, SEVERITIES[mode], alarm)
+            self._alarms = alarms
 
     def say(self, now: float, severity: int, text: str) -> None:
         """Queue a STATUSTEXT of MAV_SEVERITY `severity`; `keep` sends it in pieces, rate-limited."""

@@ -15,7 +15,7 @@ from autopilot.links.base import LinkError, Transport
 from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence
 from autopilot.links.nmea_encoders import encode_ror
 from autopilot.links.nmea_samples import Deviation, NmeaReader
-from autopilot.signals import HeadingSample, HelmSample, RudderCommand, Sample
+from autopilot.signals import HeadingSample, HelmSample, Mode, RudderCommand, Sample
 
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
@@ -121,6 +121,9 @@ class NmeaLink:
         else:
             self._command, self._pending = None, False
         self._push(now)
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+        """Nothing: a rudder drive knows no modes."""
 
     def keep(self, now: float) -> None:
         """Send what waits: the newest command, its repetition, or the releases that are left."""

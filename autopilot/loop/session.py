@@ -99,6 +99,7 @@ class Session:
         self._last = now
         self.tick = tick
         for link in self._links:
+            link.tell(now, tick.mode, tick.alarms)
             link.keep(now)
         packets = self._packets()
         if self._recorder is not None:

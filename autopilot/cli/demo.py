@@ -1,0 +1,59 @@
+"""`autopilot demo`: a sea trial, an identification and an engagement on the simulated boat, over real links."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from autopilot.errors import ExitCode, InputError
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "demo",
+        help="trial, identification and steering of the simulated Lanxin boat, in about a minute",
+        description="Sail a trial on the simulated Lanxin boat, identify it from the log, design gains, engage, turn "
+        "90 deg, hold in sea state 5, beside a PID: over UDP sockets and a pseudo-terminal. Takes about a minute.",
+    )
+    parser.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder to write (demo)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of sea and sensors (1)")
+    parser.add_argument("--no-report", action="store_true", help="no figures and report.html (needs no extra)")
+    parser.add_argument("--json", action="store_true", help="print demo.json instead of the table")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo, print its table, write its files; return the exit code."""
+    if not arguments.no_report:
+        from autopilot.report import require_extra
+
+        require_extra()
+    from autopilot.cli.demo_legs import sail_demo
+    from autopilot.cli.demo_table import as_json, as_text
+    from autopilot.cli.progress import ProgressBar
+
+    try:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {arguments.out}: {error.strerror}; give a folder that can be written") from error
+    with ProgressBar("demo") as bar:
+        result = sail_demo(arguments.out, arguments.seed, bar.show)
+    summary = as_json(result)
+    (arguments.out / "demo.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    if not arguments.no_report:
+        from autopilot.cli.demo_table import HOLDS, TURNS
+        from autopilot.report.demo import DemoFigures, write_demo_report
+
+        shown = DemoFigures(
+            trial=result.legs["trial"].ticks,
+            turns={label: result.legs[name].ticks for name, label in TURNS.items()},
+            holds={label: result.legs[name].ticks for name, label in HOLDS.items()},
+        )
+        write_demo_report(arguments.out, shown, summary)
+    print(json.dumps(summary, indent=2) if arguments.json else as_text(result))
+    if not arguments.json:
+        print(f"\nWrote {', '.join(sorted(path.name for path in arguments.out.iterdir()))} in {arguments.out}")
+    return int(ExitCode.OK)

@@ -1,0 +1,245 @@
+"""The demo's legs: each is a simulator process of its own, as a user would start it, and a session that steers it."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from autopilot import __version__
+from autopilot.build import TRIAL_LAW, LinkOptions, build_links, build_pilot, model_of
+from autopilot.cli.gains import designed
+from autopilot.cli.trial_script import Step, TrialScript, heading, turning, zigzag
+from autopilot.errors import RefusedError
+from autopilot.identification.identify import Identified, identify
+from autopilot.links.base import LinkError
+from autopilot.loop.clock import MonotonicClock
+from autopilot.loop.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
+from autopilot.loop.record import Recorder
+from autopilot.loop.recordings import load_run
+from autopilot.loop.session import Session
+from autopilot.models.norrbin import Norrbin
+from autopilot.params.vessel import Model, StandardErrors, Vessel
+from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.signals import Tick
+
+SPEEDUP = 4.0
+"""Simulated seconds per second: the whole demo fits into a minute and a half of a small machine."""
+READY_TIMEOUT = 30.0
+TURN = math.radians(90.0)
+HOLD_SECONDS = 90.0
+HOLD_SKIP = 20.0
+"""The hold is judged after this time [s]: before it the bias is still being learnt."""
+FIRST_GUESS = (0.3, 1.0)
+"""K [1/s] and T [s] before the trial: off by more than two, as a first guess is."""
+
+FloatArray = npt.NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+
+class Leg(NamedTuple):
+    """One leg: name, law, steps to sail, scenario, and whether it goes over the serial line."""
+
+    name: str
+    law: str
+    steps: Sequence[Step]
+    scenario: str = "calm"
+    serial: bool = False
+
+
+class Sailed(NamedTuple):
+    """A leg that has been sailed: its ticks, when each step began [s], and what the boat really did by column."""
+
+    leg: Leg
+    ticks: list[Tick]
+    begun: list[float]
+    truth: dict[str, FloatArray]
+
+
+class Hold(NamedTuple):
+    """Root mean square of the true heading error [rad] and true rudder travel [rad/s] of a hold."""
+
+    rms: float
+    travel: float
+
+
+class DemoResult(NamedTuple):
+    """What the demo found."""
+
+    true: Norrbin
+    identified: Identified
+    vessel: Vessel
+    turns: dict[str, TurnMeasures]
+    holds: dict[str, Hold]
+    legs: dict[str, Sailed]
+    seed: int
+
+
+def sail_demo(out: Path, seed: int, progress: Progress) -> DemoResult:
+    """Sail all legs, identify in between, and put the logs together in demo.tlog."""
+    true = load_vessel("lanxin")
+    guess = _first_guess(true)
+    trial_steps = [zigzag(math.radians(15.0), math.radians(15.0), 40.0)]
+    trial_steps += [turning(math.radians(angle), 5.0) for angle in (5.0, 10.0, 15.0, 20.0, 25.0, -25.0, -15.0, -5.0)]
+    progress(0, 5)
+    trial = sail(Leg("trial", TRIAL_LAW, trial_steps), guess, out, seed)
+    progress(1, 5)
+    found = identify([load_run(str(out / "trial.tlog"))], reference_speed=true.model.reference_speed_m_s)
+    vessel = designed(_with_model(true, found))
+    (out / "identified.yaml").write_text(dump_vessel(vessel), encoding="utf-8")
+    progress(2, 5)
+    turn = [heading(0.0, 6.0), heading(TURN, 22.0)]
+    hold = [heading(0.0, HOLD_SECONDS)]
+    groups = [
+        [
+            Leg("turn-backstepping", "backstepping", turn),
+            Leg("turn-pid", "pid", turn),
+            Leg("turn-serial", "backstepping", turn, serial=True),
+        ],
+        [
+            Leg("sea-backstepping", "backstepping", hold, "sea-state-5"),
+            Leg("sea-pid", "pid", hold, "sea-state-5"),
+        ],
+    ]
+    legs = {"trial": trial}
+    for done, group in enumerate(groups):
+        with ThreadPoolExecutor(len(group)) as pool:
+            sailed = pool.map(lambda leg: sail(leg, vessel, out, seed), group)
+            legs.update({one.leg.name: one for one in sailed})
+        progress(3 + done, 5)
+    _join(out, list(legs))
+    progress(5, 5)
+    return DemoResult(
+        true=model_of(true),
+        identified=found,
+        vessel=vessel,
+        turns={name: _turn(legs[name]) for name in ("turn-backstepping", "turn-pid", "turn-serial")},
+        holds={name: _hold(legs[name]) for name in ("sea-backstepping", "sea-pid")},
+        legs=legs,
+        seed=seed,
+    )
+
+
+def sail(leg: Leg, vessel: Vessel, out: Path, seed: int) -> Sailed:
+    """Start a simulator, steer it through the leg, and stop it. Raises LinkError or RefusedError."""
+    folder = Path(tempfile.mkdtemp(prefix="norrbin-"))
+    try:
+        if leg.serial:
+            line = folder / "instruments"
+            address = ["--nmea", f"{line}:38400", "--sentences", "HDG:10,ROT:10,RSA:5,VHW:1"]
+            url = f"nmea:{line}:38400"
+        else:
+            port = _free_port()
+            address = ["--mavlink", f"udpout:127.0.0.1:{port}"]
+            url = f"udpin:127.0.0.1:{port}"
+        truth = folder / "truth.csv"
+        command = [sys.executable, "-m", "sitl", "serve", "lanxin", *address, "--scenario", leg.scenario]
+        command += ["--speedup", f"{SPEEDUP}", "--seed", f"{seed}", "--truth", str(truth)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as simulator:
+            try:
+                _await_ready(simulator)
+                ticks, begun = _steer(leg, vessel, url, out / f"{leg.name}.tlog")
+            finally:
+                simulator.terminate()
+                simulator.communicate()
+        return Sailed(leg, ticks, begun, _read_truth(truth))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _steer(leg: Leg, vessel: Vessel, url: str, log: Path) -> tuple[list[Tick], list[float]]:
+    script = TrialScript(leg.steps)
+    ticks: list[Tick] = []
+    clock = MonotonicClock(SPEEDUP)
+    links = build_links(vessel, [url], LinkOptions(as_gcs=True))
+    recorder = Recorder(log, {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": leg.law}, clock.now())
+
+    def watch(tick: Tick) -> bool:
+        ticks.append(tick)
+        return script.is_over
+
+    longest = READY_TIMEOUT + sum(step.duration for step in leg.steps)
+    with Session(build_pilot(vessel, leg.law), links, clock, vessel.control.rate_hz, script, recorder) as session:
+        session.run(clock.now() + longest, watch)
+    if len(script.begun_at) < len(leg.steps):
+        why = "; ".join(ticks[-1].alarms) if ticks else "nothing arrived"
+        raise RefusedError(f"demo leg {leg.name} ended early: {why or 'time is up'}")
+    return ticks, script.begun_at
+
+
+def _first_guess(true: Vessel) -> Vessel:
+    gain, time_constant = FIRST_GUESS
+    model = Model(gain, time_constant, true.model.reference_speed_m_s, source="a first guess, before any trial")
+    return replace(true, model=model)
+
+
+def _with_model(vessel: Vessel, found: Identified) -> Vessel:
+    model, errors = found.model, found.standard_errors
+    return replace(
+        vessel,
+        name=f"{vessel.name} (identified)",
+        model=Model(
+            K_1_s=model.gain,
+            T_s=model.time_constant,
+            reference_speed_m_s=model.reference_speed,
+            n1=model.n1,
+            n3_s2_rad2=model.n3,
+            n0_rad_s=model.n0,
+            standard_errors=StandardErrors(*(errors.get(name) for name in ("gain", "time_constant", "n3", "n0"))),
+            source="autopilot demo: identified from trial.tlog",
+        ),
+    )
+
+
+def _await_ready(simulator: subprocess.Popen[str]) -> None:
+    stdout: IO[str] | None = simulator.stdout
+    line = stdout.readline() if stdout is not None else ""
+    if not line.startswith("ready"):
+        simulator.kill()
+        _, complaint = simulator.communicate()
+        raise LinkError(f"the simulator did not start: {complaint.strip() or line.strip() or 'it said nothing'}")
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _read_truth(path: Path) -> dict[str, FloatArray]:
+    with path.open(encoding="utf-8") as file:
+        names = file.readline().strip().split(",")
+    table = np.genfromtxt(path, delimiter=",", skip_header=1, invalid_raise=False)
+    return {name: table[:, index] for index, name in enumerate(names)}
+
+
+def _turn(sailed: Sailed) -> TurnMeasures:
+    return turn_measures(sailed.ticks, sailed.begun[1], 0.0, TURN)
+
+
+def _hold(sailed: Sailed) -> Hold:
+    """Measure the truth at the end: it ends when the session ended, whatever the start-up took."""
+    time = sailed.truth["time_s"]
+    part = time >= time[-1] - (HOLD_SECONDS - HOLD_SKIP)
+    return Hold(
+        heading_rms(sailed.truth["heading_rad"][part], 0.0),
+        travel_rate(time[part], sailed.truth["rudder_rad"][part]),
+    )
+
+
+def _join(out: Path, names: Sequence[str]) -> None:
+    with (out / "demo.tlog").open("wb") as joined:
+        for name in names:
+            part = out / f"{name}.tlog"
+            joined.write(part.read_bytes())

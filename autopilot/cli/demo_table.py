@@ -1,0 +1,74 @@
+"""The demo's result as a table and as JSON."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from autopilot.cli.demo_legs import DemoResult
+
+PARAMETERS = (("K", "gain", "1/s"), ("T", "time_constant", "s"), ("n3", "n3", "s2/rad2"), ("n0", "n0", "rad/s"))
+TURNS = {
+    "turn-backstepping": "backstepping, UDP",
+    "turn-pid": "PID, UDP",
+    "turn-serial": "backstepping, serial compass",
+}
+HOLDS = {"sea-backstepping": "backstepping", "sea-pid": "PID"}
+
+
+def as_json(result: DemoResult) -> dict[str, Any]:
+    """Return the result in SI units and degrees where the key says so."""
+    found = result.identified
+    return {
+        "seed": result.seed,
+        "parameters": {
+            symbol: {
+                "true": getattr(result.true, name),
+                "identified": getattr(found.model, name),
+                "std": found.standard_errors.get(name),
+                "unit": unit,
+            }
+            for symbol, name, unit in PARAMETERS
+        },
+        "unidentifiable": found.unidentifiable,
+        "turn_90_deg_calm": {
+            TURNS[name]: {
+                "overshoot_deg": math.degrees(turn.overshoot),
+                "settling_s": turn.settling,
+                "rudder_travel_deg": math.degrees(turn.travel),
+            }
+            for name, turn in result.turns.items()
+        },
+        "hold_sea_state_5": {
+            HOLDS[name]: {
+                "heading_rms_deg": math.degrees(hold.rms),
+                "rudder_travel_deg_s": math.degrees(hold.travel),
+            }
+            for name, hold in result.holds.items()
+        },
+    }
+
+
+def as_text(result: DemoResult) -> str:
+    """Return the table."""
+    found = result.identified
+    lines = [f"{'identified':24}{'true':>12}{'found':>12}{'std error':>12}{'off by':>10}"]
+    for symbol, name, unit in PARAMETERS:
+        true, value, error = getattr(result.true, name), getattr(found.model, name), found.standard_errors.get(name)
+        off = f"{100.0 * (value / true - 1.0):+.1f} %" if true else "-"
+        shown = "-" if error is None else f"{error:.4f}"
+        lines.append(f"  {symbol:3} {unit:18}{true:12.4f}{value:12.4f}{shown:>12}{off:>10}")
+    lines += [f"  {reason}" for reason in found.unidentifiable.values()]
+    lines += ["", f"{'turn of 90 deg, calm':32}{'overshoot':>12}{'settling':>12}{'rudder travel':>16}"]
+    for name, turn in result.turns.items():
+        lines.append(
+            f"  {TURNS[name]:30}{math.degrees(turn.overshoot):8.2f} deg{turn.settling:10.1f} s"
+            f"{math.degrees(turn.travel):12.1f} deg"
+        )
+    lines += ["", f"{'hold, sea state 5':32}{'heading rms':>12}{'':12}{'rudder travel':>16}"]
+    for name, hold in result.holds.items():
+        lines.append(
+            f"  {HOLDS[name]:30}{math.degrees(hold.rms):8.2f} deg{'':12}{math.degrees(hold.travel):10.2f} deg/s"
+        )
+    return "\n".join(lines)

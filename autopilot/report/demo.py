@@ -1,0 +1,111 @@
+"""The demo's figures and report.html."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from autopilot import __version__
+from autopilot.report.figures import Line, Panel, time_figure
+from autopilot.report.page import Section, render
+from autopilot.signals import Tick
+
+SHOWN_HOLD = 60.0
+
+
+class DemoFigures(NamedTuple):
+    """The ticks to draw: the trial, turns and holds by name."""
+
+    trial: Sequence[Tick]
+    turns: dict[str, Sequence[Tick]]
+    holds: dict[str, Sequence[Tick]]
+
+
+def write_demo_report(out: Path, shown: DemoFigures, summary: dict[str, Any]) -> None:
+    """Write trial.svg, turn.svg, hold.svg and report.html into the folder `out`."""
+    figures = {
+        "trial": _trial(shown.trial),
+        "turn": _compared(shown.turns, math.inf),
+        "hold": _compared(shown.holds, SHOWN_HOLD),
+    }
+    for name, svg in figures.items():
+        (out / f"{name}.svg").write_text(svg, encoding="utf-8")
+    page = render(
+        "Norrbin demo: from a sea trial to an autopilot",
+        "A simulated boat sailed a trial over real links; its model was identified from the log, gains were designed "
+        "from it, and it steered: over UDP as a MAVLink vehicle, and over a serial line as compass and rudder drive.",
+        _sections(figures, summary),
+        f"autopilot demo --seed {summary['seed']}",
+        __version__,
+    )
+    (out / "report.html").write_text(page, encoding="utf-8")
+
+
+def _sections(figures: dict[str, str], summary: dict[str, Any]) -> list[Section]:
+    parameters = [("parameter", "unit", "true", "identified", "standard error")]
+    for name, row in summary["parameters"].items():
+        error = "-" if row["std"] is None else f"{row['std']:.4f}"
+        parameters.append((name, row["unit"], f"{row['true']:.4f}", f"{row['identified']:.4f}", error))
+    turns = [("law and link", "overshoot", "settling to 1 deg", "rudder travel")]
+    for name, row in summary["turn_90_deg_calm"].items():
+        turns.append(
+            (
+                name,
+                f"{row['overshoot_deg']:.2f} deg",
+                f"{row['settling_s']:.1f} s",
+                f"{row['rudder_travel_deg']:.0f} deg",
+            )
+        )
+    holds = [("law", "true heading rms", "rudder travel")]
+    for name, row in summary["hold_sea_state_5"].items():
+        holds.append((name, f"{row['heading_rms_deg']:.2f} deg", f"{row['rudder_travel_deg_s']:.2f} deg/s"))
+    note = (
+        "Standard errors tell what sensor noise and sea leave open. The simulated boat also loses speed and drifts in "
+        "turns, which the model leaves out: the difference to the true values holds that too.",
+    )
+    return [
+        Section("Identified from the trial", parameters, (*summary["unidentifiable"].values(), *note)),
+        Section("The trial", figure=figures["trial"], caption="15/15 zigzag, then turns at eight rudder angles"),
+        Section("Turn of 90 deg in calm water", turns, figure=figures["turn"], caption="heading, and rudder ordered"),
+        Section(
+            "Hold in sea state 5",
+            holds,
+            ("The PID has the same proportional and rate gains, and an integral term.",),
+            figures["hold"],
+            f"the last {SHOWN_HOLD:.0f} s",
+        ),
+    ]
+
+
+def _trial(ticks: Sequence[Tick]) -> str:
+    time = np.array([tick.now for tick in ticks])
+    return time_figure(
+        [
+            Panel("heading [deg]", [Line("heading", time, _unwrapped_deg([tick.state.heading for tick in ticks]))]),
+            Panel("rate [deg/s]", [Line("yaw rate", time, np.degrees([tick.state.rate for tick in ticks]))]),
+            Panel("rudder [deg]", [Line("rudder", time, np.degrees([tick.state.rudder for tick in ticks]))]),
+        ]
+    )
+
+
+def _compared(legs: dict[str, Sequence[Tick]], last: float) -> str:
+    headings: list[Line] = []
+    rudders: list[Line] = []
+    for name, ticks in legs.items():
+        end = ticks[-1].now
+        part = [tick for tick in ticks if end - tick.now <= last and tick.command.engaged]
+        time = np.array([tick.now for tick in part]) - part[0].now
+        if not headings:
+            wanted = _unwrapped_deg([tick.reference.heading for tick in part])
+            headings.append(Line("reference", time, wanted, wanted=True))
+        headings.append(Line(name, time, _unwrapped_deg([tick.state.heading for tick in part])))
+        rudders.append(Line(name, time, np.degrees([tick.command.angle for tick in part])))
+    return time_figure([Panel("heading [deg]", headings), Panel("rudder [deg]", rudders)])
+
+
+def _unwrapped_deg(headings: Sequence[float]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.degrees(np.unwrap(np.asarray(headings)))

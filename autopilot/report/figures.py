@@ -1,0 +1,70 @@
+"""Figures as SVG text, one look for all reports: time below, degrees at the side, what was wanted in grey."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+COLOURS = ("#0b5fa5", "#c8501e", "#2e7d32", "#7b4fa3")
+WANTED = "#8a8f98"
+SIZE = (9.0, 2.6)
+
+
+class Line(NamedTuple):
+    """A curve: its name, times [s] and values, in the unit of its panel; `wanted` ones are grey and dashed."""
+
+    name: str
+    time: FloatArray
+    values: FloatArray
+    wanted: bool = False
+
+
+class Panel(NamedTuple):
+    """One diagram: the label of its ordinate, with the unit, and its lines."""
+
+    label: str
+    lines: Sequence[Line]
+
+
+def time_figure(panels: Sequence[Panel]) -> str:
+    """Return panels above each other, sharing the time axis, as SVG."""
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    from matplotlib import pyplot
+
+    with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 9}):
+        figure, axes = pyplot.subplots(
+            len(panels), 1, sharex=True, squeeze=False, figsize=(SIZE[0], SIZE[1] * len(panels)), layout="constrained"
+        )
+        for axis, panel in zip(axes[:, 0], panels, strict=True):
+            _draw(axis, panel)
+        axes[-1, 0].set_xlabel("time [s]")
+        text = _svg_of(figure)
+        pyplot.close(figure)
+    return text
+
+
+def _draw(axis: Any, panel: Panel) -> None:
+    colours = iter(COLOURS * 4)
+    for line in panel.lines:
+        if line.wanted:
+            axis.plot(line.time, line.values, color=WANTED, linestyle="--", linewidth=1.2, label=line.name)
+        else:
+            axis.plot(line.time, line.values, color=next(colours), linewidth=1.2, label=line.name)
+    axis.set_ylabel(panel.label)
+    axis.grid(True, color="#e3e6ea", linewidth=0.6)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.legend(loc="upper right", frameon=False, ncols=len(panel.lines))
+
+
+def _svg_of(figure: Any) -> str:
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]

@@ -1,0 +1,64 @@
+"""One self-contained HTML file: headings, paragraphs, tables, figures as inline SVG, in daylight and at night."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+TEMPLATE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{{ title }}</title>
+<style>
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #1b1f24; }
+h1 { font-size: 1.7rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
+table { border-collapse: collapse; margin: 1rem 0; }
+th, td { padding: .3rem .9rem; text-align: right; border-bottom: 1px solid #d8dde3; }
+th:first-child, td:first-child { text-align: left; }
+figure { margin: 1rem 0; background: #fff; } figure svg { width: 100%; height: auto; }
+figcaption, .note { color: #4b5563; font-size: .9rem; }
+code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
+@media (prefers-color-scheme: dark) {
+  body { background: #14171b; color: #e6e8eb; } code { background: #252a31; }
+  th, td { border-color: #333a43; } figcaption, .note { color: #a9b1bb; } figure { padding: .3rem; }
+}
+</style>
+</head>
+<body>
+<h1>{{ title }}</h1>
+<p>{{ lead }}</p>
+{% for section in sections %}
+<h2>{{ section.title }}</h2>
+{% if section.table %}<table>
+<tr>{% for cell in section.table[0] %}<th>{{ cell }}</th>{% endfor %}</tr>
+{% for row in section.table[1:] %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
+{% endfor %}</table>{% endif %}
+{% for paragraph in section.text %}<p>{{ paragraph }}</p>{% endfor %}
+{% if section.figure %}<figure>{{ section.figure | safe }}<figcaption>{{ section.caption }}</figcaption></figure>{% endif %}
+{% endfor %}
+<p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }}.</p>
+</body>
+</html>
+"""
+
+
+class Section(NamedTuple):
+    """A part of the report: a table (first row its heads), paragraphs, and a figure as SVG with its caption."""
+
+    title: str
+    table: Sequence[Sequence[str]] = ()
+    text: Sequence[str] = ()
+    figure: str = ""
+    caption: str = ""
+
+
+def render(title: str, lead: str, sections: Sequence[Section], command: str, version: str) -> str:
+    """Return the page; every text is escaped, figures are taken as they are."""
+    import jinja2
+
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    return environment.from_string(TEMPLATE).render(
+        title=title, lead=lead, sections=sections, command=command, version=version
+    )
