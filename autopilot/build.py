@@ -191,7 +191,7 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     links: list[Link] = []
     try:
         for url in urls:
-            links.append(build_link(vessel, url, options))
+            links.append(build_link(vessel, url, options))  # noqa: PERF401 - what is open must be closed on error
     except LinkError:
         for link in links:
             link.close()

@@ -1,4 +1,4 @@
-"""`autopilot gains`: gains from model, rudder and delay, with the margins they leave; and the margins of a file's own."""
+"""`autopilot gains`: gains from model, rudder and delay, and the margins they and the file's own leave."""
 
 from __future__ import annotations
 

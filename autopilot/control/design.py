@@ -13,6 +13,7 @@ rudder moving at A |C(jw)| w, so that errors above rate_max/(|C| w) find the rud
 from __future__ import annotations
 
 import cmath
+import itertools
 import math
 from typing import NamedTuple
 
@@ -126,7 +127,7 @@ def _crossover(omegas: list[float], values: list[complex]) -> tuple[float, float
 def _gain_margin(omegas: list[float], values: list[complex]) -> float:
     """Return the factor by which the gain may still grow: 1/|L| at the first crossing of the negative real axis."""
     best = math.inf
-    for before, after in zip(values, values[1:], strict=False):
+    for before, after in itertools.pairwise(values):
         if before.real < 0.0 and after.real < 0.0 and before.imag < 0.0 <= after.imag and 0.0 < abs(after) < 1.0:
             best = min(best, 1.0 / abs(after))
     return best
@@ -138,7 +139,7 @@ def _encirclements(model: Norrbin, gains: LoopGains, values: list[complex]) -> b
     Every integrator at the origin and every unstable pole costs half a turn of the upper half of the curve.
     """
     turned = 0.0
-    for before, after in zip(values, values[1:], strict=False):
+    for before, after in itertools.pairwise(values):
         turned += cmath.phase((1.0 + after) / (1.0 + before))
     integrators = 1 + (1 if gains.integral > 0.0 else 0)
     unstable = 1 if model.n1 < 0.0 else 0
@@ -169,9 +170,10 @@ def judge(model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float
 
 
 def design_backstepping(model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float) -> BacksteppingGains:
-    """Return the quickest k1 = k2 = k, gamma = k^2/4 (damping ratio 0.89) whose loop keeps Ms and leaves the rudder's rate room for LEAST_ERROR.
+    """Return the quickest gains whose loop keeps Ms and leaves the rudder's rate room for LEAST_ERROR.
 
-    Raises ValueError where no gain does: the rudder is too slow for this boat.
+    k1 = k2 = k and gamma = k^2/4, which is a damping ratio of 0.89. Raises ValueError where no gain does: the
+    rudder is too slow for this boat.
     """
     delay = gear.delay + loop_delay
 

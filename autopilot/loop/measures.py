@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -33,7 +34,7 @@ def turn_measures(ticks: Sequence[Tick], begun: float, start: float, target: flo
     return TurnMeasures(
         overshoot=max(0.0, max((side * error for error in errors if abs(error) < 0.5 * math.pi), default=0.0)),
         settling=(outside[-1] - begun if outside else 0.0) if settled else math.nan,
-        travel=sum(abs(b.command.angle - a.command.angle) for a, b in zip(after, after[1:], strict=False)),
+        travel=sum(abs(b.command.angle - a.command.angle) for a, b in itertools.pairwise(after)),
     )
 
 

@@ -160,7 +160,7 @@ def read_log(path: Path) -> Log:
 
 
 def read_table(path: Path) -> dict[str, npt.NDArray[np.float64]]:
-    """Return the first log in a file as columns for identification, one row for each heading sample, in order of measurement.
+    """Return the first log in a file as columns for identification, a row for each heading, by measurement time.
 
     time_s, heading_rad, yaw_rate_rad_s (nan where not measured), rudder_rad (fed back, or from the
     steering-gear model), speed_m_s. Raises InputError.

@@ -36,7 +36,8 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 {% for row in section.table[1:] %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
 {% endfor %}</table>{% endif %}
 {% for paragraph in section.text %}<p>{{ paragraph }}</p>{% endfor %}
-{% if section.figure %}<figure>{{ section.figure | safe }}<figcaption>{{ section.caption }}</figcaption></figure>{% endif %}
+{% if section.figure %}<figure>{{ section.figure | safe }}
+<figcaption>{{ section.caption }}</figcaption></figure>{% endif %}
 {% endfor %}
 <p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }}.</p>
 </body>
