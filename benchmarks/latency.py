@@ -31,7 +31,7 @@ from autopilot.links.mavlink_codec import MavlinkCodec
 
 RATE_HZ = 100
 ENGAGE_PATIENCE_S = 15.0
-BLOCK = 500
+BLOCK = 200
 OVERRIDE = dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
 PARAMETERS = {
     "SYSID_MYGCS": 255.0,
@@ -186,7 +186,7 @@ def exchange(vehicle: Vehicle, pilot: subprocess.Popen[str], echo_port: int, sec
     echo_us: list[float] = []
     unpaired = tick = engaged_ticks = 0
     cpu_before = measured_from = 0.0
-    while len(echo_us) < seconds * RATE_HZ:
+    while len(pilot_us) + unpaired < seconds * RATE_HZ:
         due = started + tick * period
         time.sleep(max(0.0, due - time.perf_counter()))
         datagram = vehicle.attitude()
@@ -200,12 +200,12 @@ def exchange(vehicle: Vehicle, pilot: subprocess.Popen[str], echo_port: int, sec
         if measured_from:
             paired = len(arrived) == 1 and not stale
             unpaired += not paired
-            if paired:
-                pilot_us.append((arrived[0] - sent) * 1e6)
-            sent = time.perf_counter()
+            echo_sent = time.perf_counter()
             echo_line.send(datagram)
             echo_line.recv(2048)
-            echo_us.append((time.perf_counter() - sent) * 1e6)
+            if paired:
+                echo_us.append((time.perf_counter() - echo_sent) * 1e6)
+                pilot_us.append((arrived[0] - sent) * 1e6)
         elif time.perf_counter() - started > ENGAGE_PATIENCE_S:
             raise TimeoutError("the pilot did not engage")
         vehicle.housekeeping(tick)
@@ -226,7 +226,7 @@ def summary(measured: Measured) -> dict[str, float]:
     pilot, echo = measured.pilot_us, measured.echo_us
     blocks = [
         statistics.median(pilot[start : start + BLOCK]) / statistics.median(echo[start : start + BLOCK])
-        for start in range(0, min(len(pilot), len(echo)) - BLOCK + 1, BLOCK)
+        for start in range(0, len(pilot) - BLOCK + 1, BLOCK)
     ]
     figures = {
         "pilot_p50_us": percentile(pilot, 0.5),
