@@ -27,6 +27,7 @@ def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> fl
     """
     if not math.isfinite(demand):
         demand = previous
-    reach = limits.rate_max * max(dt, 0.0)
+    # inf * 0 is nan: a rudder of unlimited rate gets anywhere in no time
+    reach = limits.rate_max * max(dt, 0.0) if math.isfinite(limits.rate_max) else math.inf
     target = clip(demand, -limits.angle_max, limits.angle_max)
     return clip(clip(target, previous - reach, previous + reach), -limits.angle_max, limits.angle_max)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
-from autopilot.estimation.estimator import Estimator
+from autopilot.estimation.estimator import Estimator, is_rudder
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_limits, turn_step
@@ -128,7 +128,7 @@ class Pilot:
                 self.estimator.rudder.order(now, sample.angle)
 
     def _moved_by_others(self, sample: RudderSample) -> bool:
-        return sample.ordered and not self._told.engaged and math.isfinite(sample.angle)
+        return sample.ordered and not self._told.engaged and is_rudder(sample.angle)
 
     def _engage(self, now: float, state: NavState) -> NavState:
         """Take the helm without a bump: from the heading, rate and rudder that are."""
@@ -137,7 +137,7 @@ class Pilot:
             state = state._replace(bias=0.0)
         start = clip(state.rudder, -self.config.limits.angle_max, self.config.limits.angle_max)
         self.law.reset(start)
-        self._boat = VirtualBoat(state.heading, state.rate, 0.0)
+        self._boat = self._virtual(state)
         self._order = Order()
         self._told = RudderCommand(now, start, True)
         return state
@@ -157,10 +157,15 @@ class Pilot:
     def _begin(self, order: Order, state: NavState) -> None:
         """An order that is new: adopt the present heading where it names none."""
         if self._order.kind is not OrderKind.HEADING:
-            self._boat = VirtualBoat(state.heading, state.rate, 0.0)
+            self._boat = self._virtual(state)
         self._order = order
         self._order_heading = order.heading if math.isfinite(order.heading) else state.heading
         self._side = 1
+
+    def _virtual(self, state: NavState) -> VirtualBoat:
+        """A virtual boat where the real one is, turning no faster than it may."""
+        most = self._limits_at(self.estimator.model).rate_max
+        return VirtualBoat(state.heading, clip(state.rate, -most, most), 0.0)
 
     def _limits_at(self, model: Norrbin) -> TurnLimits:
         speed = model.reference_speed

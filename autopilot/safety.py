@@ -2,11 +2,11 @@
 
     STANDBY  --order with a new serial, heading fresh, helm free-->  ENGAGED
     ENGAGED  --order STANDBY-->                                      STANDBY
-    ENGAGED  --human or firmware takes the helm-->                   OVERRIDE
+    ENGAGED, FAILSAFE --human or firmware takes the helm-->          OVERRIDE
     ENGAGED  --heading stale, anything not finite, envelope broken-> FAILSAFE
     OVERRIDE, FAILSAFE  --order with a new serial-->                 ENGAGED
     OVERRIDE, FAILSAFE  --order STANDBY-->                           STANDBY
-    FAILSAFE --heading back for RESUME_AFTER, file says resume-->    ENGAGED
+    FAILSAFE, heading lost --heading back for RESUME_AFTER, file says resume--> ENGAGED
 
 The envelope check shares no code with the limits that the law obeys.
 """
@@ -56,6 +56,7 @@ class Supervisor:
         """Stand by, with no order seen."""
         self.mode = Mode.STANDBY
         self.reason = ""
+        self._cause = ""
         self._since = -math.inf
         self._spent = 0
         self._helm: dict[str, HelmSample] = {}
@@ -72,10 +73,11 @@ class Supervisor:
         taken = next((sample.reason for sample in self._helm.values() if not sample.available), None)
         if order.kind is OrderKind.STANDBY:
             self._enter(now, Mode.STANDBY, "")
+        elif taken is not None and self._steers(now):
+            # a fail-safe that still moves the rudder gives way to a hand on the helm as well
+            self._enter(now, Mode.OVERRIDE, f"{OVERRIDDEN}: {taken}", spend=order)
         elif self.mode is Mode.ENGAGED:
-            if taken is not None:
-                self._enter(now, Mode.OVERRIDE, f"{OVERRIDDEN}: {taken}", spend=order)
-            elif trouble:
+            if trouble:
                 self._enter(now, Mode.FAILSAFE, trouble, spend=order)
         elif order.serial != self._spent or self._may_resume(now):
             if taken is not None:
@@ -121,10 +123,18 @@ class Supervisor:
         elif self._heading_since is None:
             self._heading_since = now
 
+    def _steers(self, now: float) -> bool:
+        return self.mode is Mode.ENGAGED or (self.mode is Mode.FAILSAFE and not self._is_released(now))
+
+    def _is_released(self, now: float) -> bool:
+        return self._failsafe.action == "release" or now - self._since >= self._failsafe.release_after
+
     def _may_resume(self, now: float) -> bool:
+        """Only a lost heading heals by itself: what else ended the engagement would end it again."""
         return (
             self.mode is Mode.FAILSAFE
             and self._failsafe.resume
+            and self._cause == HEADING_LOST
             and self._heading_since is not None
             and now - self._heading_since >= RESUME_AFTER
         )
@@ -135,18 +145,20 @@ class Supervisor:
         if mode is not self.mode:
             self._since = now
         self.mode = mode
-        self.reason = reason
+        self.reason = self._cause = reason
 
     def _inside(self, previous: float, command: float, dt: float) -> bool:
         if not math.isfinite(command) or abs(command) > self._envelope.angle_max + ENVELOPE_SLACK:
             return False
-        return abs(command - previous) <= self._envelope.rate_max * dt + ENVELOPE_SLACK
+        return abs(command - previous) <= self._reach(dt) + ENVELOPE_SLACK
+
+    def _reach(self, dt: float) -> float:
+        return self._envelope.rate_max * dt if math.isfinite(self._envelope.rate_max) else math.inf
 
     def _failsafe_command(self, now: float, previous: float, dt: float) -> RudderCommand:
-        if self._failsafe.action == "release" or now - self._since >= self._failsafe.release_after:
+        if self._is_released(now):
             return RudderCommand(now, 0.0, False)
         safe = previous if math.isfinite(previous) else 0.0
         if self._failsafe.action == "hold":
             return RudderCommand(now, safe, True)
-        step = self._envelope.rate_max * dt
-        return RudderCommand(now, math.copysign(max(abs(safe) - step, 0.0), safe), True)
+        return RudderCommand(now, math.copysign(max(abs(safe) - self._reach(dt), 0.0), safe), True)

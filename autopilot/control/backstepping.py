@@ -17,6 +17,7 @@ Source: Jiang et al. 2016, eqs (6)-(25), derived anew: their eq. (26) prints K/T
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
@@ -76,8 +77,8 @@ class BacksteppingLaw:
     name = "backstepping"
 
     def __init__(self, gains: BacksteppingGains, reference_speed: float) -> None:
-        if not min(gains) > 0.0:
-            raise ValueError(f"backstepping: k1, k2 and gamma must be positive, got {gains}")
+        if not all(0.0 < gain < math.inf for gain in gains):
+            raise ValueError(f"backstepping: k1, k2 and gamma must be positive and finite, got {gains}")
         self.gains = gains
         self._reference_speed = reference_speed
 

@@ -8,6 +8,7 @@ calculation, Astrom and Wittenmark 1997, section 8.5), so that saturation cannot
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
@@ -60,8 +61,8 @@ class PidLaw:
     name = "pid"
 
     def __init__(self, gains: PidGains) -> None:
-        if min(gains) < 0.0:
-            raise ValueError(f"pid: no gain may be negative, got {gains}")
+        if not all(0.0 <= gain < math.inf for gain in gains):
+            raise ValueError(f"pid: gains must be finite and not negative, got {gains}")
         self.gains = gains
         self._memory = PidMemory()
 

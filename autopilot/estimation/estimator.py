@@ -29,6 +29,12 @@ PREDICT_LONGEST = 2.0
 """The boat is not carried forward further than this [s] from its newest measurement."""
 SPEED_SMOOTHING = 2.0
 SPEED_FRESH = 10.0
+SPEED_MOST = 100.0
+RATE_MOST = 10.0
+RUDDER_MOST = 0.5 * math.pi
+"""Faster [m/s], turning faster [rad/s], a rudder further over [rad]: these are broken instruments, not boats."""
+SPEED_RATIO_MOST = 3.0
+"""The model is not scaled beyond this many times the speed it was identified at."""
 
 
 @dataclass(slots=True)
@@ -40,12 +46,17 @@ class Counters:
     too_late: int = 0
     repeated: int = 0
     spikes: int = 0
-    not_finite: int = 0
+    implausible: int = 0
 
 
 class _Fused(NamedTuple):
     before: FilterState
     sample: HeadingSample | RateSample
+
+
+def is_rudder(angle: float) -> bool:
+    """Return whether `angle` [rad] can be a rudder's."""
+    return abs(angle) <= RUDDER_MOST
 
 
 class Estimator:
@@ -93,14 +104,14 @@ class Estimator:
             self._fused.clear()
 
     def _take_rudder(self, now: float, sample: RudderSample) -> None:
-        if not math.isfinite(sample.angle) or not math.isfinite(sample.time):
-            self.counters.not_finite += 1
+        if not is_rudder(sample.angle) or not math.isfinite(sample.time):
+            self.counters.implausible += 1
         elif not sample.ordered:
             self.rudder.feed_back(min(sample.time, now), sample.angle)
 
     def _take_speed(self, now: float, sample: SpeedSample) -> None:
-        if not math.isfinite(sample.speed):
-            self.counters.not_finite += 1
+        if not abs(sample.speed) <= SPEED_MOST:
+            self.counters.implausible += 1
             return
         if self._speed is None or now - self._speed_time > SPEED_FRESH:
             self._speed = sample.speed
@@ -108,12 +119,13 @@ class Estimator:
             share = 1.0 - math.exp(-max(now - self._speed_time, 0.0) / SPEED_SMOOTHING)
             self._speed += share * (sample.speed - self._speed)
         self._speed_time = now
-        self.model = at_speed(self._reference_model, self._speed)
+        most = SPEED_RATIO_MOST * self._reference_model.reference_speed
+        self.model = at_speed(self._reference_model, clip(self._speed, -most, most))
 
     def _take_heading(self, now: float, sample: HeadingSample | RateSample) -> None:
-        values = sample.rate if isinstance(sample, RateSample) else sample.heading + (sample.rate or 0.0)
-        if not math.isfinite(sample.time) or not math.isfinite(values):
-            self.counters.not_finite += 1
+        heading = sample.heading if isinstance(sample, HeadingSample) else 0.0
+        if not (math.isfinite(sample.time) and math.isfinite(heading) and abs(sample.rate or 0.0) <= RATE_MOST):
+            self.counters.implausible += 1
             return
         # a clock that is a little ahead must not carry the filter into the future
         sample = sample._replace(time=min(sample.time, now))

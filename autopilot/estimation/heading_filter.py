@@ -15,6 +15,8 @@ from autopilot.models.norrbin import Norrbin, yaw_acceleration
 BIAS_UNKNOWN = math.radians(3.0) ** 2
 RATE_UNKNOWN = 0.2**2
 """Variances of a bias [rad^2] and of a rate [(rad/s)^2] of which nothing is known."""
+STEEPEST_GROWTH = 20.0
+"""A step in which a course-unstable boat would grow by more than exp of this is cut there."""
 
 
 class FilterState(NamedTuple):
@@ -59,25 +61,32 @@ def initial(time: float, heading: float, rate: float | None, noise: FilterNoise)
 
 
 def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: float, dt: float) -> FilterState:
-    """Return the state `dt` [s] later under a held `rudder` [rad]."""
-    drive = rudder + state.bias
+    """Return the state `dt` [s] later under a held `rudder` [rad].
+
+    The model linearised at the present rate is solved exactly (exponential Rosenbrock-Euler step; Hochbruck and
+    Ostermann 2010, section 2): exact for Nomoto's model, and stable however stiff n3 r^2 makes a wild rate.
+    """
     slope = model.n1 + (2.0 * model.n2 + 3.0 * model.n3 * state.rate) * state.rate
-    decay = math.exp(-slope * dt / model.time_constant)
-    acceleration = yaw_acceleration(model, state.rate, drive)
-    middle = yaw_acceleration(model, state.rate + 0.5 * dt * acceleration, drive)
-    gain = model.gain * dt / model.time_constant * 0.5 * (1.0 + decay)
-    # F = [[1, dt, 0], [0, decay, gain], [0, 0, 1]]; P = F P F' + Q
-    a01 = state.p01 + dt * state.p11
-    a02 = state.p02 + dt * state.p12
+    x = max(slope * dt / model.time_constant, -STEEPEST_GROWTH)
+    decay = math.exp(-x)
+    # (1 - exp(-x))/x and (x - 1 + exp(-x))/x^2
+    once, twice = (-math.expm1(-x) / x, (x + math.expm1(-x)) / (x * x)) if abs(x) > 1.0e-3 else (1.0 - 0.5 * x, 0.5)
+    acceleration = yaw_acceleration(model, state.rate, rudder + state.bias)
+    drive = model.gain * dt / model.time_constant
+    turn, drift, gain = dt * once, drive * dt * twice, drive * once
+    # F = [[1, turn, drift], [0, decay, gain], [0, 0, 1]]; P = F P F' + Q
+    a00 = state.p00 + turn * state.p01 + drift * state.p02
+    a01 = state.p01 + turn * state.p11 + drift * state.p12
+    a02 = state.p02 + turn * state.p12 + drift * state.p22
     a11 = decay * state.p11 + gain * state.p12
     a12 = decay * state.p12 + gain * state.p22
     q = noise.acceleration * dt
     return FilterState(
         time=state.time + dt,
-        psi=wrap(state.psi + dt * (state.rate + 0.5 * dt * acceleration)),
-        rate=state.rate + dt * middle,
+        psi=wrap(state.psi + dt * (state.rate + dt * twice * acceleration)),
+        rate=state.rate + turn * acceleration,
         bias=state.bias,
-        p00=state.p00 + dt * (state.p01 + a01) + q * dt * dt / 3.0,
+        p00=a00 + turn * a01 + drift * a02 + q * dt * dt / 3.0,
         p01=decay * a01 + gain * a02 + 0.5 * q * dt,
         p02=a02,
         p11=decay * a11 + gain * a12 + q,

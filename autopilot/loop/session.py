@@ -16,6 +16,8 @@ from autopilot.signals import HeadingSample, Order, Sample, Tick
 
 SHORTEST_PERIOD = 0.4
 """Headings that come quicker than this share of the control period wait for the next tick."""
+PATIENCE = 1.5
+"""After a tick that a heading caused, the timer waits this many control periods for the next heading."""
 
 Orders = Callable[[float, Tick | None], Order]
 """What the skipper wants at a time [s], in view of the tick before."""
@@ -41,6 +43,8 @@ class Session:
         self._recorder = recorder
         self._samples: list[Sample] = []
         self._last = -self._period
+        self._fresh = False
+        self._driven = False
         self.tick: Tick | None = None
 
     def __enter__(self) -> Session:
@@ -74,13 +78,11 @@ class Session:
 
     def poll(self, now: float) -> bool:
         """Take what has arrived by `now` [s] and tick where it is time to; return whether it ticked."""
-        fresh = False
         for link in self._links:
             for sample in link.receive(now):
                 self._samples.append(sample)
-                fresh = fresh or isinstance(sample, HeadingSample)
-        elapsed = now - self._last
-        if elapsed < self._period and not (fresh and elapsed >= SHORTEST_PERIOD * self._period):
+                self._fresh = self._fresh or isinstance(sample, HeadingSample)
+        if now < self._due():
             for link in self._links:
                 link.keep(now)
             return False
@@ -88,11 +90,18 @@ class Session:
         return True
 
     def _due(self) -> float:
-        return self._last + self._period
+        """Return when the next tick is due: soon with a heading in hand; else after patience for the next one.
+
+        A compass that has set the pace is given half a period more, or timer and headings would race.
+        """
+        if self._fresh:
+            return self._last + SHORTEST_PERIOD * self._period
+        return self._last + (PATIENCE if self._driven else 1.0) * self._period
 
     def _step(self, now: float) -> None:
         samples = tuple(self._samples)
         self._samples.clear()
+        self._driven, self._fresh = self._fresh, False
         tick = self._pilot.step(now, samples, self._orders(now, self.tick))
         for link in self._links:
             link.send(now, tick.command)

@@ -1,0 +1,125 @@
+"""The corrected law: Lyapunov decrease, symmetry, wrap, and the erratum of the printed equation."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.angles import wrap
+from autopilot.control.backstepping import (
+    BacksteppingGains,
+    BacksteppingLaw,
+    backstepping_rudder,
+    errors,
+    printed_equation_26,
+)
+from autopilot.models.norrbin import Norrbin, yaw_acceleration
+from autopilot.signals import Reference
+
+LANXIN = Norrbin(0.701, 0.332, 3.2828)
+MODELS = [LANXIN, Norrbin(0.1, 20.0), Norrbin(0.2, 5.0, 20.0, n1=-1.0), Norrbin(0.3, 2.0, 5.0, 0.4, 1.0, 0.05)]
+GAINS = [BacksteppingGains(35.0, 15.0), BacksteppingGains(2.0, 2.0), BacksteppingGains(0.13, 0.13, 0.004)]
+
+angle = st.floats(-math.pi, math.pi)
+rate = st.floats(-0.5, 0.5)
+
+
+def lyapunov_rate(
+    model: Norrbin, gains: BacksteppingGains, reference: Reference, heading: float, rate: float, rudder: float
+) -> float:
+    """dV/dt of V = (gamma z1^2 + z2^2)/2 by the chain rule, from the plant and not from the law."""
+    z1, z2 = errors(gains, heading, rate, reference)
+    z1_dot = rate - reference.rate
+    alpha_dot = -gains.k1 * z1_dot + reference.acceleration
+    return gains.gamma * z1 * z1_dot + z2 * (yaw_acceleration(model, rate, rudder) - alpha_dot)
+
+
+@pytest.mark.parametrize("gains", GAINS)
+@pytest.mark.parametrize("model", MODELS)
+def test_v_decreases_on_a_fine_grid(model: Norrbin, gains: BacksteppingGains) -> None:
+    reference = Reference(0.4, 0.03, -0.02)
+    for heading, yaw in itertools.product(np.linspace(-2.7, 3.5, 63), np.linspace(-0.5, 0.5, 41)):
+        rudder = backstepping_rudder(model, gains, reference, heading, yaw)
+        z1, z2 = errors(gains, heading, yaw, reference)
+        promised = -gains.gamma * gains.k1 * z1**2 - gains.k2 * z2**2
+        found = lyapunov_rate(model, gains, reference, heading, yaw, rudder)
+        assert found == pytest.approx(promised, rel=1e-7, abs=1e-9)
+        assert found <= 1e-9
+
+
+@given(angle, rate, angle, st.floats(-0.3, 0.3), st.floats(-1.0, 1.0), st.sampled_from(MODELS), st.sampled_from(GAINS))
+def test_v_decreases_anywhere(
+    heading: float,
+    yaw: float,
+    goal: float,
+    goal_rate: float,
+    goal_acceleration: float,
+    model: Norrbin,
+    gains: BacksteppingGains,
+) -> None:
+    reference = Reference(goal, goal_rate, goal_acceleration)
+    rudder = backstepping_rudder(model, gains, reference, heading, yaw)
+    z1, z2 = errors(gains, heading, yaw, reference)
+    promised = -gains.gamma * gains.k1 * z1**2 - gains.k2 * z2**2
+    assert lyapunov_rate(model, gains, reference, heading, yaw, rudder) == pytest.approx(promised, rel=1e-6, abs=1e-8)
+
+
+def test_the_printed_equation_lets_v_grow() -> None:
+    """Jiang 2016 eq. (26) as printed: in a turn, close to the reference, V grows; so the print cannot be the law."""
+    gains, reference = BacksteppingGains(35.0, 15.0), Reference(0.0, 0.2)
+    printed = printed_equation_26(LANXIN, gains, reference, -0.001, 0.2)
+    assert lyapunov_rate(LANXIN, gains, reference, -0.001, 0.2, printed) > 0.0
+    corrected = backstepping_rudder(LANXIN, gains, reference, -0.001, 0.2)
+    assert lyapunov_rate(LANXIN, gains, reference, -0.001, 0.2, corrected) < 0.0
+
+
+@given(angle, rate, st.floats(-math.pi + 0.01, math.pi - 0.01), st.floats(-0.3, 0.3))
+def test_the_expanded_form_is_the_same_law(heading: float, yaw: float, goal: float, goal_rate: float) -> None:
+    k1, k2 = 2.0, 3.0
+    gains, reference = BacksteppingGains(k1, k2), Reference(goal, goal_rate, 0.1)
+    T, K, n3 = LANXIN.time_constant, LANXIN.gain, LANXIN.n3
+    z1 = wrap(heading - goal)
+    expanded = (T / K) * ((1 / T - k1 - k2) * yaw + n3 / T * yaw**3 - (1 + k1 * k2) * z1 + (k1 + k2) * goal_rate + 0.1)
+    assert backstepping_rudder(LANXIN, gains, reference, heading, yaw) == pytest.approx(expanded, rel=1e-9, abs=1e-9)
+
+
+@given(st.floats(-3.0, 3.0), rate, st.floats(-0.1, 0.1))
+def test_the_law_is_odd(heading: float, yaw: float, goal_rate: float) -> None:
+    for gains in GAINS:
+        port = backstepping_rudder(LANXIN, gains, Reference(0.0, goal_rate, 0.2), heading, yaw, 0.01)
+        starboard = backstepping_rudder(LANXIN, gains, Reference(0.0, -goal_rate, -0.2), -heading, -yaw, -0.01)
+        assert starboard == pytest.approx(-port, abs=1e-12)
+
+
+@given(st.floats(-0.5, 0.5), rate)
+def test_the_law_does_not_see_the_seam_at_180_deg(offset: float, yaw: float) -> None:
+    gains = GAINS[1]
+    plain = backstepping_rudder(LANXIN, gains, Reference(0.0), offset, yaw)
+    seam = backstepping_rudder(LANXIN, gains, Reference(math.pi), wrap(math.pi + offset), yaw)
+    assert seam == pytest.approx(plain, abs=1e-9)
+
+
+def test_the_error_dynamics_are_those_promised() -> None:
+    """z1'' + (k1+k2) z1' + (gamma + k1 k2) z1 = 0, integrated on the plant without limits."""
+    gains = BacksteppingGains(0.8, 1.1, 0.5)
+    heading, yaw, dt, steps = 0.5, 0.0, 1.0e-4, 40000
+    for _ in range(steps):
+        rudder = backstepping_rudder(LANXIN, gains, Reference(0.0), heading, yaw)
+        acceleration = yaw_acceleration(LANXIN, yaw, rudder)
+        heading += dt * yaw + 0.5 * dt * dt * acceleration
+        yaw += dt * acceleration
+    b, c = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2
+    w, t = math.sqrt(c - 0.25 * b * b), dt * steps
+    exact = 0.5 * math.exp(-0.5 * b * t) * (math.cos(w * t) + 0.5 * b / w * math.sin(w * t))
+    assert heading == pytest.approx(exact, abs=2e-4)
+
+
+@pytest.mark.parametrize("bad", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, 0.0), (1.0, math.nan, 1.0)])
+def test_gains_must_be_positive(bad: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="positive"):
+        BacksteppingLaw(BacksteppingGains(*bad), 1.0)

@@ -1,0 +1,62 @@
+"""No command outside angle or rate, whatever comes in; no rudder outside its stops, whatever the step."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.limits import RudderLimits, limit
+from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+LIMITS = RudderLimits(math.radians(30.0), math.radians(20.0))
+
+
+@given(st.floats(-LIMITS.angle_max, LIMITS.angle_max), anything, st.floats(-10.0, 1.0e6))
+def test_a_command_is_inside_angle_and_rate(previous: float, demand: float, dt: float) -> None:
+    command = limit(LIMITS, previous, demand, dt)
+    assert math.isfinite(command)
+    assert abs(command) <= LIMITS.angle_max
+    assert abs(command - previous) <= LIMITS.rate_max * max(dt, 0.0) + 1e-12
+
+
+@given(st.floats(-LIMITS.angle_max, LIMITS.angle_max))
+def test_a_demand_inside_the_limits_passes_unchanged(demand: float) -> None:
+    assert limit(LIMITS, demand, demand, 0.05) == demand
+
+
+@given(st.floats(-0.5, 0.5), anything.filter(lambda x: not math.isnan(x)), st.floats(0.0, 1.0e4), st.floats(0.0, 2.0))
+def test_the_rudder_stays_between_its_stops_and_slews_no_faster(
+    angle: float, order: float, dt: float, lag: float
+) -> None:
+    gear = SteeringGear(0.5, 0.3, lag)
+    moved = gear_step(gear, angle, order, dt)
+    assert abs(moved) <= gear.angle_max
+    assert abs(moved - angle) <= gear.rate_max * dt + 1e-12
+
+
+def test_the_lag_is_solved_exactly() -> None:
+    gear = SteeringGear(1.0, math.inf, lag=0.5)
+    assert gear_step(gear, 0.0, 0.1, 0.5) == pytest.approx(0.1 * (1.0 - math.exp(-1.0)))
+    halves = gear_step(gear, gear_step(gear, 0.0, 0.1, 0.25), 0.1, 0.25)
+    assert halves == pytest.approx(gear_step(gear, 0.0, 0.1, 0.5), abs=1e-15)
+
+
+def test_the_dead_band_holds_the_rudder() -> None:
+    gear = SteeringGear(1.0, 1.0, dead_band=0.01)
+    assert gear_step(gear, 0.0, 0.0099, 1.0) == 0.0
+    assert gear_step(gear, 0.0, 0.02, 1.0) == pytest.approx(0.02)
+
+
+def test_the_delay_line_gives_each_order_its_time() -> None:
+    line = DelayLine(0.5)
+    line.give(0.0, 1.0)
+    line.give(0.2, 2.0)
+    assert [line.effective(t) for t in (0.0, 0.49, 0.5, 0.69, 0.71)] == [0.0, 0.0, 1.0, 1.0, 2.0]
+    line.reset()
+    assert line.effective(10.0) == 0.0
+    with pytest.raises(ValueError, match="finite"):
+        DelayLine(math.inf)
