@@ -111,6 +111,8 @@ class SensorsSection:
     speed_noise_m_s: Annotated[float, Bounds(0.0, 5.0, "standard deviation of speeds")] = 0.05
     position_noise_m: Annotated[float, Bounds(0.0, 100.0, "standard deviation of positions")] = 0.5
     variation_deg: Annotated[float, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
+    compass_sends_variation: bool = True
+    """Whether HDG carries the variation; many a compass leaves the field empty."""
 
 
 FaultKind = Literal["heading_dropout", "heading_frozen", "rudder_stuck", "silence"]

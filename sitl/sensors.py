@@ -56,7 +56,9 @@ class Sensors:
         self._on_their_way: deque[Reading] = deque()
         self._latest: Reading | None = None
         self._frozen: float | None = None
-        self.variation = section.variation_deg if section.variation_deg is not None else vessel.sensors.variation_deg
+        variation_deg = _or(section.variation_deg, _or(vessel.sensors.variation_deg, 0.0))
+        self.variation = math.radians(variation_deg)
+        """Magnetic variation [rad] where the boat is, east positive; 0 where neither file says."""
 
     def sample(self, time: float, state: BoatState) -> None:
         """Measure the boat at `time` [s] since the start."""

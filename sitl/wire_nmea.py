@@ -152,7 +152,7 @@ class NmeaInstruments:
         self._due = {name: world.time + index * 0.03 for index, name in enumerate(self._period)}
         self._compose: dict[str, Callable[[Reading], bytes]] = {
             "HDG": self._hdg,
-            "HDM": lambda reading: encode.encode_hdm(reading.heading - self._variation()),
+            "HDM": lambda reading: encode.encode_hdm(reading.heading - world.sensors.variation),
             "HDT": lambda reading: encode.encode_hdt(reading.heading),
             "THS": self._ths,
             "ROT": lambda reading: encode.encode_rot(reading.rate),
@@ -199,16 +199,13 @@ class NmeaInstruments:
             return
         self._to_listener.put(time, self._compose[name](reading))
 
-    def _variation(self) -> float:
-        variation = self.world.sensors.variation
-        return 0.0 if variation is None else math.radians(variation)
-
     def _hdg(self, reading: Reading) -> bytes:
         """HDG shows the compass: heading less variation and deviation; the deviation card is on board, not sent."""
-        magnetic = reading.heading - self._variation()
-        known = self.world.sensors.variation is not None
+        variation = self.world.sensors.variation
+        magnetic = reading.heading - variation
         shown = magnetic - deviation_of_magnetic(self.world.vessel.sensors.deviation_deg, magnetic)
-        return encode.encode_hdg(shown, variation=self._variation() if known else None)
+        is_sent = self.world.scenario.sensors.compass_sends_variation
+        return encode.encode_hdg(shown, variation=variation if is_sent else None)
 
     def _ths(self, reading: Reading) -> bytes:
         has_heading = self.world.sensors.has_heading(self.world.time)
@@ -225,7 +222,7 @@ class NmeaInstruments:
             reading.longitude,
             seconds_of_day=(moment - midnight).total_seconds(),
             day_month_year=(moment.day, moment.month, moment.year),
-            variation=None if self.world.sensors.variation is None else self._variation(),
+            variation=self.world.sensors.variation,
         )
 
 

@@ -89,6 +89,14 @@ def test_sentences_say_what_the_boat_does() -> None:
     assert rmc[9] == "010626"
 
 
+def test_a_compass_may_keep_its_variation_to_itself() -> None:
+    silent = dataclasses.replace(EXACT, variation_deg=-4.0, compass_sends_variation=False)
+    heard = listen(line(scenario_with(sensors=silent, start=Start(heading_deg=100.0)), {"HDG": 5.0}), 0.0, 1.0)
+    assert last(heard, "HDG")[1:] == ["104.0", "", "", "", ""]
+    unknown = listen(line(scenario_with(sensors=EXACT), {"HDG": 5.0}), 0.0, 1.0)
+    assert last(unknown, "HDG")[4:] == ["0.0", "E"]
+
+
 def test_order_turns_the_rudder_and_status_v_releases_it() -> None:
     instruments = line(scenario_with(), {"RSA": 5.0})
     instruments.receive(0.0, order(-12.0))
