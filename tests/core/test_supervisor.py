@@ -1,4 +1,4 @@
-"""The supervisor's table, row by row, and what it lets out while a fail-safe acts."""
+"""The supervisor's table: who has the rudder, and what it is told when things fail."""
 
 from __future__ import annotations
 
@@ -6,220 +6,137 @@ import math
 
 import pytest
 
-from autopilot.limits import RudderLimits, limit
-from autopilot.safety import (
-    ENVELOPE,
-    HEADING_LOST,
-    NOT_FINITE,
-    RESUME_AFTER,
-    WAITING_HEADING,
-    Envelope,
-    FailsafeAction,
-    Supervisor,
-)
-from autopilot.signals import HelmSample, Mode, NavState, Order, OrderKind
+from autopilot.safety import RESUME_AFTER, Envelope, FailsafeAction, Supervisor
+from autopilot.signals import HelmSample, Mode, NavState, Order, OrderKind, RudderCommand
 
-ENVELOPE_LIMITS = Envelope(0.5, 0.35)
-COURSE = Order(OrderKind.HEADING, 1.0, serial=1)
-STANDBY = Order()
-DT = 0.1
+ENVELOPE = Envelope(0.5, 0.3)
+ENGAGE = Order(OrderKind.HEADING, 1.0, serial=1)
 
 
-def state(age: float = 0.0, heading: float = 0.3, valid: bool = True) -> NavState:
-    return NavState(0.0, heading, 0.0, 4.0, 0.1, 0.0, age, valid)
+def supervisor(action: str = "amidships", resume: bool = False, release_after: float = 5.0) -> Supervisor:
+    return Supervisor(ENVELOPE, FailsafeAction(1.0, action, release_after, resume))
 
 
-def supervisor(action: str = "amidships", release_after: float = 3.0, resume: bool = False) -> Supervisor:
-    return Supervisor(ENVELOPE_LIMITS, FailsafeAction(1.0, action, release_after, resume))
+def state(now: float, age: float = 0.0, heading: float = 0.0) -> NavState:
+    return NavState(now, heading, 0.0, 4.0, 0.0, 0.0, age, math.isfinite(age))
 
 
-def engaged(action: str = "amidships", release_after: float = 3.0, resume: bool = False) -> Supervisor:
-    made = supervisor(action, release_after, resume)
-    assert made.decide(0.0, COURSE, state()) is Mode.ENGAGED
-    return made
+def engaged() -> Supervisor:
+    tested = supervisor()
+    assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.ENGAGED
+    return tested
 
 
-def lost(made: Supervisor, now: float = 1.0, order: Order = COURSE) -> Mode:
-    return made.decide(now, order, state(age=1.5))
+def test_it_stands_by_without_an_order() -> None:
+    tested = supervisor()
+    assert tested.decide(0.0, Order(), state(0.0)) is Mode.STANDBY
+    assert tested.check(0.0, Order(), 0.0, 0.2, 0.2, 0.1) == RudderCommand(0.0, 0.0, False)
+    assert tested.alarms() == ()
 
 
-def human(available: bool, source: str = "link") -> HelmSample:
-    return HelmSample(0.0, available, "" if available else "mode HOLD", source)
+def test_it_waits_for_a_heading_and_says_so() -> None:
+    tested = supervisor()
+    assert tested.decide(0.0, ENGAGE, state(0.0, math.inf)) is Mode.STANDBY
+    assert "waiting for a heading" in tested.alarms()[0]
+    assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
+    assert tested.alarms() == ()
 
 
-def test_it_starts_in_standby_and_stays_there_unasked() -> None:
-    made = supervisor()
-    assert made.decide(0.0, STANDBY, state()) is Mode.STANDBY
-    assert not made.check(0.0, STANDBY, 0.0, 0.0, 0.0, DT).engaged
-    assert made.alarms() == ()
+def test_standby_ends_an_engagement() -> None:
+    assert engaged().decide(1.0, Order(), state(1.0)) is Mode.STANDBY
 
 
-def test_without_a_heading_it_waits_and_says_so_then_engages() -> None:
-    made = supervisor()
-    assert made.decide(0.0, COURSE, state(valid=False, age=math.inf)) is Mode.STANDBY
-    assert made.alarms() == (WAITING_HEADING,)
-    assert made.decide(0.1, COURSE, state()) is Mode.ENGAGED
-    assert made.alarms() == ()
+def test_a_human_takes_over_at_once_and_keeps_the_helm() -> None:
+    tested = engaged()
+    tested.hear(HelmSample(1.0, False, "mode HOLD was chosen", "link"))
+    assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.OVERRIDE
+    assert not tested.check(1.0, ENGAGE, 0.1, 0.2, 0.1, 0.1).engaged
+    assert "mode HOLD" in tested.alarms()[0]
+    tested.hear(HelmSample(2.0, True, "", "link"))
+    assert tested.decide(2.0, ENGAGE, state(2.0)) is Mode.OVERRIDE, "the same order does not engage again"
+    assert tested.decide(3.0, ENGAGE._replace(serial=2), state(3.0)) is Mode.ENGAGED
 
 
-def test_a_taken_helm_is_not_engaged_and_the_reason_is_given() -> None:
-    made = supervisor()
-    made.hear(human(False))
-    assert made.decide(0.0, COURSE, state()) is Mode.STANDBY
-    assert made.alarms() == ("cannot engage: mode HOLD",)
+def test_it_does_not_engage_against_a_human() -> None:
+    tested = supervisor()
+    tested.hear(HelmSample(0.0, False, "disarmed", "link"))
+    assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
+    assert tested.alarms() == ("cannot engage: disarmed",)
 
 
-def test_every_link_must_agree_that_the_helm_is_free() -> None:
-    made = supervisor()
-    made.hear(human(False, "mavlink"))
-    made.hear(human(True, "nmea"))
-    assert made.decide(0.0, COURSE, state()) is Mode.STANDBY
-    made.hear(human(True, "mavlink"))
-    assert made.decide(0.1, COURSE, state()) is Mode.ENGAGED
+def test_another_link_cannot_free_the_helm_that_one_has_taken() -> None:
+    tested = supervisor()
+    tested.hear(HelmSample(0.0, False, "disarmed", "one"))
+    tested.hear(HelmSample(0.0, True, "", "two"))
+    assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
 
 
-def test_standby_is_obeyed_from_everywhere() -> None:
-    for made in (engaged(), engaged(), engaged()):
-        assert made.decide(1.0, STANDBY, state()) is Mode.STANDBY
-    failed = engaged()
-    assert lost(failed) is Mode.FAILSAFE
-    assert failed.decide(1.1, STANDBY, state()) is Mode.STANDBY
-    overridden = engaged()
-    overridden.hear(human(False))
-    assert overridden.decide(0.1, COURSE, state()) is Mode.OVERRIDE
-    assert overridden.decide(0.2, STANDBY, state()) is Mode.STANDBY
-    assert overridden.alarms() == ()
+@pytest.mark.parametrize("age", [1.01, math.inf, math.nan])
+def test_a_stale_heading_is_a_fail_safe(age: float) -> None:
+    tested = engaged()
+    assert tested.decide(1.0, ENGAGE, state(1.0, 0.99)) is Mode.ENGAGED
+    assert tested.decide(2.0, ENGAGE, state(2.0, age)) is Mode.FAILSAFE
+    assert "heading lost" in tested.alarms()[0]
+    assert tested.decide(3.0, ENGAGE, state(3.0)) is Mode.FAILSAFE, "only a new order engages again"
+    assert tested.decide(4.0, ENGAGE._replace(serial=2), state(4.0)) is Mode.ENGAGED
 
 
-def test_an_override_releases_and_only_a_new_serial_engages_again() -> None:
-    made = engaged()
-    made.hear(human(False))
-    assert made.decide(0.1, COURSE, state()) is Mode.OVERRIDE
-    assert made.alarms() == ("overridden: mode HOLD",)
-    assert not made.check(0.1, COURSE, 0.2, 0.3, 0.2, DT).engaged
-    made.hear(human(True))
-    for now in (0.2, 10.0, 100.0):
-        assert made.decide(now, COURSE, state()) is Mode.OVERRIDE
-    # another heading under the same serial is no wish to engage again
-    assert made.decide(101.0, COURSE._replace(heading=2.0), state()) is Mode.OVERRIDE
-    assert made.decide(102.0, COURSE._replace(serial=2), state()) is Mode.ENGAGED
-
-
-def test_a_lost_heading_fails_safe_and_only_a_new_serial_engages_again() -> None:
-    made = engaged()
-    assert lost(made) is Mode.FAILSAFE
-    assert made.alarms() == (HEADING_LOST,)
-    for now in (1.1, 5.0, 50.0):
-        assert made.decide(now, COURSE, state()) is Mode.FAILSAFE
-    assert made.decide(51.0, COURSE._replace(serial=2), state()) is Mode.ENGAGED
-
-
-def test_the_timeout_itself_is_still_fresh_and_beyond_it_is_stale() -> None:
-    made = engaged()
-    assert made.decide(0.1, COURSE, state(age=1.0)) is Mode.ENGAGED
-    assert made.decide(0.2, COURSE, state(age=1.0 + 1e-9)) is Mode.FAILSAFE
-
-
-@pytest.mark.parametrize("bad", [math.nan])
-def test_a_heading_that_is_no_number_fails_safe(bad: float) -> None:
-    made = engaged()
-    assert made.decide(0.1, COURSE, state(heading=bad)) is Mode.FAILSAFE
-    assert made.alarms() == (NOT_FINITE,)
+def test_a_heading_that_is_not_finite_is_a_fail_safe() -> None:
+    tested = engaged()
+    assert tested.decide(1.0, ENGAGE, state(1.0, heading=math.nan)) is Mode.FAILSAFE
 
 
 @pytest.mark.parametrize("demand", [math.nan, math.inf, -math.inf])
-def test_a_demand_that_is_no_number_fails_safe_in_the_same_tick(demand: float) -> None:
-    made = engaged()
-    command = made.check(0.1, COURSE, 0.2, demand, 0.2, DT)
-    assert made.mode is Mode.FAILSAFE
-    assert made.alarms() == (NOT_FINITE,)
+def test_a_demand_that_is_not_finite_never_leaves(demand: float) -> None:
+    tested = engaged()
+    command = tested.check(1.0, ENGAGE, 0.1, demand, 0.1, 0.1)
+    assert tested.mode is Mode.FAILSAFE
     assert math.isfinite(command.angle)
 
 
-@pytest.mark.parametrize("limited", [0.6, -0.6, 0.2 + 0.035 + 1e-6, math.nan, math.inf])
-def test_what_the_limits_let_slip_the_envelope_stops(limited: float) -> None:
-    made = engaged()
-    command = made.check(0.1, COURSE, 0.2, 0.3, limited, DT)
-    assert made.mode is Mode.FAILSAFE
-    assert made.alarms() == (ENVELOPE,)
-    assert abs(command.angle) <= 0.2
+@pytest.mark.parametrize(("previous", "limited"), [(0.49, 0.51), (0.0, 0.1), (0.0, -0.1), (0.0, math.nan)])
+def test_a_command_outside_the_envelope_never_leaves(previous: float, limited: float) -> None:
+    tested = engaged()
+    command = tested.check(1.0, ENGAGE, previous, limited, limited, 0.1)
+    assert tested.mode is Mode.FAILSAFE
+    assert abs(command.angle - previous) <= ENVELOPE.rate_max * 0.1 + 1e-9
 
 
-def test_amidships_goes_there_at_the_rudder_rate_and_then_lets_go() -> None:
-    made = engaged("amidships", release_after=3.0)
-    lost(made, now=1.0)
-    angle, angles = -0.1, []
-    for index in range(1, 40):
-        command = made.check(1.0 + index * DT, COURSE, angle, 0.0, 0.0, DT)
-        if not command.engaged:
-            break
-        assert abs(command.angle - angle) <= 0.35 * DT + 1e-12
-        angle = command.angle
-        angles.append(angle)
-    assert angles[:3] == pytest.approx([-0.065, -0.03, 0.0])
-    assert 28 <= len(angles) <= 30
+def fail(tested: Supervisor) -> None:
+    tested.decide(0.0, ENGAGE, state(0.0))
+    assert tested.decide(10.0, ENGAGE, state(10.0, 9.0)) is Mode.FAILSAFE
 
 
-def test_hold_holds_and_release_releases() -> None:
-    holding = engaged("hold")
-    lost(holding)
-    assert holding.check(1.1, COURSE, 0.2, 0.0, 0.0, DT)[1:] == (0.2, True)
-    assert not holding.check(4.1, COURSE, 0.2, 0.0, 0.0, DT).engaged
-    releasing = engaged("release")
-    lost(releasing)
-    assert not releasing.check(1.0, COURSE, 0.2, 0.0, 0.0, DT).engaged
+def test_amidships_slews_and_then_releases() -> None:
+    tested = supervisor("amidships")
+    fail(tested)
+    told, angles = -0.2, []
+    for i in range(10):
+        command = tested.check(10.0 + 0.1 * i, ENGAGE, told, 0.0, told, 0.1)
+        angles.append(command.angle)
+        told = command.angle
+    assert angles[0] == pytest.approx(-0.17)
+    assert angles[-1] == 0.0
+    assert tested.check(14.99, ENGAGE, told, 0.0, told, 0.1).engaged
+    assert not tested.check(15.0, ENGAGE, told, 0.0, told, 0.1).engaged
 
 
-@pytest.mark.parametrize("action", ["amidships", "hold"])
-def test_a_hand_on_the_helm_ends_a_fail_safe_that_still_steers(action: str) -> None:
-    made = engaged(action)
-    lost(made)
-    made.hear(human(False))
-    assert made.decide(1.2, COURSE, state(age=2.0)) is Mode.OVERRIDE
-    assert not made.check(1.2, COURSE, 0.2, 0.0, 0.0, DT).engaged
+def test_hold_keeps_the_rudder_and_then_releases() -> None:
+    tested = supervisor("hold")
+    fail(tested)
+    assert tested.check(12.0, ENGAGE, -0.2, 0.0, -0.2, 0.1) == RudderCommand(12.0, -0.2, True)
+    assert not tested.check(15.0, ENGAGE, -0.2, 0.0, -0.2, 0.1).engaged
 
 
-def test_it_resumes_by_itself_only_where_the_file_says_so_and_after_a_while() -> None:
-    made = engaged(resume=True)
-    lost(made, now=1.0)
-    assert made.decide(2.0, COURSE, state()) is Mode.FAILSAFE
-    assert made.decide(2.0 + 0.9 * RESUME_AFTER, COURSE, state()) is Mode.FAILSAFE
-    assert made.decide(2.0 + RESUME_AFTER, COURSE, state()) is Mode.ENGAGED
+def test_release_lets_go_at_once() -> None:
+    tested = supervisor("release")
+    fail(tested)
+    assert not tested.check(10.0, ENGAGE, 0.2, 0.0, 0.2, 0.1).engaged
 
 
-def test_an_interrupted_heading_starts_the_wait_again() -> None:
-    made = engaged(resume=True)
-    lost(made, now=1.0)
-    made.decide(2.0, COURSE, state())
-    lost(made, now=3.0)
-    made.decide(3.5, COURSE, state())
-    assert made.decide(4.5, COURSE, state()) is Mode.FAILSAFE
-    assert made.decide(3.5 + RESUME_AFTER, COURSE, state()) is Mode.ENGAGED
-
-
-def test_only_a_lost_heading_heals_by_itself() -> None:
-    made = engaged(resume=True)
-    made.decide(5.0, COURSE, state())
-    made.check(5.0, COURSE, 0.0, math.nan, 0.0, DT)
-    for now in (5.1, 10.0, 100.0):
-        assert made.decide(now, COURSE, state()) is Mode.FAILSAFE
-
-
-@pytest.mark.parametrize("action", ["amidships", "hold"])
-def test_a_rudder_of_unlimited_rate_survives_two_ticks_at_one_moment(action: str) -> None:
-    limits = RudderLimits(0.5, math.inf)
-    made = Supervisor(Envelope(*limits), FailsafeAction(1.0, action, 3.0, False))
-    made.decide(0.0, COURSE, state())
-    command = limit(limits, 0.1, 0.4, 0.0)
-    assert made.check(0.0, COURSE, 0.1, 0.4, command, 0.0).engaged
-    assert made.mode is Mode.ENGAGED
-    lost(made)
-    assert math.isfinite(made.check(1.0, COURSE, 0.4, 0.0, 0.0, 0.0).angle)
-
-
-def test_reset_forgets_helm_and_serials() -> None:
-    made = engaged()
-    made.hear(human(False))
-    made.decide(0.1, COURSE, state())
-    made.reset()
-    assert made.decide(0.2, COURSE, state()) is Mode.ENGAGED
+def test_it_resumes_by_itself_only_where_the_file_says_so() -> None:
+    for resume, mode in ((True, Mode.ENGAGED), (False, Mode.FAILSAFE)):
+        tested = supervisor(resume=resume)
+        fail(tested)
+        assert tested.decide(11.0, ENGAGE, state(11.0)) is Mode.FAILSAFE
+        assert tested.decide(11.0 + RESUME_AFTER, ENGAGE, state(13.0)) is mode

@@ -1,0 +1,143 @@
+"""What every heading law owes the pilot, asked of each law that ships."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.angles import wrap
+from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
+from autopilot.control.pid import INTEGRAL_MAX, PidGains, PidLaw
+from autopilot.models.norrbin import Norrbin, at_speed
+from autopilot.pilot import HeadingLaw
+from autopilot.signals import NavState, Reference
+
+LANXIN = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
+LAWS: dict[str, Callable[[], HeadingLaw]] = {
+    "backstepping": lambda: BacksteppingLaw(BacksteppingGains(2.0, 2.0), 4.63),
+    "pid": lambda: PidLaw(PidGains(2.4, 0.24, 0.47)),
+    "pid without integral": lambda: PidLaw(PidGains(2.4, 0.0, 0.47)),
+}
+NORTH = Reference(0.0)
+DT = 0.05
+
+small = st.floats(-1.0, 1.0)
+
+
+@pytest.fixture(params=LAWS)
+def make(request: pytest.FixtureRequest) -> Callable[[], HeadingLaw]:
+    return LAWS[request.param]
+
+
+def state(heading: float = 0.0, rate: float = 0.0, rudder: float = 0.0) -> NavState:
+    return NavState(0.0, heading, rate, 4.63, rudder, 0.0, 0.0, True)
+
+
+def demand(law: HeadingLaw, heading: float, rate: float = 0.0, reference: Reference = NORTH) -> float:
+    law.reset(0.0)
+    return law.update(LANXIN, reference, state(heading, rate), 0.0, DT)
+
+
+def test_it_has_a_name(make: Callable[[], HeadingLaw]) -> None:
+    assert make().name in LAWS
+
+
+def test_on_course_and_still_it_asks_for_nothing(make: Callable[[], HeadingLaw]) -> None:
+    assert demand(make(), 0.0) == 0.0
+
+
+def test_it_steers_back_and_against_the_turn(make: Callable[[], HeadingLaw]) -> None:
+    assert demand(make(), -0.1) > 0.0 > demand(make(), 0.1)
+    assert demand(make(), 0.0, 0.1) < 0.0 < demand(make(), 0.0, -0.1)
+
+
+@given(heading=small, rate=small, goal_rate=small)
+@pytest.mark.parametrize("name", LAWS)
+def test_port_mirrors_starboard(name: str, heading: float, rate: float, goal_rate: float) -> None:
+    law = LAWS[name]()
+    port = demand(law, heading, rate, Reference(0.0, goal_rate))
+    assert demand(law, -heading, -rate, Reference(0.0, -goal_rate)) == pytest.approx(-port, abs=1e-12)
+
+
+@given(course=st.floats(-math.pi, math.pi), error=small)
+@pytest.mark.parametrize("name", LAWS)
+def test_no_course_is_special_and_180_deg_least_of_all(name: str, course: float, error: float) -> None:
+    law = LAWS[name]()
+    turned = demand(law, wrap(course + error), 0.0, Reference(course))
+    assert turned == pytest.approx(demand(law, error), abs=1e-9)
+
+
+def test_the_same_inputs_after_reset_give_the_same_bits(make: Callable[[], HeadingLaw]) -> None:
+    law = make()
+
+    def run() -> list[float]:
+        law.reset(0.05)
+        told, out = 0.05, []
+        for index in range(50):
+            out.append(law.update(LANXIN, NORTH, state(0.1 * math.sin(index), 0.02), told, DT))
+            told = max(-0.3, min(0.3, out[-1]))
+        return out
+
+    assert run() == run()
+
+
+def test_any_time_step_gives_a_finite_demand(make: Callable[[], HeadingLaw]) -> None:
+    law = make()
+    law.reset(0.0)
+    for dt in (0.0, 1.0e-9, 0.5, 1.0e6):
+        assert math.isfinite(law.update(LANXIN, NORTH, state(3.0, -1.0), 0.5, dt))
+
+
+def test_a_law_that_integrates_takes_over_the_rudder_that_is() -> None:
+    law = LAWS["pid"]()
+    law.reset(0.12)
+    assert law.update(LANXIN, NORTH, state(), 0.12, DT) == pytest.approx(0.12)
+
+
+def test_at_half_speed_backstepping_slows_its_error_dynamics_with_the_boat() -> None:
+    slow = at_speed(LANXIN, 0.5 * 4.63)
+    law = LAWS["backstepping"]()
+    fast_demand = law.update(LANXIN, NORTH, state(0.01), 0.0, DT)
+    # kp = (T/K)(gamma + k1 k2): T/K grows four times, gamma + k1 k2 falls to a quarter
+    assert law.update(slow, NORTH, state(0.01), 0.0, DT) == pytest.approx(fast_demand, rel=1e-9)
+
+
+def test_saturation_does_not_wind_the_integrator_up() -> None:
+    """A minute hard over at an error that cannot be steered away: afterwards the demand follows the error at once."""
+    law = PidLaw(PidGains(1.0, 0.5, 0.0))
+    law.reset(0.0)
+    told = 0.0
+    for _ in range(1200):
+        told = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(-1.0), told, DT)))
+    assert told == 0.3
+    for _ in range(20):
+        told = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(0.0), told, DT)))
+    assert abs(told) < 0.3
+    free = PidLaw(PidGains(1.0, 0.5, 0.0))
+    free.reset(0.0)
+    wound = 0.0
+    for _ in range(1200):
+        # told what it wanted, the same law does wind up: to its ceiling and no further
+        wound = free.update(LANXIN, NORTH, state(-1.0), wound, DT)
+    assert wound == pytest.approx(INTEGRAL_MAX + 1.0)
+
+
+def test_the_integrator_learns_a_standing_wind() -> None:
+    law, told, heading, rate = PidLaw(PidGains(2.4, 0.24, 0.47)), 0.0, 0.0, 0.0
+    law.reset(0.0)
+    for _ in range(6000):
+        told = max(-0.5, min(0.5, law.update(LANXIN, NORTH, state(heading, rate), told, 0.02)))
+        rate += 0.02 * (0.701 * (told + 0.05) - rate) / 0.332
+        heading += 0.02 * rate
+    assert told == pytest.approx(-0.05, abs=1e-3)
+    assert abs(heading) < 1e-3
+
+
+@pytest.mark.parametrize("bad", [(-1.0, 0.0, 0.0), (1.0, math.nan, 0.0), (1.0, 0.0, math.inf), (1.0, -1.0, 0.0)])
+def test_pid_gains_are_finite_and_not_negative(bad: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="finite and not negative"):
+        PidLaw(PidGains(*bad))

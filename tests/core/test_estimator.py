@@ -1,0 +1,189 @@
+"""The estimator: order of arrival does not matter, spikes and silence are survived, the bias is learnt."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import numpy as np
+import pytest
+from plant import Plant
+
+from autopilot.angles import wrap
+from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation.estimator import GATE_PATIENCE, KEPT_SAMPLES, Estimator
+from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample, SpeedSample
+
+MODEL = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
+GEAR = SteeringGear(math.radians(30.0), math.radians(20.0), 0.1)
+NOISE = FilterNoise(math.radians(0.3) ** 2, math.radians(0.2) ** 2, 2.7e-3, 1.2e-4)
+
+
+def estimator() -> Estimator:
+    return Estimator(MODEL, GEAR, NOISE)
+
+
+def swing(count: int = 40, dt: float = 0.1) -> list[HeadingSample]:
+    return [HeadingSample(i * dt, 0.3 * math.sin(0.5 * i * dt), 0.15 * math.cos(0.5 * i * dt)) for i in range(count)]
+
+
+def test_it_knows_nothing_before_the_first_heading() -> None:
+    state = estimator().update(1.0, (RateSample(0.9, 0.1), RudderSample(0.9, 0.05)))
+    assert not state.valid
+    assert state.heading_age == math.inf
+
+
+def test_shuffled_arrival_gives_the_state_of_ordered_arrival() -> None:
+    samples = swing()
+    ordered, shuffled = estimator(), estimator()
+    for sample in samples:
+        ordered.update(4.0, (sample,))
+    late = samples[:1]
+    for start in range(1, len(samples), 5):
+        part = samples[start : start + 5]
+        random.Random(start).shuffle(part)
+        late += part
+    for sample in late:
+        shuffled.update(4.0, (sample,))
+    assert shuffled.counters.late > 5
+    assert shuffled.update(4.0, ()) == pytest.approx(ordered.update(4.0, ()), abs=1e-12)
+
+
+def test_repeated_samples_change_nothing() -> None:
+    once, twice = estimator(), estimator()
+    for sample in swing():
+        once.update(sample.time, (sample,))
+        twice.update(sample.time, (sample, sample))
+    assert twice.update(4.0, ()) == once.update(4.0, ())
+    assert twice.counters.repeated == 40 - 1 or twice.counters.repeated == 40
+
+
+def test_a_sample_older_than_the_memory_is_dropped() -> None:
+    tested = estimator()
+    for sample in swing(KEPT_SAMPLES + 20):
+        tested.update(sample.time, (sample,))
+    before = tested.update(10.0, ())
+    assert tested.update(10.0, (HeadingSample(0.05, 2.0),)) == before
+    assert tested.counters.too_late == 1
+
+
+def test_spikes_are_dropped_and_a_true_jump_is_accepted() -> None:
+    tested = estimator()
+    for i in range(50):
+        tested.update(i * 0.1, (HeadingSample(i * 0.1, 0.0, 0.0),))
+    spiked = tested.update(5.0, (HeadingSample(5.0, 2.0, 0.0),))
+    assert abs(spiked.heading) < 0.01
+    for i in range(GATE_PATIENCE + 1):
+        tested.update(5.1 + i * 0.1, (HeadingSample(5.1 + i * 0.1, 2.0, 0.0),))
+    assert tested.update(5.8, ()).heading == pytest.approx(2.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        HeadingSample(1.0, math.nan),
+        HeadingSample(1.0, math.inf),
+        HeadingSample(1.0, 0.1, math.nan),
+        HeadingSample(math.nan, 0.1),
+        HeadingSample(1.0, 0.1, 1.0e9),
+        RateSample(1.0, math.nan),
+        RudderSample(1.0, math.nan),
+        RudderSample(1.0, 1.0e6),
+        SpeedSample(1.0, math.inf),
+    ],
+)
+def test_what_cannot_be_is_dropped_and_counted(bad: Sample) -> None:
+    tested = estimator()
+    for i in range(10):
+        tested.update(i * 0.1, (HeadingSample(i * 0.1, 0.2, 0.0),))
+    before = tested.update(1.0, ())
+    assert tested.update(1.0, (bad,)) == before
+    assert tested.counters.implausible == 1
+
+
+def test_a_heading_from_the_future_is_taken_as_of_now() -> None:
+    tested = estimator()
+    tested.update(1.0, (HeadingSample(1.0, 0.0, 0.0),))
+    state = tested.update(1.1, (HeadingSample(900.0, 0.0, 0.0),))
+    assert state.heading_age == 0.0
+    assert tested.update(1.6, ()).heading_age == pytest.approx(0.5)
+
+
+def test_heading_alone_gives_the_rate() -> None:
+    plant = Plant(MODEL, GEAR, heading_noise=math.radians(0.2), rate_noise=None)
+    tested = estimator()
+    errors = []
+    for i in range(400):
+        order = 0.2 * math.sin(0.8 * plant.time)
+        state = tested.update(plant.time, tuple(plant.sense()))
+        tested.rudder.order(plant.time, order)
+        if i > 50:
+            errors.append((wrap(state.heading - plant.heading), state.rate - plant.rate))
+        plant.step(order, 0.1)
+    heading_rms, rate_rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert math.degrees(heading_rms) < 0.2
+    assert math.degrees(rate_rms) < 1.0
+
+
+def test_latency_does_not_reach_the_state() -> None:
+    plant = Plant(MODEL, GEAR, latency=0.3)
+    tested = estimator()
+    worst = 0.0
+    for i in range(300):
+        order = 0.2 * math.sin(0.8 * plant.time)
+        state = tested.update(plant.time, tuple(plant.sense()))
+        tested.rudder.order(plant.time, order)
+        if i > 40:
+            worst = max(worst, abs(wrap(state.heading - plant.heading)))
+        plant.step(order, 0.05)
+    assert math.degrees(worst) < 0.3, "0.3 s at 10 deg/s would be 3 deg"
+
+
+def test_the_bias_is_learnt() -> None:
+    plant = Plant(MODEL, GEAR, disturbance=lambda _: math.radians(4.0))
+    tested = estimator()
+    for _ in range(1200):
+        state = tested.update(plant.time, tuple(plant.sense()))
+        tested.rudder.order(plant.time, -math.radians(3.0))
+        plant.step(-math.radians(3.0), 0.05)
+    assert math.degrees(state.bias) == pytest.approx(4.0, abs=0.3)
+
+
+def test_one_linear_step_is_the_kalman_filter_of_the_textbook() -> None:
+    """Against numpy's matrices, for a linear model and a small step."""
+    model = MODEL._replace(n3=0.0)
+    state = ekf.FilterState(0.0, 0.1, 0.05, 0.02, 0.004, 0.001, 0.0002, 0.003, 0.0004, 0.001)
+    dt, a = 1.0e-3, 1.0 / model.time_constant
+    b = model.gain / model.time_constant
+    f = np.eye(3) + dt * np.array([[0.0, 1.0, 0.0], [0.0, -a, b], [0.0, 0.0, 0.0]])
+    p = np.array(
+        [[state.p00, state.p01, state.p02], [state.p01, state.p11, state.p12], [state.p02, state.p12, state.p22]]
+    )
+    p = f @ p @ f.T + np.diag([0.0, NOISE.acceleration * dt, NOISE.bias * dt])
+    x = f @ np.array([state.psi, state.rate, state.bias]) + dt * np.array([0.0, b * 0.1, 0.0])
+    moved = ekf.predict(model, NOISE, state, 0.1, dt)
+    assert moved[1:4] == pytest.approx(x, abs=1e-5)
+    assert moved[4:] == pytest.approx(p[np.triu_indices(3)], rel=2e-3)
+    for index, fuse, variance in ((0, ekf.fuse_heading, NOISE.heading), (1, ekf.fuse_rate, NOISE.rate)):
+        h = np.eye(3)[index]
+        gain = p @ h / (p[index, index] + variance)
+        fused = fuse(moved, 0.12, variance)
+        assert fused[1:4] == pytest.approx(x + gain * (0.12 - x[index]), abs=1e-5)
+        assert fused[4:] == pytest.approx((p - np.outer(gain, h @ p))[np.triu_indices(3)], rel=2e-3, abs=1e-9)
+
+
+def test_late_rudder_feedback_sets_the_level_and_the_model_adds_the_motion() -> None:
+    tested = estimator()
+    truth = 0.0
+    for i in range(100):
+        now = 0.05 * i
+        order = 0.2 if now > 2.0 else 0.0
+        samples = (RudderSample(now - 0.3, 0.03 + tested.rudder._modelled_at(now - 0.3)),) if i % 5 == 0 else ()
+        state = tested.update(now, (HeadingSample(now, 0.0), *samples))
+        tested.rudder.order(now, order)
+        truth = 0.03 + tested.rudder._modelled
+    assert state.rudder == pytest.approx(truth, abs=1e-9)
+    assert state.rudder == pytest.approx(0.23, abs=1e-3)
