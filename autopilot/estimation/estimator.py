@@ -24,7 +24,7 @@ KEPT_SAMPLES = 24
 GATE_SIGMAS = 6.0
 GATE_LEAST = math.radians(10.0)
 GATE_PATIENCE = 5
-"""A heading this far off is a spike; this many of them in a row are the truth."""
+"""A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
 PREDICT_LONGEST = 2.0
 """The boat is not carried forward further than this [s] from its newest measurement."""
 SPEED_SMOOTHING = 2.0
@@ -75,7 +75,9 @@ class Estimator:
         self.rudder.reset()
         self._state: FilterState | None = None
         self._fused: deque[_Fused] = deque(maxlen=KEPT_SAMPLES)
+        self._begun: HeadingSample | None = None
         self._spikes_in_row = 0
+        self._spike = 0.0
         self._heading_time = -math.inf
         self._speed: float | None = None
         self._speed_time = -math.inf
@@ -90,6 +92,7 @@ class Estimator:
                 self._take_rudder(now, sample)
             elif isinstance(sample, SpeedSample):
                 self._take_speed(now, sample)
+        self._forget_stale_speed(now)
         self.rudder.advance(now)
         if len(headings) > 1:
             headings.sort(key=lambda sample: sample.time)
@@ -113,7 +116,7 @@ class Estimator:
         if not abs(sample.speed) <= SPEED_MOST:
             self.counters.implausible += 1
             return
-        if self._speed is None or now - self._speed_time > SPEED_FRESH:
+        if self._speed is None:
             self._speed = sample.speed
         else:
             share = 1.0 - math.exp(-max(now - self._speed_time, 0.0) / SPEED_SMOOTHING)
@@ -121,6 +124,12 @@ class Estimator:
         self._speed_time = now
         most = SPEED_RATIO_MOST * self._reference_model.reference_speed
         self.model = at_speed(self._reference_model, clip(self._speed, -most, most))
+
+    def _forget_stale_speed(self, now: float) -> None:
+        """A speed that nobody confirms is no reason to go on steering a slow boat's gains."""
+        if self._speed is not None and now - self._speed_time >= SPEED_FRESH:
+            self._speed = None
+            self.model = self._reference_model
 
     def _take_heading(self, now: float, sample: HeadingSample | RateSample) -> None:
         heading = sample.heading if isinstance(sample, HeadingSample) else 0.0
@@ -133,7 +142,7 @@ class Estimator:
             if isinstance(sample, HeadingSample):
                 self._begin(sample)
             return
-        if any(entry.sample == sample for entry in self._fused):
+        if sample == self._begun or any(entry.sample == sample for entry in self._fused):
             self.counters.repeated += 1
             return
         if sample.time < self._state.time:
@@ -146,6 +155,7 @@ class Estimator:
     def _begin(self, sample: HeadingSample) -> None:
         kept_bias = self._state.bias if self._state is not None else 0.0
         self._state = ekf.initial(sample.time, wrap(sample.heading), sample.rate, self._noise)._replace(bias=kept_bias)
+        self._begun = sample
         self._fused.clear()
         self._spikes_in_row = 0
         self._heading_time = sample.time
@@ -189,7 +199,9 @@ class Estimator:
         if abs(wrap(heading - state.psi)) <= gate:
             self._spikes_in_row = 0
             return False
-        self._spikes_in_row += 1
+        agrees = self._spikes_in_row > 0 and abs(wrap(heading - self._spike)) <= gate
+        self._spikes_in_row = self._spikes_in_row + 1 if agrees else 1
+        self._spike = heading
         self.counters.spikes += 1
         return True
 
@@ -202,9 +214,7 @@ class Estimator:
         return state._replace(time=to)
 
     def _nav_state(self, now: float) -> NavState:
-        speed = self._reference_model.reference_speed
-        if self._speed is not None and now - self._speed_time < SPEED_FRESH:
-            speed = self._speed
+        speed = self._reference_model.reference_speed if self._speed is None else self._speed
         state = self._state
         if state is None:
             return NavState(now, 0.0, 0.0, speed, self.rudder.angle, 0.0, math.inf, False)

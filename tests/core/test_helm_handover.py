@@ -1,0 +1,123 @@
+"""Who gets the helm back, and when: hands on it during a fail-safe, serials, resuming, unlimited rudders."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from autopilot.limits import RudderLimits, limit
+from autopilot.safety import (
+    RESUME_AFTER,
+    Envelope,
+    FailsafeAction,
+    Supervisor,
+)
+from autopilot.signals import HelmSample, Mode, NavState, Order, OrderKind
+
+ENVELOPE_LIMITS = Envelope(0.5, 0.35)
+COURSE = Order(OrderKind.HEADING, 1.0, serial=1)
+STANDBY = Order()
+DT = 0.1
+
+
+def state(age: float = 0.0, heading: float = 0.3, valid: bool = True) -> NavState:
+    return NavState(0.0, heading, 0.0, 4.0, 0.1, 0.0, age, valid)
+
+
+def supervisor(action: str = "amidships", release_after: float = 3.0, resume: bool = False) -> Supervisor:
+    return Supervisor(ENVELOPE_LIMITS, FailsafeAction(1.0, action, release_after, resume))
+
+
+def engaged(action: str = "amidships", release_after: float = 3.0, resume: bool = False) -> Supervisor:
+    made = supervisor(action, release_after, resume)
+    assert made.decide(0.0, COURSE, state()) is Mode.ENGAGED
+    return made
+
+
+def lost(made: Supervisor, now: float = 1.0, order: Order = COURSE) -> Mode:
+    return made.decide(now, order, state(age=1.5))
+
+
+def human(available: bool, source: str = "link") -> HelmSample:
+    return HelmSample(0.0, available, "" if available else "mode HOLD", source)
+
+
+def test_standby_is_obeyed_from_everywhere() -> None:
+    for made in (engaged(), engaged(), engaged()):
+        assert made.decide(1.0, STANDBY, state()) is Mode.STANDBY
+    failed = engaged()
+    assert lost(failed) is Mode.FAILSAFE
+    assert failed.decide(1.1, STANDBY, state()) is Mode.STANDBY
+    overridden = engaged()
+    overridden.hear(human(False))
+    assert overridden.decide(0.1, COURSE, state()) is Mode.OVERRIDE
+    assert overridden.decide(0.2, STANDBY, state()) is Mode.STANDBY
+    assert overridden.alarms() == ()
+
+
+def test_an_override_releases_and_only_a_new_serial_engages_again() -> None:
+    made = engaged()
+    made.hear(human(False))
+    assert made.decide(0.1, COURSE, state()) is Mode.OVERRIDE
+    assert made.alarms() == ("overridden: mode HOLD",)
+    assert not made.check(0.1, COURSE, 0.2, 0.3, 0.2, DT).engaged
+    made.hear(human(True))
+    for now in (0.2, 10.0, 100.0):
+        assert made.decide(now, COURSE, state()) is Mode.OVERRIDE
+    # another heading under the same serial is no wish to engage again
+    assert made.decide(101.0, COURSE._replace(heading=2.0), state()) is Mode.OVERRIDE
+    assert made.decide(102.0, COURSE._replace(serial=2), state()) is Mode.ENGAGED
+
+
+def test_the_timeout_itself_is_still_fresh_and_beyond_it_is_stale() -> None:
+    made = engaged()
+    assert made.decide(0.1, COURSE, state(age=1.0)) is Mode.ENGAGED
+    assert made.decide(0.2, COURSE, state(age=1.0 + 1e-9)) is Mode.FAILSAFE
+
+
+@pytest.mark.parametrize("action", ["amidships", "hold"])
+def test_a_hand_on_the_helm_ends_a_fail_safe_that_still_steers(action: str) -> None:
+    made = engaged(action)
+    lost(made)
+    made.hear(human(False))
+    assert made.decide(1.2, COURSE, state(age=2.0)) is Mode.OVERRIDE
+    assert not made.check(1.2, COURSE, 0.2, 0.0, 0.0, DT).engaged
+
+
+def test_an_interrupted_heading_starts_the_wait_again() -> None:
+    made = engaged(resume=True)
+    lost(made, now=1.0)
+    made.decide(2.0, COURSE, state())
+    lost(made, now=3.0)
+    made.decide(3.5, COURSE, state())
+    assert made.decide(4.5, COURSE, state()) is Mode.FAILSAFE
+    assert made.decide(3.5 + RESUME_AFTER, COURSE, state()) is Mode.ENGAGED
+
+
+def test_only_a_lost_heading_heals_by_itself() -> None:
+    made = engaged(resume=True)
+    made.decide(5.0, COURSE, state())
+    made.check(5.0, COURSE, 0.0, math.nan, 0.0, DT)
+    for now in (5.1, 10.0, 100.0):
+        assert made.decide(now, COURSE, state()) is Mode.FAILSAFE
+
+
+@pytest.mark.parametrize("action", ["amidships", "hold"])
+def test_a_rudder_of_unlimited_rate_survives_two_ticks_at_one_moment(action: str) -> None:
+    limits = RudderLimits(0.5, math.inf)
+    made = Supervisor(Envelope(*limits), FailsafeAction(1.0, action, 3.0, False))
+    made.decide(0.0, COURSE, state())
+    command = limit(limits, 0.1, 0.4, 0.0)
+    assert made.check(0.0, COURSE, 0.1, 0.4, command, 0.0).engaged
+    assert made.mode is Mode.ENGAGED
+    lost(made)
+    assert math.isfinite(made.check(1.0, COURSE, 0.4, 0.0, 0.0, 0.0).angle)
+
+
+def test_reset_forgets_helm_and_serials() -> None:
+    made = engaged()
+    made.hear(human(False))
+    made.decide(0.1, COURSE, state())
+    made.reset()
+    assert made.decide(0.2, COURSE, state()) is Mode.ENGAGED
