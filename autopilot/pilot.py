@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
+from autopilot.angles import shortest_turn
 from autopilot.estimation.estimator import Estimator, is_rudder
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.guidance.trials import zigzag_side
@@ -32,6 +33,8 @@ from autopilot.signals import (
 
 LONGEST_STEP = 0.5
 """A longer silence between ticks [s] counts as this much for limits and reference."""
+REPLAN = math.radians(20.0)
+"""Carried off this far [rad] from the planned turn, the boat is led back by a turn planned from where it is."""
 SPEED_CHANGE = 0.02
 """Turn limits are worked out anew when the speed has changed by this share."""
 
@@ -151,6 +154,8 @@ class Pilot:
             return Reference(state.heading, state.rate, 0.0)
         model = self.estimator.model
         target = self._order_heading
+        if abs(shortest_turn(self._boat.heading, state.heading)) > REPLAN:
+            self._boat = self._virtual(state)
         self._boat = turn_step(model, self._limits_at(model), self._boat, target, dt)
         return reference_of(model, self._boat)
 

@@ -1,0 +1,271 @@
+"""The session on a manual clock, its log, and the replay: the same commands, bit for bit."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plant import Plant
+
+from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.errors import InputError
+from autopilot.links.base import LinkError
+from autopilot.loop.clock import ManualClock
+from autopilot.loop.record import Recorder, read_log, read_logs, read_packets, read_table
+from autopilot.loop.replay import replay
+from autopilot.loop.session import Session
+from autopilot.loop.tick_codec import decode_tick, encode_tick
+from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.signals import (
+    HeadingSample,
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    RateSample,
+    Reference,
+    RollSample,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    SpeedSample,
+    Tick,
+)
+
+VESSEL = load_vessel("lanxin")
+ENGAGE = Order(OrderKind.HEADING, math.nan, serial=1)
+
+
+class BoatLink:
+    """A link to the boat in a box; `lost_at` makes it break then."""
+
+    name = "boat"
+
+    def __init__(self, lost_at: float = math.inf) -> None:
+        self.plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=0.005, rate_noise=0.003)
+        self.lost_at = lost_at
+        self.commands: list[RudderCommand] = []
+        self.released = 0
+        self.closed = False
+
+    def fileno(self) -> int:
+        return -1
+
+    def receive(self, now: float) -> list[Sample]:
+        if now >= self.lost_at:
+            raise LinkError("boat: unplugged; plug it in again and start anew")
+        if now > self.plant.time:
+            last = self.commands[-1] if self.commands else RudderCommand(0.0, 0.0, False)
+            self.plant.step(last.angle if last.engaged else 0.0, now - self.plant.time)
+        return [*self.plant.sense(), SpeedSample(now, 4.6), RollSample(now, 0.01), HelmSample(now, True, "", "boat")]
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        self.commands.append(command)
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+        pass
+
+    def keep(self, now: float) -> None:
+        pass
+
+    def release(self, now: float) -> None:
+        self.released += 1
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        return []
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def sail_logged(path: Path, link: BoatLink, seconds: float = 20.0, law: str | None = None) -> Session:
+    clock = ManualClock()
+    header = {"vessel": dump_vessel(VESSEL), "law": law}
+    recorder = Recorder(path, header, clock.now())
+    with Session(build_pilot(VESSEL, law), [link], clock, 20.0, lambda now, tick: ENGAGE, recorder) as session:
+        session.run(seconds)
+    return session
+
+
+@pytest.mark.parametrize("law", [None, "pid"])
+def test_a_log_replays_bit_for_bit(tmp_path: Path, law: str | None) -> None:
+    link = BoatLink()
+    sail_logged(tmp_path / "a.tlog", link, law=law)
+    log = read_log(tmp_path / "a.tlog")
+    assert [tick.command for tick in log.ticks] == link.commands
+    assert len(log.ticks) > 250
+    result = replay(tmp_path / "a.tlog")
+    assert result.identical
+    assert result.ticks == len(log.ticks)
+
+
+def test_two_sessions_write_the_same_ticks(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        sail_logged(tmp_path / f"{name}.tlog", BoatLink(), 5.0)
+    first, second = (read_log(tmp_path / f"{name}.tlog").ticks for name in ("a", "b"))
+    assert [encode_tick(tick) for tick in first] == [encode_tick(tick) for tick in second]
+
+
+def test_a_changed_command_is_found(tmp_path: Path) -> None:
+    sail_logged(tmp_path / "a.tlog", BoatLink(), 5.0)
+    log = read_log(tmp_path / "a.tlog")
+    recorder = Recorder(tmp_path / "b.tlog", log.header, 0.0)
+    for tick in log.ticks:
+        command = tick.command
+        if tick.number == 50:
+            command = command._replace(angle=math.nextafter(command.angle, 1.0))
+        recorder.record(tick._replace(command=command), [])
+    recorder.close()
+    result = replay(tmp_path / "b.tlog")
+    assert not result.identical
+    assert result.first_difference == 50
+
+
+def test_logs_put_together_replay_each_from_its_header(tmp_path: Path) -> None:
+    sail_logged(tmp_path / "a.tlog", BoatLink(), 3.0)
+    sail_logged(tmp_path / "b.tlog", BoatLink(), 3.0, "pid")
+    joined = tmp_path / "ab.tlog"
+    joined.write_bytes((tmp_path / "a.tlog").read_bytes() + (tmp_path / "b.tlog").read_bytes())
+    assert [log.header["law"] for log in read_logs(joined)] == [None, "pid"]
+    assert replay(joined).identical
+
+
+def test_a_torn_log_keeps_every_whole_tick(tmp_path: Path) -> None:
+    sail_logged(tmp_path / "a.tlog", BoatLink(), 3.0)
+    whole = (tmp_path / "a.tlog").read_bytes()
+    count = len(read_log(tmp_path / "a.tlog").ticks)
+    torn = tmp_path / "torn.tlog"
+    for cut in range(1, 700, 13):
+        torn.write_bytes(whole[:-cut])
+        assert count - 3 <= len(read_log(torn).ticks) < count
+        assert replay(torn).identical
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [(b"", "is empty"), (b"hello, this is no log at all", "not a .tlog"), (bytes(8) + b"\xfd", "no Norrbin ticks")],
+)
+def test_what_is_no_log_is_refused_with_a_sentence(tmp_path: Path, content: bytes, sentence: str) -> None:
+    path = tmp_path / "x.tlog"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=sentence):
+        read_log(path)
+
+
+def test_a_missing_log_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nowhere\.tlog: No such file"):
+        read_log(tmp_path / "nowhere.tlog")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.binary(max_size=300))
+def test_no_bytes_make_the_reader_stumble(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    path = tmp_path_factory.mktemp("fuzz") / "x.tlog"
+    path.write_bytes(struct.pack(">Q", 1) + content)
+    try:
+        read_log(path)
+    except InputError as error:
+        assert str(path) in str(error)
+
+
+def test_a_lost_link_releases_the_rudder_and_leaves_the_log_whole(tmp_path: Path) -> None:
+    link = BoatLink(lost_at=4.0)
+    with pytest.raises(LinkError, match="unplugged"):
+        sail_logged(tmp_path / "a.tlog", link)
+    assert link.released == 1
+    assert link.closed
+    ticks = read_log(tmp_path / "a.tlog").ticks
+    assert ticks[-1].command == link.commands[-1]
+    assert ticks[-1].now > 3.8
+
+
+def test_a_full_disk_stops_the_log_and_not_the_boat(tmp_path: Path) -> None:
+    clock, link = ManualClock(), BoatLink()
+    recorder = Recorder(Path("/dev/full"), {"vessel": "x"}, 0.0)
+    with Session(build_pilot(VESSEL), [link], clock, 20.0, lambda now, tick: ENGAGE, recorder) as session:
+        session.run(2.0)
+    assert len(link.commands) > 20
+    assert "No space left" in recorder.failed
+
+
+def test_the_session_notices_silence() -> None:
+    """No heading any more: the timer goes on ticking and the supervisor acts."""
+    link = BoatLink()
+    clock = ManualClock()
+    with Session(build_pilot(VESSEL), [link], clock, 20.0, lambda now, tick: ENGAGE) as session:
+        session.run(3.0)
+        assert session.tick is not None
+        assert session.tick.mode is Mode.ENGAGED
+        link.receive = lambda now: []  # type: ignore[method-assign]
+        session.run(5.0)
+        assert session.tick.mode is Mode.FAILSAFE
+        assert session.tick.now > 4.9
+    assert link.released == 1
+
+
+def test_a_log_is_a_table_for_identification(tmp_path: Path) -> None:
+    sail_logged(tmp_path / "a.tlog", BoatLink(), 5.0)
+    table = read_table(tmp_path / "a.tlog")
+    assert set(table) == {"time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad", "speed_m_s"}
+    assert all(len(column) == len(table["time_s"]) > 50 for column in table.values())
+    assert (table["time_s"][1:] > table["time_s"][:-1]).all()
+
+
+number = st.floats(allow_nan=True, allow_infinity=True)
+text = st.text(max_size=40)
+samples = st.one_of(
+    st.builds(HeadingSample, number, number, st.one_of(st.none(), number), text),
+    st.builds(RateSample, number, number, text),
+    st.builds(RudderSample, number, number, st.booleans(), text),
+    st.builds(SpeedSample, number, number, st.booleans(), text),
+    st.builds(RollSample, number, number, st.one_of(st.none(), number), text),
+    st.builds(HelmSample, number, st.booleans(), text, text),
+)
+ticks = st.builds(
+    Tick,
+    st.integers(0, 2**32 - 1),
+    number,
+    st.lists(samples, max_size=5).map(tuple),
+    st.builds(Order, st.sampled_from(OrderKind), number, number, number, st.integers(0, 2**32 - 1)),
+    st.builds(NavState, number, number, number, number, number, number, number, st.booleans()),
+    st.builds(Reference, number, number, number),
+    number,
+    st.builds(RudderCommand, number, number, st.booleans()),
+    st.sampled_from(Mode),
+    st.lists(text, max_size=3).map(tuple),
+)
+
+
+@given(ticks)
+def test_a_tick_comes_back_with_every_bit(tick: Tick) -> None:
+    tick = tick._replace(command=tick.command._replace(time=tick.now))
+    assert repr(decode_tick(encode_tick(tick))) == repr(tick)
+    assert encode_tick(decode_tick(encode_tick(tick))) == encode_tick(tick)
+
+
+@given(ticks, st.integers(1, 200))
+def test_a_damaged_tick_is_one_sentence(tick: Tick, cut: int) -> None:
+    record = encode_tick(tick)
+    try:
+        decode_tick(record[: max(1, len(record) - cut)])
+    except InputError as error:
+        assert "damaged" in str(error)
+
+
+def test_pymavlink_opens_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MAVLINK20", "1")
+    from pymavlink import mavutil
+
+    sail_logged(tmp_path / "a.tlog", BoatLink(), 5.0)
+    log = mavutil.mavlink_connection(str(tmp_path / "a.tlog"))
+    names = set()
+    while (message := log.recv_match(type="NAMED_VALUE_FLOAT")) is not None:
+        names.add(message.name)
+    log.close()
+    assert {"psi_deg", "psi_d_deg", "rud_cmd_de"} <= names | {"rud_cmd_de"}
+    assert sum(1 for _ in read_packets(tmp_path / "a.tlog")) > 100
