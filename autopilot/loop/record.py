@@ -56,7 +56,11 @@ class Recorder:
         if tick.now >= self._next_plot:
             self._next_plot = tick.now + PLOT_PERIOD
             parts.extend(self._plots(tick))
-        parts.append(self._tunnel(tick.now, encode_tick(tick)))
+        try:
+            parts.append(self._tunnel(tick.now, encode_tick(tick)))
+        except (struct.error, InputError) as error:
+            self.failed = f"log stopped: tick {tick.number} cannot be written ({error}); start a new log"
+            return
         self._write(b"".join(parts))
 
     def keep_packets(self, packets: list[tuple[float, bytes]]) -> None:

@@ -7,12 +7,14 @@ is noticed and fail-safes act.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 
 from autopilot.links.base import Link
 from autopilot.loop.clock import Clock
 from autopilot.loop.record import Recorder
+from autopilot.loop.tick_codec import MOST_SAMPLES
 from autopilot.pilot import Pilot
-from autopilot.signals import HeadingSample, Order, Sample, Tick
+from autopilot.signals import HeadingSample, HelmSample, Order, Sample, Tick
 
 SHORTEST_PERIOD = 0.4
 """Headings that come quicker than this share of the control period wait for the next tick."""
@@ -21,6 +23,21 @@ PATIENCE = 1.5
 
 Orders = Callable[[float, Tick | None], Order]
 """What the skipper wants at a time [s], in view of the tick before."""
+
+
+def newest(samples: Sequence[Sample]) -> tuple[Sample, ...]:
+    """Return at most MOST_SAMPLES of `samples`, the newest, in their order; who has the helm is never dropped.
+
+    After a suspended machine or a stalled link thousands may wait; the old ones say nothing about now.
+    """
+    surplus = len(samples) - MOST_SAMPLES
+    kept = []
+    for sample in samples:
+        if surplus > 0 and not isinstance(sample, HelmSample):
+            surplus -= 1
+        else:
+            kept.append(sample)
+    return tuple(kept[-MOST_SAMPLES:])
 
 
 class Session:
@@ -56,14 +73,16 @@ class Session:
     def close(self) -> None:
         """Release the rudder on every link, then close links and log."""
         now = self._clock.now()
-        for link in self._links:
-            link.release(now)
-        if self._recorder is not None and self.tick is not None:
-            self._recorder.keep_packets(self._packets())
-        for link in self._links:
-            link.close()
-        if self._recorder is not None:
-            self._recorder.close()
+        with ExitStack() as leaving:
+            # run in reverse, and each even if another fails: no broken link keeps the rudder of a sound one
+            if self._recorder is not None:
+                leaving.callback(self._recorder.close)
+            for link in self._links:
+                leaving.callback(link.close)
+            if self._recorder is not None and self.tick is not None:
+                leaving.callback(self._keep_last_packets, self._recorder)
+            for link in reversed(self._links):
+                leaving.callback(link.release, now)
 
     def run(self, until: float, watch: Callable[[Tick], bool] | None = None) -> None:
         """Run to `until` [s], or until `watch`, called after every tick, returns True. Raises LinkError."""
@@ -99,20 +118,26 @@ class Session:
         return self._last + (PATIENCE if self._driven else 1.0) * self._period
 
     def _step(self, now: float) -> None:
-        samples = tuple(self._samples)
+        samples = newest(self._samples)
         self._samples.clear()
         self._driven, self._fresh = self._fresh, False
         tick = self._pilot.step(now, samples, self._orders(now, self.tick))
-        for link in self._links:
-            link.send(now, tick.command)
         self._last = now
         self.tick = tick
-        for link in self._links:
-            link.tell(now, tick.mode, tick.alarms)
-            link.keep(now)
-        packets = self._packets()
-        if self._recorder is not None:
-            self._recorder.record(tick, packets)
+        try:
+            for link in self._links:
+                link.send(now, tick.command)
+            for link in self._links:
+                link.tell(now, tick.mode, tick.alarms)
+                link.keep(now)
+        finally:
+            # the tick whose command met a broken link is the one worth reading afterwards
+            packets = self._packets()
+            if self._recorder is not None:
+                self._recorder.record(tick, packets)
+
+    def _keep_last_packets(self, recorder: Recorder) -> None:
+        recorder.keep_packets(self._packets())
 
     def _packets(self) -> list[tuple[float, bytes]]:
         return [packet for link in self._links for packet in link.take_packets()]

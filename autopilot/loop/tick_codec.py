@@ -32,6 +32,9 @@ from autopilot.signals import (
 HEADER = 1
 TICK = 2
 
+MOST_SAMPLES = 255
+"""Samples one tick can hold: their count is one byte."""
+
 _INPUTS = struct.Struct("<IdBdddIB")
 """number, now, order kind, order heading, rudder, heading change, serial, count of samples."""
 _OUTPUTS = struct.Struct("<7d?3dd?dB")

@@ -85,7 +85,7 @@ def test_every_boat_gets_gains_with_margins(model: Norrbin, gear: SteeringGear) 
 
 
 def test_a_pid_with_the_same_linear_part_has_the_same_margins() -> None:
-    model, gear = BOATS[0]
+    model, _ = BOATS[0]
     gains = BacksteppingGains(2.0, 2.0)
     same = linear_gains_pid(equivalent_pid(model, gains))
     assert same == pytest.approx(linear_gains_backstepping(model, gains))
