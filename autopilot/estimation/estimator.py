@@ -142,7 +142,7 @@ class Estimator:
             if isinstance(sample, HeadingSample):
                 self._begin(sample)
             return
-        if sample == self._begun or any(entry.sample == sample for entry in self._fused):
+        if sample == self._begun or self._has_fused(sample):
             self.counters.repeated += 1
             return
         if sample.time < self._state.time:
@@ -151,6 +151,12 @@ class Estimator:
             self._begin(sample)
         else:
             self._fuse(sample)
+
+    def _has_fused(self, sample: HeadingSample | RateSample) -> bool:
+        # the memory is in order of time: what is newer than its end cannot be in it
+        if not self._fused or sample.time > self._fused[-1].sample.time:
+            return False
+        return any(entry.sample == sample for entry in self._fused)
 
     def _begin(self, sample: HeadingSample) -> None:
         kept_bias = self._state.bias if self._state is not None else 0.0

@@ -189,3 +189,18 @@ def test_noise_is_filtered() -> None:
         errors.append(wrap(state.heading - sample.heading))
         raw.append(noise)
     assert np.std(errors[200:]) < 0.5 * np.std(raw[200:])
+
+
+def test_late_rudder_feedback_corrects_the_level_and_the_model_adds_the_motion() -> None:
+    gear = SteeringGear(0.5, 0.2)
+    track = RudderTrack(gear)
+    offset = 0.05
+    for index in range(40):
+        now = index * 0.1
+        track.order(now, 0.4)
+        angle = track.advance(now)
+        # what the potentiometer saw 0.5 s ago: the model's rudder, and an offset the model does not know
+        if now >= 0.5:
+            track.feed_back(now - 0.5, min(0.2 * (now - 0.5), 0.4) + offset)
+        if now > 1.0:
+            assert angle == pytest.approx(min(0.2 * now, 0.4) + offset, abs=0.021)
