@@ -85,10 +85,6 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
         yield "name", "name is empty; give the boat a name."
     yield from _model_problems(vessel)
     yield from _limit_problems(vessel)
-    if vessel.control.law == "backstepping" and vessel.control.backstepping is None:
-        yield "control", "control.law is backstepping, but control.backstepping with k1_1_s and k2_1_s is missing."
-    if vessel.control.law == "pid" and vessel.control.pid is None:
-        yield "control", "control.law is pid, but control.pid with kp is missing."
     if vessel.failsafe.heading_timeout_s <= vessel.sensors.heading_latency_s:
         yield (
             "failsafe.heading_timeout_s",

@@ -8,6 +8,7 @@ import typing
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -91,8 +92,6 @@ def test_a_small_file_is_filled_with_defaults() -> None:
         ("name: Boat", "name: 12", "name is 12, needed is text."),
         ("name: Boat", "name: ' '", "name is empty; give the boat a name."),
         ("law: backstepping", "law: backsteping", "allowed are backstepping, pid; did you mean backstepping?"),
-        ("law: backstepping", "law: pid", "control.law is pid, but control.pid with kp is missing."),
-        ("  backstepping: {k1_1_s: 2, k2_1_s: 2}\n", "", "control.backstepping with k1_1_s and k2_1_s is missing."),
         (
             "rudder:",
             "limits: {angle_max_deg: 31}\nrudder:",
@@ -226,3 +225,12 @@ def test_a_damaged_file_raises_nothing_but_input_error(data: st.DataObject) -> N
         parse_vessel(damaged)
     except InputError as error:
         assert "\n" not in str(error)
+
+
+def test_a_boat_may_be_described_before_its_gains_are_known() -> None:
+    """Identified, not yet designed for: the file is read, `autopilot gains` fills it, and `run` says what is missing."""
+    text = dump_vessel(load_vessel("lanxin"))
+    document = yaml.safe_load(text)
+    del document["control"]["backstepping"], document["control"]["pid"]
+    vessel = parse_vessel(yaml.safe_dump(document))
+    assert vessel.control.backstepping is None

@@ -1,0 +1,106 @@
+"""`autopilot identify` as a user calls it: the published table, the real recordings, and files that are wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from autopilot.cli.main import main
+from autopilot.params.vessel_file import load_vessel
+
+DATA = Path(os.environ.get("NORRBIN_DATA", Path(__file__).parents[3] / "shared" / "data"))
+ESSO = DATA / "frt_ds_esso"
+needs_recordings = pytest.mark.skipif(not ESSO.is_dir(), reason=f"no recordings at {ESSO}: set NORRBIN_DATA")
+TABLE_2 = "rudder_deg,yaw_rate_deg_s\n5,3.38\n8,3.461\n10,6.043\n15,9.774\n20,12.203\n25,14.486\n35,18.351\n"
+MAP = """time_s: "t [s]"
+heading_rad: "psi_hat [rad]"
+yaw_rate_rad_s: "r_angvelo [rad/s]"
+rudder_rad: "delta_rudder [rad]"
+speed_m_s: "u_velo [m/s]"
+"""
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert main(["identify", *arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_published_steady_turns_give_n3_in_both_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "table2.csv"
+    table.write_text("# as printed\n" + TABLE_2)
+    n3 = run(capsys, "--steady-turns", str(table), "--gain-1-s", "0.701")["parameters"]["n3"]
+    assert n3["value_deg"] == pytest.approx(0.0010019, abs=5e-8)
+    assert n3["value"] == pytest.approx(3.2890, abs=2e-4)
+    assert n3["unit"] == "s^2/rad^2"
+
+
+@needs_recordings
+def test_the_real_boat_fitted_on_zigzags_predicts_its_turns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "map.yaml").write_text(MAP)
+    zigzags = [str(path) for path in sorted(ESSO.glob("zigzag*.csv"))]
+    turns = [str(path) for path in sorted(ESSO.glob("turn*.csv"))]
+    out = tmp_path / "esso.yaml"
+    found = run(capsys, *zigzags, "--columns", str(tmp_path / "map.yaml"), "--holdout", *turns, "--out", str(out))
+    fitted = sorted(row["yaw_rate_r2"] for row in found["runs"] if row["role"] == "fit")
+    held_out = [row["yaw_rate_r2"] for row in found["runs"] if row["role"] == "holdout"]
+    assert len(fitted) == 4
+    assert fitted[0] >= 0.82
+    assert fitted[2] >= 0.92
+    assert len(held_out) == 2
+    assert min(held_out) >= 0.6
+    assert found["parameters"]["n3"]["value"] == 0.0
+    assert "n3" in found["unidentifiable"]
+    vessel = load_vessel(out)
+    assert vessel.model.K_1_s == pytest.approx(found["parameters"]["K"]["value"], rel=1e-4)
+    assert vessel.model.reference_speed_m_s == pytest.approx(found["reference_speed_m_s"], rel=1e-4)
+
+
+GOOD = "time_s,rudder_deg,speed_m_s,heading_deg\n" + "".join(f"{i / 10},{i % 7},4.6,{i}\n" for i in range(50))
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("", "empty"),
+        ("time_s,rudder_deg,speed_m_s\n0,1,2\n1,1,2\n", "heading"),
+        ("time_s,rudder,speed_m_s,heading_deg\n0,1,2,3\n", "rudder_deg"),
+        (GOOD.replace("1.0,3,4.6,10", "1.0,three,4.6,10"), "three"),
+        (GOOD.replace("1.0,3,4.6,10", "0.1,3,4.6,10"), "time"),
+        ("time_s,rudder_deg,speed_m_s,heading_deg\n", "row"),
+        ("time_s,rudder_deg,speed_m_s,heading_deg\n0,1,2,3\n1,1,2,3\n", "samples"),
+    ],
+)
+def test_a_wrong_table_is_one_sentence_that_names_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, sentence: str
+) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(content)
+    assert main(["identify", str(path)]) == 2
+    complaint = capsys.readouterr().err.strip()
+    assert "run.csv" in complaint
+    assert sentence in complaint
+    assert "\n" not in complaint
+    assert "Traceback" not in complaint
+
+
+def test_a_missing_table_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", "nowhere.csv"]) == 2
+    assert "nowhere.csv" in capsys.readouterr().err
+
+
+def test_a_wrong_unit_in_the_column_map_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "map.yaml").write_text('rudder_grad: "delta"\n')
+    (tmp_path / "run.csv").write_text(GOOD)
+    assert main(["identify", str(tmp_path / "run.csv"), "--columns", str(tmp_path / "map.yaml")]) == 2
+    complaint = capsys.readouterr().err
+    assert "rudder_grad" in complaint
+    assert "rudder_rad" in complaint
+
+
+def test_no_log_at_all_says_what_is_needed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify"]) == 2
+    assert "LOG" in capsys.readouterr().err
