@@ -19,6 +19,10 @@ SHORTEST_TIME_CONSTANT_S = 0.05
 LONGEST_TIME_CONSTANT_S = 500.0
 
 
+WELL_EXPLAINED = 0.8
+"""Share of the motion from which on a best T that lies behind is believed."""
+
+
 class StartingPoint(NamedTuple):
     """A linear model near the best one, and the share of the motion's variance that it explains.
 
@@ -32,7 +36,7 @@ class StartingPoint(NamedTuple):
 def starting_point(runs: Sequence[Run], reference_speed: float) -> StartingPoint:
     """Return the best linear model on a logarithmic grid of T, from 0.05 s to 500 s.
 
-    With n3 = 0 the motion is linear in K, in n0 and in the initial rate: three simulations per T give them by
+    With n3 = 0 the motion is linear in K, in n0 and in the initial rates: three simulations per T give them by
     least squares, on yaw rates where measured and on headings elsewhere.
     """
     segments = tuple(segment for run in runs for segment in run.segments)
@@ -43,7 +47,9 @@ def starting_point(runs: Sequence[Run], reference_speed: float) -> StartingPoint
     for T in np.geomspace(longest, SHORTEST_TIME_CONSTANT_S, GRID_POINTS):
         tried.append(_linear_fit(segments, float(T), reference_speed))
         best = max(tried, key=lambda point: point.explained)
-        if len(tried) - tried.index(best) > PAST_THE_BEST:
+        # a regular zigzag is explained by half by a slow boat that turns the wrong way: no reason to stop there
+        found = best.model.gain > 0.0 and best.explained > WELL_EXPLAINED
+        if found and len(tried) - tried.index(best) > PAST_THE_BEST:
             break
     return best
 
@@ -51,25 +57,27 @@ def starting_point(runs: Sequence[Run], reference_speed: float) -> StartingPoint
 def _linear_fit(segments: Sequence[Segment], T: float, reference_speed: float) -> StartingPoint:
     unit = Norrbin(1.0, T, reference_speed=reference_speed)
     models = stack([unit, unit._replace(gain=0.0, n0=-1.0), unit._replace(gain=0.0)])
-    states = [initial_state(segment) for segment in segments]
-    starts = np.array([[0.0, 0.0, rate] for rate, _ in states])
     steps = forcing(segments, T / STEPS_PER_TIME_CONSTANT)
-    trajectory = simulate(models, steps, starts)
+    trajectory = simulate(models, steps, np.array([[0.0, 0.0, 1.0]] * len(segments)))
     lefts, columns = [], []
     for s, segment in enumerate(segments):
         measured_rate = bool(np.isfinite(segment.rate).any())
         response = at_samples(trajectory.rate if measured_rate else trajectory.turned, steps, segments, s)
-        measured = segment.rate if measured_rate else segment.heading - states[s][1]
+        measured = segment.rate if measured_rate else segment.heading - initial_state(segment)[1]
         known = np.isfinite(measured)
-        lefts.append(measured[known] - response[known, 2])
-        columns.append(response[known, :2])
-    return _solve(np.concatenate(columns), np.concatenate(lefts), T, reference_speed)
+        own = np.zeros((int(np.count_nonzero(known)), 2 * len(segments)))
+        own[:, 2 * s] = response[known, 2]
+        own[:, 2 * s + 1] = 0.0 if measured_rate else 1.0
+        lefts.append(measured[known])
+        columns.append(np.hstack([response[known, :2], own]))
+    return _solve(np.concatenate(columns), np.concatenate(lefts), unit)
 
 
-def _solve(columns: FloatArray, left: FloatArray, T: float, reference_speed: float) -> StartingPoint:
-    gain, n0 = np.linalg.lstsq(columns, left, rcond=None)[0]
-    rest = float(np.sum((left - columns @ np.array([gain, n0])) ** 2))
-    without = left - columns[:, 1] * (columns[:, 1] @ left / max(float(columns[:, 1] @ columns[:, 1]), 1e-300))
-    total = float(np.sum(without**2))
+def _solve(columns: FloatArray, left: FloatArray, unit: Norrbin) -> StartingPoint:
+    """Columns: the responses to K = 1 and to n0 = -1, then to each segment's initial rate and heading."""
+    coefficients = np.linalg.lstsq(columns, left, rcond=None)[0]
+    rest = float(np.sum((left - columns @ coefficients) ** 2))
+    others = columns[:, 1:]
+    total = float(np.sum((left - others @ np.linalg.lstsq(others, left, rcond=None)[0]) ** 2))
     explained = 1.0 - rest / total if total > 0.0 else 0.0
-    return StartingPoint(Norrbin(float(gain), T, n0=-float(n0), reference_speed=reference_speed), explained)
+    return StartingPoint(unit._replace(gain=float(coefficients[0]), n0=-float(coefficients[1])), explained)
