@@ -32,7 +32,10 @@ STEPS_PER_TIME_CONSTANT = 12.0
 """Integration steps per time constant during the fit; Runge-Kutta is then exact to far below any sensor."""
 
 NOISE_ROUNDS = 4
-"""How often the weights are found anew from the residuals; they have settled to a per cent by then."""
+"""How often, at most, the weights are found anew from the residuals."""
+
+SETTLED = 0.01
+"""Relative change of the weights below which another round would change nothing that matters."""
 
 
 class Solution(NamedTuple):
@@ -76,9 +79,15 @@ def solve(
         problem = Problem(segments, steps, base, free, scale)
         z = _minimise(problem, problem.vector(states), noise or _noise(problem, problem.vector(states)))
         base, states = problem.model(z), problem.states(z)
-        noise = _noise(problem, z)
+        before, noise = noise, _noise(problem, z)
         after_round()
+        if before is not None and _settled(before, noise):
+            break
     return _solution(problem, z)
+
+
+def _settled(before: Sequence[Noise], now: Sequence[Noise]) -> bool:
+    return all(abs(a.weight - b.weight) <= SETTLED * b.weight for a, b in zip(before, now, strict=True))
 
 
 def _noise(problem: Problem, z: FloatArray) -> tuple[Noise, Noise]:
