@@ -228,7 +228,7 @@ def test_a_damaged_file_raises_nothing_but_input_error(data: st.DataObject) -> N
 
 
 def test_a_boat_may_be_described_before_its_gains_are_known() -> None:
-    """Identified, not yet designed for: the file is read, `autopilot gains` fills it, and `run` says what is missing."""
+    """Identified, not yet designed for: the file is read, `gains` fills it, and `run` says what is missing."""
     text = dump_vessel(load_vessel("lanxin"))
     document = yaml.safe_load(text)
     del document["control"]["backstepping"], document["control"]["pid"]
