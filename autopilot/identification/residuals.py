@@ -7,7 +7,7 @@ then per segment the initial rate in that unit, then per segment the initial hea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,6 +32,8 @@ class Problem:
     base: Norrbin
     free: tuple[str, ...]
     typical_rate: float
+    memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
+    """The latest response by its vector: minimiser, noise and standard errors ask for the same one in turn."""
 
     def model(self, z: FloatArray) -> Norrbin:
         """Return the model that the vector stands for."""
@@ -51,6 +53,13 @@ class Problem:
     def response(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Return per segment the residuals (N, 2), rate and heading, simulated less measured, and their
         derivatives (N, 2, F + 2) by the free parameters, the initial rate and the initial heading."""
+        key = z.tobytes()
+        if key not in self.memory:
+            self.memory.clear()
+            self.memory[key] = self._simulated(z)
+        return self.memory[key]
+
+    def _simulated(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         F, S = len(self.free), len(self.segments)
         shifted = np.tile(z, (F + 2, 1))
         shifted[np.arange(1, F + 1), np.arange(F)] += DIFFERENCE_STEP

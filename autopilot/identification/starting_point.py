@@ -12,8 +12,8 @@ from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.simulation import at_samples, forcing, simulate, stack
 from autopilot.models.norrbin import Norrbin
 
-GRID_POINTS = 24
-PAST_THE_BEST = 5
+GRID_POINTS = 18
+PAST_THE_BEST = 3
 STEPS_PER_TIME_CONSTANT = 4.0
 SHORTEST_TIME_CONSTANT_S = 0.05
 LONGEST_TIME_CONSTANT_S = 500.0
