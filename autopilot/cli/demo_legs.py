@@ -37,6 +37,8 @@ from autopilot.signals import Tick
 SPEEDUP = 4.0
 """Simulated seconds per second: the whole demo fits into a minute and a half of a small machine."""
 READY_TIMEOUT = 30.0
+STALL = 2.0
+"""Wall time [s] that a shared machine may take a process away from us."""
 TURN = math.radians(90.0)
 HOLD_SECONDS = 90.0
 HOLD_SKIP = 20.0
@@ -88,7 +90,7 @@ class DemoResult(NamedTuple):
 
 def sail_demo(out: Path, seed: int, progress: Progress) -> DemoResult:
     """Sail all legs, identify in between, and put the logs together in demo.tlog."""
-    true = load_vessel("lanxin")
+    true = _patient(load_vessel("lanxin"))
     guess = _first_guess(true)
     trial_steps = [zigzag(math.radians(15.0), math.radians(15.0), 40.0)]
     trial_steps += [turning(math.radians(angle), 5.0) for angle in (5.0, 10.0, 15.0, 20.0, 25.0, -25.0, -15.0, -5.0)]
@@ -132,6 +134,14 @@ def sail_demo(out: Path, seed: int, progress: Progress) -> DemoResult:
 
 
 def sail(leg: Leg, vessel: Vessel, out: Path, seed: int) -> Sailed:
+    """Sail a leg, and once more where a busy machine has held up one of the processes for seconds."""
+    try:
+        return _sail_once(leg, vessel, out, seed)
+    except RefusedError:
+        return _sail_once(leg, vessel, out, seed)
+
+
+def _sail_once(leg: Leg, vessel: Vessel, out: Path, seed: int) -> Sailed:
     """Start a simulator, steer it through the leg, and stop it. Raises LinkError or RefusedError."""
     folder = Path(tempfile.mkdtemp(prefix="norrbin-"))
     try:
@@ -169,13 +179,18 @@ def _steer(leg: Leg, vessel: Vessel, url: str, log: Path) -> tuple[list[Tick], l
         ticks.append(tick)
         return script.is_over
 
-    longest = READY_TIMEOUT + sum(step.duration for step in leg.steps)
+    longest = READY_TIMEOUT * SPEEDUP + sum(step.duration for step in leg.steps)
     with Session(build_pilot(vessel, leg.law), links, clock, vessel.control.rate_hz, script, recorder) as session:
         session.run(clock.now() + longest, watch)
-    if len(script.begun_at) < len(leg.steps):
-        why = "; ".join(ticks[-1].alarms) if ticks else "nothing arrived"
-        raise RefusedError(f"demo leg {leg.name} ended early: {why or 'time is up'}")
+    if not script.is_complete:
+        why = next((alarm for tick in reversed(ticks) for alarm in tick.alarms), "time is up")
+        raise RefusedError(f"demo leg {leg.name} ended early: {why}")
     return ticks, script.begun_at
+
+
+def _patient(vessel: Vessel) -> Vessel:
+    """The heading may be as old as a busy machine makes it, in simulated time that runs SPEEDUP times as fast."""
+    return replace(vessel, failsafe=replace(vessel.failsafe, heading_timeout_s=STALL * SPEEDUP))
 
 
 def _first_guess(true: Vessel) -> Vessel:

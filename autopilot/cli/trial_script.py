@@ -42,6 +42,7 @@ class TrialScript:
         self._index = 0
         self._since: float | None = None
         self.is_over = False
+        self.is_complete = False
         self.begun_at: list[float] = []
 
     @property
@@ -57,7 +58,7 @@ class TrialScript:
             elif now - self._since >= self._steps[self._index].duration:
                 self._index += 1
                 if self._index == len(self._steps):
-                    self.is_over = True
+                    self.is_over = self.is_complete = True
                 else:
                     self._begin(now)
         elif self._since is not None:
