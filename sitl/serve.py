@@ -13,7 +13,7 @@ from autopilot.errors import InputError
 from autopilot.links.base import Transport
 from sitl.world import STEP, World
 
-LAG_MAX_S = 0.5
+LAG_MAX_S = 2.0
 """Wall time that the simulation may fall behind before its clock is set back instead of running after it."""
 
 TRUTH_PERIOD = 0.1

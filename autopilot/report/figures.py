@@ -60,7 +60,7 @@ def _draw(axis: Any, panel: Panel) -> None:
     axis.set_ylabel(panel.label)
     axis.grid(True, color="#e3e6ea", linewidth=0.6)
     axis.spines[["top", "right"]].set_visible(False)
-    axis.legend(loc="upper right", frameon=False, ncols=len(panel.lines))
+    axis.legend(loc="best", frameon=False, ncols=len(panel.lines))
 
 
 def _svg_of(figure: Any) -> str:
