@@ -18,7 +18,7 @@ import serial
 from autopilot.links.base import LinkError
 from sitl.cli import main
 from sitl.pty_line import PtyTransport
-from sitl.serve import Pace
+from sitl.serve import LAG_MAX_S, Pace
 
 os.environ.setdefault("MAVLINK20", "1")
 from pymavlink import mavutil
@@ -222,5 +222,5 @@ def test_pace_speeds_up_and_gives_up_what_it_cannot_keep() -> None:
     assert pace.wait_for(3.0) == pytest.approx(0.1)
     assert pace.lost == 0.0
     wall[0] = 110.0
-    assert pace.simulated(2.0) == pytest.approx(2.0 + 0.5 * 10.0), "half a second behind at most"
-    assert pace.lost == pytest.approx(9.3)
+    assert pace.simulated(2.0) == pytest.approx(2.0 + LAG_MAX_S * 10.0), "so much behind at most"
+    assert pace.lost == pytest.approx(9.8 - LAG_MAX_S)
