@@ -5,18 +5,19 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from autopilot.cli.identify_report import Result
-from autopilot.identification.runs import Run
+from autopilot.identification.runs import Run, Segment
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import SCHEMA_VERSION, Model, Rudder, StandardErrors, Vessel
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 
-STEEPEST_SHARE = 0.99
-"""Quantile of the rudder's recorded slewing that counts as its rate: the fastest sample may be an outlier."""
+ASSUMED_RATE_DEG_S = 10.0
+"""Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""
 
 
 def write_vessel(path: str, result: Result) -> None:
@@ -67,11 +68,33 @@ def _rudder(runs: list[Run]) -> Rudder:
     """Return the rudder as far as the recordings show it: it may well reach further and move faster."""
     segments = [segment for run in runs for segment in run.segments]
     angle = max(float(np.max(np.abs(segment.rudder))) for segment in segments)
-    slopes = np.concatenate([np.abs(np.diff(s.rudder) / np.diff(s.time)) for s in segments])
-    moving = slopes[slopes > 0.1 * np.max(slopes)]
-    rate = float(np.quantile(moving, STEEPEST_SHARE))
+    rate = recorded_rudder_rate(segments)
+    source = "largest angle and fastest movement in the recordings; the steering gear may do more"
+    if rate is None:
+        source = (
+            f"largest angle in the recordings; the rate of {ASSUMED_RATE_DEG_S:g} deg/s is assumed, for the recorded "
+            "rudder jumps from sample to sample: measure it before you trust the gains"
+        )
+    slewing = ASSUMED_RATE_DEG_S if rate is None else round(math.degrees(rate), 1)
     return Rudder(
         angle_max_deg=float(np.clip(round(math.degrees(angle), 1), 1.0, 90.0)),
-        rate_max_deg_s=float(np.clip(round(math.degrees(rate), 1), 0.1, 1000.0)),
-        source="largest angle and fastest movement in the recordings; the steering gear may do more",
+        rate_max_deg_s=float(np.clip(slewing, 0.1, 1000.0)),
+        source=source,
     )
+
+
+def recorded_rudder_rate(segments: Sequence[Segment]) -> float | None:
+    """Return the rudder's slewing rate [rad/s], None where the record cannot show it.
+
+    A rudder that gets most of a movement done between two samples moved at that rate or any faster one: the
+    largest step must have a neighbour of at least half its size to be a slope rather than a jump.
+    """
+    steepest, is_slope = 0.0, False
+    for segment in segments:
+        slopes = np.abs(np.diff(segment.rudder) / np.diff(segment.time))
+        if slopes.size < 3 or slopes.max() <= steepest:
+            continue
+        at = int(np.argmax(slopes))
+        neighbours = slopes[max(at - 1, 0) : at + 2]
+        steepest, is_slope = float(slopes[at]), bool(np.sort(neighbours)[-2] >= 0.5 * slopes[at])
+    return steepest if is_slope else None
