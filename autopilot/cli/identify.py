@@ -40,6 +40,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--gain-1-s", type=float, metavar="K", help="hold K [1/s] in the steady-turn stage")
     parser.add_argument("--model", choices=("norrbin", "nomoto"), default="norrbin", help="nomoto: n3 = 0")
     parser.add_argument("--reference-speed-m-s", type=float, metavar="U", help="default: mean speed of the LOGs")
+    parser.add_argument("--course-unstable", action="store_true", help="n1 = -1: the boat will not go straight")
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
     parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -71,6 +72,10 @@ def _check(arguments: argparse.Namespace) -> None:
     for name, value in (("--gain-1-s", arguments.gain_1_s), ("--reference-speed-m-s", arguments.reference_speed_m_s)):
         if value is not None and not 0.0 < value < float("inf"):
             raise InputError(f"{name} must be a positive number, got {value:g}.")
+    if arguments.course_unstable and (arguments.model == "nomoto" or arguments.steady_turns):
+        raise InputError(
+            "--course-unstable needs n3 fitted from the LOGs: leave out --model nomoto and --steady-turns."
+        )
     if arguments.logs:
         return
     if not arguments.steady_turns:
@@ -105,6 +110,7 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
             arguments.reference_speed_m_s,
             steady_turns=steady,
             gain=arguments.gain_1_s,
+            course_unstable=arguments.course_unstable,
             progress=bar.show,
         )
     stage_one = nomoto_stage(fitted, found.model.reference_speed)

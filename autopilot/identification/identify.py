@@ -11,7 +11,7 @@ from autopilot.errors import InputError
 from autopilot.identification.noise import Noise
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, solve
 from autopilot.identification.runs import FloatArray, Run
-from autopilot.identification.starting_point import StartingPoint, starting_point
+from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
 from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage
 from autopilot.models.norrbin import Norrbin
 
@@ -83,6 +83,7 @@ def identify(
     *,
     steady_turns: SteadyTurns | None = None,
     gain: float | None = None,
+    course_unstable: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> Identified:
     """Return the output-error estimate from all runs together, scaled with speed.
@@ -90,6 +91,9 @@ def identify(
     A "norrbin" has n3: from `steady_turns` where given (with K held at `gain` [1/s], or else at the fitted K),
     otherwise fitted with the rest and dropped again, with the reason, where it ends on its bound or cannot be
     told from zero: the linear model that is left is stable everywhere. reference_speed [m/s]: default the mean.
+
+    course_unstable: the boat will not go straight by itself, n1 = -1; then n3 is what bounds its turning, is always
+    fitted, and there is no smaller model to fall back to.
 
     Raises InputError where the rudder never moves, the boat makes no way, the motion does not follow the
     rudder, or follows it backwards.
@@ -100,6 +104,9 @@ def identify(
     start = starting_point(runs, speed)
     _check_response(runs, start)
     steps.next()
+    if course_unstable:
+        unstable = unstable_starting_point(runs, start.model)
+        return _unstable(solve(runs, unstable, CUBIC, steps.next), runs)
     linear = solve(runs, start.model, LINEAR, steps.next)
     if kind == "nomoto":
         return _identified(linear, {})
@@ -108,6 +115,15 @@ def identify(
     cubic = solve(runs, linear.model, CUBIC, steps.next)
     reason = _why_no_cubic(cubic)
     return _identified(linear, {"n3": reason}) if reason else _identified(cubic, {})
+
+
+def _unstable(solution: Solution, runs: Sequence[Run]) -> Identified:
+    if solution.at_bound:
+        raise InputError(
+            f"{_sources(runs)}: a course-unstable model (n1 = -1) does not fit: n3 ends at 0, and nothing would bound "
+            "its turning; leave --course-unstable out."
+        )
+    return _identified(solution, {})
 
 
 def steady_damping(turns: SteadyTurns, gain: float, reference_speed: float) -> CubicDamping:

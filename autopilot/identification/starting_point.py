@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.identification.residuals import initial_state
+from autopilot.identification.residuals import initial_state, typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.simulation import at_samples, forcing, simulate, stack
 from autopilot.models.norrbin import Norrbin
@@ -52,6 +52,35 @@ def starting_point(runs: Sequence[Run], reference_speed: float) -> StartingPoint
         if found and len(tried) - tried.index(best) > PAST_THE_BEST:
             break
     return best
+
+
+def unstable_starting_point(runs: Sequence[Run], linear: Norrbin) -> Norrbin:
+    """Return a course-unstable model (n1 = -1) near the best one, on a grid around the linear model.
+
+    K and T are tried from a quarter to four times those of `linear`, n3 so that the boat left alone would turn
+    at a third to three times the typical rate: -r + n3 r^3 = 0 at r = n3^(-1/2).
+    """
+    segments = tuple(segment for run in runs for segment in run.segments)
+    rate = typical_rate(segments)
+    factors = np.geomspace(0.25, 4.0, 7)
+    candidates = [
+        linear._replace(
+            gain=linear.gain * k, time_constant=linear.time_constant * t, n1=-1.0, n3=1.0 / (turn * rate) ** 2
+        )
+        for k in factors
+        for t in factors
+        for turn in np.geomspace(1.0 / 3.0, 3.0, 7)
+    ]
+    steps = forcing(segments, linear.time_constant * float(factors[0]) / STEPS_PER_TIME_CONSTANT)
+    states = [initial_state(segment) for segment in segments]
+    trajectory = simulate(stack(candidates), steps, np.array([[start] for start, _ in states]))
+    misfit = np.zeros(len(candidates))
+    for s, segment in enumerate(segments):
+        measured_rate = bool(np.isfinite(segment.rate).any())
+        response = at_samples(trajectory.rate if measured_rate else trajectory.turned, steps, segments, s)
+        measured = segment.rate if measured_rate else segment.heading - states[s][1]
+        misfit += np.nansum((response - measured[:, None]) ** 2, axis=0)
+    return candidates[int(np.argmin(misfit))]
 
 
 def _linear_fit(segments: Sequence[Segment], T: float, reference_speed: float) -> StartingPoint:

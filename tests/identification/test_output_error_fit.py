@@ -101,6 +101,19 @@ def test_a_linear_boat_has_no_cubic_damping_and_the_fit_says_so() -> None:
     assert found.unidentifiable["n3"].startswith("n3: ")
 
 
+def test_a_course_unstable_boat_is_found_when_it_is_said_to_be_one() -> None:
+    table = zigzag(np.radians(20.0), 60.0, 0.2, K=0.4, T=1.0, n3=20.0, n1=-1.0)
+    run = run_of(noisy(table, RATE_NOISE, HEADING_NOISE, seed=14))
+    found = identify([run], course_unstable=True)
+    assert found.model.n1 == -1.0
+    assert found.model.gain == pytest.approx(0.4, rel=0.05)
+    assert found.model.time_constant == pytest.approx(1.0, rel=0.05)
+    assert found.model.n3 == pytest.approx(20.0, rel=0.05)
+    prediction = predict(found.model, run).yaw_rate_r2
+    assert prediction is not None
+    assert prediction > 0.95
+
+
 def test_nomoto_leaves_the_cubic_out_without_complaint() -> None:
     found = identify([run_of(FINE)], "nomoto")
     assert found.model.n3 == 0.0

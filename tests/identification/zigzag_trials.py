@@ -22,6 +22,7 @@ def zigzag(
     K: float = LANXIN["K"],
     T: float = LANXIN["T"],
     n3: float = LANXIN["n3"],
+    n1: float = 1.0,
     n0: float = 0.0,
     rudder_rate: float = np.radians(20.0),
     speed: float = 5.0,
@@ -46,9 +47,9 @@ def zigzag(
         wind = keep * wind + gust * np.sqrt(1.0 - keep**2) * random.normal() if gust else 0.0
         moved = rudder + float(np.clip(order - rudder, -rudder_rate * dt, rudder_rate * dt))
         push = K * (0.5 * (rudder + moved) + wind) - n0
-        slope = (push - rate - n3 * rate**3) / T
+        slope = (push - n1 * rate - n3 * rate**3) / T
         guess = rate + dt * slope
-        slope = 0.5 * (slope + (push - guess - n3 * guess**3) / T)
+        slope = 0.5 * (slope + (push - n1 * guess - n3 * guess**3) / T)
         heading += dt * (rate + 0.5 * dt * slope)
         rate += dt * slope
         rudder = moved
