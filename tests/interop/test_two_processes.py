@@ -1,0 +1,259 @@
+"""`sitl serve` and `autopilot run` as the two processes a user starts, over sockets and pseudo-terminals."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from autopilot.angles import wrap
+from autopilot.loop.record import read_log
+from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.signals import Mode
+
+SPEEDUP = 3
+GOAL_DEG = 60.0
+
+
+@pytest.fixture
+def vessel(tmp_path: Path) -> Path:
+    """Lanxin with a patient fail-safe: a busy machine may take a process away for a moment."""
+    boat = load_vessel("lanxin")
+    path = tmp_path / "boat.yaml"
+    path.write_text(dump_vessel(replace(boat, failsafe=replace(boat.failsafe, heading_timeout_s=6.0))))
+    return path
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextlib.contextmanager
+def simulator(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--speedup", str(SPEEDUP), *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("ready")
+            yield process
+        finally:
+            process.terminate()
+            process.communicate()
+
+
+def pilot(*arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "autopilot", "run", *arguments, "--speedup", str(SPEEDUP)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True
+    )
+
+
+def finish(process: subprocess.Popen[str], timeout: float = 60.0) -> tuple[int, str, str]:
+    out, err = process.communicate(timeout=timeout)
+    assert "Traceback" not in err
+    return process.returncode, out, err
+
+
+def assert_one_sentence(err: str, *parts: str) -> None:
+    lines = err.strip().splitlines()
+    assert len(lines) == 1, err
+    assert lines[0].startswith("autopilot: ")
+    for part in parts:
+        assert part in lines[0]
+
+
+def assert_reached_and_replays(log: Path) -> None:
+    ticks = read_log(log).ticks
+    assert ticks[-1].mode is Mode.ENGAGED
+    late = [abs(wrap(tick.state.heading - math.radians(GOAL_DEG))) for tick in ticks[-40:]]
+    assert math.degrees(max(late)) < 2.0
+    command = [sys.executable, "-m", "autopilot", "replay", str(log)]
+    replayed = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert replayed.returncode == 0, replayed.stdout
+    assert "every command identical" in replayed.stdout
+
+
+@pytest.mark.parametrize("steering", ["rc_override", "manual_control"])
+def test_a_heading_is_changed_and_held_over_udp(tmp_path: Path, vessel: Path, steering: str) -> None:
+    if steering == "manual_control":
+        boat = load_vessel(vessel)
+        vessel.write_text(dump_vessel(replace(boat, helm=replace(boat.helm, method="manual_control"))))
+    port, log, truth = free_port(), tmp_path / "run.tlog", tmp_path / "truth.csv"
+    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
+        run = pilot(
+            str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--engage", str(GOAL_DEG),
+            "--duration", "18", "--log", str(log),
+        )  # fmt: skip
+        code, _, err = finish(run)
+        assert (code, err) == (0, "")
+        time.sleep(0.7)
+    assert_reached_and_replays(log)
+    rows = truth.read_text().strip().splitlines()
+    last = dict(zip(rows[0].split(","), map(float, rows[-2].split(",")), strict=True))
+    assert abs(math.degrees(last["rudder_rad"])) < 1.0, "released: the rudder goes back amidships"
+
+
+def test_a_heading_is_changed_and_held_over_tcp(tmp_path: Path, vessel: Path) -> None:
+    port, log = free_port(socket.SOCK_STREAM), tmp_path / "run.tlog"
+    with simulator("--mavlink", f"tcpin:127.0.0.1:{port}"):
+        run = pilot(
+            str(vessel), "--link", f"tcp:127.0.0.1:{port}", "--as-gcs", "--engage", str(GOAL_DEG),
+            "--duration", "18", "--log", str(log),
+        )  # fmt: skip
+        code, _, err = finish(run)
+    assert (code, err) == (0, "")
+    assert_reached_and_replays(log)
+
+
+@pytest.mark.parametrize(("baud", "sentences"), [(4800, "HDG:5,RSA:2"), (38400, "HDG:10,ROT:10,RSA:5,VHW:1")])
+def test_a_heading_is_changed_and_held_over_a_serial_line(
+    tmp_path: Path, vessel: Path, baud: int, sentences: str
+) -> None:
+    line, log = tmp_path / "line", tmp_path / "run.tlog"
+    with simulator("--nmea", f"{line}:{baud}", "--sentences", sentences):
+        run = pilot(
+            str(vessel), "--link", f"nmea:{line}:{baud}", "--engage", str(GOAL_DEG), "--duration", "20",
+            "--log", str(log),
+        )  # fmt: skip
+        code, _, err = finish(run)
+    assert (code, err) == (0, "")
+    assert_reached_and_replays(log)
+
+
+def test_a_pseudo_terminal_unplugged_in_mid_run_is_one_sentence(tmp_path: Path, vessel: Path) -> None:
+    line, log = tmp_path / "line", tmp_path / "run.tlog"
+    with simulator("--nmea", f"{line}:38400") as boat:
+        run = pilot(
+            str(vessel), "--link", f"nmea:{line}:38400", "--engage", "present", "--duration", "60", "--log", str(log)
+        )
+        assert run.stdout is not None
+        while "ENGAGED" not in run.stdout.readline():
+            assert run.poll() is None
+        time.sleep(0.5)
+        boat.kill()
+        code, _, err = finish(run)
+    assert code == 3
+    assert_one_sentence(err, str(line))
+    ticks = read_log(log).ticks
+    assert any(tick.mode is Mode.ENGAGED for tick in ticks)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_run_cleanly(tmp_path: Path, vessel: Path, number: signal.Signals) -> None:
+    port, log, truth = free_port(), tmp_path / "run.tlog", tmp_path / "truth.csv"
+    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
+        run = pilot(str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--engage", "170", "--log", str(log))
+        assert run.stdout is not None
+        while "ENGAGED" not in run.stdout.readline():
+            assert run.poll() is None
+        time.sleep(0.7)
+        run.send_signal(number)
+        code, _, err = finish(run)
+        assert (code, err) == (0, "")
+        time.sleep(1.0)
+    assert any(abs(tick.command.angle) > 0.1 for tick in read_log(log).ticks)
+    rows = truth.read_text().strip().splitlines()
+    last = dict(zip(rows[0].split(","), map(float, rows[-2].split(",")), strict=True))
+    assert abs(math.degrees(last["rudder_rad"])) < 1.0
+
+
+def test_a_killed_pilot_leaves_a_log_and_a_rudder_that_is_let_go(tmp_path: Path, vessel: Path) -> None:
+    port, log, truth = free_port(), tmp_path / "run.tlog", tmp_path / "truth.csv"
+    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
+        run = pilot(str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--engage", "170", "--log", str(log))
+        assert run.stdout is not None
+        while "ENGAGED" not in run.stdout.readline():
+            assert run.poll() is None
+        time.sleep(0.7)
+        run.kill()
+        run.communicate()
+        time.sleep(6.0 / SPEEDUP)
+    assert read_log(log).ticks[-1].mode is Mode.ENGAGED
+    rows = truth.read_text().strip().splitlines()
+    last = dict(zip(rows[0].split(","), map(float, rows[-2].split(",")), strict=True))
+    assert abs(math.degrees(last["rudder_rad"])) < 1.0, "the override times out"
+
+
+def test_the_wrong_system_id_is_refused_with_the_ways_out(tmp_path: Path, vessel: Path) -> None:
+    port = free_port()
+    with simulator("--mavlink", f"udpout:127.0.0.1:{port}"):
+        run = pilot(str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--engage", "90", "--duration", "9")
+        code, _, err = finish(run)
+    assert code == 4
+    assert_one_sentence(err, "--as-gcs", "SYSID_MYGCS")
+
+
+def test_the_papers_gains_are_refused_with_the_reason() -> None:
+    run = pilot("lanxin_paper_gains", "--link", f"udpin:127.0.0.1:{free_port()}", "--engage", "90")
+    code, _, err = finish(run)
+    assert code == 4
+    assert_one_sentence(err, "refused to engage", "deg/s")
+
+
+def test_silence_is_a_link_error() -> None:
+    run = pilot("lanxin", "--link", f"udpin:127.0.0.1:{free_port()}", "--wait", "2")
+    code, _, err = finish(run)
+    assert code == 3
+    assert_one_sentence(err, "no heading came over udpin:127.0.0.1")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "parts"),
+    [
+        (["nowhere.yaml", "--link", "udpin:127.0.0.1:0"], 2, ["nowhere.yaml"]),
+        (["lanxin", "--link", "carrier-pigeon:7"], 3, ["carrier-pigeon"]),
+        (["lanxin", "--link", "serial:/dev/not-there:115200"], 3, ["/dev/not-there"]),
+        (["lanxin", "--link", "tcp:127.0.0.1:1"], 3, ["tcp:127.0.0.1:1"]),
+        (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "400"], 2, ["400", "0 to 360"]),
+        (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "north"], 2, ["north"]),
+        (["lanxin", "--link", "udpin:127.0.0.1:0", "--duration", "-1"], 2, ["--duration"]),
+        (["lanxin", "--link", "udpin:127.0.0.1:0", "--log", "/proc/no/run.tlog"], 2, ["/proc/no/run.tlog"]),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments: list[str], code: int, parts: list[str]) -> None:
+    found, _, err = finish(pilot(*arguments))
+    assert found == code
+    assert_one_sentence(err, *parts)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open every port: permission denied cannot be provoked")
+def test_a_port_without_permission_names_the_group(tmp_path: Path) -> None:
+    port = tmp_path / "ttyUSB0"
+    port.touch(mode=0o000)
+    code, _, err = finish(pilot("lanxin", "--link", f"nmea:{port}:4800"))
+    assert code == 3
+    assert_one_sentence(err, "dialout")
+
+
+def test_unknown_keys_and_wrong_units_name_the_line(tmp_path: Path) -> None:
+    text = dump_vessel(load_vessel("lanxin"))
+    for wrong, right in (
+        ("rate_max_rad_s: 20.0", "rate_max_deg_s: 20.0"),
+        ("rate_max_deg: 20.0", "rate_max_deg_s: 20.0"),
+    ):
+        path = tmp_path / "boat.yaml"
+        path.write_text(text.replace(right, wrong))
+        code, _, err = finish(pilot(str(path), "--link", "udpin:127.0.0.1:0"))
+        assert code == 2
+        assert_one_sentence(err, "boat.yaml", "line", wrong.split(":")[0])
+
+
+@pytest.mark.parametrize("command", ["run", "trial", "identify", "gains", "params", "replay", "demo"])
+def test_every_command_explains_itself(command: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "autopilot", command, "--help"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0
+    assert done.stdout.startswith("usage: autopilot")
