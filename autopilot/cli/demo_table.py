@@ -35,7 +35,7 @@ def as_json(result: DemoResult) -> dict[str, Any]:
         "turn_90_deg_calm": {
             TURNS[name]: {
                 "overshoot_deg": math.degrees(turn.overshoot),
-                "settling_s": turn.settling,
+                "settling_s": turn.settling if math.isfinite(turn.settling) else None,
                 "rudder_travel_deg": math.degrees(turn.travel),
             }
             for name, turn in result.turns.items()
@@ -62,8 +62,9 @@ def as_text(result: DemoResult) -> str:
     lines += [f"  {reason}" for reason in found.unidentifiable.values()]
     lines += ["", f"{'turn of 90 deg, calm':32}{'overshoot':>12}{'settling':>12}{'rudder travel':>16}"]
     for name, turn in result.turns.items():
+        settling = f"{turn.settling:.1f} s" if math.isfinite(turn.settling) else "never"
         lines.append(
-            f"  {TURNS[name]:30}{math.degrees(turn.overshoot):8.2f} deg{turn.settling:10.1f} s"
+            f"  {TURNS[name]:30}{math.degrees(turn.overshoot):8.2f} deg{settling:>12}"
             f"{math.degrees(turn.travel):12.1f} deg"
         )
     lines += ["", f"{'hold, sea state 5':32}{'heading rms':>12}{'':12}{'rudder travel':>16}"]

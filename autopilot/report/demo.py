@@ -56,7 +56,7 @@ def _sections(figures: dict[str, str], summary: dict[str, Any]) -> list[Section]
             (
                 name,
                 f"{row['overshoot_deg']:.2f} deg",
-                f"{row['settling_s']:.1f} s",
+                "never" if row["settling_s"] is None else f"{row['settling_s']:.1f} s",
                 f"{row['rudder_travel_deg']:.0f} deg",
             )
         )

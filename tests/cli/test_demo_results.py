@@ -1,0 +1,138 @@
+"""The demo's table, JSON, figures and page, from a few ticks made by hand; the demo itself runs in the gate."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from autopilot.cli.demo_legs import DemoResult, Hold
+from autopilot.cli.demo_table import as_json, as_text
+from autopilot.identification.identify import Identified
+from autopilot.identification.noise import Noise
+from autopilot.loop.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
+from autopilot.models.norrbin import Norrbin
+from autopilot.params.vessel_file import load_vessel
+from autopilot.report.demo import DemoFigures, write_demo_report
+from autopilot.report.figures import Line, Panel, time_figure
+from autopilot.report.page import Section, render
+from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
+
+GOAL = math.radians(90.0)
+
+
+def tick(now: float, heading: float, rudder: float) -> Tick:
+    state = NavState(now, heading, 0.1, 4.6, rudder, 0.0, 0.0, True)
+    command = RudderCommand(now, rudder, True)
+    order = Order(OrderKind.HEADING, GOAL, serial=1)
+    return Tick(round(now * 10), now, (), order, state, Reference(GOAL), rudder, command, Mode.ENGAGED, ())
+
+
+def turned() -> list[Tick]:
+    """A turn to 90 deg that overshoots by 3 deg at 4 s and is within 1 deg from 5 s on; rudder out and back."""
+    headings = [0.0, 30.0, 60.0, 85.0, 93.0, 90.5, 90.0, 90.0]
+    rudders = [0.0, 10.0, 10.0, 0.0, -5.0, 0.0, 0.0, 0.0]
+    return [
+        tick(float(second), math.radians(degrees), math.radians(rudder))
+        for second, (degrees, rudder) in enumerate(zip(headings, rudders, strict=True))
+    ]
+
+
+def test_a_turn_is_measured() -> None:
+    found = turn_measures(turned(), 1.0, 0.0, GOAL)
+    assert math.degrees(found.overshoot) == pytest.approx(3.0)
+    assert found.settling == pytest.approx(3.0)
+    assert math.degrees(found.travel) == pytest.approx(20.0)
+
+
+def test_a_turn_to_port_overshoots_to_port() -> None:
+    mirrored = [tick(row.now, -row.state.heading, -row.command.angle) for row in turned()]
+    assert math.degrees(turn_measures(mirrored, 1.0, 0.0, -GOAL).overshoot) == pytest.approx(3.0)
+
+
+def test_a_turn_that_never_settles_says_so() -> None:
+    assert math.isnan(turn_measures(turned()[:5], 0.0, 0.0, GOAL).settling)
+
+
+def test_a_hold_is_measured_across_north() -> None:
+    around_north = np.radians([359.0, 1.0, 359.0, 1.0])
+    assert math.degrees(heading_rms(around_north, 0.0)) == pytest.approx(1.0)
+    assert travel_rate(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.2, -0.2])) == pytest.approx(0.3)
+
+
+@pytest.fixture
+def result() -> DemoResult:
+    boat = load_vessel("lanxin")
+    true = Norrbin(gain=0.7, time_constant=0.3, n3=3.0, n1=1.0, n0=0.0, reference_speed=4.6)
+    found = Identified(
+        true._replace(gain=0.77, n3=0.0),
+        {"gain": 0.01, "time_constant": 0.02, "n3": None, "n0": 0.0005},
+        {"n3": "n3 cannot be told from these runs."},
+        (Noise(0.0, 0.0), Noise(0.0, 0.0)),
+    )
+    return DemoResult(
+        true,
+        found,
+        boat,
+        {"turn-backstepping": turn_measures(turned(), 1.0, 0.0, GOAL), "turn-pid": TurnMeasures(0.1, math.nan, 0.5)},
+        {"sea-backstepping": Hold(math.radians(0.5), math.radians(2.0))},
+        {},
+        7,
+    )
+
+
+def test_the_table_holds_what_was_found(result: DemoResult) -> None:
+    text = as_text(result)
+    gain = next(line for line in text.splitlines() if line.startswith("  K "))
+    assert gain.split() == ["K", "1/s", "0.7000", "0.7700", "0.0100", "+10.0", "%"]
+    cubic = next(line for line in text.splitlines() if line.startswith("  n3 "))
+    assert cubic.split()[-3:] == ["-", "-100.0", "%"], "no standard error where nothing was fitted"
+    assert "n3 cannot be told" in text
+    assert "3.00 deg" in text
+    assert "0.50 deg" in text
+    assert "never" in text
+
+
+def test_the_json_is_the_table(result: DemoResult) -> None:
+    found = json.loads(json.dumps(as_json(result), allow_nan=False))
+    assert found["seed"] == 7
+    assert found["parameters"]["K"] == {"true": 0.7, "identified": 0.77, "std": 0.01, "unit": "1/s"}
+    assert found["parameters"]["n3"]["std"] is None
+    assert found["turn_90_deg_calm"]["backstepping, UDP"]["overshoot_deg"] == pytest.approx(3.0)
+    assert found["turn_90_deg_calm"]["PID, UDP"]["settling_s"] is None, "never settled: JSON knows no nan"
+    assert found["hold_sea_state_5"]["backstepping"]["heading_rms_deg"] == pytest.approx(0.5)
+
+
+def test_the_report_is_one_file_that_needs_no_other(tmp_path: Path, result: DemoResult) -> None:
+    shown = DemoFigures(turned(), {"backstepping": turned(), "pid": turned()}, {"backstepping": turned()})
+    write_demo_report(tmp_path, shown, as_json(result))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["hold.svg", "report.html", "trial.svg", "turn.svg"]
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<figure>") == 3
+    assert not re.search(r"(src|href)=\"https?:", page)
+    assert "0.7700" in page
+    assert "never" in page
+    assert "nan" not in page
+    assert "autopilot demo --seed 7" in page
+
+
+def test_a_figure_is_xml_with_its_labels_and_the_same_each_time() -> None:
+    time = np.linspace(0.0, 1.0, 5)
+    panels = [Panel("heading [deg]", [Line("reference", time, time, wanted=True), Line("PID", time, time**2)])]
+    svg = time_figure(panels)
+    assert ElementTree.fromstring(svg).tag.endswith("svg")
+    assert all(word in svg for word in ("heading [deg]", "time [s]", "reference", "PID"))
+    assert time_figure(panels) == svg
+
+
+def test_the_page_escapes_texts_and_keeps_figures() -> None:
+    page = render("a < b", "lead & more", [Section("s", [("<i>",), ("x",)], ("1 < 2",), "<svg></svg>")], "cmd", "1")
+    assert "a &lt; b" in page
+    assert "&lt;i&gt;" in page
+    assert "1 &lt; 2" in page
+    assert "<svg></svg>" in page

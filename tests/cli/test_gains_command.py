@@ -1,0 +1,109 @@
+"""`autopilot gains` as a user calls it: margins shown, a file that may be engaged, refusals with their reason."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from autopilot.build import build_pilot, verdict_of
+from autopilot.cli.gains import designed
+from autopilot.cli.main import main
+from autopilot.errors import RefusedError
+from autopilot.params.vessel_file import dump_vessel, load_vessel
+
+
+def as_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert main(["gains", *arguments, "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_every_row_has_margins_with_units_in_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = as_json(capsys, "lanxin")
+    assert set(rows) == {"designed backstepping", "designed pid", "file's backstepping", "file's pid"}
+    for row in rows.values():
+        assert row["stable"] is True
+        assert row["refusal"] is None
+        assert row["gain_margin"] > 2.0
+        assert row["phase_margin_deg"] > 45.0
+        assert row["delay_margin_s"] > 0.1
+    assert rows["file's backstepping"]["gains"]["k1_1_s"] == 2.0
+
+
+def test_the_papers_gains_are_refused_and_better_ones_offered(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = as_json(capsys, "lanxin_paper_gains")
+    refused = rows["file's backstepping"]
+    assert not refused["stable"]
+    assert "20.0 deg/s" in refused["refusal"]
+    assert "autopilot gains" in refused["refusal"]
+    assert rows["designed backstepping"]["refusal"] is None
+
+
+def test_what_is_written_may_be_engaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(RefusedError):
+        build_pilot(load_vessel("lanxin_paper_gains"))
+    out = tmp_path / "better.yaml"
+    assert main(["gains", "lanxin_paper_gains", "--out", str(out)]) == 0
+    assert str(out) in capsys.readouterr().out
+    written = load_vessel(out)
+    build_pilot(written)
+    assert written.model == load_vessel("lanxin_paper_gains").model
+    assert main(["gains", str(out), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert rows["file's backstepping"]["gains"] == rows["designed backstepping"]["gains"]
+
+
+def test_a_slower_rudder_gets_gentler_gains() -> None:
+    quick = load_vessel("lanxin")
+    slow = replace(quick, rudder=replace(quick.rudder, lag_s=0.2, delay_s=0.1))
+    gains = [designed(vessel).control.backstepping for vessel in (quick, slow)]
+    assert gains[0] is not None
+    assert gains[1] is not None
+    assert gains[1].k1_1_s < gains[0].k1_1_s
+    assert not verdict_of(designed(slow), "backstepping").refusal
+
+
+def test_a_rudder_too_slow_for_the_boat_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vessel = load_vessel("lanxin")
+    path = tmp_path / "tired.yaml"
+    path.write_text(dump_vessel(replace(vessel, rudder=replace(vessel.rudder, lag_s=0.5, delay_s=0.2))))
+    out = tmp_path / "better.yaml"
+    assert main(["gains", str(path), "--out", str(out)]) == 4
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "steering gear is too slow" in lines[0]
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["lanxim"], ("lanxim", "lanxin")),
+        (["nowhere.yaml"], ("nowhere.yaml",)),
+        (["lanxin", "--out", "/proc/none/boat.yaml"], ("--out", "/proc/none/boat.yaml")),
+    ],
+)
+def test_bad_input_is_one_sentence(
+    arguments: list[str], parts: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["gains", *arguments]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert all(part in lines[0] for part in parts)
+
+
+def test_unknown_gains_name_their_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "boat.yaml"
+    text = dump_vessel(load_vessel("lanxin"))
+    path.write_text(text.replace("k1_1_s:", "k1:"))
+    line = next(number for number, row in enumerate(path.read_text().splitlines(), 1) if "k1:" in row)
+    assert main(["gains", str(path)]) == 2
+    complaint = capsys.readouterr().err.strip()
+    assert "boat.yaml" in complaint
+    assert f"line {line}" in complaint
+    assert "k1_1_s" in complaint
+    assert "\n" not in complaint

@@ -1,0 +1,145 @@
+"""What the skipper types becomes orders; every wish to engage has a new serial, a mere change of heading has not."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.angles import wrap
+from autopilot.cli.skipper import HELP, Skipper, heading_of
+from autopilot.errors import InputError
+from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
+
+RUDDER_MAX = math.radians(30.0)
+
+
+def ticked(order: Order, mode: Mode = Mode.ENGAGED, heading: float = 1.0) -> Tick:
+    state = NavState(0.0, heading, 0.0, 4.6, 0.0, 0.0, 0.0, True)
+    command = RudderCommand(0.0, 0.0, mode is Mode.ENGAGED)
+    return Tick(0, 0.0, (), order, state, Reference(heading), 0.0, command, mode, ())
+
+
+@pytest.fixture
+def skipper() -> Skipper:
+    return Skipper(RUDDER_MAX)
+
+
+def test_nothing_is_steered_before_the_first_wish(skipper: Skipper) -> None:
+    assert skipper(0.0, None).kind is OrderKind.STANDBY
+
+
+@pytest.mark.parametrize("line", ["", "  ", "?", "h", "help\n"])
+def test_help_changes_nothing(skipper: Skipper, line: str) -> None:
+    assert skipper.type_line(line) == HELP
+    assert skipper(0.0, None) == Order()
+
+
+def test_a_heading_is_engaged_in_degrees(skipper: Skipper) -> None:
+    skipper.type_line("e 270\n")
+    order = skipper(0.0, None)
+    assert (order.kind, order.serial) == (OrderKind.HEADING, 1)
+    assert order.heading == pytest.approx(math.radians(-90.0))
+
+
+def test_the_present_heading_is_adopted_once_engaged_and_then_kept(skipper: Skipper) -> None:
+    skipper.type_line("e")
+    wish = skipper(0.0, None)
+    assert math.isnan(wish.heading)
+    assert math.isnan(skipper(0.1, ticked(wish, Mode.STANDBY)).heading), "not before the pilot has engaged"
+    assert skipper(0.2, ticked(wish, heading=0.7)).heading == 0.7
+    assert skipper(0.3, ticked(wish, heading=0.9)).heading == 0.7
+
+
+def test_an_older_order_is_not_taken_for_the_adoption(skipper: Skipper) -> None:
+    skipper.type_line("e 10")
+    before = skipper(0.0, None)
+    skipper.type_line("e")
+    assert math.isnan(skipper(0.1, ticked(before)).heading)
+
+
+@pytest.mark.parametrize(("line", "degrees"), [("+10", 5.0), ("-1", -6.0), ("+ 10", 5.0), ("-170", -175.0)])
+def test_a_change_of_heading_keeps_the_serial_and_wraps(skipper: Skipper, line: str, degrees: float) -> None:
+    skipper.type_line("e 355")
+    skipper.type_line(line)
+    order = skipper(0.0, None)
+    assert math.degrees(wrap(order.heading - math.radians(degrees))) == pytest.approx(0.0, abs=1e-9)
+    assert order.serial == 1
+
+
+@pytest.mark.parametrize("first", ["", "s", "r 5", "e"])
+def test_without_a_heading_there_is_none_to_change(skipper: Skipper, first: str) -> None:
+    skipper.type_line(first)
+    before = skipper(0.0, None)
+    with pytest.raises(InputError, match="no heading is being steered yet"):
+        skipper.type_line("+10")
+    assert skipper(0.0, None).is_same(before)
+
+
+def test_a_rudder_angle_is_held_and_standby_ends_it(skipper: Skipper) -> None:
+    assert skipper.type_line("r -5") == "rudder -5 deg"
+    order = skipper(0.0, None)
+    assert (order.kind, order.serial) == (OrderKind.RUDDER, 1)
+    assert order.rudder == pytest.approx(math.radians(-5.0))
+    skipper.type_line("s")
+    assert (skipper(0.0, None).kind, skipper(0.0, None).serial) == (OrderKind.STANDBY, 2)
+
+
+def test_each_wish_to_engage_has_a_new_serial(skipper: Skipper) -> None:
+    serials = []
+    for line in ("e 10", "e 10", "e", "r 1", "e 20"):
+        skipper.type_line(line)
+        serials.append(skipper(0.0, None).serial)
+    assert serials == [1, 2, 3, 4, 5]
+
+
+def test_quit_is_told(skipper: Skipper) -> None:
+    assert not skipper.quit
+    skipper.type_line("q")
+    assert skipper.quit
+
+
+@pytest.mark.parametrize(
+    ("line", "named"),
+    [
+        ("x", "'x' is no command"),
+        ("engage 90", "'engage' is no command"),
+        ("e north", "'north'"),
+        ("e 361", "0 to 360"),
+        ("e -1", "0 to 360"),
+        ("e nan", "'nan'"),
+        ("e inf", "'inf'"),
+        ("r", "not a number of degrees"),
+        ("r 31", "30 deg each side"),
+        ("r nan", "'nan'"),
+        ("+", "'+'"),
+        ("-x", "'-x'"),
+    ],
+)
+def test_a_slip_of_the_fingers_is_answered_and_steers_nothing(skipper: Skipper, line: str, named: str) -> None:
+    skipper.type_line("e 90")
+    before = skipper(0.0, None)
+    with pytest.raises(InputError) as caught:
+        skipper.type_line(line)
+    assert named in str(caught.value)
+    assert skipper(0.0, None) == before
+
+
+@given(st.text(max_size=12))
+def test_no_line_gives_an_order_outside_what_is_allowed(line: str) -> None:
+    skipper = Skipper(RUDDER_MAX)
+    try:
+        answer = skipper.type_line(line)
+    except InputError as error:
+        answer = str(error)
+    order = skipper(0.0, None)
+    assert answer
+    assert abs(order.rudder) <= RUDDER_MAX
+    assert math.isnan(order.heading) or -math.pi <= order.heading <= math.pi
+
+
+@given(st.floats(0.0, 360.0))
+def test_every_compass_heading_is_one(degrees: float) -> None:
+    assert math.cos(heading_of(str(degrees)) - math.radians(degrees)) == pytest.approx(1.0)
