@@ -138,7 +138,9 @@ class Pilot:
         if not self.estimator.rudder.is_known(now):
             self.estimator.forget_bias()
             state = state._replace(bias=0.0)
-        start = clip(state.rudder, -self.config.limits.angle_max, self.config.limits.angle_max)
+        # a fail-safe that still holds the rudder hands over what it told it
+        there = self._told.angle if self._told.engaged else state.rudder
+        start = clip(there, -self.config.limits.angle_max, self.config.limits.angle_max)
         self.law.reset(start)
         self._boat = self._virtual(state)
         self._order = Order()
