@@ -55,8 +55,9 @@ def add_steering_options(parser: argparse.ArgumentParser) -> None:
 class Ending:
     """Whether to stop, and the checks that end a run early. Called after every tick."""
 
-    def __init__(self, links: list[str], wait: float, must_engage: bool) -> None:
+    def __init__(self, links: list[str], wait: float, must_engage: bool, heading_timeout: float) -> None:
         self.stop = False
+        self._heading_timeout = heading_timeout
         self._links = ", ".join(links)
         self._wait = wait
         self._must_engage = must_engage
@@ -77,13 +78,18 @@ class Ending:
         return self.stop
 
     def final(self, tick: Tick | None) -> None:
-        """Raise LinkError or RefusedError where the time ran out before anything was steered."""
+        """Raise LinkError or RefusedError where the time ran out with nothing steered, or with the vehicle gone."""
         if self.stop or tick is None:
             return
         if self._first_heading is None:
             raise self._silence(tick.now)
         if self._must_engage and not self.engaged:
             raise self._refusal(tick)
+        if tick.mode is Mode.OVERRIDE and tick.state.heading_age > self._heading_timeout:
+            raise LinkError(
+                f"no heading has come over {self._links} for {tick.state.heading_age:.0f} s, at the end of the run "
+                f"({'; '.join(tick.alarms)}): check that the vehicle is on and still connected"
+            )
 
     def _silence(self, seconds: float) -> LinkError:
         return LinkError(
@@ -107,7 +113,7 @@ def steer(
     """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released."""
     pilot = build_pilot(vessel, law)
     clock = MonotonicClock(arguments.speedup)
-    ending = Ending(arguments.link, arguments.wait, must_engage)
+    ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s)
     links = build_links(vessel, arguments.link, LinkOptions(arguments.as_gcs, arguments.vehicle_system))
     recorder = None
     try:

@@ -106,10 +106,11 @@ class Recorder:
         stamp = self._stamp(tick.now)
         boot_ms = int(tick.now * 1000.0) & 0xFFFFFFFF
         state = tick.state
+        # NAMED_VALUE_FLOAT cuts a name after ten characters
         values = {
             "psi_deg": math.degrees(state.heading),
             "psi_d_deg": math.degrees(tick.reference.heading),
-            "rud_cmd_deg": math.degrees(tick.command.angle),
+            "rudcmd_deg": math.degrees(tick.command.angle),
             "rud_deg": math.degrees(state.rudder),
             "bias_deg": math.degrees(state.bias),
             "mode": float(tick.mode),

@@ -267,5 +267,5 @@ def test_pymavlink_opens_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     while (message := log.recv_match(type="NAMED_VALUE_FLOAT")) is not None:
         names.add(message.name)
     log.close()
-    assert {"psi_deg", "psi_d_deg", "rud_cmd_de"} <= names | {"rud_cmd_de"}
+    assert names == {"psi_deg", "psi_d_deg", "rudcmd_deg", "rud_deg", "bias_deg", "mode"}
     assert sum(1 for _ in read_packets(tmp_path / "a.tlog")) > 100
