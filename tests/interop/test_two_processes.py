@@ -186,13 +186,18 @@ def test_a_killed_pilot_leaves_a_log_and_a_rudder_that_is_let_go(tmp_path: Path,
     assert abs(math.degrees(last["rudder_rad"])) < 1.0, "the override times out"
 
 
-def test_the_wrong_system_id_is_refused_with_the_ways_out(tmp_path: Path, vessel: Path) -> None:
-    port = free_port()
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}"):
+def test_the_wrong_system_id_is_refused_with_the_ways_out_and_moves_no_rudder(tmp_path: Path, vessel: Path) -> None:
+    port, truth = free_port(), tmp_path / "truth.csv"
+    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
         run = pilot(str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--engage", "90", "--duration", "9")
         code, _, err = finish(run)
     assert code == 4
     assert_one_sentence(err, "--as-gcs", "SYSID_MYGCS")
+    header, *rows = truth.read_text().strip().splitlines()
+    column = header.split(",").index("rudder_rad")
+    moved = [abs(float(row.split(",")[column])) for row in rows[:-1]]
+    assert len(moved) > 50
+    assert math.degrees(max(moved)) < 0.5
 
 
 def test_the_papers_gains_are_refused_with_the_reason() -> None:

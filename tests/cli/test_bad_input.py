@@ -1,0 +1,79 @@
+"""Logs that are none, and slips on the command line: one sentence that names what was wrong, exit code 2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from autopilot.cli.main import main
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(arguments) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+@pytest.mark.parametrize("command", ["replay", "identify"])
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        (b"", "empty"),
+        (b"this is no log at all, but it is long enough to be one", "no MAVLink packet at byte"),
+        (bytes(100), "no MAVLink packet at byte"),
+    ],
+    ids=["empty", "text", "zeros"],
+)
+def test_a_log_that_is_none_is_one_sentence(
+    tmp_path: Path, command: str, content: bytes, part: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "wrong.tlog"
+    path.write_bytes(content)
+    said = complaint(capsys, command, str(path))
+    assert "wrong.tlog" in said
+    assert part in said
+
+
+@pytest.mark.parametrize("command", ["replay", "identify"])
+def test_a_log_that_is_not_there_or_a_folder_is_one_sentence(
+    tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = complaint(capsys, command, str(tmp_path / "none.tlog"))
+    assert "none.tlog: No such file" in said
+    folder = tmp_path / "folder.tlog"
+    folder.mkdir()
+    assert "folder.tlog: Is a directory" in complaint(capsys, command, str(folder))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ([], "COMMAND"),
+        (["sail"], "'sail'"),
+        (["run", "lanxin"], "--link"),
+        (["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--duration", "long"], "'long'"),
+        (["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--law", "magic"], "'magic'"),
+        (["trial", "lanxin"], "'lanxin'"),
+    ],
+)
+def test_bad_usage_ends_with_what_was_wrong(
+    arguments: list[str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(arguments)
+    assert left.value.code == 2
+    usage, *_, last = capsys.readouterr().err.strip().splitlines()
+    assert usage.startswith("usage: autopilot")
+    assert "error: " in last
+    assert named in last
+
+
+def test_help_lists_the_commands_and_the_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["--help"])
+    assert left.value.code == 0
+    text = capsys.readouterr().out
+    for word in ("run", "trial", "identify", "gains", "params", "replay", "demo", "exit codes:"):
+        assert word in text
