@@ -27,6 +27,12 @@ GATE_PATIENCE = 5
 """A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
 PREDICT_LONGEST = 2.0
 """The boat is not carried forward further than this [s] from its newest measurement."""
+LONGEST_SHARE = 0.5
+"""A step of the filter is at most this share of the boat's time constant."""
+GRAIN_SHARE = 0.1
+"""Rudder movements inside this share of the time constant act on the boat as their mean."""
+BIAS_MOST = 0.5
+"""Largest bias [rad] handed to the law."""
 SPEED_SMOOTHING = 2.0
 SPEED_FRESH = 10.0
 SPEED_MOST = 100.0
@@ -47,6 +53,9 @@ class Counters:
     repeated: int = 0
     spikes: int = 0
     implausible: int = 0
+
+
+HEADINGS = (HeadingSample, RateSample)
 
 
 class _Fused(NamedTuple):
@@ -84,9 +93,9 @@ class Estimator:
 
     def update(self, now: float, samples: tuple[Sample, ...]) -> NavState:
         """Take the samples that have arrived by `now` [s] and return the state at `now`."""
-        headings = []
+        headings: list[HeadingSample | RateSample] = []
         for sample in samples:
-            if isinstance(sample, HeadingSample | RateSample):
+            if isinstance(sample, HEADINGS):
                 headings.append(sample)
             elif isinstance(sample, RudderSample):
                 self._take_rudder(now, sample)
@@ -137,7 +146,8 @@ class Estimator:
             self.counters.implausible += 1
             return
         # a clock that is a little ahead must not carry the filter into the future
-        sample = sample._replace(time=min(sample.time, now))
+        if sample.time > now:
+            sample = sample._replace(time=now)
         if self._state is None:
             if isinstance(sample, HeadingSample):
                 self._begin(sample)
@@ -212,12 +222,25 @@ class Estimator:
         return True
 
     def _carried(self, state: FilterState, to: float) -> FilterState:
-        longest = 0.5 * self.model.time_constant
-        for duration, angle in self.rudder.pieces(state.time, min(to, state.time + PREDICT_LONGEST)):
-            steps = max(1, math.ceil(duration / longest))
-            for _ in range(steps):
-                state = ekf.predict(self.model, self._noise, state, angle, duration / steps)
-        return state._replace(time=to)
+        longest = LONGEST_SHARE * self.model.time_constant
+        for until, angle in self._held(state.time, to):
+            for part in range(math.ceil((until - state.time) / longest) - 1, 0, -1):
+                state = ekf.predict(self.model, self._noise, state, angle, state.time + (until - state.time) / (part + 1))
+            state = ekf.predict(self.model, self._noise, state, angle, until)
+        return state if state.time == to else state._replace(time=to)
+
+    def _held(self, start: float, end: float) -> list[tuple[float, float]]:
+        return self.rudder.held(start, min(end, start + PREDICT_LONGEST), GRAIN_SHARE * self.model.time_constant)
+
+    def _mean_at(self, state: FilterState, now: float) -> tuple[float, float]:
+        """Return heading [rad] and rate [rad/s] at `now` [s]; what is a moment away needs no covariance."""
+        if now <= state.time:
+            return state.psi, state.rate
+        held = self._held(state.time, now)
+        if len(held) == 1 and held[0][0] - state.time <= LONGEST_SHARE * self.model.time_constant:
+            return ekf.predict_mean(self.model, state, held[0][1], held[0][0])
+        ahead = self._carried(state, now)
+        return ahead.psi, ahead.rate
 
     def _nav_state(self, now: float) -> NavState:
         speed = self._reference_model.reference_speed if self._speed is None else self._speed
@@ -226,6 +249,6 @@ class Estimator:
             return NavState(now, 0.0, 0.0, speed, self.rudder.angle, 0.0, math.inf, False)
         if not ekf.is_sound(state):
             return NavState(now, math.nan, math.nan, speed, self.rudder.angle, 0.0, now - self._heading_time, False)
-        ahead = self._carried(state, now) if now > state.time else state
-        bias = clip(ahead.bias, -0.5, 0.5)
-        return NavState(now, ahead.psi, ahead.rate, speed, self.rudder.angle, bias, now - self._heading_time, True)
+        heading, rate = self._mean_at(state, now)
+        bias = clip(state.bias, -BIAS_MOST, BIAS_MOST)
+        return NavState(now, heading, rate, speed, self.rudder.angle, bias, now - self._heading_time, True)

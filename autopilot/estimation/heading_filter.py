@@ -60,77 +60,99 @@ def initial(time: float, heading: float, rate: float | None, noise: FilterNoise)
     )
 
 
-def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: float, dt: float) -> FilterState:
-    """Return the state `dt` [s] later under a held `rudder` [rad].
+def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, float]:
+    """Return exp(-x), (1 - exp(-x))/x and (x - 1 + exp(-x))/x^2 with x = dt/T times the damping's slope at `rate`."""
+    slope = model.n1 + (2.0 * model.n2 + 3.0 * model.n3 * rate) * rate
+    x = max(slope * dt / model.time_constant, -STEEPEST_GROWTH)
+    lost = -math.expm1(-x)
+    if -1.0e-3 < x < 1.0e-3:
+        return 1.0 - lost, 1.0 - 0.5 * x, 0.5
+    return 1.0 - lost, lost / x, (x - lost) / (x * x)
+
+
+def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float) -> tuple[float, float]:
+    """Return heading [rad] and rate [rad/s] at `time` [s] under a held `rudder` [rad]; see `predict`."""
+    dt = time - state.time
+    _, once, twice = _transition(model, state.rate, dt)
+    acceleration = yaw_acceleration(model, state.rate, rudder + state.bias)
+    return (
+        wrap(state.psi + dt * (state.rate + dt * twice * acceleration)),
+        state.rate + dt * once * acceleration,
+    )
+
+
+def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: float, time: float) -> FilterState:
+    """Return the state at `time` [s] under a `rudder` [rad] held until then.
 
     The model linearised at the present rate is solved exactly (exponential Rosenbrock-Euler step; Hochbruck and
     Ostermann 2010, section 2): exact for Nomoto's model, and stable however stiff n3 r^2 makes a wild rate.
     """
-    slope = model.n1 + (2.0 * model.n2 + 3.0 * model.n3 * state.rate) * state.rate
-    x = max(slope * dt / model.time_constant, -STEEPEST_GROWTH)
-    decay = math.exp(-x)
-    # (1 - exp(-x))/x and (x - 1 + exp(-x))/x^2
-    once, twice = (-math.expm1(-x) / x, (x + math.expm1(-x)) / (x * x)) if abs(x) > 1.0e-3 else (1.0 - 0.5 * x, 0.5)
-    acceleration = yaw_acceleration(model, state.rate, rudder + state.bias)
+    _, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state
+    dt = time - state.time
+    decay, once, twice = _transition(model, rate, dt)
+    acceleration = yaw_acceleration(model, rate, rudder + bias)
     drive = model.gain * dt / model.time_constant
     turn, drift, gain = dt * once, drive * dt * twice, drive * once
     # F = [[1, turn, drift], [0, decay, gain], [0, 0, 1]]; P = F P F' + Q
-    a00 = state.p00 + turn * state.p01 + drift * state.p02
-    a01 = state.p01 + turn * state.p11 + drift * state.p12
-    a02 = state.p02 + turn * state.p12 + drift * state.p22
-    a11 = decay * state.p11 + gain * state.p12
-    a12 = decay * state.p12 + gain * state.p22
+    a01 = p01 + turn * p11 + drift * p12
+    a02 = p02 + turn * p12 + drift * p22
+    a12 = decay * p12 + gain * p22
     q = noise.acceleration * dt
     return FilterState(
-        time=state.time + dt,
-        psi=wrap(state.psi + dt * (state.rate + dt * twice * acceleration)),
-        rate=state.rate + turn * acceleration,
-        bias=state.bias,
-        p00=a00 + turn * a01 + drift * a02 + q * dt * dt / 3.0,
-        p01=decay * a01 + gain * a02 + 0.5 * q * dt,
-        p02=a02,
-        p11=decay * a11 + gain * a12 + q,
-        p12=a12,
-        p22=state.p22 + noise.bias * dt,
+        time,
+        wrap(psi + dt * (rate + dt * twice * acceleration)),
+        rate + turn * acceleration,
+        bias,
+        p00 + turn * p01 + drift * p02 + turn * a01 + drift * a02 + q * dt * dt / 3.0,
+        decay * a01 + gain * a02 + 0.5 * q * dt,
+        a02,
+        decay * (decay * p11 + gain * p12) + gain * a12 + q,
+        a12,
+        p22 + noise.bias * dt,
     )
 
 
 def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
     """Return the state after a heading [rad] of `variance` [rad^2], the innovation taken the short way round."""
-    gain0, gain1, gain2 = (p / (state.p00 + variance) for p in (state.p00, state.p01, state.p02))
-    innovation = wrap(heading - state.psi)
+    time, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state
+    share = 1.0 / (p00 + variance)
+    gain0, gain1, gain2 = p00 * share, p01 * share, p02 * share
+    innovation = wrap(heading - psi)
     return FilterState(
-        state.time,
-        wrap(state.psi + gain0 * innovation),
-        state.rate + gain1 * innovation,
-        state.bias + gain2 * innovation,
-        state.p00 - gain0 * state.p00,
-        state.p01 - gain0 * state.p01,
-        state.p02 - gain0 * state.p02,
-        state.p11 - gain1 * state.p01,
-        state.p12 - gain1 * state.p02,
-        state.p22 - gain2 * state.p02,
+        time,
+        wrap(psi + gain0 * innovation),
+        rate + gain1 * innovation,
+        bias + gain2 * innovation,
+        p00 - gain0 * p00,
+        p01 - gain0 * p01,
+        p02 - gain0 * p02,
+        p11 - gain1 * p01,
+        p12 - gain1 * p02,
+        p22 - gain2 * p02,
     )
 
 
 def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
     """Return the state after a yaw rate [rad/s] of `variance` [(rad/s)^2]."""
-    gain0, gain1, gain2 = (p / (state.p11 + variance) for p in (state.p01, state.p11, state.p12))
-    innovation = rate - state.rate
+    time, psi, old, bias, p00, p01, p02, p11, p12, p22 = state
+    share = 1.0 / (p11 + variance)
+    gain0, gain1, gain2 = p01 * share, p11 * share, p12 * share
+    innovation = rate - old
     return FilterState(
-        state.time,
-        wrap(state.psi + gain0 * innovation),
-        state.rate + gain1 * innovation,
-        state.bias + gain2 * innovation,
-        state.p00 - gain0 * state.p01,
-        state.p01 - gain0 * state.p11,
-        state.p02 - gain0 * state.p12,
-        state.p11 - gain1 * state.p11,
-        state.p12 - gain1 * state.p12,
-        state.p22 - gain2 * state.p12,
+        time,
+        wrap(psi + gain0 * innovation),
+        old + gain1 * innovation,
+        bias + gain2 * innovation,
+        p00 - gain0 * p01,
+        p01 - gain0 * p11,
+        p02 - gain0 * p12,
+        p11 - gain1 * p11,
+        p12 - gain1 * p12,
+        p22 - gain2 * p12,
     )
 
 
 def is_sound(state: FilterState) -> bool:
     """Return whether mean and variances are finite and the variances not negative."""
-    return all(map(math.isfinite, state)) and state.p00 >= 0.0 and state.p11 >= 0.0 and state.p22 >= 0.0
+    # a sum is finite only where every part of it is
+    return math.isfinite(sum(state)) and state.p00 >= 0.0 and state.p11 >= 0.0 and state.p22 >= 0.0

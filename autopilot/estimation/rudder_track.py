@@ -73,21 +73,29 @@ class RudderTrack:
             return self._modelled
         return self._gears[max(bisect_right(self._times, time) - 1, 0)]
 
-    def pieces(self, start: float, end: float) -> list[tuple[float, float]]:
-        """Return (duration [s], angle [rad]) from `start` to `end` [s], oldest first; durations add up."""
+    def held(self, start: float, end: float, grain: float) -> list[tuple[float, float]]:
+        """Return (until [s], angle [rad]) from `start` to `end` [s], oldest first.
+
+        Neighbours that together last no longer than `grain` [s] are given as one, with their mean angle.
+        """
         if end <= start:
             return []
-        if not self._times:
-            return [(end - start, 0.0)]
-        first = max(bisect_right(self._times, start) - 1, 0)
+        times, angles = self._times, self._angles
+        if not times or start >= times[-1]:
+            return [(end, angles[-1] if angles else 0.0)]
         parts: list[tuple[float, float]] = []
-        at = start
-        for index in range(first, len(self._times)):
-            until = self._times[index + 1] if index + 1 < len(self._times) else end
-            until = min(until, end)
-            if until > at:
-                parts.append((until - at, self._angles[index]))
-                at = until
+        begun = at = start
+        turned = 0.0
+        for index in range(max(bisect_right(times, start) - 1, 0), len(times)):
+            until = min(times[index + 1], end) if index + 1 < len(times) else end
+            if until <= at:
+                continue
+            if until - begun > grain and at > begun:
+                parts.append((at, turned / (at - begun)))
+                begun, turned = at, 0.0
+            turned += (until - at) * angles[index]
+            at = until
             if at >= end:
                 break
+        parts.append((end, turned / (end - begun)))
         return parts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -155,17 +156,30 @@ def test_feedback_older_than_the_newest_is_ignored_and_goes_stale() -> None:
     assert not track.is_known(7.1)
 
 
-@given(st.lists(st.floats(0.0, 0.4), min_size=1, max_size=300), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_pieces_add_up_to_the_interval(steps: list[float], a: float, b: float) -> None:
+@given(
+    st.lists(st.floats(0.0, 0.4), min_size=1, max_size=300),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 1.0),
+    st.sampled_from([0.0, 0.3, math.inf]),
+)
+def test_joining_short_holds_keeps_the_rudder_s_integral(steps: list[float], a: float, b: float, grain: float) -> None:
     track, now = RudderTrack(SteeringGear(0.5, 0.2)), 0.0
     for step in steps:
         now += step
         track.order(now, 0.3 * math.sin(now))
         track.advance(now)
     start, end = sorted((a * now, b * now))
-    parts = track.pieces(start, end)
-    assert sum(duration for duration, _ in parts) == pytest.approx(end - start, abs=1e-9)
-    assert all(duration > 0.0 and abs(angle) <= 0.5 for duration, angle in parts)
+
+    def integral(grain: float) -> float:
+        ends, angles = zip(*track.held(start, end, grain), strict=True)
+        assert all(first < second for first, second in pairwise((start, *ends)))
+        assert ends[-1] == end
+        return sum(angle * (until - at) for angle, until, at in zip(angles, ends, (start, *ends), strict=False))
+
+    if start < end:
+        assert integral(grain) == pytest.approx(integral(0.0), abs=1e-9)
+    else:
+        assert track.held(start, end, grain) == []
 
 
 def test_reset_forgets_everything() -> None:

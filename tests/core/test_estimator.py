@@ -164,7 +164,7 @@ def test_one_linear_step_is_the_kalman_filter_of_the_textbook() -> None:
     )
     p = f @ p @ f.T + np.diag([0.0, NOISE.acceleration * dt, NOISE.bias * dt])
     x = f @ np.array([state.psi, state.rate, state.bias]) + dt * np.array([0.0, b * 0.1, 0.0])
-    moved = ekf.predict(model, NOISE, state, 0.1, dt)
+    moved = ekf.predict(model, NOISE, state, 0.1, state.time + dt)
     assert moved[1:4] == pytest.approx(x, abs=1e-5)
     assert moved[4:] == pytest.approx(p[np.triu_indices(3)], rel=2e-3)
     for index, fuse, variance in ((0, ekf.fuse_heading, NOISE.heading), (1, ekf.fuse_rate, NOISE.rate)):

@@ -54,7 +54,7 @@ def test_on_a_linear_boat_it_is_the_kalman_filter(model: Norrbin) -> None:
     x, p = matrices_of(state)
     for step in range(60):
         dt, rudder = float(random.uniform(0.02, 0.8)), float(random.uniform(-0.05, 0.05))
-        state = ekf.predict(model, NOISE, state, rudder, dt)
+        state = ekf.predict(model, NOISE, state, rudder, state.time + dt)
         x, p = kalman_predict(model, x, p, rudder, dt)
         heading, rate = float(x[0] + 0.01 * random.standard_normal()), float(x[1] + 0.005 * random.standard_normal())
         state = ekf.fuse_heading(state, heading, NOISE.heading)
@@ -70,7 +70,7 @@ def test_on_a_linear_boat_it_is_the_kalman_filter(model: Norrbin) -> None:
 def test_the_mean_follows_the_nonlinear_boat() -> None:
     state = ekf.initial(0.0, 0.0, 0.3, NOISE)
     for _ in range(200):
-        state = ekf.predict(LANXIN, NOISE, state, -0.2, 0.01)
+        state = ekf.predict(LANXIN, NOISE, state, -0.2, state.time + 0.01)
     exact = solve_ivp(
         lambda _, y: [y[1], yaw_acceleration(LANXIN, y[1], -0.2)], (0.0, 2.0), [0.0, 0.3], rtol=1e-10, atol=1e-12
     ).y[:, -1]
@@ -78,11 +78,18 @@ def test_the_mean_follows_the_nonlinear_boat() -> None:
     assert state.rate == pytest.approx(exact[1], abs=1e-4)
 
 
+@given(st.floats(-3.1, 3.1), st.floats(-1.0, 1.0), st.floats(-1.6, 1.6), st.floats(0.0, 1.0))
+def test_the_mean_alone_is_the_mean_of_the_whole(heading: float, rate: float, rudder: float, dt: float) -> None:
+    state = ekf.initial(3.0, heading, rate, NOISE)
+    moved = ekf.predict(LANXIN, NOISE, state, rudder, 3.0 + dt)
+    assert ekf.predict_mean(LANXIN, state, rudder, 3.0 + dt) == (moved.psi, moved.rate)
+
+
 @given(st.floats(-10.0, 10.0), st.floats(-1.6, 1.6), st.floats(0.0, 1.0))
 def test_a_wild_rate_never_blows_the_filter_up(rate: float, rudder: float, dt: float) -> None:
     state = ekf.initial(0.0, 0.0, rate, NOISE)
     for _ in range(20):
-        state = ekf.predict(LANXIN, NOISE, state, rudder, dt)
+        state = ekf.predict(LANXIN, NOISE, state, rudder, state.time + dt)
         assert ekf.is_sound(state)
         assert abs(state.rate) <= max(abs(rate), 2.0) + 1e-9
 
