@@ -224,8 +224,8 @@ class Estimator:
     def _carried(self, state: FilterState, to: float) -> FilterState:
         longest = LONGEST_SHARE * self.model.time_constant
         for until, angle in self._held(state.time, to):
-            for part in range(math.ceil((until - state.time) / longest) - 1, 0, -1):
-                state = ekf.predict(self.model, self._noise, state, angle, state.time + (until - state.time) / (part + 1))
+            for left in range(math.ceil((until - state.time) / longest), 1, -1):
+                state = ekf.predict(self.model, self._noise, state, angle, state.time + (until - state.time) / left)
             state = ekf.predict(self.model, self._noise, state, angle, until)
         return state if state.time == to else state._replace(time=to)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -27,11 +28,19 @@ HEADER = struct.Struct("<BBBBBBBHB")
 _known = dialect.mavlink_map
 
 
+def message_id(message: Message) -> int:
+    """Return the id of a message's kind; its attribute `id` will not do, RAW_IMU and others have a field so named."""
+    identity: int = message._header.msgId
+    return identity
+
+
 class _Layout(NamedTuple):
     """How the payload of one message without arrays is read: pymavlink's own tables, looked up once."""
 
     kind: type[Any]
     unpack: Callable[[bytes], tuple[float, ...]]
+    pack: Callable[..., bytes]
+    values: Callable[[Any], tuple[float, ...]]
     size: int
     crc_extra: bytes
     names: tuple[str, ...]
@@ -39,14 +48,25 @@ class _Layout(NamedTuple):
 
 
 def _layout(kind: type[Any]) -> _Layout | None:
-    if any(kind.array_lengths) or "char" in kind.fieldtypes:
+    if dialect.mcrf4xx is None or any(kind.array_lengths) or "char" in kind.fieldtypes:
         return None
     blank = dict(vars(kind(*[0] * len(kind.fieldnames))))
     extra = bytes([kind.crc_extra])
-    return _Layout(kind, kind.unpacker.unpack, kind.unpacker.size, extra, tuple(kind.ordered_fieldnames), blank)
+    names = tuple(kind.ordered_fieldnames)
+    values = attrgetter(*names) if len(names) > 1 else lambda message: (getattr(message, names[0]),)
+    return _Layout(kind, kind.unpacker.unpack, kind.unpacker.pack, values, kind.unpacker.size, extra, names, blank)
 
 
 _layouts: dict[int, _Layout | None] = {}
+
+
+def _layout_of(identity: int) -> _Layout | None:
+    """Return the layout of the message `identity`; None where it has arrays and is left to pymavlink."""
+    try:
+        return _layouts[identity]
+    except KeyError:
+        layout = _layouts[identity] = _layout(_known[identity])
+        return layout
 
 
 class MavlinkCodec:
@@ -84,7 +104,12 @@ class MavlinkCodec:
     def encode(self, message: Message) -> bytes:
         """Return the MAVLink 2 packet of `message` under this identity, with the next sequence number."""
         mavlink = self._mavlink
-        packet: bytes = message.pack(mavlink)
+        layout = _layout_of(message_id(message))
+        packet: bytes = (
+            message.pack(mavlink)
+            if layout is None
+            else _encode_plain(message, layout, mavlink.seq, mavlink.srcSystem, mavlink.srcComponent)
+        )
         mavlink.seq = (mavlink.seq + 1) & 0xFF
         return packet
 
@@ -116,12 +141,8 @@ class MavlinkCodec:
         return messages
 
     def _decode_frame(self, frame: bytes) -> Message | None:
-        if frame[0] == MAGIC_V2 and frame[2] == 0 and dialect.mcrf4xx is not None:
-            identity = frame[7] | frame[8] << 8 | frame[9] << 16
-            try:
-                layout = _layouts[identity]
-            except KeyError:
-                layout = _layouts[identity] = _layout(_known[identity])
+        if frame[0] == MAGIC_V2 and frame[2] == 0:
+            layout = _layout_of(frame[7] | frame[8] << 8 | frame[9] << 16)
             if layout is not None:
                 return _decode_plain(frame, layout)
         try:
@@ -130,8 +151,23 @@ class MavlinkCodec:
             return None
 
 
+def _encode_plain(message: Message, layout: _Layout, sequence: int, system: int, component: int) -> bytes:
+    """Return what pymavlink's `pack` makes of a message without arrays."""
+    payload = layout.pack(*layout.values(message)).rstrip(b"\0") or b"\0"
+    identity = message_id(message)
+    frame = (
+        HEADER.pack(MAGIC_V2, len(payload), 0, 0, sequence, system, component, identity & 0xFFFF, identity >> 16)
+        + payload
+    )
+    checksum: int = dialect.mcrf4xx(frame[1:] + layout.crc_extra)
+    return frame + checksum.to_bytes(2, "little")
+
+
 def _decode_plain(frame: bytes, layout: _Layout) -> Message | None:
-    """Return what pymavlink's `decode` makes of an unsigned MAVLink 2 frame without arrays, at a third of the cost."""
+    """Return what pymavlink's `decode` makes of an unsigned MAVLink 2 frame without arrays, at a third of the cost.
+
+    Only the raw packet differs in type: the bytes as they came, not a copy that could be changed.
+    """
     checksum: int = dialect.mcrf4xx(frame[1:-2] + layout.crc_extra)
     if checksum != frame[-2] | frame[-1] << 8:
         return None
@@ -142,11 +178,11 @@ def _decode_plain(frame: bytes, layout: _Layout) -> Message | None:
     elif short < 0:
         payload = payload[: layout.size]
     _, length, incompatible, compatible, sequence, system, component, low, high = HEADER.unpack_from(frame)
-    message = layout.kind.__new__(layout.kind)
+    message: Message = object.__new__(layout.kind)
     fields = layout.blank.copy()
     fields.update(zip(layout.names, layout.unpack(payload), strict=True))
-    fields["_msgbuf"] = bytearray(frame)
-    fields["_payload"] = bytearray(frame[6:-2])
+    fields["_msgbuf"] = frame
+    fields["_payload"] = payload
     fields["_crc"] = checksum
     fields["_header"] = dialect.MAVLink_header(
         low | high << 16, incompatible, compatible, length, sequence, system, component

@@ -14,10 +14,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.mavlink_codec import MavlinkCodec, Message
+from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.status_text import StatusTexts
 from autopilot.links.transports import UdpInTransport
-from autopilot.links.vehicle_reader import HEARTBEAT, VehicleReader
+from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
 from autopilot.signals import HelmSample, Mode, RudderCommand, Sample
 
 COMPONENT = 191
@@ -27,6 +27,8 @@ DEFAULT_GCS = 255
 HEARTBEAT_S = 1.0
 SILENT_PEER_S = 5.0
 """A sender without a vehicle's heartbeat for this long gives up its place on a link that listens."""
+JUDGE_S = 0.05
+"""Silence is judged this often; all else when the message comes that may change our right to steer."""
 PACKETS_KEPT = 20000
 STATES = {
     Mode.STANDBY: dialect.MAV_STATE_STANDBY,
@@ -95,6 +97,7 @@ class CompanionLink:
         self._peer_heard: float | None = None
         self._helm: HelmSample | None = None
         self._reason = self._watch.obstacle
+        self._judge_at = -math.inf
         self._alarms: tuple[str, ...] = ()
         self._start: float | None = None
 
@@ -120,19 +123,24 @@ class CompanionLink:
         """
         samples: list[Sample] = []
         heard = self._watch.heartbeat_time
+        news = now >= self._judge_at
         for data in self._transport.receive():
             for message in self._codec.decode(data):
                 self._packets.append((now, bytes(message._msgbuf)))
                 header = message._header
                 if header.srcSystem == self._vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
                     self._reader.take(now, message, samples)
-                elif not self._vehicle and message.id == HEARTBEAT and self._is_ours(message):
+                    news = news or message_id(message) != ATTITUDE
+                elif not self._vehicle and message_id(message) == HEARTBEAT and self._is_ours(message):
                     self._latch(message)
                     self._reader.take(now, message, samples)
+                    news = True
         if self._watch.heartbeat_time != heard:
             self._peer_heard = now
             self._helm = None
-        self._judge_helm(now, samples)
+        if news or not self._watch.booted:
+            self._judge_at = now + JUDGE_S
+            self._judge_helm(now, samples)
         return samples
 
     def send(self, now: float, command: RudderCommand) -> None:
@@ -215,7 +223,7 @@ class CompanionLink:
 
     def _holds_our_vehicle(self, datagram: bytes) -> bool:
         messages = MavlinkCodec().decode(datagram)
-        return any(message.id == HEARTBEAT and self._is_ours(message) for message in messages)
+        return any(message_id(message) == HEARTBEAT and self._is_ours(message) for message in messages)
 
     def _is_ours(self, message: Message) -> bool:
         header = message._header

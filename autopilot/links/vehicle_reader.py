@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.helm_watch import HelmWatch
-from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink_codec import Message, message_id
 from autopilot.links.message_streams import MessageStreams
 from autopilot.links.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
 from autopilot.links.vehicle_clock import VehicleClock
@@ -67,7 +67,7 @@ class VehicleReader:
 
     def take(self, now: float, message: Message, samples: list[Sample]) -> None:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
-        handler = self._handlers.get(message.id)
+        handler = self._handlers.get(message_id(message))
         if handler is not None:
             handler(now, message, samples)
 

@@ -36,6 +36,8 @@ class _UdpTransport:
         """Datagrams dropped because they came from somebody else than the peer."""
         self._socket = sock
         self._closed = False
+        # received into again and again: a new buffer of this size for each datagram costs more than the datagram
+        self._room = memoryview(bytearray(DATAGRAM_LIMIT))
 
     def fileno(self) -> int:
         """Return the socket's descriptor, -1 when closed."""
@@ -88,16 +90,17 @@ class UdpInTransport(_UdpTransport):
     def receive(self) -> list[bytes]:
         """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
         chunks: list[bytes] = []
-        receive = self._socket.recvfrom
+        receive, room = self._socket.recvfrom_into, self._room
         for _ in range(RECEIVE_LIMIT):
             try:
-                data, sender = receive(DATAGRAM_LIMIT)
+                length, sender = receive(room)
             except BlockingIOError:
                 break
             except OSError as error:
                 if error.errno in TRANSIENT:
                     continue
                 raise self._failed(error, "receiving") from error
+            data = bytes(room[:length])
             if sender == self._peer:
                 chunks.append(data)
             elif self._peer is None and self.accepts(data):
@@ -146,10 +149,11 @@ class UdpOutTransport(_UdpTransport):
     def receive(self) -> list[bytes]:
         """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
         chunks: list[bytes] = []
-        receive = self._socket.recv
+        receive, room = self._socket.recv_into, self._room
         for _ in range(RECEIVE_LIMIT):
             try:
-                chunks.append(receive(DATAGRAM_LIMIT))
+                length = receive(room)
+                chunks.append(bytes(room[:length]))
             except BlockingIOError:
                 break
             except OSError as error:
