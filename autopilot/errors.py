@@ -19,6 +19,23 @@ class ExitCode(IntEnum):
 class InputError(ValueError):
     """A file, option or record that cannot be used. The message names it, the value, and what is allowed."""
 
+    def each(self) -> list[InputError]:
+        """Return the mistakes one by one: this one, where it is not a collection."""
+        return [self]
+
+
+class SeveralInputError(InputError):
+    """Several mistakes in one file: its message is that of the first, and says how many more there are."""
+
+    def __init__(self, errors: list[InputError]) -> None:
+        more = f"{len(errors) - 1} more mistake{'s' if len(errors) > 2 else ''}"
+        super().__init__(f"{errors[0]} ({more}; autopilot params check lists all.)")
+        self._errors = errors
+
+    def each(self) -> list[InputError]:
+        """Return the mistakes one by one."""
+        return list(self._errors)
+
 
 class RefusedError(Exception):
     """The pilot will not do what was asked. The message says why and what would change that."""

@@ -1,14 +1,15 @@
-"""What became of an upload, as a table for people and as JSON for programs."""
+"""What became of an upload, and what differs, as tables for people and as JSON for programs."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
+from autopilot.params.comparison import Difference
+from autopilot.params.outcome import Outcome, Verdict
 from autopilot.params.session import Vehicle
-from autopilot.params.upload import Outcome, Verdict
-from autopilot.params.value_coding import Number
 
 
 def upload_table(
@@ -18,22 +19,35 @@ def upload_table(
     rows = [("name", "old", "wanted", "now", "verdict")]
     for each in outcomes:
         verdict = f"{each.verdict}: {each.reason}" if each.reason else str(each.verdict)
-        rows.append((each.name, _number(each.old), _number(each.wanted), _number(each.now), verdict))
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    lines = [
-        f"{row[0]:<{widths[0]}}  {row[1]:>{widths[1]}}  {row[2]:>{widths[2]}}  {row[3]:>{widths[3]}}  {row[4]}"
-        for row in rows
-    ]
+        rows.append((each.name, value_text(each.old), value_text(each.wanted), value_text(each.now), verdict))
+    lines = _columns(rows)
     counts = Counter(each.verdict for each in outcomes)
     words = ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict])
     lines += ["", f"{file} -> vehicle {vehicle.system} ({vehicle.firmware}): {words}"]
     if not finished:
-        lines.append("NOT FINISHED: the vehicle may hold old and new values; run the same command again.")
+        lines.append("NOT FINISHED: the vehicle may hold old and new values.")
     if reboot := _reboot_names(outcomes):
         lines.append(f"takes effect after a reboot of the vehicle: {', '.join(reboot)}")
     if backup:
-        lines.append(f"old values: {backup} (upload that file to go back)")
+        lines.append(f"old values: {backup}")
     return "\n".join(lines)
+
+
+def difference_table(found: Sequence[Difference], left: str, right: str) -> str:
+    """Return the table name, left, right of everything that differs."""
+    rows = [("name", left, right)]
+    rows += [(each.name, value_text(each.left), value_text(each.right)) for each in found]
+    return "\n".join([*_columns(rows), "", f"{len(found)} differ"])
+
+
+def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return the rows with the first column flush left, the last as it is and the others flush right."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+    lines = []
+    for row in rows:
+        middle = [f"{text:>{width}}" for text, width in zip(row[1:-1], widths[1:], strict=True)]
+        lines.append("  ".join([f"{row[0]:<{widths[0]}}", *middle, row[-1]]).rstrip())
+    return lines
 
 
 def upload_json(outcomes: Sequence[Outcome], file: str, vehicle: Vehicle, backup: str | None, *, finished: bool) -> str:
@@ -54,7 +68,8 @@ def _reboot_names(outcomes: Sequence[Outcome]) -> list[str]:
     return [each.name for each in outcomes if each.reboot and each.verdict in (Verdict.SET, Verdict.CONSTRAINED)]
 
 
-def _number(value: Number | None) -> str:
+def value_text(value: Any) -> str:
+    """Return a value as tables show it: `-` for none, floats with the nine digits that 32 bits have."""
     if value is None:
         return "-"
     return f"{value:.9g}" if isinstance(value, float) else str(value)

@@ -1,14 +1,37 @@
-"""A parameter file of either kind, told apart by its keys."""
+"""A parameter file of any kind: a vessel or firmware file, told apart by its keys, or a ground station's."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
-from autopilot.params.firmware_file import FirmwareFile, firmware_document, firmware_from, shipped_firmware
+from autopilot.errors import InputError
+from autopilot.params.firmware_dump import TypedValue
+from autopilot.params.firmware_file import (
+    FirmwareFile,
+    Wanted,
+    entries,
+    firmware_document,
+    firmware_from,
+    shipped_firmware,
+    wanted_parameters,
+)
+from autopilot.params.foreign_files import is_foreign, read_foreign
+from autopilot.params.value_coding import kind_named
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import vessel_document, vessel_from
 
-FIRMWARE_KEYS = frozenset({"firmware", "groups", "frame"})
+FIRMWARE_KEYS = frozenset({"firmware", "groups", "frame", "include"})
+
+
+class ParameterFile(NamedTuple):
+    """What a file asks of a flight controller; `firmware` is empty where the file does not say which."""
+
+    wanted: list[Wanted]
+    values: list[TypedValue]
+    firmware: str = ""
+    frame: str = "boat"
+    left_out: int = 0
 
 
 def load_any(path_or_name: str | Path) -> Vessel | FirmwareFile:
@@ -22,3 +45,22 @@ def load_any(path_or_name: str | Path) -> Vessel | FirmwareFile:
     if FIRMWARE_KEYS & root.value.keys():
         return firmware_from(root)
     return vessel_from(root)
+
+
+def load_parameters(path_or_name: str | Path) -> ParameterFile:
+    """Return what a firmware file or a ground station's file asks for. Raises InputError, for a vessel file too."""
+    if is_foreign(path_or_name):
+        foreign = read_foreign(path_or_name)
+        wanted = [Wanted((each.name,), each.value) for each in foreign.values]
+        return ParameterFile(wanted, foreign.values, foreign.firmware, left_out=foreign.left_out)
+    content = load_any(path_or_name)
+    if isinstance(content, Vessel):
+        raise InputError(
+            f"{path_or_name} is a vessel file, which Norrbin reads itself (autopilot run {path_or_name}); a firmware "
+            "file or a ground station's .param, .parm or .params file is needed."
+        )
+    values = [
+        TypedValue(name, entry.value, None if entry.type is None else kind_named(entry.type))
+        for _, name, entry in entries(content)
+    ]
+    return ParameterFile(wanted_parameters(content), values, content.firmware, content.frame)

@@ -1,36 +1,49 @@
-"""Firmware files: parameters of a flight controller, grouped and commented, read strictly and written back."""
+"""Firmware files: parameters of a flight controller, grouped and commented, read strictly, one built on another."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from autopilot.errors import InputError
 from autopilot.params import schema
+from autopilot.params.migration import FIRMWARE_STEPS, migrated, newest
 from autopilot.params.strict_yaml import Node, parse_document, read_document
-from autopilot.params.vessel_file import check_schema_version, number_text, string_text
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = newest(FIRMWARE_STEPS)
 NAME_LENGTH_MAX = 16
 """MAVLink's param_id has 16 characters."""
+INCLUDE_DEPTH_MAX = 8
 
 _NAME = re.compile(r"[A-Z_][A-Z0-9_]*")
 
 Number = int | float
+TypeName = Literal["UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "REAL32"]
+FirmwareName = Literal["ardurover", "px4"]
 
 
 @dataclass(frozen=True)
 class ParameterEntry:
-    """One parameter with more than its value: why, whether a reboot is needed, its names in other versions."""
+    """One parameter with more than its value.
+
+    `doc`: why; `unit`, `min`, `max`: as the firmware documents it; `type`: its MAV_PARAM_TYPE; `reboot`: takes
+    effect after a reboot; `enables`: brings others into being; `also_named`: its names in other versions.
+    """
 
     value: int | float
     doc: str = ""
+    unit: str = ""
+    min: int | float | None = None
+    max: int | float | None = None
+    type: TypeName | None = None
     reboot: bool = False
+    enables: bool = False
     also_named: tuple[str, ...] = ()
 
 
@@ -44,12 +57,18 @@ class ParameterGroup:
 
 @dataclass(frozen=True)
 class FirmwareFile:
-    """Parameters to be uploaded to one kind of firmware. `checked_with`: the versions whose names were looked up."""
+    """Parameters to be uploaded to one kind of firmware. `checked_with`: the versions whose names were looked up.
+
+    `include` names shipped files, or files beside this one; what this file gives again overrides them, and
+    `leave_out` takes parameters away. As read, `groups` holds all of it.
+    """
 
     schema_version: int
-    firmware: Literal["ardurover", "px4"]
+    firmware: FirmwareName
     frame: str
-    groups: dict[str, ParameterGroup]
+    groups: dict[str, ParameterGroup] = field(default_factory=dict)
+    include: tuple[str, ...] = ()
+    leave_out: tuple[str, ...] = ()
     description: str = ""
     checked_with: tuple[str, ...] = ()
     source: str = ""
@@ -62,6 +81,9 @@ class Wanted(NamedTuple):
     names: tuple[str, ...]
     value: Number
     reboot: bool = False
+    enables: bool = False
+    allowed: str = ""
+    """`; documented are 0 to 5 s` where the file knows, for the sentence about a value that was not taken."""
 
     @property
     def name(self) -> str:
@@ -96,75 +118,149 @@ def shipped_firmware() -> list[str]:
     return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
-def firmware_from(root: Node) -> FirmwareFile:
-    """Return the firmware file that a document holds, every name and value checked. Raises InputError."""
-    check_schema_version(root, SCHEMA_VERSION)
+def firmware_from(root: Node, included_by: tuple[str, ...] = ()) -> FirmwareFile:
+    """Return the firmware file that a document holds, with what it includes, all checked. Raises InputError."""
+    root = migrated(root, FIRMWARE_STEPS)
     firmware = schema.read(root, FirmwareFile)
-    seen: dict[str, str] = {}
-    for group, name, entry in _entries(firmware):
-        node = root.at("groups", group, "parameters", name)
-        for each in (name, *entry.also_named):
-            _check_name(node, each)
-            if each in seen:
-                raise node.key_fault(f"{each} is given twice, also in the group {seen[each]}; keep one of them.")
-            seen[each] = group
-        _check_value(node, name, entry.value)
-    if not seen:
+    _check_names(root, firmware)
+    base = _included(root, firmware, (*included_by, root.file))
+    groups = _merged(root, firmware, base)
+    if not any(group.parameters for group in groups.values()):
         raise root.fault("no group holds a parameter; there is nothing to upload.")
-    return firmware
+    return dataclasses.replace(firmware, groups=groups)
 
 
 def wanted_parameters(firmware: FirmwareFile) -> list[Wanted]:
     """Return the parameters in the order of the file."""
-    return [Wanted((name, *entry.also_named), entry.value, entry.reboot) for _, name, entry in _entries(firmware)]
+    return [
+        Wanted((name, *entry.also_named), entry.value, entry.reboot, entry.enables, _allowed(entry))
+        for _, name, entry in entries(firmware)
+    ]
 
 
-def _entries(firmware: FirmwareFile) -> Iterator[tuple[str, str, ParameterEntry]]:
+def entries(firmware: FirmwareFile) -> Iterator[tuple[str, str, ParameterEntry]]:
+    """Yield the group, the name and the whole entry of each parameter."""
     for group_name, group in firmware.groups.items():
         for name, value in group.parameters.items():
-            yield group_name, name, value if isinstance(value, ParameterEntry) else ParameterEntry(value)
+            yield group_name, name, _entry(value)
 
 
-def _check_name(node: Node, name: str) -> None:
+def _entry(value: Number | ParameterEntry) -> ParameterEntry:
+    return value if isinstance(value, ParameterEntry) else ParameterEntry(value)
+
+
+def _check_names(root: Node, firmware: FirmwareFile) -> None:
+    seen: dict[str, str] = {}
+    for group, name, entry in entries(firmware):
+        node = root.at("groups", group, "parameters", name)
+        for each in (name, *entry.also_named):
+            check_name(node, each)
+            if each in seen:
+                raise node.key_fault(f"{each} is given twice, also in the group {seen[each]}; keep one of them.")
+            seen[each] = group
+
+
+def _included(root: Node, firmware: FirmwareFile, chain: tuple[str, ...]) -> dict[str, ParameterGroup]:
+    """Return the groups of the included files, without what this file leaves out."""
+    node = root.at("include")
+    groups: dict[str, dict[str, Number | ParameterEntry]] = {}
+    docs: dict[str, str] = {}
+    origin: dict[str, str] = {}
+    own = {name for _, name, _ in entries(firmware)}
+    for name in firmware.include:
+        other = _read_included(node, root.file, name, chain)
+        if other.firmware != firmware.firmware:
+            raise node.fault(f"include: {name} is for {other.firmware}, this file is for {firmware.firmware}.")
+        for group, parameter, entry in entries(other):
+            if parameter in origin and parameter not in own:
+                raise node.fault(
+                    f"include: {parameter} is in {origin[parameter]} and in {name}; give the value that counts here."
+                )
+            origin[parameter] = name
+            groups.setdefault(group, {})[parameter] = entry
+            docs.setdefault(group, other.groups[group].doc)
+    for name in firmware.leave_out:
+        if name not in origin:
+            near = schema.nearest(name, list(origin))
+            hint = f"did you mean {near}?" if near else "no included file has it."
+            raise root.at("leave_out").fault(f"leave_out: {name} is not in what this file includes; {hint}")
+        for parameters in groups.values():
+            parameters.pop(name, None)
+    return {name: ParameterGroup(parameters, docs[name]) for name, parameters in groups.items() if parameters}
+
+
+def _read_included(node: Node, file: str, name: str, chain: tuple[str, ...]) -> FirmwareFile:
+    if name not in shipped_firmware():
+        name = str(Path(file).parent / name)
+    try:
+        document = firmware_document(name)
+    except InputError as error:
+        raise node.fault(f"include: {error}") from None
+    if document.file in chain or len(chain) > INCLUDE_DEPTH_MAX:
+        way = " -> ".join((*chain, document.file))
+        raise node.fault(f"include: the files include each other without end ({way}); take one include out.")
+    return firmware_from(document, chain)
+
+
+def _merged(root: Node, firmware: FirmwareFile, base: dict[str, ParameterGroup]) -> dict[str, ParameterGroup]:
+    """Return the groups of this file over those it includes; what is overridden keeps its place and explanation."""
+    merged = {name: (dict(group.parameters), group.doc) for name, group in base.items()}
+    place = {parameter: name for name, group in base.items() for parameter in group.parameters}
+    others = {
+        other: parameter
+        for group in base.values()
+        for parameter, entry in group.parameters.items()
+        for other in _entry(entry).also_named
+    }
+    for group, name, own in entries(firmware):
+        node = root.at("groups", group, "parameters", name)
+        if name in others:
+            raise node.key_fault(f"{name} is another name of {others[name]}, which is included; override that one.")
+        target = place.get(name, group)
+        parameters, _ = merged.setdefault(target, ({}, ""))
+        parameters[name] = _overridden(_entry(parameters[name]), own) if name in parameters else own
+        _check_value(node, name, _entry(parameters[name]))
+    for group, held in firmware.groups.items():
+        if group in merged and held.doc:
+            merged[group] = (merged[group][0], held.doc)
+    return {name: ParameterGroup(parameters, doc) for name, (parameters, doc) in merged.items() if parameters}
+
+
+def _overridden(base: ParameterEntry, own: ParameterEntry) -> ParameterEntry:
+    given = {
+        each.name: getattr(own, each.name)
+        for each in dataclasses.fields(own)
+        if each.name == "value" or getattr(own, each.name) != each.default
+    }
+    return dataclasses.replace(base, **given)
+
+
+def check_name(node: Node, name: str) -> None:
+    """Raise InputError where `name` cannot be a parameter's name."""
     if len(name) > NAME_LENGTH_MAX:
         raise node.key_fault(f"{name} has {len(name)} characters, a parameter's name has at most {NAME_LENGTH_MAX}.")
     if not _NAME.fullmatch(name):
         raise node.key_fault(f"{name} is not a parameter's name: capital letters, digits and _ only, no digit first.")
 
 
-def _check_value(node: Node, name: str, value: Number) -> None:
+def _check_value(node: Node, name: str, entry: ParameterEntry) -> None:
+    node = node.at("value")
     try:
-        struct.pack("<f", value)
+        struct.pack("<f", entry.value)
     except OverflowError:
-        raise node.fault(f"{name} is {value}, which is outside what a 32-bit float holds (about 3.4e38).") from None
+        raise node.fault(
+            f"{name} is {entry.value}, which is outside what a 32-bit float holds (about 3.4e38)."
+        ) from None
+    low, high = entry.min, entry.max
+    if (low is not None and entry.value < low) or (high is not None and entry.value > high):
+        raise node.fault(f"{name} is {entry.value}{_allowed(entry).replace('; documented', ', allowed')}.")
 
 
-def dump_firmware(
-    values: Mapping[str, Number],
-    firmware: str,
-    frame: str,
-    *,
-    description: str = "",
-    source: str = "",
-    date: str = "",
-    checked_with: tuple[str, ...] = (),
-) -> str:
-    """Return YAML text of `values`, grouped by the part of the name before the first `_`; it reads back unchanged."""
-    lines = [f"schema_version: {SCHEMA_VERSION}", f"firmware: {firmware}", f"frame: {string_text(frame)}"]
-    for key, text in (("description", description), ("source", source), ("date", date)):
-        if text:
-            lines.append(f"{key}: {string_text(text)}")
-    if checked_with:
-        lines.append(f"checked_with: [{', '.join(string_text(version) for version in checked_with)}]")
-    lines.append("groups:")
-    groups: dict[str, list[str]] = {}
-    for name in sorted(values):
-        groups.setdefault(name.strip("_").split("_")[0] or "OTHER", []).append(name)
-    for group, names in groups.items():
-        lines += [f"  {string_text(group)}:", "    parameters:"]
-        lines += [f"      {string_text(name)}: {_value_text(values[name])}" for name in names]
-    return "\n".join(lines) + "\n"
-
-
-def _value_text(value: Number) -> str:
-    return number_text(value) if isinstance(value, float) else str(value)
+def _allowed(entry: ParameterEntry) -> str:
+    """Return `; documented are 0 to 5 s` from the entry's range, or nothing."""
+    unit = f" {entry.unit}" if entry.unit else ""
+    if entry.min is not None and entry.max is not None:
+        return f"; documented are {entry.min} to {entry.max}{unit}"
+    if entry.min is not None:
+        return f"; documented are values of at least {entry.min}{unit}"
+    return f"; documented are values of at most {entry.max}{unit}" if entry.max is not None else ""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.params.requests import PATIENCE, Patience, Requests
+from autopilot.params.requests import PATIENCE, LinkQuality, Patience, Requests
 from autopilot.params.value_coding import Number, decode, encode
 
 Message = Any
@@ -43,12 +43,22 @@ class ParameterValue(NamedTuple):
 
 def parameter_value(message: Message, target: Target) -> ParameterValue | None:
     """Return what a PARAM_VALUE of the target says; None for every other message."""
-    if message.get_type() != "PARAM_VALUE":
-        return None
-    if message.get_srcSystem() != target.system or message.get_srcComponent() != target.component:
+    if message.get_type() != "PARAM_VALUE" or not is_from(message, target):
         return None
     value = decode(message.param_value, _value_bytes(message), message.param_type, target.bytewise)
     return ParameterValue(message.param_id, value, message.param_type, message.param_index, message.param_count)
+
+
+def refused_name(message: Message, target: Target) -> str | None:
+    """Return the name that a PARAM_ERROR of the target says does not exist; None for every other message."""
+    if message.get_type() != "PARAM_ERROR" or not is_from(message, target):
+        return None
+    return str(message.param_id) if message.error == dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST else None
+
+
+def is_from(message: Message, target: Target) -> bool:
+    """Return whether the target itself sent the message."""
+    return bool(message.get_srcSystem() == target.system and message.get_srcComponent() == target.component)
 
 
 def _value_bytes(message: Message) -> bytes:
@@ -203,7 +213,8 @@ class NamedDownload:
     def __init__(self, target: Target, names: Sequence[str], patience: Patience = PATIENCE) -> None:
         self._target = target
         self._names = set(names)
-        self._requests: Requests[str] = Requests(names, patience)
+        self._quality = LinkQuality()
+        self._requests: Requests[str] = Requests(names, patience, self._quality)
         self.values: dict[str, ParameterValue] = {}
 
     @property
@@ -213,7 +224,7 @@ class NamedDownload:
 
     @property
     def unknown(self) -> list[str]:
-        """Names that the vehicle never answered."""
+        """Names that the vehicle never answered, or said that it does not have."""
         return list(self._requests.given_up)
 
     @property
@@ -223,11 +234,25 @@ class NamedDownload:
 
     def receive(self, now: float, message: Message) -> None:
         """Take any message; those that are not the target's PARAM_VALUE of a name wanted are ignored."""
+        if is_from(message, self._target):
+            self._quality.heard(now)
+        if (refused := refused_name(message, self._target)) is not None:
+            self._requests.refused(refused)
         value = parameter_value(message, self._target)
+        if value is not None and value.position == 0:
+            self._quality.control_answered()
         if value is not None and value.name in self._names:
             self.values[value.name] = value
             self._requests.answered(value.name, now)
 
     def due(self, now: float) -> list[Message]:
         """Return the messages to send now."""
-        return [read_by_name(self._target, name) for name in self._requests.due(now)]
+        names = self._requests.due(now)
+        return [read_by_name(self._target, name) for name in names] + controls(
+            self._target, self._quality, self._requests.repeats(names)
+        )
+
+
+def controls(target: Target, quality: LinkQuality, is_due: bool) -> list[Message]:
+    """Return questions for the first parameter of the table, which every vehicle has, where they are due."""
+    return [read_by_index(target, 0) for _ in range(quality.controls())] if is_due else []

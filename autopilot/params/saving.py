@@ -33,10 +33,20 @@ def _replace(path: Path, text: str) -> None:
         # mkstemp's 0600 would lock out the user's other programs
         Path(temporary).chmod(0o666 & ~_umask())
         Path(temporary).replace(path)
+        sync_folder(path.parent)
     except BaseException:
         with contextlib.suppress(OSError):
             Path(temporary).unlink()
         raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Flush the folder itself, without which a new or removed name may not outlive a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _umask() -> int:

@@ -14,7 +14,7 @@ import types
 import typing
 from typing import Any, Literal, NamedTuple, TypeVar, Union
 
-from autopilot.errors import InputError
+from autopilot.errors import InputError, SeveralInputError
 from autopilot.params.strict_yaml import Node
 
 T = TypeVar("T")
@@ -39,6 +39,27 @@ UNIT_SUFFIXES = (
 def read(node: Node, schema: type[T]) -> T:
     """Return the dataclass `schema` filled from `node`; raises InputError with one sentence."""
     return typing.cast(T, _convert(node, schema, None))
+
+
+class _Mistakes:
+    """Collects what is wrong in the parts of one whole, so that all of it can be said at once."""
+
+    def __init__(self) -> None:
+        self._found: list[InputError] = []
+
+    def add(self, error: InputError) -> None:
+        self._found += error.each()
+
+    def convert(self, node: Node, hint: Any, bounds: Bounds | None) -> Any:
+        try:
+            return _convert(node, hint, bounds)
+        except InputError as error:
+            self.add(error)
+            return None
+
+    def raise_any(self) -> None:
+        if self._found:
+            raise self._found[0] if len(self._found) == 1 else SeveralInputError(self._found)
 
 
 def describe(hint: Any) -> str:
@@ -109,7 +130,10 @@ def _convert_tuple(node: Node, hint: Any, bounds: Bounds | None) -> tuple[Any, .
         raise _wrong(node, hint, bounds)
     members = typing.get_args(hint)
     if len(members) == 2 and members[1] is Ellipsis:
-        return tuple(_convert(item, members[0], bounds) for item in node.value)
+        mistakes = _Mistakes()
+        items = tuple(mistakes.convert(item, members[0], bounds) for item in node.value)
+        mistakes.raise_any()
+        return items
     if len(node.value) != len(members):
         raise node.fault(f"{_name(node)} has {len(node.value)} entries, {len(members)} are needed.")
     return tuple(_convert(item, member, bounds) for item, member in zip(node.value, members, strict=True))
@@ -119,7 +143,10 @@ def _convert_dict(node: Node, hint: Any, bounds: Bounds | None) -> dict[str, Any
     if not isinstance(node.value, dict):
         raise _wrong(node, hint, bounds)
     member = typing.get_args(hint)[1]
-    return {key: _convert(child, member, bounds) for key, child in node.value.items()}
+    mistakes = _Mistakes()
+    values = {key: mistakes.convert(child, member, bounds) for key, child in node.value.items()}
+    mistakes.raise_any()
+    return values
 
 
 def _convert_dataclass(node: Node, schema: type[Any]) -> Any:
@@ -127,15 +154,18 @@ def _convert_dataclass(node: Node, schema: type[Any]) -> Any:
         raise _wrong(node, schema, None)
     hints = typing.get_type_hints(schema, include_extras=True)
     fields = {field.name: field for field in dataclasses.fields(schema) if field.init}
+    mistakes = _Mistakes()
     for key, child in node.value.items():
         if key not in fields:
-            raise child.key_fault(unknown_key_sentence(key, list(fields), node.path, given=list(node.value)))
+            sentence = unknown_key_sentence(key, list(fields), node.path, given=list(node.value))
+            mistakes.add(child.key_fault(sentence))
     for name, field in fields.items():
         optional = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
         if name not in node.value and not optional:
             path = f"{node.path}.{name}" if node.path else name
-            raise node.fault(f"the key {path} is missing; give {_describe(hints[name], None)}.")
-    values = {key: _convert(child, hints[key], None) for key, child in node.value.items()}
+            mistakes.add(node.fault(f"the key {path} is missing; give {_describe(hints[name], None)}."))
+    values = {key: mistakes.convert(child, hints[key], None) for key, child in node.value.items() if key in fields}
+    mistakes.raise_any()
     try:
         return schema(**values)
     except ValueError as error:

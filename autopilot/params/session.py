@@ -14,7 +14,7 @@ from autopilot.errors import InputError
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.url import open_transport, parse_url
-from autopilot.params.protocol import Target
+from autopilot.params.protocol import Target, is_from
 from autopilot.params.value_coding import BYTEWISE_AUTOPILOTS
 
 GROUND_STATION_SYSTEM = 255
@@ -24,6 +24,8 @@ HEARTBEAT_WAIT_S = 10.0
 OTHERS_WAIT_S = 1.2
 """After the first heartbeat, so long for others: vehicles send one a second."""
 SILENCE_MAX_S = 10.0
+IDENTITY_WAIT_S = 1.2
+IDENTITY_INTERVAL_S = 0.4
 TICK_S = 0.02
 
 Progress = Callable[[int, int], None]
@@ -72,6 +74,49 @@ class Vehicle(NamedTuple):
         return f"neither ArduRover nor PX4 (MAV_AUTOPILOT {self.autopilot}, MAV_TYPE {self.kind})"
 
 
+class Identity(NamedTuple):
+    """Which board and which version of its firmware answers, each empty where it does not say."""
+
+    uid: str = ""
+    version: str = ""
+
+
+class AskIdentity:
+    """Asks for AUTOPILOT_VERSION, a few times; `identity` is empty where the vehicle does not tell."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._start: float | None = None
+        self._next = 0.0
+        self.identity = Identity()
+        self.finished = False
+        self.progress = (0, 1)
+
+    def receive(self, now: float, message: Any) -> None:
+        """Take any message."""
+        if message.get_type() != "AUTOPILOT_VERSION" or not is_from(message, self._target):
+            return
+        uid = bytes(message.uid2).rstrip(b"\0").hex() or (f"{message.uid:x}" if message.uid else "")
+        number = message.flight_sw_version
+        version = f"{number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}" if number else ""
+        self.identity = Identity(uid, version)
+        self.finished = True
+
+    def due(self, now: float) -> list[Any]:
+        """Return the messages to send now."""
+        if self._start is None:
+            self._start = now
+        if now - self._start >= IDENTITY_WAIT_S:
+            self.finished = True
+        if self.finished or now < self._next:
+            return []
+        self._next = now + IDENTITY_INTERVAL_S
+        system, component, _ = self._target
+        wanted = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        command = dialect.MAV_CMD_REQUEST_MESSAGE
+        return [dialect.MAVLink_command_long_message(system, component, command, 0, wanted, 0, 0, 0, 0, 0, 0)]
+
+
 class ParameterSession:
     """One vehicle on one link, for as long as parameters are exchanged. Use it as a context manager.
 
@@ -109,6 +154,7 @@ class ParameterSession:
             for message in self._receive():
                 if message.get_srcSystem() == self.vehicle.system:
                     heard = now
+                self._note_arming(message)
                 client.receive(now, message)
             for message in client.due(now):
                 # a full line drops it, and the client asks again
@@ -121,6 +167,17 @@ class ParameterSession:
             show(*client.progress)
             self._send_heartbeat(now)
             self._wait()
+
+    def identify(self) -> Identity:
+        """Return what the vehicle says of itself, nothing where it does not answer."""
+        client = AskIdentity(self.vehicle.target)
+        self.run(client, lambda done, total: None)
+        return client.identity
+
+    def _note_arming(self, message: Any) -> None:
+        vehicle = vehicle_of(message)
+        if vehicle is not None and vehicle.system == self.vehicle.system:
+            self.vehicle = vehicle
 
     def _receive(self) -> list[Any]:
         return [message for chunk in self._transport.receive() for message in self._codec.decode(chunk)]

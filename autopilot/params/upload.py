@@ -4,47 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
-from typing import NamedTuple
 
 from autopilot.params.firmware_file import Wanted
-from autopilot.params.protocol import Message, ParameterValue, Target, parameter_value, read_by_name, set_value
-from autopilot.params.requests import PATIENCE, Patience, Requests
-from autopilot.params.value_coding import Number, encode, same_value
+from autopilot.params.outcome import Change, Outcome, Verdict, enabled_group
+from autopilot.params.protocol import (
+    Message,
+    ParameterValue,
+    Target,
+    controls,
+    is_from,
+    parameter_value,
+    read_by_name,
+    refused_name,
+    set_value,
+)
+from autopilot.params.requests import PATIENCE, LinkQuality, Patience, Requests
+from autopilot.params.value_coding import encode, same_value
 
 MISMATCHES_TO_BELIEVE = 3
 """A different value must come this often before it is the vehicle's last word: single ones may be late answers."""
 
-
 ROUNDS_MAX = 3
 """So often is a parameter set again that was read back different: on a lossy link the sets alone may have got
 lost while their reads came through."""
-
-
-class Verdict(StrEnum):
-    """What became of a parameter."""
-
-    UNCHANGED = "unchanged"
-    SET = "set"
-    WOULD_SET = "would set"
-    CONSTRAINED = "constrained"
-    REJECTED = "rejected"
-    UNKNOWN = "unknown"
-    UNCONFIRMED = "unconfirmed"
-
-
-GOOD = frozenset({Verdict.UNCHANGED, Verdict.SET})
-
-
-class Outcome(NamedTuple):
-    """One parameter of the file after the upload. `old` and `now` are None where the vehicle gave no answer."""
-
-    name: str
-    old: Number | None
-    wanted: Number
-    now: Number | None
-    verdict: Verdict
-    reason: str = ""
-    reboot: bool = False
 
 
 class Phase(StrEnum):
@@ -53,6 +35,7 @@ class Phase(StrEnum):
     READING = "reading"
     COMPARED = "compared"
     SETTING = "setting"
+    READING_AGAIN = "reading again"
     VERIFYING = "verifying"
     FINISHED = "finished"
 
@@ -66,6 +49,7 @@ class _Item:
         self.old: ParameterValue | None = None
         self.now: ParameterValue | None = None
         self.reason = ""
+        self.is_due = False
         self.was_sent = False
         self.mismatches = 0
         self.is_settled = False
@@ -73,66 +57,92 @@ class _Item:
     def holds_wanted(self) -> bool:
         return self.now is not None and same_value(self.now.value, self.wanted.value, self.now.kind)
 
+    def rank(self) -> int:
+        """What is switched on goes first, for it brings others into being; what is switched off goes last."""
+        if enabled_group(self.name) is None and not self.wanted.enables:
+            return 1
+        return 0 if self.wanted.value else 2
+
 
 class Upload:
     """Writes `wanted` to the target. Give `receive` every message and send what `due` returns, until `finished`.
 
-    It is finished a first time when everything is read and compared; `proceed` then sets what differs.
-    Names that stay unanswered at first are asked once more after the rest has been set, because an enabling
-    parameter can bring its group into being. Only `outcomes` after `finished` are the vehicle's last word;
-    before that they say what is known so far.
+    It is finished a first time when everything is read and compared; `proceed` then sets what differs, what is
+    switched on before the rest. Names that were unanswered are asked once more afterwards, because a parameter
+    switched on can bring its group into being; where that finds some, it is finished again, so that their old
+    values can be kept, and `proceed` goes on. It `is_over` when all is read back. Only `outcomes` after that are
+    the vehicle's last word; before they say what is known so far.
     """
 
-    def __init__(
-        self,
-        target: Target,
-        wanted: Sequence[Wanted],
-        patience: Patience = PATIENCE,
-    ) -> None:
+    def __init__(self, target: Target, wanted: Sequence[Wanted], patience: Patience = PATIENCE) -> None:
         self._target = target
         self._patience = patience
+        self._quality = LinkQuality()
         self._items = [_Item(each) for each in wanted]
         self._by_name = {name: item for item in self._items for name in item.wanted.names}
-        self._may_set = False
-        self._has_reread_unknown = False
+        self._has_read_again = False
         self._rounds = 0
         self.phase = Phase.READING
         self._requests = self._reads(self._items)
 
     @property
     def finished(self) -> bool:
-        """Whether every parameter is compared, or after `proceed`, has its last verdict."""
+        """Whether there is nothing to do until `proceed`."""
         return self.phase in (Phase.COMPARED, Phase.FINISHED)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether everything is set and read back."""
+        return self.phase is Phase.FINISHED
 
     @property
     def differs(self) -> bool:
         """Whether there is anything that `proceed` would set."""
-        return any(self._must_be_set(item) for item in self._items)
+        return any(item.is_due for item in self._items)
+
+    @property
+    def may_bring_unknown(self) -> bool:
+        """Whether something is to be switched on that can bring every unknown name into being."""
+        groups = [enabled_group(item.name) or "" for item in self._items if item.is_due and item.rank() == 0]
+        return all(item.name.startswith(tuple(groups)) for item in self._unknown()) if groups else False
 
     def proceed(self) -> None:
-        """Set what differs, as soon as everything is compared."""
-        self._may_set = True
+        """Set what differs; it must be `finished` comparing."""
         if self.phase is Phase.COMPARED:
-            self._begin_setting()
+            self._set_next()
+
+    def changes(self) -> list[Change]:
+        """Return what has been or will be set next, with the values before."""
+        return [
+            Change(item.name, item.old.kind, item.old.value, item.wanted.value)
+            for item in self._items
+            if item.old is not None and (item.is_due or item.was_sent)
+        ]
 
     @property
     def progress(self) -> tuple[int, int]:
         """Steps done, of three a parameter: read, set, verified."""
-        if self.finished:
+        if self.is_over:
             return 3 * len(self._items), 3 * len(self._items)
         done = sum((item.old is not None) + item.holds_wanted() + item.is_settled for item in self._items)
         return done, 3 * len(self._items)
 
     def receive(self, now: float, message: Message) -> None:
         """Take any message; those that are not the target's PARAM_VALUE of a name wanted are ignored."""
+        if is_from(message, self._target):
+            self._quality.heard(now)
+        if (refused := refused_name(message, self._target)) is not None and self.phase is not Phase.SETTING:
+            self._requests.refused(refused)
         value = parameter_value(message, self._target)
         if value is None or self.finished:
             return
+        if value.position == 0:
+            self._quality.control_answered()
         item = self._by_name.get(value.name)
         if item is None or item.is_settled or (item.old is not None and item.name != value.name):
             return
         item.now = value
-        if self.phase is Phase.READING:
+        if item.old is None:
             self._take_first(item, value, now)
         elif self._is_believed(item):
             self._requests.answered(value.name, now)
@@ -144,23 +154,30 @@ class Upload:
         item.old = value
         for name in item.wanted.names:
             self._requests.answered(name, now)
+        try:
+            encode(item.wanted.value, value.kind, self._target.bytewise)
+        except ValueError as error:
+            item.reason = str(error)
+        item.is_due = not item.reason and not item.holds_wanted()
 
     def _is_believed(self, item: _Item) -> bool:
-        if item.holds_wanted():
+        if item.holds_wanted() or self.phase in (Phase.READING, Phase.READING_AGAIN):
             return True
         item.mismatches += 1
+        self._requests.doubt(item.name)
         return min(item.mismatches, self._requests.tries(item.name)) >= MISMATCHES_TO_BELIEVE
 
     def due(self, now: float) -> list[Message]:
         """Return the messages to send now."""
-        if self.finished:
-            return []
         while self._requests.done and not self.finished:
             self._next_phase()
-        messages: list[Message] = []
-        for name in self._requests.due(now):
-            messages += self._questions(name)
-        return messages
+        if self.finished:
+            return []
+        names = self._requests.due(now)
+        is_reading = self.phase in (Phase.READING, Phase.READING_AGAIN)
+        return [message for name in names for message in self._questions(name)] + controls(
+            self._target, self._quality, is_reading and self._requests.repeats(names)
+        )
 
     def _questions(self, name: str) -> list[Message]:
         """A set is followed by a read from its second try on: some firmware sets without a word."""
@@ -168,98 +185,90 @@ class Upload:
             return [read_by_name(self._target, name)]
         item = self._by_name[name]
         assert item.old is not None
-        item.was_sent = True
         message = set_value(self._target, name, item.wanted.value, item.old.kind)
         return [message] if self._requests.tries(name) == 1 else [message, read_by_name(self._target, name)]
 
     def _next_phase(self) -> None:
         if self.phase is Phase.READING:
-            self._find_unsettable()
-            if self._may_set:
-                self._begin_setting()
-            else:
-                self.phase = Phase.COMPARED
-        elif self.phase is Phase.SETTING and not self._has_reread_unknown and self._unknown():
-            self._has_reread_unknown = True
-            self.phase = Phase.READING
+            self.phase = Phase.COMPARED
+        elif self.phase is Phase.SETTING and not self._has_read_again and self._unknown():
+            self._has_read_again = True
+            self.phase = Phase.READING_AGAIN
             self._requests = self._reads(self._unknown())
-        elif self.phase is Phase.SETTING:
-            self._begin_verifying()
-        elif self._rounds < ROUNDS_MAX and self._begin_another_round():
-            return
-        else:
+        elif self.phase is Phase.VERIFYING and not (self._rounds < ROUNDS_MAX and self._find_doubtful()):
             self.phase = Phase.FINISHED
+        elif self.phase is not Phase.SETTING and any(item.is_due and not item.was_sent for item in self._items):
+            self.phase = Phase.COMPARED
+        else:
+            self._set_next()
 
-    def _begin_another_round(self) -> bool:
-        doubtful = [item for item in self._items if item.was_sent and item.is_settled and not item.holds_wanted()]
-        for item in doubtful:
-            item.is_settled = False
-            item.mismatches = 0
-        if doubtful:
-            self.phase = Phase.SETTING
-            self._requests = Requests([item.name for item in doubtful], self._patience)
-        return bool(doubtful)
-
-    def _begin_setting(self) -> None:
-        names = [item.name for item in self._items if self._must_be_set(item)]
+    def _set_next(self) -> None:
+        """Set what is due and goes first; with nothing due any more, read everything back."""
+        due = [item for item in self._items if item.is_due]
+        if not due:
+            self._verify()
+            return
+        first = min(item.rank() for item in due)
+        now = [item for item in due if item.rank() == first]
+        for item in now:
+            item.is_due, item.was_sent, item.mismatches = False, True, 0
         self.phase = Phase.SETTING
-        self._has_reread_unknown = self._has_reread_unknown or not names
-        self._requests = Requests(names, self._patience)
+        self._requests = Requests([item.name for item in now], self._patience, self._quality)
 
-    def _find_unsettable(self) -> None:
-        for item in self._items:
-            if item.old is None:
-                continue
-            try:
-                encode(item.wanted.value, item.old.kind, self._target.bytewise)
-            except ValueError as error:
-                item.reason = str(error)
-
-    def _must_be_set(self, item: _Item) -> bool:
-        return not (item.old is None or item.reason or item.was_sent or item.holds_wanted())
-
-    def _begin_verifying(self) -> None:
+    def _verify(self) -> None:
         self.phase = Phase.VERIFYING
         self._rounds += 1
-        sent = [item for item in self._items if item.was_sent]
-        for item in sent:
+        for item in self._items:
             item.mismatches = 0
+        sent = any(item.was_sent for item in self._items)
         known = [item for item in self._items if item.old is not None and not item.reason and not item.is_settled]
-        self._requests = Requests([item.name for item in known], self._patience) if sent else Requests([], PATIENCE)
+        self._requests = Requests([item.name for item in known if sent], self._patience, self._quality)
+
+    def _find_doubtful(self) -> bool:
+        """Mark what was read back different to be set once more; return whether there is any.
+
+        What was right before and is not now has changed as another parameter was set.
+        """
+        doubtful = [item for item in self._items if item.is_settled and not item.holds_wanted()]
+        for item in doubtful:
+            item.is_settled, item.is_due = False, True
+        return bool(doubtful)
 
     def _unknown(self) -> list[_Item]:
         return [item for item in self._items if item.old is None]
 
     def _reads(self, items: Iterable[_Item]) -> Requests[str]:
-        return Requests([name for item in items for name in item.wanted.names], self._patience)
+        return Requests([name for item in items for name in item.wanted.names], self._patience, self._quality)
 
     def outcomes(self) -> list[Outcome]:
         """Return what is known of each parameter, in the order of the file."""
-        unanswered = set(self._requests.given_up) if self.phase in (Phase.VERIFYING, Phase.FINISHED) else set()
-        return [self._outcome(item, item.name in unanswered) for item in self._items]
+        return [self._outcome(item) for item in self._items]
 
-    def _outcome(self, item: _Item, is_unanswered: bool) -> Outcome:
+    def _outcome(self, item: _Item) -> Outcome:
         old = item.old.value if item.old else None
         now = item.now.value if item.now else None
-        verdict, reason = self._verdict(item, is_unanswered)
+        verdict, reason = self._verdict(item)
         return Outcome(item.name, old, item.wanted.value, now, verdict, reason, item.wanted.reboot)
 
-    def _verdict(self, item: _Item, is_unanswered: bool) -> tuple[Verdict, str]:
+    def _verdict(self, item: _Item) -> tuple[Verdict, str]:
         if item.old is None or item.now is None:
-            return (
-                Verdict.UNKNOWN,
-                "the vehicle never answered for this name" if self.finished else "not yet answered for",
-            )
+            known = "the vehicle never answered for this name" if self.finished else "not yet answered for"
+            return Verdict.UNKNOWN, known
         if item.reason:
             return Verdict.REJECTED, item.reason
-        if not item.was_sent and item.holds_wanted():
-            return Verdict.UNCHANGED, ""
         if not item.was_sent:
-            return Verdict.WOULD_SET, ""
-        if is_unanswered or self.phase is not Phase.FINISHED:
+            return (Verdict.UNCHANGED if item.holds_wanted() else Verdict.WOULD_SET), ""
+        if item.holds_wanted() and not item.is_settled and self.is_over and self._is_hidden(item):
+            return Verdict.SET, "its group is switched off"
+        if not item.is_settled or not self.is_over:
             return Verdict.UNCONFIRMED, "sent, but not read back"
         if item.holds_wanted():
             return Verdict.SET, ""
-        if item.now.value == item.old.value:
+        if same_value(item.now.value, item.old.value, item.now.kind):
             return Verdict.REJECTED, "the vehicle keeps its old value"
-        return Verdict.CONSTRAINED, "the vehicle holds another value than was sent"
+        return Verdict.CONSTRAINED, f"the vehicle holds another value than was sent{item.wanted.allowed}"
+
+    def _is_hidden(self, item: _Item) -> bool:
+        """Whether this upload has switched off the group of a parameter, which is silent since."""
+        groups = [enabled_group(other.name) for other in self._items if other.rank() == 2 and other.holds_wanted()]
+        return any(group and item.name.startswith(group) for group in groups)

@@ -34,6 +34,14 @@ _TYPE_NAMES = {
 }
 
 
+TYPE_NAMES = tuple(_TYPE_NAMES.values())
+
+
+def kind_named(name: str) -> int:
+    """Return the MAV_PARAM_TYPE of that name, as INT16; KeyError where there is none."""
+    return next(int(kind) for kind, known in _TYPE_NAMES.items() if known == name)
+
+
 def is_integer_type(kind: int) -> bool:
     """Return whether MAV_PARAM_TYPE `kind` is one of the integers of at most 32 bits."""
     return kind in _FORMATS
@@ -76,6 +84,8 @@ def encode(value: Number, kind: int, bytewise: bool) -> bytes:
         raise ValueError(f"the vehicle holds it as {type_name(kind)}, allowed are {low} to {high}")
     if bytewise:
         return struct.pack(_FORMATS[kind], int(value)).ljust(4, b"\0")
+    if as_float32(value) != value:
+        raise ValueError(f"integers travel to it as 32-bit floats, which hold {as_float32(value):.0f} but not {value}")
     return struct.pack("<f", value)
 
 
@@ -90,4 +100,4 @@ def same_value(held: Number, wanted: Number, kind: int) -> bool:
     """Return whether the vehicle holds what was wanted: integers exactly, floats as 32 bits hold them."""
     if kind in _FORMATS:
         return held == wanted
-    return as_float32(held) == as_float32(wanted)
+    return as_float32(held) == as_float32(wanted) or (math.isnan(held) and math.isnan(wanted))

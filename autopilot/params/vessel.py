@@ -11,7 +11,8 @@ from typing import Annotated, Literal
 
 from autopilot.params.schema import Bounds as Bounds
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""What this version writes; older ones are read too (see `migration`)."""
 
 
 Positive = 1.0e-9
@@ -41,6 +42,8 @@ class Model:
     standard_errors: StandardErrors = field(default_factory=StandardErrors)
     source: str = ""
     date: str = ""
+    log: tuple[str, ...] = ()
+    """The recordings that the model was identified from."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class Rudder:
     delay_s: Annotated[float, Bounds(0.0, 10.0, "dead time from order to first movement")] = 0.0
     dead_band_deg: Annotated[float, Bounds(0.0, 10.0, "smallest error the gear moves for")] = 0.0
     source: str = ""
+    date: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,8 @@ class Sensors:
     variation_deg: Annotated[float, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
     deviation_deg: tuple[tuple[float, float], ...] = ()
     """Compass deviation table: [compass heading deg, deviation deg, east positive], interpolated round the card."""
+    source: str = ""
+    date: str = ""
 
 
 @dataclass(frozen=True)
@@ -94,6 +100,8 @@ class Control:
     loop_delay_s: Annotated[float, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
     backstepping: Backstepping | None = None
     pid: Pid | None = None
+    source: str = ""
+    date: str = ""
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,8 @@ class Guidance:
 
     rudder_share: Annotated[float, Bounds(0.1, 1.0, "share of rudder angle and rate a turn may plan with")] = 0.7
     turn_rate_max_deg_s: Annotated[float, Bounds(0.01, 360.0, "fastest turn")] | None = None
+    source: str = ""
+    date: str = ""
 
 
 @dataclass(frozen=True)
@@ -110,6 +120,8 @@ class Limits:
 
     angle_max_deg: Annotated[float, Bounds(1.0, 90.0, "largest rudder angle commanded")] | None = None
     rate_max_deg_s: Annotated[float, Bounds(0.1, 1000.0, "fastest change of the command")] | None = None
+    source: str = ""
+    date: str = ""
 
 
 @dataclass(frozen=True)
@@ -121,6 +133,8 @@ class Failsafe:
     release_after_s: Annotated[float, Bounds(0.0, 600.0, "action held this long, then the rudder is released")] = 10.0
     resume: bool = False
     """Engage again by itself when the heading is back: only where the skipper has said so."""
+    source: str = ""
+    date: str = ""
 
 
 @dataclass(frozen=True)
@@ -131,6 +145,8 @@ class Helm:
     rate_hz: Annotated[float, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
     rudder_at_full_pwm_deg: Annotated[float, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None = None
     reversed: bool = False
+    source: str = ""
+    date: str = ""
 
 
 @dataclass(frozen=True)

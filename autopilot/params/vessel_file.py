@@ -12,11 +12,12 @@ from typing import Any
 
 import yaml
 
-from autopilot.errors import InputError
+from autopilot.errors import InputError, SeveralInputError
 from autopilot.params import schema
+from autopilot.params.migration import VESSEL_STEPS, migrated
 from autopilot.params.schema import Bounds, nearest
 from autopilot.params.strict_yaml import Node, parse_document, read_document, resolve_plain
-from autopilot.params.vessel import SCHEMA_VERSION, Vessel
+from autopilot.params.vessel import Vessel
 
 _BARE_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
@@ -63,20 +64,12 @@ def shipped_vessels() -> list[str]:
 
 def vessel_from(root: Node) -> Vessel:
     """Return the vessel that a document holds, checked across its fields. Raises InputError."""
-    check_schema_version(root, SCHEMA_VERSION)
+    root = migrated(root, VESSEL_STEPS)
     vessel = schema.read(root, Vessel)
-    for path, sentence in problems(vessel):
-        raise root.at(*path.split(".")).fault(sentence)
+    faults = [root.at(*path.split(".")).fault(sentence) for path, sentence in problems(vessel)]
+    if faults:
+        raise faults[0] if len(faults) == 1 else SeveralInputError(faults)
     return vessel
-
-
-def check_schema_version(root: Node, known: int) -> None:
-    """Raise InputError where the document says that it was written for another schema, or does not say."""
-    if not isinstance(root.value, dict) or "schema_version" not in root.value:
-        return  # the schema's own sentence about a missing key is the right one
-    version = root.value["schema_version"]
-    if isinstance(version.value, int) and not isinstance(version.value, bool) and version.value != known:
-        raise version.fault(f"schema_version is {version.value}, this version of Norrbin reads {known}.")
 
 
 def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
+from autopilot.params.firmware_dump import Heading, TypedValue, dump_firmware
 from autopilot.params.firmware_file import (
-    dump_firmware,
     firmware_from,
     load_firmware,
     shipped_firmware,
@@ -45,7 +45,7 @@ groups:
         ("FRAME_CLASS: 2", "FRAME_CLASS: .nan", "FRAME_CLASS is nan, needed is"),
         ("value: 255", "valu: 255", "valu is not a known key; did you mean value?"),
         ("ardurover", "arducopter", "firmware is the text 'arducopter', allowed are ardurover, px4"),
-        ("schema_version: 1", "schema_version: 3", "schema_version is 3, this version of Norrbin reads 1."),
+        ("schema_version: 1", "schema_version: 9", "schema_version is 9, this version of Norrbin reads 1 to 2; update"),
     ],
 )
 def test_each_mistake_is_one_sentence(old: str, new: str, sentence: str) -> None:
@@ -90,7 +90,8 @@ VALUES = st.one_of(st.integers(-(2**31), 2**32 - 1), st.floats(width=32, allow_n
 @settings(max_examples=150, deadline=None)
 @given(st.dictionaries(NAMES, VALUES, min_size=1, max_size=12), st.text(max_size=20))
 def test_a_dump_reads_back(values: dict[str, int | float], description: str) -> None:
-    text = dump_firmware(values, "ardurover", "boat", description=description, checked_with=("ArduRover 4.6",))
+    typed = [TypedValue(name, value) for name, value in values.items()]
+    text = dump_firmware(typed, Heading("ardurover", "boat", description, checked_with=("ArduRover 4.6",)))
     firmware = firmware_from(parse_document(text))
     read = {each.name: each.value for each in wanted_parameters(firmware)}
     assert read == values

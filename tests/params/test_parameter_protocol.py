@@ -9,9 +9,10 @@ import pytest
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 
 from autopilot.params.firmware_file import Wanted
+from autopilot.params.outcome import Outcome, Verdict
 from autopilot.params.protocol import Download, NamedDownload, Target
 from autopilot.params.requests import Patience, Requests
-from autopilot.params.upload import Outcome, Upload, Verdict
+from autopilot.params.upload import Upload
 from autopilot.params.value_coding import encode, same_value
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
@@ -39,8 +40,10 @@ def links(loss: float) -> tuple[BadLink, BadLink]:
 
 def upload(vehicle: ParameterVehicle, wanted: list[Wanted], loss: float = 0.0) -> dict[str, Outcome]:
     client = Upload(Target(1, 1, vehicle.bytewise), wanted)
-    client.proceed()
-    converse(client, vehicle, *links(loss), limit_s=400.0)
+    lines = links(loss)
+    while not client.is_over:
+        converse(client, vehicle, *lines, limit_s=400.0)
+        client.proceed()
     return {outcome.name: outcome for outcome in client.outcomes()}
 
 

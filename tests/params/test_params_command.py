@@ -5,18 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import socket
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from parameter_vehicle import ParameterVehicle
-from pymavlink.dialects.v20 import ardupilotmega as dialect
+from served_vehicle import ServedVehicle
 
 from autopilot.cli import params as command
 from autopilot.errors import InputError, RefusedError
 from autopilot.links.base import LinkError
-from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.params import session
 from autopilot.params.firmware_file import load_firmware, wanted_parameters
 from autopilot.params.vessel_file import load_vessel
@@ -33,34 +30,6 @@ groups:
 """
 
 
-class ServedVehicle(threading.Thread):
-    """Answers on UDP until stopped; `autopilot` is its MAV_AUTOPILOT."""
-
-    def __init__(self, port: int, autopilot: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA) -> None:
-        super().__init__(daemon=True)
-        self.vehicle = ParameterVehicle({"FRAME_CLASS": (1, 2), "RC_OVERRIDE_TIME": (3.0, 9), "X": (7, 6)})
-        self.address = ("127.0.0.1", port)
-        self.autopilot = autopilot
-        self.stop = threading.Event()
-
-    def run(self) -> None:
-        codec = MavlinkCodec(1, 1)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
-            line.settimeout(0.01)
-            while not self.stop.is_set():
-                heartbeat = dialect.MAVLink_heartbeat_message(
-                    dialect.MAV_TYPE_SURFACE_BOAT, self.autopilot, 81, 0, 4, 3
-                )
-                try:
-                    line.sendto(codec.encode(heartbeat), self.address)
-                    for message in codec.decode(line.recv(2000)):
-                        self.vehicle.handle(message)
-                    for packet in self.vehicle.transmit(10):
-                        line.sendto(packet, self.address)
-                except (TimeoutError, ConnectionRefusedError):
-                    continue
-
-
 @pytest.fixture
 def port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -69,8 +38,10 @@ def port() -> int:
 
 
 @pytest.fixture
-def served(port: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedVehicle]:
+def served(port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedVehicle]:
     monkeypatch.setattr(session, "OTHERS_WAIT_S", 0.05)
+    monkeypatch.setattr(session, "IDENTITY_WAIT_S", 0.05)
+    monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
     vehicle = ServedVehicle(port)
     vehicle.start()
     yield vehicle

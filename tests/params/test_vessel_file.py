@@ -86,7 +86,7 @@ def test_a_small_file_is_filled_with_defaults() -> None:
         ("0.7", "true", "model.K_1_s is true, needed is a finite number"),
         ("0.7", "", "model.K_1_s is null or empty, needed is a finite number"),
         ("0.7", "[1]", "model.K_1_s is a list, needed is a finite number"),
-        ("schema_version: 1", "schema_version: 2", "schema_version is 2, this version of Norrbin reads 1."),
+        ("schema_version: 1", "schema_version: 3", "schema_version is 3, this version of Norrbin reads 1 to 2; update"),
         ("schema_version: 1", "schema_version: 1.0", "schema_version is 1, needed is a whole number."),
         ("schema_version: 1\n", "", "the key schema_version is missing"),
         ("name: Boat", "name: 12", "name is 12, needed is text."),
@@ -199,7 +199,7 @@ def values_of(hint: typing.Any, bounds: Bounds | None = None) -> st.SearchStrate
         return st.floats(
             bounds.low if bounds else None, bounds.high if bounds else None, allow_nan=False, allow_infinity=False
         )
-    return {bool: st.booleans(), int: st.just(1), str: st.text(max_size=20)}[hint]
+    return {bool: st.booleans(), int: st.just(schema_module.SCHEMA_VERSION), str: st.text(max_size=20)}[hint]
 
 
 @settings(max_examples=150, deadline=None)

@@ -1,0 +1,241 @@
+"""An upload is wholly done or wholly undone: order, rollback, interrupts, journals, armed vehicles."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from parameter_vehicle import BadLink, ParameterVehicle, converse
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from served_vehicle import ServedVehicle
+
+from autopilot.cli import params as command
+from autopilot.cli import params_upload
+from autopilot.errors import InputError, RefusedError
+from autopilot.links.base import LinkError
+from autopilot.params import session
+from autopilot.params.firmware_file import Wanted
+from autopilot.params.journal import Journal, read_journal, write_journal
+from autopilot.params.outcome import Change, Verdict, enabled_group
+from autopilot.params.protocol import Target
+from autopilot.params.upload import Phase, Upload
+
+INT8, REAL32 = 2, 9
+
+
+@pytest.fixture
+def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedVehicle]:
+    monkeypatch.setattr(session, "OTHERS_WAIT_S", 0.05)
+    monkeypatch.setattr(session, "IDENTITY_WAIT_S", 0.05)
+    monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        vehicle = ServedVehicle(int(probe.getsockname()[1]))
+    vehicle.vehicle.table = {f"P{number}": [float(number), REAL32] for number in range(9)}
+    vehicle.start()
+    yield vehicle
+    vehicle.stop.set()
+    vehicle.join()
+
+
+def call(served: ServedVehicle, *words: str) -> int:
+    parser = argparse.ArgumentParser()
+    command.add_parser(parser.add_subparsers())
+    arguments = parser.parse_args(["params", *words, "--link", f"udpin:127.0.0.1:{served.address[1]}"])
+    return int(arguments.run(arguments))
+
+
+def values(served: ServedVehicle) -> list[float]:
+    return [served.vehicle.table[f"P{number}"][0] for number in range(9)]
+
+
+def write(name: str, **wanted: float) -> str:
+    Path(name).write_text("".join(f"{key} {value}\n" for key, value in wanted.items()))
+    return name
+
+
+ALL_NEW = {f"P{number}": number + 0.5 for number in range(9)}
+OLD = [float(number) for number in range(9)]
+NEW = [number + 0.5 for number in range(9)]
+
+
+def test_what_switches_on_is_set_first_and_what_switches_off_last() -> None:
+    table: dict[str, tuple[float, int]] = {"A": (0.0, REAL32), "ON_ENABLE": (0, INT8), "OFF_ENABLE": (1, INT8)}
+    vehicle = ParameterVehicle(table)
+    order: list[str] = []
+    plain_set = vehicle.set
+
+    def noting_set(message: Any) -> None:
+        order.append(message.param_id)
+        plain_set(message)
+
+    vehicle.set = noting_set  # type: ignore[method-assign]
+    client = Upload(Target(1, 1), [Wanted(("OFF_ENABLE",), 0), Wanted(("A",), 1.0), Wanted(("ON_ENABLE",), 1)])
+    lines = BadLink(1, 0.0), BadLink(2, 0.0)
+    while not client.is_over:
+        converse(client, vehicle, *lines, limit_s=60.0)
+        client.proceed()
+    assert order == ["ON_ENABLE", "A", "OFF_ENABLE"]
+    assert enabled_group("BATT2_MONITOR") == "BATT2_"
+    assert enabled_group("CRUISE_SPEED") is None
+
+
+def test_what_a_switch_brings_into_being_is_kept_before_it_is_set() -> None:
+    vehicle = ParameterVehicle({"GRP_ENABLE": (0, INT8)})
+    vehicle.enables["GRP_ENABLE"] = {"GRP_GAIN": (1.0, REAL32)}
+    client = Upload(Target(1, 1), [Wanted(("GRP_GAIN",), 2.5), Wanted(("GRP_ENABLE",), 1)])
+    lines = BadLink(1, 0.0), BadLink(2, 0.0)
+    converse(client, vehicle, *lines, limit_s=60.0)
+    assert client.changes() == [Change("GRP_ENABLE", INT8, 0, 1)]
+    client.proceed()
+    converse(client, vehicle, *lines, limit_s=60.0)
+    assert client.phase is Phase.COMPARED
+    assert vehicle.table["GRP_GAIN"][0] == 1.0
+    assert Change("GRP_GAIN", REAL32, 1.0, 2.5) in client.changes()
+    client.proceed()
+    converse(client, vehicle, *lines, limit_s=60.0)
+    assert client.is_over
+    assert vehicle.table["GRP_GAIN"][0] == 2.5
+
+
+def test_a_parameter_that_another_one_changes_is_set_again() -> None:
+    vehicle = ParameterVehicle({"A": (1.0, REAL32), "B": (1.0, REAL32)})
+    vehicle.enables["B"] = {"A": (7.0, REAL32)}
+    client = Upload(Target(1, 1), [Wanted(("A",), 1.0), Wanted(("B",), 2.0)])
+    lines = BadLink(1, 0.0), BadLink(2, 0.0)
+    while not client.is_over:
+        converse(client, vehicle, *lines, limit_s=60.0)
+        assert not client.is_over or {each.verdict for each in client.outcomes()} == {Verdict.SET}
+        client.proceed()
+    assert vehicle.table["A"][0] == 1.0
+
+
+def test_a_constrained_value_takes_everything_back(served: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:
+    served.vehicle.limits["P4"] = (0.0, 4.25)
+    assert call(served, "upload", write("new.parm", **ALL_NEW)) == 6
+    captured = capsys.readouterr()
+    assert "8 set, 1 constrained" in captured.out
+    assert "vehicle 1 holds exactly the old values" in captured.err
+    assert values(served) == OLD
+    assert call(served, "restore") == 0
+    assert "no upload was cut off" in capsys.readouterr().out
+
+
+def test_keep_leaves_what_could_be_set(served: ServedVehicle) -> None:
+    served.vehicle.limits["P4"] = (0.0, 4.25)
+    assert call(served, "upload", write("new.parm", **ALL_NEW), "--on-failure", "keep") == 6
+    assert values(served) == [*NEW[:4], 4.25, *NEW[5:]]
+    assert call(served, "upload", write("more.parm", P0=9.0)) == 0
+
+
+def test_an_unknown_name_is_found_before_anything_is_set(
+    served: ServedVehicle, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(served, "upload", write("new.parm", P1=9.0, NOPE=1.0)) == 6
+    captured = capsys.readouterr()
+    assert "unknown: the vehicle never answered for this name" in captured.out
+    assert "NOTHING WAS SET" in captured.err
+    assert served.vehicle.sets_received == 0
+    assert call(served, "upload", "new.parm", "--on-failure", "keep") == 6
+    assert served.vehicle.table["P1"][0] == 9.0
+
+
+def test_an_armed_vehicle_is_refused_unless_told(served: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:
+    served.base_mode = dialect.MAV_MODE_FLAG_SAFETY_ARMED | 1
+    with pytest.raises(RefusedError, match="is armed, or engaged, and parameters take effect at once; disarm"):
+        call(served, "upload", write("new.parm", **ALL_NEW))
+    assert served.vehicle.sets_received == 0
+    assert call(served, "verify", "new.parm") == 6
+    assert call(served, "upload", "new.parm", "--while-armed") == 0
+    assert "is armed; parameters take effect at once" in capsys.readouterr().err
+
+
+def stop_after(served: ServedVehicle, sets: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    """Let the loop end with `error` after so many sets, once."""
+    plain = session.ParameterSession._wait
+    pending = [error]
+
+    def wait(self: session.ParameterSession) -> None:
+        plain(self)
+        if served.vehicle.sets_received >= sets and pending:
+            raise pending.pop()
+
+    monkeypatch.setattr(session.ParameterSession, "_wait", wait)
+
+
+def test_ctrl_c_puts_the_old_values_back(
+    served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stop_after(served, 3, monkeypatch, KeyboardInterrupt())
+    assert call(served, "upload", write("new.parm", **ALL_NEW)) == params_upload.INTERRUPTED
+    assert "holds exactly the old values" in capsys.readouterr().err
+    assert values(served) == OLD
+
+
+def test_a_lost_link_leaves_a_journal_that_restore_finishes(
+    served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stop_after(served, 3, monkeypatch, LinkError("link 'x': vehicle 1 has been silent for 10 s."))
+    with pytest.raises(LinkError, match=r"has been silent for 10 s\. First run: autopilot params restore --link udpin"):
+        call(served, "upload", write("new.parm", **ALL_NEW))
+    assert "NOT FINISHED" in capsys.readouterr().out
+    with pytest.raises(RefusedError, match=r"the upload of new\.parm to vehicle 1 .* was cut off, so that it may hold"):
+        call(served, "upload", "new.parm")
+    assert call(served, "restore", "--to", "new") == 0
+    assert values(served) == NEW
+    assert call(served, "upload", "new.parm") == 0
+
+
+def test_restore_with_a_file_uploads_it(served: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(served, "upload", write("new.parm", **ALL_NEW), "--backup", "old.yaml", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["backup"] == "old.yaml"
+    assert call(served, "restore", "old.yaml") == 0
+    assert values(served) == OLD
+    with pytest.raises(InputError, match="--to chooses a side of an upload that was cut off"):
+        call(served, "restore", "old.yaml", "--to", "old")
+
+
+def test_a_journal_of_another_board_is_not_restored(served: ServedVehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = Journal("new.parm", "yesterday", 1, "ardurover", "beef", "", (Change("P1", REAL32, 5.0, 6.0),))
+    path = Path("state") / "upload-1-1.json"
+    write_journal(path, journal)
+    assert read_journal(path) == journal
+    monkeypatch.setattr(session.ParameterSession, "identify", lambda self: session.Identity("cafe", ""))
+    with pytest.raises(RefusedError, match=r"went to another board \(beef\) than this one \(cafe\)"):
+        call(served, "restore")
+    assert served.vehicle.sets_received == 0
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"format": 9}', '{"format": 1, "changes": [{"name": 1}]}', "\udcff"])
+def test_a_damaged_journal_is_one_sentence(served: ServedVehicle, text: str) -> None:
+    path = Path("state") / "upload-1-1.json"
+    path.parent.mkdir()
+    path.write_text(text, encoding="utf-8", errors="surrogateescape")
+    with pytest.raises(InputError, match=r"upload-1-1\.json: this journal of an upload cannot be used \(") as caught:
+        call(served, "restore")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_journal_that_cannot_be_kept_stops_the_upload(
+    served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "file" / "state"))
+    with pytest.raises(InputError, match="Name another folder in the environment variable NORRBIN_STATE"):
+        call(served, "upload", write("new.parm", **ALL_NEW), "--no-backup")
+    assert served.vehicle.sets_received == 0
+
+
+def test_integers_beyond_a_float_are_refused_before_they_are_rounded() -> None:
+    vehicle = ParameterVehicle({"MASK": (1, 6)})
+    client = Upload(Target(1, 1), [Wanted(("MASK",), 16_777_217)])
+    converse(client, vehicle, BadLink(1, 0.0), BadLink(2, 0.0), limit_s=60.0)
+    outcome = client.outcomes()[0]
+    assert outcome.verdict is Verdict.REJECTED
+    assert outcome.reason == "integers travel to it as 32-bit floats, which hold 16777216 but not 16777217"
