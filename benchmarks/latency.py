@@ -3,9 +3,11 @@
     python benchmarks/latency.py [--seconds 20] [--json]
 
 A stand-in for an ArduRover boat sends ATTITUDE at 100 Hz on loopback UDP and times each datagram until the
-RC_CHANNELS_OVERRIDE that answers it. Half a period after each, the same datagram goes to a Python process that
-sends back what it gets: both meet the same machine at the same moment. Their ratio is the figure to trust; the
-microseconds are those of this machine on this day. Linux only: CPU time is read from /proc.
+RC_CHANNELS_OVERRIDE that answers it. Later in the same period the same datagram goes to two Python processes:
+one sends back what it gets, the other does the least that a steering bridge in Python can, pymavlink's own
+decoding of the heading and its own packing of an override, with no autopilot in between. All meet the same
+machine at the same moment. The ratios are the figures to trust; the microseconds are those of this machine on
+this day. Linux only: CPU time is read from /proc.
 """
 
 from __future__ import annotations
@@ -28,27 +30,12 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import MavlinkCodec
+from sitl.firmware_parameters import default_parameters
 
 RATE_HZ = 100
 ENGAGE_PATIENCE_S = 15.0
 BLOCK = 200
 OVERRIDE = dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
-PARAMETERS = {
-    "SYSID_MYGCS": 255.0,
-    "RCMAP_ROLL": 1.0,
-    "RC_OVERRIDE_TIME": 3.0,
-    "MANUAL_STR_EXPO": 0.0,
-    "RC1_MIN": 1000.0,
-    "RC1_TRIM": 1500.0,
-    "RC1_MAX": 2000.0,
-    "RC1_DZ": 30.0,
-    "RC1_REVERSED": 0.0,
-    "SERVO1_FUNCTION": 26.0,
-    "SERVO1_MIN": 1000.0,
-    "SERVO1_TRIM": 1500.0,
-    "SERVO1_MAX": 2000.0,
-    "SERVO1_REVERSED": 0.0,
-}
 ECHO = """
 import socket
 line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -60,11 +47,28 @@ while True:
 """
 
 
+RELAY = """
+import socket
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+line.bind(("127.0.0.1", 0))
+print(line.getsockname()[1], flush=True)
+codec = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+while True:
+    data, sender = line.recvfrom(2048)
+    attitude = codec.decode(bytearray(data))
+    pulse = 1500 + int(100.0 * attitude.yaw)
+    override = dialect.MAVLink_rc_channels_override_message(1, 1, pulse, *[65535] * 7)
+    line.sendto(override.pack(codec), sender)
+"""
+
+
 class Measured(NamedTuple):
     """Round trips [us] in order, datagrams without exactly one answer, and the pilot's share of a core."""
 
     pilot_us: list[float]
     echo_us: list[float]
+    relay_us: list[float]
     unpaired: int
     cpu_percent: float
 
@@ -78,6 +82,7 @@ class Vehicle:
         self._codec = MavlinkCodec(1, 1)
         self._start = time.perf_counter()
         self._sent = 0
+        self._parameters = {row.name: row.value for row in default_parameters()} | {"SYSID_MYGCS": 255.0}
         self.pulse = 0
 
     def attitude(self) -> bytes:
@@ -120,9 +125,9 @@ class Vehicle:
         for message in self._codec.decode(data):
             if message.id == OVERRIDE and message.chan1_raw not in (0, 65535):
                 self.pulse = message.chan1_raw
-            elif message.id == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ and message.param_id in PARAMETERS:
-                value = PARAMETERS[message.param_id]
-                self._send(dialect.MAVLink_param_value_message(message.param_id.encode(), value, 9, len(PARAMETERS), 0))
+            elif message.id == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ and message.param_id in self._parameters:
+                name, count = message.param_id, len(self._parameters)
+                self._send(dialect.MAVLink_param_value_message(name.encode(), self._parameters[name], 9, count, 0))
 
     def _send(self, message: object) -> None:
         self.send(self._codec.encode(message))
@@ -161,29 +166,45 @@ def measure(seconds: float, log: bool) -> Measured:
         command += ["--log", str(folder / "latency.tlog")] if log else []
         with (folder / "output").open("w+") as output:
             pilot = subprocess.Popen(command, stdout=output, stderr=output, stdin=subprocess.DEVNULL, text=True)
-            echo = subprocess.Popen([sys.executable, "-c", ECHO], stdout=subprocess.PIPE, text=True)
+            peers = [
+                subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True)
+                for text in (ECHO, RELAY)
+            ]
             try:
-                assert echo.stdout is not None
-                result = exchange(Vehicle(port), pilot, int(echo.stdout.readline()), seconds)
+                result = exchange(Vehicle(port), pilot, [line_to(peer) for peer in peers], seconds)
             except TimeoutError as error:
                 raise SystemExit(f"{error}: {(folder / 'output').read_text()}") from None
             finally:
-                for process in (pilot, echo):
+                for process in (pilot, *peers):
                     process.terminate()
-                    process.wait()
-                if echo.stdout is not None:
-                    echo.stdout.close()
+                    process.communicate()
     return result
 
 
-def exchange(vehicle: Vehicle, pilot: subprocess.Popen[str], echo_port: int, seconds: float) -> Measured:
-    """Engage the pilot, then send to it and to the echo in turn, half a period apart."""
-    echo_line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    echo_line.connect(("127.0.0.1", echo_port))
-    echo_line.settimeout(1.0)
+def line_to(peer: subprocess.Popen[str]) -> socket.socket:
+    """Return a socket connected to the port that a peer prints first."""
+    assert peer.stdout is not None
+    line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    line.connect(("127.0.0.1", int(peer.stdout.readline())))
+    line.settimeout(1.0)
+    return line
+
+
+def round_trip_us(line: socket.socket, datagram: bytes) -> float:
+    """Return the time [us] a datagram takes to a peer and its answer back."""
+    sent = time.perf_counter()
+    line.send(datagram)
+    line.recv(2048)
+    return (time.perf_counter() - sent) * 1e6
+
+
+def exchange(vehicle: Vehicle, pilot: subprocess.Popen[str], peers: list[socket.socket], seconds: float) -> Measured:
+    """Engage the pilot, then send to it, to the echo and to the relay in turn, within one period."""
+    echo, relay = peers
     period, started = 1.0 / RATE_HZ, time.perf_counter()
     pilot_us: list[float] = []
     echo_us: list[float] = []
+    relay_us: list[float] = []
     unpaired = tick = engaged_ticks = 0
     cpu_before = measured_from = 0.0
     while len(pilot_us) + unpaired < seconds * RATE_HZ:
@@ -200,20 +221,21 @@ def exchange(vehicle: Vehicle, pilot: subprocess.Popen[str], echo_port: int, sec
         if measured_from:
             paired = len(arrived) == 1 and not stale
             unpaired += not paired
-            echo_sent = time.perf_counter()
-            echo_line.send(datagram)
-            echo_line.recv(2048)
+            echoed = round_trip_us(echo, datagram)
+            time.sleep(max(0.0, due + 0.75 * period - time.perf_counter()))
+            relayed = round_trip_us(relay, datagram)
             if paired:
-                echo_us.append((time.perf_counter() - echo_sent) * 1e6)
+                echo_us.append(echoed)
+                relay_us.append(relayed)
                 pilot_us.append((arrived[0] - sent) * 1e6)
         elif time.perf_counter() - started > ENGAGE_PATIENCE_S:
             raise TimeoutError("the pilot did not engage")
         vehicle.housekeeping(tick)
         tick += 1
     used = cpu_seconds(pilot) - cpu_before
-    echo_line.close()
-    vehicle.line.close()
-    return Measured(pilot_us, echo_us, unpaired, 100.0 * used / (time.perf_counter() - measured_from))
+    for line in (echo, relay, vehicle.line):
+        line.close()
+    return Measured(pilot_us, echo_us, relay_us, unpaired, 100.0 * used / (time.perf_counter() - measured_from))
 
 
 def percentile(values: list[float], share: float) -> float:
@@ -233,7 +255,10 @@ def summary(measured: Measured) -> dict[str, float]:
         "pilot_p99_us": percentile(pilot, 0.99),
         "echo_p50_us": percentile(echo, 0.5),
         "echo_p99_us": percentile(echo, 0.99),
+        "relay_p50_us": percentile(measured.relay_us, 0.5),
+        "relay_p99_us": percentile(measured.relay_us, 0.99),
     }
+    figures["relay_ratio_p50"] = figures["relay_p50_us"] / figures["echo_p50_us"]
     figures["ratio_p50"] = figures["pilot_p50_us"] / figures["echo_p50_us"]
     figures["ratio_p99"] = figures["pilot_p99_us"] / figures["echo_p99_us"]
     figures["ratio_p50_block_min"] = min(blocks, default=figures["ratio_p50"])

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import socket
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from two_processes import free_port, patient_vessel, simulator
 
 from autopilot.loop.record import read_log
 from autopilot.loop.tick_codec import encode_tick
-from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import Mode
 
 SPEEDUP = 4
@@ -23,30 +19,7 @@ SPEEDUP = 4
 
 @pytest.fixture
 def vessel(tmp_path: Path) -> str:
-    """Lanxin with a patient fail-safe: a busy machine may take a process away for a moment."""
-    boat = load_vessel("lanxin")
-    path = tmp_path / "boat.yaml"
-    path.write_text(dump_vessel(replace(boat, failsafe=replace(boat.failsafe, heading_timeout_s=6.0))))
-    return str(path)
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@contextlib.contextmanager
-def simulator(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--speedup", str(SPEEDUP), *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline().startswith("ready")
-            yield process
-        finally:
-            process.terminate()
-            process.communicate()
+    return str(patient_vessel(tmp_path))
 
 
 def autopilot(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -91,7 +64,9 @@ def test_a_heading_that_stays_away_is_no_good_end(
     tmp_path: Path, vessel: str, fault: str, code: int, last: Mode, part: str
 ) -> None:
     port, log = free_port(), tmp_path / "run.tlog"
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--scenario", str(scenario(tmp_path, fault, 20.0))):
+    with simulator(
+        SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--scenario", str(scenario(tmp_path, fault, 20.0))
+    ):
         done = steer(vessel, port, "--engage", "90", "--duration", "26", "--log", str(log))
     assert_one_sentence(done, code, "heading", part)
     ticks = read_log(log).ticks
@@ -104,7 +79,7 @@ def test_a_heading_that_stays_away_is_no_good_end(
 
 def test_a_trial_sails_logs_and_is_identified_even_from_half_of_its_log(tmp_path: Path, vessel: str) -> None:
     port, log = free_port(), tmp_path / "trial.tlog"
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}"):
+    with simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}"):
         done = autopilot(
             "trial", "zigzag", vessel, "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--duration", "30",
             "--speedup", str(SPEEDUP), "--log", str(log),
@@ -125,7 +100,7 @@ def test_a_trial_sails_logs_and_is_identified_even_from_half_of_its_log(tmp_path
 
 def test_a_full_disk_stops_the_log_and_not_the_boat(vessel: str) -> None:
     port = free_port()
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}"):
+    with simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}"):
         done = steer(vessel, port, "--engage", "present", "--duration", "8", "--log", "/dev/full")
     assert (done.returncode, done.stderr) == (0, "")
     assert "ENGAGED" in done.stdout
@@ -134,7 +109,7 @@ def test_a_full_disk_stops_the_log_and_not_the_boat(vessel: str) -> None:
 
 def test_other_tools_find_attitude_and_our_values_in_the_log(tmp_path: Path, vessel: str) -> None:
     port, log = free_port(), tmp_path / "run.tlog"
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}"):
+    with simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}"):
         assert steer(vessel, port, "--engage", "45", "--duration", "10", "--log", str(log)).returncode == 0
     reader = (
         "import sys; from pymavlink import mavutil\n"

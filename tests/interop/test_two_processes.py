@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import signal
@@ -10,11 +9,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from two_processes import free_port, patient_vessel, simulator
 
 from autopilot.angles import wrap
 from autopilot.loop.record import read_log
@@ -27,30 +26,7 @@ GOAL_DEG = 60.0
 
 @pytest.fixture
 def vessel(tmp_path: Path) -> Path:
-    """Lanxin with a patient fail-safe: a busy machine may take a process away for a moment."""
-    boat = load_vessel("lanxin")
-    path = tmp_path / "boat.yaml"
-    path.write_text(dump_vessel(replace(boat, failsafe=replace(boat.failsafe, heading_timeout_s=6.0))))
-    return path
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@contextlib.contextmanager
-def simulator(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--speedup", str(SPEEDUP), *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline().startswith("ready")
-            yield process
-        finally:
-            process.terminate()
-            process.communicate()
+    return patient_vessel(tmp_path)
 
 
 def pilot(*arguments: str) -> subprocess.Popen[str]:
@@ -91,7 +67,7 @@ def test_a_heading_is_changed_and_held_over_udp(tmp_path: Path, vessel: Path, st
         boat = load_vessel(vessel)
         vessel.write_text(dump_vessel(replace(boat, helm=replace(boat.helm, method="manual_control"))))
     port, log, truth = free_port(), tmp_path / "run.tlog", tmp_path / "truth.csv"
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
+    with simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
         run = pilot(
             str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--engage", str(GOAL_DEG),
             "--duration", "18", "--log", str(log),
@@ -107,7 +83,7 @@ def test_a_heading_is_changed_and_held_over_udp(tmp_path: Path, vessel: Path, st
 
 def test_a_heading_is_changed_and_held_over_tcp(tmp_path: Path, vessel: Path) -> None:
     port, log = free_port(socket.SOCK_STREAM), tmp_path / "run.tlog"
-    with simulator("--mavlink", f"tcpin:127.0.0.1:{port}"):
+    with simulator(SPEEDUP, "--mavlink", f"tcpin:127.0.0.1:{port}"):
         run = pilot(
             str(vessel), "--link", f"tcp:127.0.0.1:{port}", "--as-gcs", "--engage", str(GOAL_DEG),
             "--duration", "18", "--log", str(log),
@@ -122,7 +98,7 @@ def test_a_heading_is_changed_and_held_over_a_serial_line(
     tmp_path: Path, vessel: Path, baud: int, sentences: str
 ) -> None:
     line, log = tmp_path / "line", tmp_path / "run.tlog"
-    with simulator("--nmea", f"{line}:{baud}", "--sentences", sentences):
+    with simulator(SPEEDUP, "--nmea", f"{line}:{baud}", "--sentences", sentences):
         run = pilot(
             str(vessel), "--link", f"nmea:{line}:{baud}", "--engage", str(GOAL_DEG), "--duration", "20",
             "--log", str(log),
@@ -134,7 +110,7 @@ def test_a_heading_is_changed_and_held_over_a_serial_line(
 
 def test_a_pseudo_terminal_unplugged_in_mid_run_is_one_sentence(tmp_path: Path, vessel: Path) -> None:
     line, log = tmp_path / "line", tmp_path / "run.tlog"
-    with simulator("--nmea", f"{line}:38400") as boat:
+    with simulator(SPEEDUP, "--nmea", f"{line}:38400") as boat:
         run = pilot(
             str(vessel), "--link", f"nmea:{line}:38400", "--engage", "present", "--duration", "60", "--log", str(log)
         )
@@ -153,7 +129,7 @@ def test_a_pseudo_terminal_unplugged_in_mid_run_is_one_sentence(tmp_path: Path, 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_run_cleanly(tmp_path: Path, vessel: Path, number: signal.Signals) -> None:
     port, log, truth = free_port(), tmp_path / "run.tlog", tmp_path / "truth.csv"
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
+    with simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
         run = pilot(str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--engage", "170", "--log", str(log))
         assert run.stdout is not None
         while "ENGAGED" not in run.stdout.readline():
@@ -171,7 +147,7 @@ def test_a_signal_ends_the_run_cleanly(tmp_path: Path, vessel: Path, number: sig
 
 def test_a_killed_pilot_leaves_a_log_and_a_rudder_that_is_let_go(tmp_path: Path, vessel: Path) -> None:
     port, log, truth = free_port(), tmp_path / "run.tlog", tmp_path / "truth.csv"
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
+    with simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
         run = pilot(str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--engage", "170", "--log", str(log))
         assert run.stdout is not None
         while "ENGAGED" not in run.stdout.readline():
@@ -188,7 +164,7 @@ def test_a_killed_pilot_leaves_a_log_and_a_rudder_that_is_let_go(tmp_path: Path,
 
 def test_the_wrong_system_id_is_refused_with_the_ways_out_and_moves_no_rudder(tmp_path: Path, vessel: Path) -> None:
     port, truth = free_port(), tmp_path / "truth.csv"
-    with simulator("--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
+    with simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--truth", str(truth)):
         run = pilot(str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--engage", "90", "--duration", "9")
         code, _, err = finish(run)
     assert code == 4

@@ -1,0 +1,42 @@
+"""The simulator and the pilot as two processes, started and ended as a user would."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from autopilot.params.vessel_file import dump_vessel, load_vessel
+
+
+def patient_vessel(folder: Path) -> Path:
+    """Write Lanxin with a patient fail-safe: a busy machine may take a process away for a moment."""
+    boat = load_vessel("lanxin")
+    path = folder / "boat.yaml"
+    path.write_text(dump_vessel(replace(boat, failsafe=replace(boat.failsafe, heading_timeout_s=6.0))))
+    return path
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    """Return a port that is free now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextlib.contextmanager
+def simulator(speedup: float, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run `sitl serve lanxin` at `speedup` while the block lasts."""
+    command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--speedup", str(speedup), *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("ready")
+            yield process
+        finally:
+            process.terminate()
+            process.communicate()
