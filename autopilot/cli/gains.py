@@ -57,7 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
     from autopilot.build import verdict_of
-    from autopilot.errors import InputError
+    from autopilot.params.editing import updated_vessel_text
+    from autopilot.params.saving import save_text
     from autopilot.params.vessel_file import dump_vessel, load_vessel
 
     vessel = load_vessel(arguments.vessel)
@@ -74,10 +75,10 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(_as_text(rows))
     if arguments.out:
-        try:
-            Path(arguments.out).write_text(dump_vessel(better), encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"--out {arguments.out}: {error.strerror}") from error
+        paths = Path(arguments.out), Path(arguments.vessel)
+        is_same = all(path.exists() for path in paths) and paths[0].samefile(paths[1])
+        before = paths[0].read_text(encoding="utf-8-sig") if is_same else None
+        save_text(arguments.out, updated_vessel_text(before, better, arguments.out) if before else dump_vessel(better))
         if not arguments.json:
             print(f"\nWrote {arguments.out}.")
     return int(ExitCode.OK)

@@ -12,6 +12,7 @@ import numpy as np
 
 from autopilot.cli.identify_report import Result
 from autopilot.identification.runs import Run, Segment
+from autopilot.params.editing import updated_vessel_text
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import SCHEMA_VERSION, Model, Rudder, StandardErrors, Vessel
 from autopilot.params.vessel_file import dump_vessel, load_vessel
@@ -21,7 +22,8 @@ ASSUMED_RATE_DEG_S = 10.0
 
 
 def write_vessel(path: str, result: Result) -> None:
-    """Write the model into the vessel file at `path`; everything else in an existing file is kept.
+    """Write the model into the vessel file at `path`; everything else in an existing file is kept, its
+    comments too.
 
     In a new file the rudder's angle and rate are the largest recorded, and say so. Raises InputError where the
     existing file cannot be read or the file cannot be written.
@@ -30,10 +32,11 @@ def write_vessel(path: str, result: Result) -> None:
     model = _model(result, runs)
     if Path(path).exists():
         vessel = dataclasses.replace(load_vessel(path), model=model)
+        save_text(path, updated_vessel_text(Path(path).read_text(encoding="utf-8-sig"), vessel, path))
     else:
         name = Path(path).stem
         vessel = Vessel(SCHEMA_VERSION, name, model, _rudder(runs))
-    save_text(path, dump_vessel(vessel))
+        save_text(path, dump_vessel(vessel))
 
 
 def _model(result: Result, runs: list[Run]) -> Model:
@@ -51,8 +54,9 @@ def _model(result: Result, runs: list[Run]) -> Model:
             n3_s2_rad2=_rounded_or_none(errors["n3"]),
             n0_rad_s=_rounded_or_none(errors["n0"]),
         ),
-        source="identified from " + ", ".join(Path(run.source).name for run in runs),
+        source="identified",
         date=datetime.date.today().isoformat(),
+        log=tuple(Path(run.source).name for run in runs),
     )
 
 

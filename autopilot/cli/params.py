@@ -59,6 +59,24 @@ def _add_file_actions(actions: Any) -> None:
     convert.add_argument("--overwrite", action="store_true", help="replace OUT where it exists")
     convert.set_defaults(run=_call("params_files", "convert"))
 
+    schema = actions.add_parser(
+        "schema",
+        help="print the JSON Schema of vessel or firmware files, for editors",
+        description="Editors with a YAML language server complete and check a file that begins with the line "
+        "'# yaml-language-server: $schema=vessel.schema.json'.",
+    )
+    schema.add_argument("kind", choices=("vessel", "firmware"))
+    schema.add_argument("--out", metavar="FILE", help="write it to this file (default: print it)")
+    schema.set_defaults(run=_call("params_files", "schema"))
+
+    migrate = actions.add_parser(
+        "migrate",
+        help="bring a vessel or firmware file to the newest schema version, comments kept",
+        description="Older files are read as they are; migrating one lets editors check it against the newest schema.",
+    )
+    migrate.add_argument("file", metavar="FILE")
+    migrate.set_defaults(run=_call("params_files", "migrate"))
+
 
 def _add_reading_actions(actions: Any) -> None:
     diff = actions.add_parser(

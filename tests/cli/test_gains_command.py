@@ -84,7 +84,7 @@ def test_a_rudder_too_slow_for_the_boat_is_refused(tmp_path: Path, capsys: pytes
     [
         (["lanxim"], ("lanxim", "lanxin")),
         (["nowhere.yaml"], ("nowhere.yaml",)),
-        (["lanxin", "--out", "/proc/none/boat.yaml"], ("--out", "/proc/none/boat.yaml")),
+        (["lanxin", "--out", "/proc/none/boat.yaml"], ("/proc/none/boat.yaml", "cannot be written")),
     ],
 )
 def test_bad_input_is_one_sentence(

@@ -35,7 +35,7 @@ def test_a_new_file_holds_the_model_and_the_rudder_seen(tmp_path: Path) -> None:
     assert vessel.name == "boat"
     assert (vessel.model.K_1_s, vessel.model.n3_s2_rad2, vessel.model.n0_rad_s) == (0.7, 3.2, -0.01)
     assert vessel.model.standard_errors.T_s == 0.02
-    assert "trial.csv" in vessel.model.source
+    assert (vessel.model.source, vessel.model.log) == ("identified", ("trial.csv",))
     assert vessel.rudder.angle_max_deg == pytest.approx(15.0)
     assert vessel.rudder.rate_max_deg_s == pytest.approx(20.0, abs=0.2)
     assert "recordings" in vessel.rudder.source

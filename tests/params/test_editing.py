@@ -1,0 +1,104 @@
+"""Files changed in place keep comments, order and everything that does not change."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from autopilot.cli.main import main
+from autopilot.errors import InputError
+from autopilot.params.editing import edited_text, migrated_text, updated_vessel_text
+from autopilot.params.vessel import Pid
+from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel
+
+LANXIN = (resources.files("firmware_params") / "vessels" / "lanxin.yaml").read_text(encoding="utf-8")
+
+
+def changed_lines(before: str, after: str) -> list[str]:
+    return [line for line in after.splitlines() if line not in before.splitlines()]
+
+
+def test_one_changed_gain_changes_one_line() -> None:
+    vessel = parse_vessel(LANXIN)
+    assert vessel.control.backstepping is not None
+    gains = dataclasses.replace(vessel.control.backstepping, k1_1_s=1.25)
+    other = dataclasses.replace(vessel, control=dataclasses.replace(vessel.control, backstepping=gains))
+    text = updated_vessel_text(LANXIN, other, "lanxin.yaml")
+    assert [line.strip() for line in changed_lines(LANXIN, text)] == ["k1_1_s: 1.25"]
+    assert parse_vessel(text) == other
+
+
+def test_new_and_removed_keys() -> None:
+    vessel = parse_vessel(LANXIN)
+    control = dataclasses.replace(vessel.control, pid=None)
+    limits = dataclasses.replace(vessel.limits, angle_max_deg=25.0)
+    other = dataclasses.replace(vessel, control=control, limits=limits)
+    text = updated_vessel_text(LANXIN, other, "lanxin.yaml")
+    assert parse_vessel(text) == other
+    assert "# ASSUMED, all four" in text
+    back = updated_vessel_text(
+        text, dataclasses.replace(other, control=dataclasses.replace(control, pid=Pid(1.0))), "x"
+    )
+    assert parse_vessel(back).control.pid == Pid(1.0)
+
+
+def test_nothing_changed_leaves_every_byte() -> None:
+    assert updated_vessel_text(LANXIN, parse_vessel(LANXIN), "lanxin.yaml") == LANXIN
+    assert edited_text(LANXIN, {}, {}, "x") == LANXIN
+
+
+def without_ruamel(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = importlib.import_module
+
+    def missing(name: str, package: str | None = None) -> Any:
+        if name.startswith("ruamel"):
+            raise ModuleNotFoundError(name)
+        return real(name, package)
+
+    monkeypatch.setattr(importlib, "import_module", missing)
+
+
+def test_without_the_extra_comments_are_never_lost_silently(monkeypatch: pytest.MonkeyPatch) -> None:
+    without_ruamel(monkeypatch)
+    vessel = dataclasses.replace(load_vessel("lanxin"), name="Other")
+    with pytest.raises(InputError, match=r"needs ruamel\.yaml; install it with pip install 'norrbin\[edit\]'"):
+        updated_vessel_text(LANXIN, vessel, "lanxin.yaml")
+    own = dump_vessel(load_vessel("lanxin"))
+    assert updated_vessel_text(own, vessel, "own.yaml") == dump_vessel(vessel)
+
+
+def test_migrate_keeps_comments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "boat.yaml"
+    old = "# my boat\nschema_version: 1 # old\nname: Boat\nmodel:\n  K_1_s: 0.7 # measured\n  T_s: 0.3\n"
+    old += "  reference_speed_m_s: 4.6\n  source: identified from a.csv, b.csv\n"
+    old += "rudder: {angle_max_deg: 30, rate_max_deg_s: 20}\n"
+    path.write_text(old)
+    assert main(["params", "migrate", str(path)]) == 0
+    text = path.read_text()
+    assert "now of schema version 2" in capsys.readouterr().out
+    assert "# my boat\nschema_version: 2 # old\n" in text
+    assert "K_1_s: 0.7 # measured" in text
+    assert parse_vessel(text) == parse_vessel(old)
+    assert parse_vessel(text).model.log == ("a.csv", "b.csv")
+    assert main(["params", "migrate", str(path)]) == 0
+    assert "is of the newest schema version already" in capsys.readouterr().out
+    assert path.read_text() == text
+
+
+def test_a_firmware_file_is_migrated() -> None:
+    old = "# kept\nschema_version: 1\nfirmware: px4\nframe: boat\ngroups: {one: {parameters: {A: 1}}}\n"
+    assert migrated_text(old, "f.yaml", is_vessel=False) == old.replace("version: 1", "version: 2")
+
+
+def test_gains_into_the_same_file_keeps_its_comments(tmp_path: Path) -> None:
+    path = tmp_path / "boat.yaml"
+    path.write_text(LANXIN)
+    assert main(["gains", str(path), "--out", str(path)]) == 0
+    text = path.read_text()
+    assert "# ASSUMED: a small attitude and heading reference system." in text
+    assert text != LANXIN
