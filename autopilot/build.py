@@ -16,7 +16,8 @@ from autopilot.limits import RudderLimits
 from autopilot.links.base import Link, LinkError
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
-from autopilot.links.url import open_transport, parse_url
+from autopilot.links.rudder_follow import FollowSettings
+from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Vessel
@@ -156,6 +157,26 @@ def _radians_or_unlimited(degrees: float | None) -> float:
     return math.inf if degrees is None else math.radians(degrees)
 
 
+def follow_of(vessel: Vessel) -> FollowSettings:
+    """Return how closely the vessel's rudder must follow its orders."""
+    rudder = vessel.rudder
+    tolerance = math.radians(rudder.follow_tolerance_deg)
+    return FollowSettings(tolerance, _radians_or_unlimited(rudder.rate_max_deg_s), rudder.delay_s + rudder.lag_s)
+
+
+def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
+    """Return how to read and steer the vessel on an NMEA link."""
+    sensors = vessel.sensors
+    return NmeaSettings(
+        baud=url.baud,
+        heading_latency=sensors.heading_latency_s,
+        variation=None if sensors.variation_deg is None else math.radians(sensors.variation_deg),
+        deviation=tuple((math.radians(at), math.radians(deviation)) for at, deviation in sensors.deviation_deg),
+        steers=url.options.steers,
+        follow=follow_of(vessel),
+    )
+
+
 class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first)."""
 
@@ -167,11 +188,9 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
     """Return the opened link of a URL, set up for the vessel. Raises LinkError."""
     parsed = parse_url(url)
     transport = open_transport(parsed)
-    sensors, helm = vessel.sensors, vessel.helm
     if parsed.protocol == "nmea":
-        variation = None if sensors.variation_deg is None else math.radians(sensors.variation_deg)
-        table = tuple((math.radians(at), math.radians(deviation)) for at, deviation in sensors.deviation_deg)
-        return NmeaLink(transport, NmeaSettings(parsed.baud, sensors.heading_latency_s, variation, table))
+        return NmeaLink(transport, nmea_settings_of(vessel, parsed))
+    helm = vessel.helm
     full_deg = helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
     settings = CompanionSettings(
         rudder_at_full=math.radians(full_deg),
@@ -179,7 +198,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
         method=helm.method,
         command_rate_hz=helm.rate_hz,
         attitude_rate_hz=vessel.control.rate_hz,
-        heading_latency=sensors.heading_latency_s,
+        heading_latency=vessel.sensors.heading_latency_s,
         vehicle_system=options.vehicle_system,
         as_gcs=options.as_gcs,
     )

@@ -15,7 +15,8 @@ from autopilot.links.base import LinkError, Transport
 from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence
 from autopilot.links.nmea_encoders import encode_ror
 from autopilot.links.nmea_samples import Deviation, NmeaReader
-from autopilot.signals import HeadingSample, HelmSample, Mode, RudderCommand, Sample
+from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.signals import HeadingSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
 
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
@@ -31,7 +32,8 @@ class NmeaSettings(NamedTuple):
 
     baud: of the line, 0 where there is none (UDP).  heading_latency [s]: age of a heading when its sentence
     begins.  variation [rad], east positive, None to take it from the instruments.  deviation: (compass heading,
-    deviation) pairs [rad].  steers: whether a rudder drive listens on this link.
+    deviation) pairs [rad].  steers: whether a rudder drive listens on this link.  follow: how closely the
+    rudder must follow its orders where a sensor on this link shows it.
     """
 
     baud: int = 0
@@ -39,6 +41,7 @@ class NmeaSettings(NamedTuple):
     variation: float | None = None
     deviation: tuple[tuple[float, float], ...] = ()
     steers: bool = True
+    follow: FollowSettings = FollowSettings()
 
 
 class NmeaLink:
@@ -62,7 +65,8 @@ class NmeaLink:
         self._last_sent = -math.inf
         self._pending = False
         self._releases_left = 0
-        self._announced = False
+        self._follow = RudderFollow(settings.follow)
+        self._helm_reason: str | None = None
 
     @property
     def counts(self) -> Counts:
@@ -87,12 +91,16 @@ class NmeaLink:
     def receive(self, now: float) -> list[Sample]:
         """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone."""
         samples: list[Sample] = []
-        if not self._announced and self._settings.steers:
-            self._announced = True
-            samples.append(HelmSample(now, True, "", self.name))
         chunks = self._transport.receive()
-        if not chunks:
-            return samples
+        if chunks:
+            self._read(now, chunks, samples)
+        reason = self._follow.reason(now)
+        if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
+            self._helm_reason = reason
+            samples.append(HelmSample(now, not reason, reason, self.name))
+        return samples
+
+    def _read(self, now: float, chunks: list[bytes], samples: list[Sample]) -> None:
         if not self._transport.is_stream:
             self._framer.reset()
             chunks = [chunk if chunk.endswith(b"\n") else chunk + b"\r\n" for chunk in chunks]
@@ -101,18 +109,23 @@ class NmeaLink:
             sample = self._reader.read(self._measured(now, sentence), sentence)
             if isinstance(sample, HeadingSample):
                 sample = sample._replace(time=sample.time - self._settings.heading_latency)
+            elif isinstance(sample, RudderSample) and not sample.ordered:
+                self._follow.measured(sample.time, sample.angle, sample.source)
             if sample is not None:
                 samples.append(sample)
-        return samples
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder order; a line still busy takes the newest one as soon as it is free.
 
         A command that is not engaged, or not finite, is sent as a release: status V, several times.
         """
+        engaged = command.engaged and math.isfinite(command.angle)
+        if engaged:
+            self._follow.ordered(now, command.angle)
+        else:
+            self._follow.released()
         if not self._settings.steers:
             return
-        engaged = command.engaged and math.isfinite(command.angle)
         if engaged:
             if self._pending:
                 self.replaced += 1

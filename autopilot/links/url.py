@@ -15,6 +15,7 @@ from autopilot.links.transports import (
     UdpInTransport,
     UdpOutTransport,
 )
+from autopilot.links.url_options import UrlOptions, parse_options
 
 Protocol = Literal["mavlink", "nmea"]
 Medium = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
@@ -27,6 +28,9 @@ EXAMPLES = {
     "serial": "serial:/dev/ttyUSB0:115200",
     "nmea": "nmea:/dev/ttyUSB1:4800",
     "nmea-udp": "nmea-udp:0.0.0.0:10110",
+    "nmea-udpout": "nmea-udpout:192.168.1.20:10110",
+    "nmea-tcp": "nmea-tcp:192.168.1.20:10110",
+    "nmea-tcpin": "nmea-tcpin:0.0.0.0:10110",
 }
 SCHEMES: dict[str, tuple[Protocol, Medium]] = {
     "udpin": ("mavlink", "udpin"),
@@ -36,7 +40,12 @@ SCHEMES: dict[str, tuple[Protocol, Medium]] = {
     "serial": ("mavlink", "serial"),
     "nmea": ("nmea", "serial"),
     "nmea-udp": ("nmea", "udpin"),
+    "nmea-udpout": ("nmea", "udpout"),
+    "nmea-tcp": ("nmea", "tcp"),
+    "nmea-tcpin": ("nmea", "tcpin"),
 }
+OPTIONS: dict[Protocol, tuple[str, ...]] = {"nmea": ("steer", "send")}
+"""What may stand behind the `?`, by what is spoken; nothing elsewhere."""
 BAUD_MIN, BAUD_MAX = 300, 4_000_000
 
 
@@ -50,6 +59,7 @@ class LinkUrl(NamedTuple):
     port: int = 0
     path: str = ""
     baud: int = 0
+    options: UrlOptions = UrlOptions()
 
 
 def parse_url(text: str) -> LinkUrl:
@@ -59,15 +69,17 @@ def parse_url(text: str) -> LinkUrl:
         allowed = ", ".join(EXAMPLES.values())
         raise LinkError(f"link {text!r}: unknown kind {scheme!r}; write one of {allowed}")
     protocol, medium = SCHEMES[scheme]
+    rest, mark, query = rest.partition("?")
+    options = parse_options(text, query, OPTIONS.get(protocol, ())) if mark else UrlOptions()
     place, colon, number = rest.rpartition(":")
     if not colon or not place:
         raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
     if medium == "serial":
         baud = _number(text, scheme, "baud rate", number, BAUD_MIN, BAUD_MAX)
-        return LinkUrl(text, protocol, medium, path=place, baud=baud)
+        return LinkUrl(text, protocol, medium, path=place, baud=baud, options=options)
     listens = medium in ("udpin", "tcpin")
     port = _number(text, scheme, "port", number, 0 if listens else 1, 65535)
-    return LinkUrl(text, protocol, medium, host=_host(text, scheme, place), port=port)
+    return LinkUrl(text, protocol, medium, host=_host(text, scheme, place), port=port, options=options)
 
 
 def open_transport(url: LinkUrl | str) -> Transport:

@@ -55,6 +55,7 @@ class Rudder:
     lag_s: Annotated[float, Bounds(0.0, 60.0, "first-order lag of the steering gear")] = 0.0
     delay_s: Annotated[float, Bounds(0.0, 10.0, "dead time from order to first movement")] = 0.0
     dead_band_deg: Annotated[float, Bounds(0.0, 10.0, "smallest error the gear moves for")] = 0.0
+    follow_tolerance_deg: Annotated[float, Bounds(0.5, 90.0, "rudder this far off its order does not obey")] = 5.0
     source: str = ""
     date: str = ""
 

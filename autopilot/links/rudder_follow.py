@@ -1,0 +1,78 @@
+"""Whether the rudder does what it is told, from what a rudder sensor shows. Pure.
+
+Time in which the rudder is off its order by more than `tolerance` and does not move towards it fills a bucket;
+time in which it is right, or on its way, empties it. A full bucket is a rudder that does not follow:
+
+    bucket' = 1 while |order - angle| > tolerance and the rudder moves slower towards it than a third of its rate
+    bucket' = -1 otherwise, never below 0;  disobeyed at bucket > PATIENCE + delay
+
+A bucket, not a timer: a stuck rudder is right for an instant whenever a swinging order crosses it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+PATIENCE_S = 1.5
+PROGRESS_SHARE = 0.3
+ASSUMED_RATE = math.radians(5.0)
+"""A steering gear of unknown rate is asked for a share of this [rad/s]."""
+LONGEST_GAP_S = 1.0
+"""Between two reports further apart than this nobody can say what the rudder did."""
+FORGIVEN_S = 2.0
+"""This long after our last order a rudder that did not obey may be tried again."""
+
+
+class FollowSettings(NamedTuple):
+    """tolerance [rad]; rate [rad/s] of the gear, inf where unlimited; delay [s]: dead time and lag together."""
+
+    tolerance: float = math.radians(5.0)
+    rate: float = math.inf
+    delay: float = 0.0
+
+
+class RudderFollow:
+    """Compares orders with measured angles; `reason` gives the sentence, or nothing where the rudder obeys."""
+
+    def __init__(self, settings: FollowSettings = FollowSettings()) -> None:  # noqa: B008
+        self._settings = settings
+        rate = settings.rate if math.isfinite(settings.rate) else ASSUMED_RATE
+        self._progress = PROGRESS_SHARE * min(rate, ASSUMED_RATE)
+        self._order: float | None = None
+        self._order_time = -math.inf
+        self._seen: tuple[float, float] | None = None
+        self._bucket = 0.0
+        self._disobeyed = ""
+
+    def ordered(self, now: float, angle: float) -> None:
+        """Take an order [rad] as it was sent at `now` [s]."""
+        self._order, self._order_time = angle, now
+
+    def released(self) -> None:
+        """Take note that the rudder is not ours now."""
+        self._order, self._seen, self._bucket = None, None, 0.0
+
+    def measured(self, now: float, angle: float, source: str) -> None:
+        """Compare a measured `angle` [rad] of `source` with the order in force."""
+        before, self._seen = self._seen, (now, angle)
+        if self._order is None or before is None:
+            return
+        elapsed = now - before[0]
+        if not 0.0 < elapsed <= LONGEST_GAP_S:
+            return
+        error = self._order - angle
+        moved = math.copysign(1.0, error) * (angle - before[1])
+        is_right = abs(error) <= self._settings.tolerance or moved >= self._progress * elapsed
+        self._bucket = max(self._bucket + (-elapsed if is_right else elapsed), 0.0)
+        if self._bucket > PATIENCE_S + self._settings.delay and not self._disobeyed:
+            self._disobeyed = (
+                f"the rudder does not follow: {source} shows {math.degrees(angle):.1f} deg while "
+                f"{math.degrees(self._order):.1f} deg is ordered; check drive, clutch, fuse and rudder sensor"
+            )
+
+    def reason(self, now: float) -> str:
+        """Return why the rudder cannot be steered at `now` [s]; empty where it obeys or nobody shows its angle."""
+        if self._disobeyed and self._order is None and now - self._order_time > FORGIVEN_S:
+            self._disobeyed = ""
+        return self._disobeyed

@@ -1,0 +1,149 @@
+"""A rudder that does not follow is noticed from the rudder sensor; one that does is never accused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.links import nmea_encoders as encoders
+from autopilot.links.base import LinkError
+from autopilot.links.nmea_link import NmeaLink, NmeaSettings
+from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.links.transports import loopback_pair
+from autopilot.links.url import parse_url
+from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.signals import HelmSample, RudderCommand
+
+PERIOD = 0.2
+
+
+def watch(
+    orders: Callable[[float], float],
+    gear: SteeringGear,
+    seconds: float = 60.0,
+    offset: float = 0.0,
+    stuck: bool = False,
+) -> str:
+    """Return the sentence after a minute of a rudder that moves as `gear` says, seen every PERIOD."""
+    follow = RudderFollow(FollowSettings(math.radians(5.0), gear.rate_max, gear.delay + gear.lag))
+    angle = 0.0
+    for step in range(round(60.0 / 0.02)):
+        now = step * 0.02
+        follow.ordered(now, orders(now))
+        angle = 0.0 if stuck else gear_step(gear, angle, orders(now - gear.delay), 0.02)
+        if step % round(PERIOD / 0.02) == 0:
+            follow.measured(now, angle + offset, "IIRSA")
+    return follow.reason(60.0)
+
+
+def gear(rate_deg_s: float, lag: float = 0.1, delay: float = 0.1, stop_deg: float = 30.0) -> SteeringGear:
+    return SteeringGear(math.radians(stop_deg), math.radians(rate_deg_s), lag, 0.0, delay)
+
+
+@given(
+    rate=st.floats(2.0, 40.0),
+    lag=st.floats(0.0, 0.5),
+    delay=st.floats(0.0, 0.3),
+    period=st.floats(3.0, 40.0),
+    amplitude=st.floats(0.0, 0.5),
+)
+def test_a_sound_rudder_is_never_accused(
+    rate: float, lag: float, delay: float, period: float, amplitude: float
+) -> None:
+    # an order that the gear can follow: the law is limited to the gear's own rate
+    amplitude = min(amplitude, math.radians(rate) * period / math.tau)
+    assert watch(lambda now: amplitude * math.sin(math.tau * now / period), gear(rate, lag, delay)) == ""
+    assert watch(lambda now: math.copysign(0.5, math.sin(math.tau * now / 40.0)), gear(rate, lag, delay)) == ""
+
+
+@pytest.mark.parametrize("period", [1.5, 4.0, 20.0])
+def test_a_stuck_rudder_is_found_under_a_swinging_order(period: float) -> None:
+    reason = watch(lambda now: 0.3 * math.sin(math.tau * now / period), gear(20.0), stuck=True)
+    assert reason.startswith("the rudder does not follow: IIRSA shows 0.0 deg while")
+    assert "clutch" in reason
+
+
+def test_a_stop_or_a_sensor_out_of_line_is_found() -> None:
+    assert "shows 20.0 deg while 28.6 deg is ordered" in watch(lambda _: 0.5, gear(20.0, stop_deg=20.0))
+    assert "shows 8.0 deg while 0.0 deg is ordered" in watch(lambda _: 0.0, gear(20.0), offset=math.radians(8.0))
+    assert watch(lambda _: 0.0, gear(20.0), offset=math.radians(4.0)) == ""
+
+
+def test_it_takes_seconds_not_ages_and_is_forgiven_after_the_release() -> None:
+    follow = RudderFollow(FollowSettings())
+    said = math.inf
+    for step in range(60):
+        now = step * 0.1
+        follow.ordered(now, 0.3)
+        follow.measured(now, 0.0, "IIRSA")
+        if follow.reason(now):
+            said = min(said, now)
+    assert 1.5 <= said <= 2.0
+    follow.released()
+    assert follow.reason(6.5)
+    assert follow.reason(8.5) == ""
+
+
+def test_a_silent_sensor_accuses_nobody() -> None:
+    follow = RudderFollow()
+    for second in range(0, 60, 3):
+        follow.ordered(float(second), 0.3)
+        follow.measured(float(second), 0.0, "IIRSA")
+    assert follow.reason(60.0) == ""
+
+
+def test_the_link_gives_the_helm_up_and_back_again() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(follow=FollowSettings()))
+    helm: list[tuple[float, bool, str]] = []
+    for step in range(120):
+        now = step * 0.1
+        far.send(encoders.encode_rsa(0.0))
+        helm += [(now, s.available, s.reason) for s in link.receive(now) if isinstance(s, HelmSample)]
+        link.send(now, RudderCommand(now, 0.4, now < 6.0))
+        far.receive()
+    assert [available for _, available, _ in helm] == [True, False, True]
+    assert "the rudder does not follow: IIRSA" in helm[1][2]
+    assert helm[2][0] > 7.5
+
+
+def test_a_link_that_does_not_steer_still_sees_a_rudder_that_does_not_follow() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(steers=False))
+    helm = []
+    for step in range(40):
+        far.send(encoders.encode_rsa(0.0))
+        helm += [s.available for s in link.receive(step * 0.1) if isinstance(s, HelmSample)]
+        link.send(step * 0.1, RudderCommand(step * 0.1, 0.4, True))
+    assert helm == [False]
+    assert far.receive() == [], "no order has left"
+
+
+def test_options_of_a_link() -> None:
+    link = parse_url("nmea-tcpin:0.0.0.0:10110?steer=no&send=HDT:5,RSA")
+    assert (link.host, link.port, link.options.steers) == ("0.0.0.0", 10110, False)
+    assert link.options.sends == (("HDT", 5.0), ("RSA", 1.0))
+    assert parse_url("nmea:/dev/ttyUSB0:4800").options.steers
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("nmea:/dev/x:4800?speed=3", "option 'speed' behind the ? is unknown or repeated; allowed here"),
+        ("nmea:/dev/x:4800?steer=no&steer=no", "option 'steer' behind the ? is unknown or repeated"),
+        ("nmea:/dev/x:4800?steer=maybe", "write steer=yes or steer=no"),
+        ("nmea:/dev/x:4800?send=GGA", "sentence 'GGA' cannot be sent"),
+        ("nmea:/dev/x:4800?send=HDT:fast", "the rate 'fast' of HDT is not a number from 0.1 to 50 (Hz)"),
+        ("nmea:/dev/x:4800?", "option '' behind the ? is unknown"),
+        ("udpin:127.0.0.1:14550?steer=no", "this kind of link takes none"),
+    ],
+)
+def test_bad_options_are_one_sentence(url: str, words: str) -> None:
+    with pytest.raises(LinkError) as caught:
+        parse_url(url)
+    assert words in str(caught.value)
+    assert url in str(caught.value)
