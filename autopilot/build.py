@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple
 from typing import NamedTuple
 
@@ -14,6 +14,11 @@ from autopilot.errors import RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.limits import RudderLimits
 from autopilot.links.base import Link, LinkError
+from autopilot.links.drives.base import Drive, DriveSettings
+from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
+from autopilot.links.drives.jrk import JrkG2
+from autopilot.links.drives.maestro import Maestro
+from autopilot.links.drives.pypilot_motor import PypilotMotor
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.rudder_follow import FollowSettings
@@ -177,6 +182,24 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
     )
 
 
+DRIVES: dict[str, Callable[[DriveSettings], Drive]] = {"pypilot": PypilotMotor, "jrk": JrkG2, "maestro": Maestro}
+
+
+def drive_settings_of(vessel: Vessel) -> DriveSettings:
+    """Return what the scale of the vessel's rudder drive means."""
+    drive, rudder = vessel.drive, vessel.rudder
+    return DriveSettings(
+        angle_at_full=math.radians(drive.angle_at_full_deg or rudder.angle_max_deg),
+        amidships=drive.amidships,
+        reversed=drive.reversed,
+        rate=_radians_or_unlimited(rudder.rate_max_deg_s),
+        stop=math.radians(rudder.angle_max_deg),
+        current_max=drive.current_max_a,
+        channel=drive.channel,
+        device=drive.device,
+    )
+
+
 class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first)."""
 
@@ -190,6 +213,9 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
     transport = open_transport(parsed)
     if parsed.protocol == "nmea":
         return NmeaLink(transport, nmea_settings_of(vessel, parsed))
+    if parsed.protocol in DRIVES:
+        settings_line = DriveLinkSettings(parsed.baud, vessel.drive.rate_hz, follow_of(vessel))
+        return DriveLink(transport, DRIVES[parsed.protocol](drive_settings_of(vessel)), settings_line)
     helm = vessel.helm
     full_deg = helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
     settings = CompanionSettings(

@@ -19,6 +19,7 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.safety import Envelope, FailsafeAction, Supervisor
 from autopilot.signals import (
+    AlarmSample,
     HelmSample,
     Mode,
     NavState,
@@ -126,6 +127,8 @@ class Pilot:
         for sample in samples:
             if isinstance(sample, HelmSample):
                 self.supervisor.hear(sample)
+            elif isinstance(sample, AlarmSample):
+                self.supervisor.note(sample)
             elif isinstance(sample, RudderSample) and self._moved_by_others(sample):
                 # the steering gear follows somebody else's orders
                 self.estimator.rudder.order(now, sample.angle)

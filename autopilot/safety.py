@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.signals import HelmSample, Mode, NavState, Order, OrderKind, RudderCommand
+from autopilot.signals import AlarmSample, HelmSample, Mode, NavState, Order, OrderKind, RudderCommand
 
 RESUME_AFTER = 2.0
 ENVELOPE_SLACK = 1.0e-9
@@ -60,11 +60,19 @@ class Supervisor:
         self._since = -math.inf
         self._spent = 0
         self._helm: dict[str, HelmSample] = {}
+        self._notes: dict[str, str] = {}
         self._heading_since: float | None = None
 
     def hear(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
         self._helm[sample.source] = sample
+
+    def note(self, sample: AlarmSample) -> None:
+        """Take a link's word on what the skipper should know though steering goes on."""
+        if sample.text:
+            self._notes[sample.source] = sample.text
+        else:
+            self._notes.pop(sample.source, None)
 
     def decide(self, now: float, order: Order, state: NavState) -> Mode:
         """Return the mode at `now` [s]: the table in the module's docstring."""
@@ -108,7 +116,8 @@ class Supervisor:
 
     def alarms(self) -> tuple[str, ...]:
         """Return what the skipper must hear now, with what to do; () when all is well."""
-        return (self.reason,) if self.reason else ()
+        notes = tuple(self._notes.values())
+        return (self.reason, *notes) if self.reason else notes
 
     def _trouble(self, state: NavState) -> str:
         if math.isnan(state.heading) or math.isnan(state.rate):

@@ -64,7 +64,15 @@ class HelmSample(NamedTuple):
     source: str = ""
 
 
-Sample = HeadingSample | RateSample | RudderSample | SpeedSample | RollSample | HelmSample
+class AlarmSample(NamedTuple):
+    """What the skipper should know though steering goes on; an empty text takes back what `source` said before."""
+
+    time: float
+    text: str
+    source: str = ""
+
+
+Sample = HeadingSample | RateSample | RudderSample | SpeedSample | RollSample | HelmSample | AlarmSample
 
 
 class OrderKind(IntEnum):

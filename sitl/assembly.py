@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Callable
 
 from autopilot.errors import InputError
 from autopilot.links.url import BAUD_MAX, BAUD_MIN, open_transport, parse_url
 from autopilot.params.vessel_file import load_vessel
+from sitl.drive_line import DriveLine
 from sitl.firmware import Firmware
 from sitl.pty_line import PtyTransport
 from sitl.scenario import Scenario, load_scenario
 from sitl.serve import Port
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.wire_nmea import NmeaInstruments, chosen_rates
+from sitl.wire_pololu import JrkController, MaestroController
+from sitl.wire_pypilot import PypilotController
 from sitl.world import World
+
+DRIVES: dict[str, Callable[[World, int], DriveLine]] = {
+    "pypilot": PypilotController,
+    "jrk": JrkController,
+    "maestro": MaestroController,
+}
+"""Rudder drives by the names that link URLs give them."""
 
 
 def world_from(arguments: argparse.Namespace) -> World:
@@ -36,7 +47,9 @@ def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed
     return dataclasses.replace(scenario, vehicle=vehicle, start=start)
 
 
-def open_ports(world: World, urls: list[str], nmea: str | None, sentences: str) -> list[tuple[str, Port]]:
+def open_ports(
+    world: World, urls: list[str], nmea: str | None, sentences: str, drive: str | None = None
+) -> list[tuple[str, Port]]:
     """Open every link; return what its ready line says, and the port. Raises InputError and LinkError."""
     ports: list[tuple[str, Port]] = []
     try:
@@ -45,9 +58,11 @@ def open_ports(world: World, urls: list[str], nmea: str | None, sentences: str) 
             for url in urls:
                 ports.append((f"mavlink {url}", mavlink_port(firmware, url)))  # noqa: PERF401 - kept on failure, to close
         if nmea is not None:
-            path, baud = _path_and_baud(nmea)
+            path, baud = _path_and_baud("--nmea", nmea)
             instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud)
             ports.append((f"nmea {path} ({baud} baud)", Port(PtyTransport(path), instruments)))
+        if drive is not None:
+            ports.append(drive_port(world, drive))
     except BaseException:
         for _, port in ports:
             port.transport.close()
@@ -64,11 +79,20 @@ def mavlink_port(firmware: Firmware, url: str) -> Port:
     return Port(open_transport(link), MavlinkVehicle(firmware, is_stream))
 
 
-def _path_and_baud(text: str) -> tuple[str, int]:
+def drive_port(world: World, text: str) -> tuple[str, Port]:
+    """Put a rudder drive on a pseudo-terminal: its ready line, and the port. Raises InputError and LinkError."""
+    kind, _, place = text.partition(":")
+    if kind not in DRIVES:
+        raise InputError(f"--drive {text}: {kind!r} is no drive; allowed are {', '.join(DRIVES)}, each with PATH:BAUD.")
+    path, baud = _path_and_baud("--drive", place)
+    return f"drive {kind} {path} ({baud} baud)", Port(PtyTransport(path), DRIVES[kind](world, baud))
+
+
+def _path_and_baud(option: str, text: str) -> tuple[str, int]:
     path, _, digits = text.rpartition(":")
     baud = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 9 else 0
     if not path or not BAUD_MIN <= baud <= BAUD_MAX:
         raise InputError(
-            f"--nmea {text}: write a path and a baud rate from {BAUD_MIN} to {BAUD_MAX}, e.g. /tmp/norrbin-nmea:4800."
+            f"{option} {text}: write a path and a baud rate from {BAUD_MIN} to {BAUD_MAX}, e.g. /tmp/norrbin-nmea:4800."
         )
     return path, baud

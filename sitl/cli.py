@@ -61,6 +61,11 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         help=f"sentences on the NMEA line, each with its rate if wanted: HDG:10,ROT (default {DEFAULT_SENTENCES})",
     )
     serve.add_argument(
+        "--drive",
+        metavar="KIND:PATH:BAUD",
+        help="rudder drive on a pseudo-terminal of its own: pypilot, jrk or maestro, e.g. pypilot:/tmp/drive:38400",
+    )
+    serve.add_argument(
         "--scenario",
         metavar="FILE",
         default="calm",
@@ -147,8 +152,8 @@ def run_serve(arguments: argparse.Namespace) -> int:
     truth = TruthFile(arguments.truth, world) if arguments.truth else None
     ports = []
     try:
-        urls = arguments.mavlink or ([] if arguments.nmea else [DEFAULT_MAVLINK])
-        ports = open_ports(world, urls, arguments.nmea, arguments.sentences)
+        urls = arguments.mavlink or ([] if arguments.nmea or arguments.drive else [DEFAULT_MAVLINK])
+        ports = open_ports(world, urls, arguments.nmea, arguments.sentences, arguments.drive)
         for line, _ in ports:
             print(f"ready {line}", flush=True)
         pace = Pace(arguments.speedup)

@@ -17,7 +17,7 @@ from autopilot.links.transports import (
 )
 from autopilot.links.url_options import UrlOptions, parse_options
 
-Protocol = Literal["mavlink", "nmea"]
+Protocol = Literal["mavlink", "nmea", "pypilot", "jrk", "maestro"]
 Medium = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
 
 EXAMPLES = {
@@ -31,6 +31,9 @@ EXAMPLES = {
     "nmea-udpout": "nmea-udpout:192.168.1.20:10110",
     "nmea-tcp": "nmea-tcp:192.168.1.20:10110",
     "nmea-tcpin": "nmea-tcpin:0.0.0.0:10110",
+    "pypilot": "pypilot:/dev/ttyUSB2:38400",
+    "jrk": "jrk:/dev/ttyACM0:115200",
+    "maestro": "maestro:/dev/ttyACM0:115200",
 }
 SCHEMES: dict[str, tuple[Protocol, Medium]] = {
     "udpin": ("mavlink", "udpin"),
@@ -43,6 +46,9 @@ SCHEMES: dict[str, tuple[Protocol, Medium]] = {
     "nmea-udpout": ("nmea", "udpout"),
     "nmea-tcp": ("nmea", "tcp"),
     "nmea-tcpin": ("nmea", "tcpin"),
+    "pypilot": ("pypilot", "serial"),
+    "jrk": ("jrk", "serial"),
+    "maestro": ("maestro", "serial"),
 }
 OPTIONS: dict[Protocol, tuple[str, ...]] = {"nmea": ("steer", "send")}
 """What may stand behind the `?`, by what is spoken; nothing elsewhere."""

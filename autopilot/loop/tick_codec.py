@@ -13,6 +13,7 @@ from typing import Any
 
 from autopilot.errors import InputError
 from autopilot.signals import (
+    AlarmSample,
     HeadingSample,
     HelmSample,
     Mode,
@@ -132,13 +133,23 @@ def _decode_tick(record: bytes) -> Tick:
     )
 
 
-_KINDS: tuple[type[Any], ...] = (HeadingSample, RateSample, RudderSample, SpeedSample, RollSample, HelmSample)
+_KINDS: tuple[type[Any], ...] = (
+    HeadingSample,
+    RateSample,
+    RudderSample,
+    SpeedSample,
+    RollSample,
+    HelmSample,
+    AlarmSample,
+)
 
 
 def _encode_sample(sample: Sample) -> bytes:
     kind = _KINDS.index(type(sample))
     if isinstance(sample, HelmSample):
         body = _SAMPLE.pack(kind, sample.time, float(sample.available)) + _text(sample.reason)
+    elif isinstance(sample, AlarmSample):
+        body = _SAMPLE.pack(kind, sample.time, 0.0) + _text(sample.text)
     elif isinstance(sample, HeadingSample):
         body = _SAMPLE.pack(kind, sample.time, sample.heading) + _optional(sample.rate)
     elif isinstance(sample, RollSample):
@@ -160,6 +171,10 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
         reason, place = _read_text(record, place)
         source, place = _read_text(record, place)
         return HelmSample(time, bool(value), reason, source), place
+    if made is AlarmSample:
+        text, place = _read_text(record, place)
+        source, place = _read_text(record, place)
+        return AlarmSample(time, text, source), place
     if made is RateSample:
         source, place = _read_text(record, place)
         return RateSample(time, value, source), place

@@ -151,6 +151,19 @@ class Helm:
 
 
 @dataclass(frozen=True)
+class Drive:
+    """A rudder drive on a line of its own (pypilot, Jrk, Maestro): what its scale from -1 to 1 means."""
+
+    angle_at_full_deg: Annotated[float, Bounds(1.0, 180.0, "rudder angle at each end of the scale")] | None = None
+    amidships: Annotated[float, Bounds(-0.9, 0.9, "where amidships is on the scale from -1 to 1")] = 0.0
+    reversed: bool = False
+    current_max_a: Annotated[float, Bounds(0.1, 60.0, "motor current of a stall")] | None = None
+    channel: Annotated[int, Bounds(0, 23, "servo channel of a Maestro")] = 0
+    device: Annotated[int, Bounds(0, 127, "number in the Pololu protocol; null: compact protocol")] | None = None
+    rate_hz: Annotated[float, Bounds(5.0, 100.0, "how often orders leave")] = 20.0
+
+
+@dataclass(frozen=True)
 class Vessel:
     """One boat: identity, identified model, rudder, sensors, gains, limits and fail-safes."""
 
@@ -165,3 +178,4 @@ class Vessel:
     limits: Limits = field(default_factory=Limits)
     failsafe: Failsafe = field(default_factory=Failsafe)
     helm: Helm = field(default_factory=Helm)
+    drive: Drive = field(default_factory=Drive)

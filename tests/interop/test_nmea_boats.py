@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from autopilot.angles import wrap
 from autopilot.loop.record import read_log
-from autopilot.signals import Mode
+from autopilot.params.vessel import Drive
+from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.signals import Mode, RudderSample
 from sitl.scenario import load_scenario
 
 SPEEDUP = 3
@@ -36,6 +41,41 @@ def boat(tmp_path: Path, request: pytest.FixtureRequest):
         assert process.stdout.readline().startswith("ready")
         yield line
         process.terminate()
+
+
+@pytest.mark.parametrize("kind", ["pypilot", "jrk", "maestro"])
+def test_a_heading_is_changed_by_a_rudder_drive_on_its_own_line(tmp_path: Path, kind: str) -> None:
+    line, drive, log = tmp_path / "line", tmp_path / "drive", tmp_path / "run.tlog"
+    vessel = load_vessel("lanxin")
+    boat = tmp_path / "boat.yaml"
+    boat.write_text(
+        dump_vessel(
+            replace(
+                vessel,
+                drive=Drive(angle_at_full_deg=45.0, amidships=0.05, current_max_a=8.0),
+                failsafe=replace(vessel.failsafe, heading_timeout_s=6.0),
+            )
+        )
+    )
+    command = [sys.executable, "-m", "sitl", "serve", str(boat), "--speedup", str(SPEEDUP)]
+    command += ["--nmea", f"{line}:38400", "--sentences", "HDG:10,ROT:10", "--drive", f"{kind}:{drive}:38400"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("ready nmea")
+        assert process.stdout.readline().startswith(f"ready drive {kind}")
+        command = [sys.executable, "-m", "autopilot", "run", str(boat), "--link", f"nmea:{line}:38400?steer=no"]
+        command += ["--link", f"{kind}:{drive}:38400", "--engage", "40", "--duration", "12", "--log", str(log)]
+        command += ["--speedup", str(SPEEDUP)]
+        run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
+        process.terminate()
+    assert (run.returncode, run.stderr) == (0, "")
+    ticks = read_log(log).ticks
+    assert ticks[-1].mode is Mode.ENGAGED, ticks[-1].alarms
+    off = [abs(math.degrees(wrap(tick.state.heading - math.radians(40.0)))) for tick in ticks[-30:]]
+    assert max(off) < 3.0
+    seen = [sample for tick in ticks for sample in tick.samples if isinstance(sample, RudderSample)]
+    assert {sample.ordered for sample in seen} == {kind == "maestro"}
+    assert max(abs(sample.angle) for sample in seen) > math.radians(3.0)
 
 
 def test_a_rudder_that_sticks_is_an_override_with_the_reason(boat: Path, tmp_path: Path) -> None:

@@ -1,0 +1,1 @@
+"""Rudder drives on serial lines of their own: what they speak, without the line itself."""

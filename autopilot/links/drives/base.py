@@ -1,0 +1,100 @@
+"""The contract of a rudder drive's protocol: bytes and times in, bytes and what the drive reports out. Pure."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+SILENT_S = 1.5
+"""A drive that answers requests and has not been heard for this long is gone."""
+STALL_S = 1.0
+"""Current above the limit for this long is a stall, not the start of the motor."""
+
+
+class DriveSettings(NamedTuple):
+    """What the drive's scale means, and what it may draw.
+
+    angle_at_full [rad]: rudder angle from amidships to the end of the scale -1 ... 1.  amidships: where the rudder
+    is amidships on that scale.  reversed: the scale rises to the other side.  rate [rad/s]: of the steering gear.
+    stop [rad]: end stop each side.  current_max [A], None: unknown.  channel: servo output of a Maestro.
+    device: number in the Pololu protocol, None: compact protocol.
+    """
+
+    angle_at_full: float
+    amidships: float = 0.0
+    reversed: bool = False
+    rate: float = math.inf
+    stop: float = math.inf
+    current_max: float | None = None
+    channel: int = 0
+    device: int | None = None
+
+    def place(self, angle: float) -> float:
+        """Return the place on the scale -1 ... 1 of a rudder angle [rad], not beyond its end stop."""
+        angle = min(max(angle, -self.stop), self.stop)
+        share = angle / self.angle_at_full
+        return min(max(self.amidships + (-share if self.reversed else share), -1.0), 1.0)
+
+    def angle(self, place: float) -> float:
+        """Return the rudder angle [rad] at a place on the scale."""
+        share = place - self.amidships
+        return (-share if self.reversed else share) * self.angle_at_full
+
+
+class Drive(Protocol):
+    """Speaks to one kind of drive. Time is an argument, nothing here waits or raises.
+
+    Attributes:
+        name: for messages.  measures: whether the angles it returns are those of the rudder, or only what the
+        drive was told.  rejected: packets and answers dropped because they could not be right.
+    """
+
+    name: str
+    measures: bool
+    rejected: int
+
+    def feed(self, now: float, data: bytes) -> list[float]:
+        """Return the rudder angles [rad] that `data` reports."""
+
+    def order(self, now: float, angle: float) -> bytes:
+        """Return the bytes that order `angle` [rad]; called at the drive's rate while it is ours."""
+
+    def release(self, now: float) -> bytes:
+        """Return the bytes that give the rudder back."""
+
+    def ask(self, now: float) -> bytes:
+        """Return the request that falls due at `now` [s]; nothing where none does."""
+
+    def fault(self, now: float) -> str:
+        """Return why the drive cannot turn the rudder; empty where it can."""
+
+    def warning(self, now: float) -> str:
+        """Return what the skipper should know of the drive though it steers; empty when all is well."""
+
+
+class StallWatch:
+    """Motor current above a limit for longer than a motor takes to start."""
+
+    def __init__(self, limit: float | None) -> None:
+        self._limit = limit
+        self._since: float | None = None
+        self._said = ""
+        self.current = 0.0
+
+    def take(self, now: float, current: float) -> None:
+        """Take a measured current [A]."""
+        self.current = current
+        if self._limit is None or current <= self._limit:
+            self._since, self._said = None, ""
+        elif self._since is None:
+            self._since = now
+
+    def warning(self, now: float) -> str:
+        """Return the sentence about a stalled motor, or nothing."""
+        if self._since is not None and now - self._since >= STALL_S and not self._said:
+            # said once with one figure: a sentence that changes with every reading is a new alarm each time
+            self._said = (
+                f"the rudder motor draws {self.current:.1f} A, more than drive.current_max_a ({self._limit:g}): "
+                "look whether the rudder is jammed"
+            )
+        return self._said

@@ -1,0 +1,123 @@
+"""The link to a rudder drive on a line of its own: orders out at the drive's rate, its reports in."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.drives.base import Drive
+from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
+
+RELEASES = 5
+RELEASE_SPACING_S = 0.1
+ORDER_AGE_S = 1.0
+"""An order that is not renewed for this long is no longer repeated; the drive stops by its own timeout."""
+BITS_PER_BYTE = 10
+
+
+class DriveLinkSettings(NamedTuple):
+    """baud of the line, rate [Hz] of orders and requests, and how closely the rudder must follow."""
+
+    baud: int = 38400
+    rate: float = 20.0
+    follow: FollowSettings = FollowSettings()
+
+
+class DriveLink:
+    """A `Link` that steers and, where the drive has feedback, sees the rudder; it knows no heading."""
+
+    def __init__(self, transport: Transport, drive: Drive, settings: DriveLinkSettings = DriveLinkSettings()) -> None:  # noqa: B008
+        self.name = transport.name
+        self.drive = drive
+        self._transport = transport
+        self._settings = settings
+        self._seconds_per_byte = BITS_PER_BYTE / settings.baud
+        self._follow = RudderFollow(settings.follow)
+        self._order: float | None = None
+        self._order_time = -math.inf
+        self._next_order = -math.inf
+        self._line_free = -math.inf
+        self._releases_left = 0
+        self._next_release = -math.inf
+        self._helm_reason: str | None = None
+        self._warning = ""
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return self._transport.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return what the drive reports; LinkError when the transport is gone."""
+        samples: list[Sample] = []
+        for chunk in self._transport.receive():
+            for angle in self.drive.feed(now, chunk):
+                samples.append(RudderSample(now, angle, not self.drive.measures, self.drive.name))
+                if self.drive.measures:
+                    self._follow.measured(now, angle, self.drive.name)
+        reason = self.drive.fault(now) or self._follow.reason(now)
+        if reason != self._helm_reason:
+            self._helm_reason = reason
+            samples.append(HelmSample(now, not reason, reason, self.name))
+        warning = self.drive.warning(now)
+        if warning != self._warning:
+            self._warning = warning
+            samples.append(AlarmSample(now, warning, self.name))
+        return samples
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Take the newest command, and send it when the drive's turn has come; not engaged is a release."""
+        if command.engaged and math.isfinite(command.angle):
+            self._order, self._order_time = command.angle, now
+            self._follow.ordered(now, command.angle)
+            self._releases_left = RELEASES
+        else:
+            self._order = None
+            self._follow.released()
+        self._push(now)
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+        """Nothing: a rudder drive knows no modes."""
+
+    def keep(self, now: float) -> None:
+        """Send what is due: the order, the releases that are left, a request."""
+        self._push(now)
+        if now >= self._line_free:
+            self._write(now, self.drive.ask(now))
+
+    def release(self, now: float) -> None:
+        """Give the rudder back, several times over; never raises."""
+        if self._order is not None or self._releases_left:
+            self._order = None
+            for _ in range(max(self._releases_left, 1)):
+                try:
+                    self._transport.send(self.drive.release(now))
+                except LinkError:
+                    break  # the line is gone; the drive stops by its own timeout
+            self._releases_left = 0
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return []: a drive speaks no MAVLink."""
+        return []
+
+    def close(self) -> None:
+        """Close the transport; call `release` first."""
+        self._transport.close()
+
+    def _push(self, now: float) -> None:
+        if now < self._line_free:
+            return
+        if self._order is not None and now - self._order_time <= ORDER_AGE_S:
+            if now >= self._next_order:
+                self._next_order = now + 1.0 / self._settings.rate
+                self._write(now, self.drive.order(now, self._order))
+        elif self._order is None and self._releases_left and now >= self._next_release:
+            self._next_release = now + RELEASE_SPACING_S
+            self._releases_left -= self._write(now, self.drive.release(now))
+
+    def _write(self, now: float, data: bytes) -> bool:
+        if not data or not self._transport.send(data):
+            return False
+        self._line_free = now + len(data) * self._seconds_per_byte
+        return True
