@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,10 @@ from autopilot.links.base import LinkError
 from autopilot.links.url import SCHEMES
 from autopilot.params.any_file import ParameterFile, load_any, load_parameters
 from autopilot.params.comparison import Difference, differences, flattened
+from autopilot.params.download import Download, NamedDownload
 from autopilot.params.firmware_dump import Heading, TypedValue
 from autopilot.params.foreign_files import is_foreign
 from autopilot.params.outcome import Verdict
-from autopilot.params.protocol import Download, NamedDownload
 from autopilot.params.saving import save_text
 from autopilot.params.session import ParameterSession, Vehicle
 from autopilot.params.upload import Upload
@@ -128,6 +129,9 @@ def fetched(session: ParameterSession, names: list[str], link: str) -> list[Type
     with ProgressBar("downloading") as bar:
         session.run(client, bar.show)
     _refuse_incomplete(client, link)
+    if isinstance(client, Download) and client.hash_agrees is not None:
+        words = "agrees" if client.hash_agrees else "differs, as it does where the vehicle has volatile parameters"
+        print(f"autopilot: PX4's checksum of the whole table {words}", file=sys.stderr)
     return [TypedValue(name, value.value, value.kind) for name, value in client.values.items()]
 
 

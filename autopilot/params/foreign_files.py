@@ -168,7 +168,7 @@ def float_text(value: Number) -> str:
     if isinstance(value, int):
         return str(value)
     wanted = as_float32(value)
-    return next(repr(near) for digits in range(1, 18) if as_float32(near := float(f"{value:.{digits}g}")) == wanted)
+    return next(repr(near) for digits in (6, 7, 8, 9) if as_float32(near := float(f"{value:.{digits}g}")) == wanted)
 
 
 def _mission_planner(values: list[TypedValue], heading: Heading, system: int) -> str:

@@ -19,7 +19,9 @@ CONTROLS = 3
 """So many questions that surely have an answer go with those that are repeated, to tell a bad link from a name
 that the vehicle does not have."""
 HURRY_S = 0.1
-"""A key whose answer is doubted is asked again this soon, for the link is alive."""
+"""The least wait before a question is repeated, on a link that has shown that it answers faster."""
+TIMED_MIN = 4
+"""So many round trips must be timed before a link is taken for a fast one."""
 
 
 class Patience(NamedTuple):
@@ -49,6 +51,7 @@ class LinkQuality:
         self._asked = 0
         self._answered = 0
         self.round_trip_s = 0.0
+        self._timed = 0
         self.last_heard = -math.inf
 
     def heard(self, now: float) -> None:
@@ -69,7 +72,15 @@ class LinkQuality:
         self._asked += tries
         self._answered += 1
         if tries == 1:
+            self._timed += 1
             self.round_trip_s = delay_s if self.round_trip_s == 0.0 else 0.8 * self.round_trip_s + 0.2 * delay_s
+
+    def wait_s(self, tries: int, patience_s: float) -> float:
+        """Return how long to wait for an answer: on a fast link a few round trips, twice as long at each try."""
+        longest = max(patience_s, 2.0 * self.round_trip_s)
+        if self._timed < TIMED_MIN:
+            return longest
+        return float(min(longest, max(HURRY_S, 4.0 * self.round_trip_s) * 2 ** (tries - 1)))
 
     @property
     def tries_needed(self) -> int:
@@ -132,9 +143,9 @@ class Requests(Generic[Key]):
     def due(self, now: float) -> list[Key]:
         """Return the keys to ask now: those whose answer is overdue, then new ones up to the window."""
         due: list[Key] = []
-        interval = max(self._patience.interval_s, 2.0 * self._quality.round_trip_s)
         for key, (tries, in_vain, last) in list(self._asked.items()):
-            if now - last < (max(HURRY_S, 2.0 * self._quality.round_trip_s) if key in self._doubted else interval):
+            wait_s = self._quality.wait_s(1 if key in self._doubted else tries, self._patience.interval_s)
+            if now - last < wait_s:
                 continue
             in_vain += self._quality.last_heard > last
             if tries >= self._patience.tries or in_vain >= self._quality.tries_needed:

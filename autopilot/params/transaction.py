@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 
+from autopilot.params.download import NamedDownload
 from autopilot.params.firmware_file import Wanted
 from autopilot.params.journal import Journal
 from autopilot.params.outcome import Change, Outcome, enabled_group
-from autopilot.params.protocol import NamedDownload, ParameterValue
+from autopilot.params.protocol import ParameterValue
 from autopilot.params.session import ParameterSession, Progress
 from autopilot.params.upload import Upload
 from autopilot.params.value_coding import same_value

@@ -16,6 +16,7 @@ from autopilot.params.protocol import (
     parameter_value,
     read_by_name,
     refused_name,
+    refused_value,
     set_value,
 )
 from autopilot.params.requests import PATIENCE, LinkQuality, Patience, Requests
@@ -49,6 +50,7 @@ class _Item:
         self.old: ParameterValue | None = None
         self.now: ParameterValue | None = None
         self.reason = ""
+        self.refusal = ""
         self.is_due = False
         self.was_sent = False
         self.mismatches = 0
@@ -133,6 +135,8 @@ class Upload:
             self._quality.heard(now)
         if (refused := refused_name(message, self._target)) is not None and self.phase is not Phase.SETTING:
             self._requests.refused(refused)
+        if (refusal := refused_value(message, self._target)) is not None and refusal[0] in self._by_name:
+            self._by_name[refusal[0]].refusal = f"; the vehicle says: {refusal[1]}"
         value = parameter_value(message, self._target)
         if value is None or self.finished:
             return
@@ -265,8 +269,8 @@ class Upload:
         if item.holds_wanted():
             return Verdict.SET, ""
         if same_value(item.now.value, item.old.value, item.now.kind):
-            return Verdict.REJECTED, "the vehicle keeps its old value"
-        return Verdict.CONSTRAINED, f"the vehicle holds another value than was sent{item.wanted.allowed}"
+            return Verdict.REJECTED, f"the vehicle keeps its old value{item.wanted.allowed}{item.refusal}"
+        return Verdict.CONSTRAINED, f"the vehicle holds another value than was sent{item.wanted.allowed}{item.refusal}"
 
     def _is_hidden(self, item: _Item) -> bool:
         """Whether this upload has switched off the group of a parameter, which is silent since."""

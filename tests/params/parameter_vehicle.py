@@ -24,6 +24,9 @@ class ParameterVehicle:
         self.limits: dict[str, tuple[float, float]] = {}
         self.silent_sets: set[str] = set()
         self.enables: dict[str, dict[str, tuple[float, int]]] = {}
+        self.hash = False
+        self.says_errors = False
+        self.errors: list[tuple[str, int]] = []
         self.list_stops_after: int | None = None
         self.sets_received = 0
         self.mavlink = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -41,6 +44,24 @@ class ParameterVehicle:
             packet[-2:] = struct.pack("<H", crc.crc)
         return bytes(packet)
 
+    def hash_packet(self) -> bytes:
+        """PX4's _HASH_CHECK: bit by bit, the reflected CRC-32 polynomial without inversions."""
+        crc = 0
+        for name in sorted(self.table):
+            value, kind = self.table[name]
+            form = INTEGER_FORMATS.get(kind, "<f")
+            for byte in name.encode() + struct.pack(form, value).ljust(4, b"\0"):
+                crc ^= byte
+                for _ in range(8):
+                    crc = crc >> 1 ^ (0xEDB88320 if crc & 1 else 0)
+        message = dialect.MAVLink_param_value_message(b"_HASH_CHECK", 0.0, 5, len(self.table), 65535)
+        packet = bytearray(message.pack(self.mavlink))
+        packet[10:14] = struct.pack("<I", crc)
+        checksum = dialect.x25crc(packet[1:-2])
+        checksum.accumulate(bytes([message.crc_extra]))
+        packet[-2:] = struct.pack("<H", checksum.crc)
+        return bytes(packet)
+
     def handle(self, message: Any) -> None:
         kind = message.get_type()
         if kind == "PARAM_REQUEST_LIST":
@@ -53,6 +74,8 @@ class ParameterVehicle:
                     self.waiting.append((names[message.param_index], message.param_index))
             elif message.param_id in self.table:
                 self.waiting.append((message.param_id, 65535))
+            else:
+                self.errors.append((message.param_id, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST))
         elif kind == "PARAM_SET" and message.param_id in self.table:
             self.set(message)
 
@@ -60,7 +83,9 @@ class ParameterVehicle:
         self.sets_received += 1
         name, entry = message.param_id, self.table[message.param_id]
         assert message.param_type == entry[1]
-        if name not in self.read_only:
+        if name in self.read_only:
+            self.errors.append((name, dialect.MAV_PARAM_ERROR_READ_ONLY))
+        else:
             entry[0] = self.stored(name, entry[1], message.param_value, bytes(message.get_msgbuf()[10:14]))
             self.table.update({key: list(value) for key, value in self.enables.get(name, {}).items() if entry[0]})
         if name not in self.silent_sets:
@@ -79,6 +104,13 @@ class ParameterVehicle:
 
     def transmit(self, at_most: int) -> list[bytes]:
         packets = [self.packet(*each) for each in self.waiting[:at_most]]
+        if self.hash and ("P0000", 0) in self.waiting[:at_most]:
+            packets.insert(0, self.hash_packet())
+        if self.says_errors:
+            for name, error in self.errors:
+                message = dialect.MAVLink_param_error_message(255, 190, name.encode(), -1, error)
+                packets.append(bytes(message.pack(self.mavlink)))
+        self.errors.clear()
         del self.waiting[:at_most]
         return packets
 

@@ -8,9 +8,10 @@ import struct
 import pytest
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 
+from autopilot.params.download import Download, NamedDownload, table_hash
 from autopilot.params.firmware_file import Wanted
 from autopilot.params.outcome import Outcome, Verdict
-from autopilot.params.protocol import Download, NamedDownload, Target
+from autopilot.params.protocol import Target
 from autopilot.params.requests import Patience, Requests
 from autopilot.params.upload import Upload
 from autopilot.params.value_coding import encode, same_value
@@ -62,13 +63,45 @@ def test_a_download_is_complete_and_bit_exact(bytewise: bool, loss: float) -> No
 @pytest.mark.parametrize("bytewise", [False, True])
 @pytest.mark.parametrize("loss", [0.0, 0.05, 0.3])
 def test_an_upload_is_complete_and_bit_exact(bytewise: bool, loss: float) -> None:
-    vehicle = ParameterVehicle(table_of(200, bytewise), bytewise)
+    vehicle = ParameterVehicle(table_of(1000, bytewise), bytewise)
     wanted = [Wanted((name,), value + 1) for name, (value, _) in vehicle.table.items()]
     outcomes = upload(vehicle, wanted, loss)
     assert {outcome.verdict for outcome in outcomes.values()} == {Verdict.SET}
     for each in wanted:
         held, kind = vehicle.table[each.name]
         assert same_value(held, each.value, kind)
+
+
+def test_px4s_checksum_of_the_table_is_checked() -> None:
+    vehicle = ParameterVehicle(table_of(50, True), bytewise=True)
+    vehicle.hash = True
+    client = Download(Target(1, 1, True))
+    converse(client, vehicle, *links(0.0), limit_s=20.0)
+    assert client.hash_agrees is True
+    name = next(iter(client.values))
+    other = client.values[name]._replace(value=client.values[name].value + 1)
+    assert table_hash(client.values.values()) != table_hash({**client.values, name: other}.values())
+    assert "_HASH_CHECK" not in client.values
+    plain = Download(Target(1, 1))
+    converse(plain, ParameterVehicle(table_of(5, False)), *links(0.0), limit_s=20.0)
+    assert plain.hash_agrees is None
+
+
+def test_a_refusal_says_why() -> None:
+    vehicle = ParameterVehicle({"A": (1.0, REAL32)})
+    vehicle.read_only.add("A")
+    vehicle.says_errors = True
+    outcome = upload(vehicle, [Wanted(("A",), 2.0, allowed="; documented are 0 to 1")])["A"]
+    assert outcome.verdict is Verdict.REJECTED
+    assert outcome.reason == "the vehicle keeps its old value; documented are 0 to 1; the vehicle says: read only"
+
+
+def test_a_vehicle_that_says_that_it_has_no_such_name_is_believed_at_once() -> None:
+    vehicle = ParameterVehicle({"A": (1.0, REAL32)})
+    vehicle.says_errors = True
+    client = NamedDownload(Target(1, 1), ["NOPE"])
+    assert converse(client, vehicle, BadLink(1, 0.0), BadLink(2, 0.0), limit_s=1.0) < 0.2
+    assert client.unknown == ["NOPE"]
 
 
 def test_a_list_that_stops_half_way_is_completed_by_index() -> None:
