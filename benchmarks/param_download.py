@@ -6,8 +6,8 @@
 A responder on UDP stands in for a vehicle: it streams the list at 500 a second and answers reads by index and by
 name. Each client is a process of its own and listens on a port of its own; packets are lost at random in both
 directions, a tenth arrives twice. A download's time runs from the first PARAM_REQUEST_LIST that the responder
-receives to the line in which the client says that it has written them all into its file. MAVProxy is told to use the parameter protocol,
-not FTP, which the responder does not speak.
+receives to the line in which the client says that it has written them all into its file. MAVProxy is told to use
+the parameter protocol, not FTP, which the responder does not speak.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ GROUP_ON: Table = {"GRP_ENABLE": (1, 2), "GRP_GAIN": (2.5, 9)}
 
 @pytest.mark.parametrize(
     ("old", "new", "kills", "latest_s"),
-    [(PLAIN, SHIFTED, 50, 1.0), (PLAIN | GROUP, SHIFTED | GROUP_ON, 3, 9.0)],
+    [(PLAIN, SHIFTED, 50, 1.0), (PLAIN | GROUP, SHIFTED | GROUP_ON, 2, 9.0)],
     ids=["plain", "enabling"],
 )
 def test_after_a_kill_the_vehicle_is_wholly_old_or_wholly_new(
