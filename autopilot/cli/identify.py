@@ -99,7 +99,6 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
     from autopilot.cli.identify_report import Result
     from autopilot.cli.progress import ProgressBar
     from autopilot.identification.identify import identify
-    from autopilot.identification.prediction import predict
     from autopilot.identification.two_stage import nomoto_stage
 
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
@@ -114,8 +113,8 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
             progress=bar.show,
         )
     stage_one = nomoto_stage(fitted, found.model.reference_speed)
-    predictions = [(run, "fit", predict(found.model, run)) for run in fitted]
-    predictions += [(run, "holdout", predict(found.model, run)) for run in held_out]
+    predictions = [(run, "fit", found.foretell(run)) for run in fitted]
+    predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
     return Result(arguments.model, found, stage_one, predictions)
 
 

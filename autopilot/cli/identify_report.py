@@ -34,6 +34,14 @@ QUANTITIES = (
 )
 
 
+AROUND = (
+    Quantity("c_race", "race", "m^2", "m^2", 1.0),
+    Quantity("c_wind_1", "wind_beam", "rad/m^2", "deg/m^2", DEG),
+    Quantity("c_wind_2", "wind_quarter", "rad/m^2", "deg/m^2", DEG),
+)
+"""What propeller and wind add, where the recordings show it."""
+
+
 class Result(NamedTuple):
     """Everything to be told: the kind of model asked for, the estimate, stage one, and each run with its role."""
 
@@ -49,10 +57,11 @@ def as_json(result: Result) -> str:
     document = {
         "model": result.kind,
         "parameters": {
-            quantity.symbol: _parameter(quantity, getattr(model, quantity.name), found.standard_errors[quantity.name])
-            for quantity in QUANTITIES
+            quantity.symbol: _parameter(quantity, value, found.standard_errors[quantity.name])
+            for quantity, value in _quantities(found)
         },
         "reference_speed_m_s": model.reference_speed,
+        "reference_propeller_rps": found.around.reference_propeller if found.around else None,
         "runs": [_run(run, role, prediction) for run, role, prediction in result.predictions],
         "unidentifiable": list(found.unidentifiable),
         "reasons": found.unidentifiable,
@@ -63,6 +72,14 @@ def as_json(result: Result) -> str:
         },
     }
     return json.dumps(document, indent=2, allow_nan=False)
+
+
+def _quantities(found: Identified) -> list[tuple[Quantity, float]]:
+    """Return what the model consists of, each with its value."""
+    pairs = [(quantity, float(getattr(found.model, quantity.name))) for quantity in QUANTITIES]
+    if found.around is not None:
+        pairs += [(quantity, float(getattr(found.around, quantity.name))) for quantity in AROUND]
+    return pairs
 
 
 def _parameter(quantity: Quantity, value: float | None, std: float | None) -> dict[str, Any]:
@@ -105,8 +122,8 @@ def as_text(result: Result) -> str:
     found, model = result.found, result.found.model
     stages = _stages(result)
     rows = [("", "estimate", "standard error", "unit", "in degrees", "two-stage (RLS)")]
-    for quantity in QUANTITIES:
-        value, std = getattr(model, quantity.name), found.standard_errors[quantity.name]
+    for quantity, value in _quantities(found):
+        std = found.standard_errors[quantity.name]
         degrees = "" if quantity.factor == 1.0 else f"{value / quantity.factor:.5g} {quantity.unit_deg}"
         staged = stages.get(quantity.symbol)
         rows.append(
@@ -122,7 +139,7 @@ def as_text(result: Result) -> str:
     parts = [
         f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
         _table(rows),
-        "Open-loop prediction from rudder and speed alone",
+        "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if found.around else ""),
         _table(_run_rows(result)),
         *found.unidentifiable.values(),
     ]

@@ -10,10 +10,13 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.identification.noise import Noise
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, solve
-from autopilot.identification.runs import FloatArray, Run
+from autopilot.identification.prediction import Prediction, predict
+from autopilot.identification.residuals import typical_rate
+from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind
 from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
 from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.race_and_wind import RaceAndWind
 
 ModelKind = Literal["nomoto", "norrbin"]
 Progress = Callable[[int, int], None]
@@ -21,6 +24,14 @@ Progress = Callable[[int, int], None]
 
 LINEAR = ("gain", "time_constant", "n0")
 CUBIC = ("gain", "time_constant", "n3", "n0")
+
+WIND = ("wind_beam", "wind_quarter")
+START_RACE = 0.5
+"""Where the fit of the race begins: c n0^2/U0^2."""
+START_N3 = 0.2
+"""Where the fit of n3 beside a race begins, in units of the typical rate squared."""
+WORTH_IT = 0.98
+"""Propeller and wind must take the residuals of the rate below this share of what they are without."""
 
 STEADY_ROUNDS = 3
 """K and the n3 that the steady turns give for it settle within a per cent in as many rounds."""
@@ -60,13 +71,24 @@ class SteadyTurns(NamedTuple):
 
 class Identified(NamedTuple):
     """The model; standard errors by parameter name, None where not fitted; what the runs cannot tell, a sentence
-    by symbol; the residuals of rate and heading; and n3 of the steady-turn stage where there was one."""
+    by symbol; the residuals of rate and heading; n3 of the steady-turn stage where there was one; and what propeller
+    and wind add where the runs show it, with `plain`, the model that does without."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
     unidentifiable: dict[str, str]
     noise: tuple[Noise, Noise]
     steady: CubicDamping | None = None
+    around: RaceAndWind | None = None
+    plain: Norrbin | None = None
+
+    def foretell(self, run: Run) -> Prediction:
+        """Return how well `run` is foretold, with propeller and wind where both model and run know them."""
+        if self.around is None or self.plain is None:
+            return predict(self.model, run)
+        lacks_race = self.around.race > 0.0 and not has_propeller([run])
+        lacks_wind = (self.around.wind_beam or self.around.wind_quarter) and not has_wind([run])
+        return predict(self.plain, run) if lacks_race or lacks_wind else predict(self.model, run, self.around)
 
 
 def mean_speed(runs: Sequence[Run]) -> float:
@@ -100,7 +122,8 @@ def identify(
     """
     speed = mean_speed(runs) if reference_speed is None else reference_speed
     _check_excitation(runs, speed)
-    steps = Steps(progress, total=1 + NOISE_ROUNDS * (1 if kind == "nomoto" else 2))
+    fits = 1 if kind == "nomoto" else 3 if has_propeller(runs) or has_wind(runs) else 2
+    steps = Steps(progress, total=1 + NOISE_ROUNDS * fits)
     start = starting_point(runs, speed)
     _check_response(runs, start)
     steps.next()
@@ -114,11 +137,12 @@ def identify(
         return _with_steady_turns(runs, linear, steady_turns, gain, steps)
     cubic = solve(runs, linear.model, CUBIC, steps.next)
     reason = _why_no_cubic(cubic)
-    return _identified(linear, {"n3": reason}) if reason else _identified(cubic, {})
+    plain = _identified(linear, {"n3": reason}) if reason else _identified(cubic, {})
+    return _with_race_and_wind(runs, plain, steps)
 
 
 def _unstable(solution: Solution, runs: Sequence[Run]) -> Identified:
-    if solution.at_bound:
+    if "n3" in solution.at_bound:
         raise InputError(
             f"{_sources(runs)}: a course-unstable model (n1 = -1) does not fit: n3 ends at 0, and nothing would bound "
             "its turning; leave --course-unstable out."
@@ -153,6 +177,71 @@ def _with_steady_turns(
     return found._replace(standard_errors={**found.standard_errors, "n3": cubic.standard_error}, steady=cubic)
 
 
+def _with_race_and_wind(runs: Sequence[Run], plain: Identified, steps: Steps) -> Identified:
+    """Fit propeller race and wind moment too where recorded; drop what the runs do not show, one after the other."""
+    names = (("race",) if has_propeller(runs) else ()) + (WIND if has_wind(runs) else ())
+    if not names:
+        return plain
+    start = plain.model._replace(n3=max(plain.model.n3, START_N3 / typical_rate(_segments(runs)) ** 2))
+    around = RaceAndWind(race=0.0, reference_propeller=mean_propeller(runs) if "race" in names else 0.0)
+    if "race" in names:
+        around = around._replace(race=START_RACE * (start.reference_speed / around.reference_propeller) ** 2)
+    reasons: dict[str, str] = {}
+    while any(name in RaceAndWind._fields for name in names):
+        free = (*CUBIC, *names) if "n3" not in reasons else (*LINEAR, *names)
+        found = solve(runs, start, free, steps.next, around=around)
+        weakest = _least_shown(found, ("n3", *names))
+        if not weakest:
+            if found.noise[0].size > WORTH_IT * plain.noise[0].size:
+                break
+            result = _identified(found, reasons)
+            errors = {**result.standard_errors, **{name: found.standard_error(name) for name in RaceAndWind._fields}}
+            return result._replace(around=found.around, plain=plain.model, standard_errors=errors)
+        gone = WIND if weakest in WIND else (weakest,)
+        reasons.update({name: _not_shown(name, found) for name in gone})
+        names = tuple(name for name in names if name not in gone)
+        start, around = found.model, found.around._replace(**{name: 0.0 for name in gone if name != "n3"})
+        start = start._replace(n3=0.0) if "n3" in gone else start
+    return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
+
+
+def _least_shown(solution: Solution, names: Sequence[str]) -> str:
+    """Return the parameter that can least be told from zero; '' where all can. The two of the wind stand together."""
+    doubt = {name: _relative_error(solution, name) for name in names if name in solution.free}
+    if WIND[0] in doubt:
+        doubt[WIND[0]] = doubt[WIND[1]] = min(doubt[name] for name in WIND)
+    weak = {name: value for name, value in doubt.items() if value > LARGEST_RELATIVE_ERROR}
+    return max(weak, key=lambda name: weak[name]) if weak else ""
+
+
+def _relative_error(solution: Solution, name: str) -> float:
+    if name in solution.at_bound:
+        return float("inf")
+    return (solution.standard_error(name) or 0.0) / max(abs(_value(solution, name)), 1.0e-300)
+
+
+def _not_shown(name: str, solution: Solution) -> str:
+    error = solution.standard_error(name) or 0.0
+    return (
+        f"{name}: {_value(solution, name):.3g} with a standard error of {error:.2g} cannot be told from 0, so it is "
+        "held at 0; trials at other speeds and in stronger wind would tell it."
+    )
+
+
+def _value(solution: Solution, name: str) -> float:
+    return float(getattr(solution.model if name == "n3" else solution.around, name))
+
+
+def _segments(runs: Sequence[Run]) -> list[Segment]:
+    return [segment for run in runs for segment in run.segments]
+
+
+def mean_propeller(runs: Sequence[Run]) -> float:
+    """Return the mean revolutions [1/s] over the runs' recorded time: the reference for the propeller's race."""
+    turns = sum(float(np.trapezoid(np.abs(s.propeller), s.time)) for s in _segments(runs))
+    return turns / sum(float(s.time[-1] - s.time[0]) for s in _segments(runs))
+
+
 def _identified(solution: Solution, reasons: dict[str, str]) -> Identified:
     names = ("gain", "time_constant", "n3", "n1", "n0")
     errors = {name: solution.standard_error(name) for name in names}
@@ -162,7 +251,7 @@ def _identified(solution: Solution, reasons: dict[str, str]) -> Identified:
 def _why_no_cubic(solution: Solution) -> str:
     n3, error = solution.model.n3, solution.standard_error("n3") or 0.0
     remedy = "steady turns at large rudder angles would tell it (--steady-turns)."
-    if solution.at_bound:
+    if "n3" in solution.at_bound:
         return (
             "n3: the fit ends at its bound 0 (left alone it would turn negative and the simulation diverge), so it "
             f"is held at 0; {remedy}"

@@ -23,13 +23,18 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from autopilot.identification.noise import Noise, residual_noise, robust_covariance
-from autopilot.identification.residuals import Problem, initial_state, physical_scale, typical_rate
+from autopilot.identification.residuals import Problem, initial_state, typical_rate, units
 from autopilot.identification.runs import FloatArray, Run
 from autopilot.identification.simulation import forcing
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.race_and_wind import RaceAndWind
 
 STEPS_PER_TIME_CONSTANT = 12.0
 """Integration steps per time constant during the fit; Runge-Kutta is then exact to far below any sensor."""
+
+NOT_NEGATIVE = ("n3", "race")
+AT_BOUND = 1.0e-4
+"""A scaled parameter below this has ended at its bound 0."""
 
 NOISE_ROUNDS = 4
 """How often, at most, the weights are found anew from the residuals."""
@@ -41,15 +46,17 @@ SETTLED = 0.01
 class Solution(NamedTuple):
     """Best model with the parameters `free` fitted.
 
-    covariance: of the free parameters in their own units, shape (F, F). noise: of rate and heading residuals.
-    at_bound: n3 was fitted and ended at its bound 0.
+    around: what propeller and wind add. covariance: of the free parameters in their own units, shape (F, F).
+    noise: of rate and heading residuals.
+    at_bound: those of n3 and race that were fitted and ended at their bound 0.
     """
 
     model: Norrbin
+    around: RaceAndWind
     free: tuple[str, ...]
     covariance: FloatArray
     noise: tuple[Noise, Noise]
-    at_bound: bool
+    at_bound: tuple[str, ...]
 
     def standard_error(self, name: str) -> float | None:
         """Return the standard error of a parameter, None where it was not fitted."""
@@ -65,20 +72,22 @@ def solve(
     free: tuple[str, ...],
     after_round: Callable[[], None] = lambda: None,
     rounds: int = NOISE_ROUNDS,
+    around: RaceAndWind | None = None,
 ) -> Solution:
-    """Return the best model near `start` with the parameters `free` (of gain, time_constant, n3, n0) fitted.
+    """Return the best model near `start` and `around` with the parameters `free` of them fitted.
 
-    K and T stay positive and n3 not negative; what is not free keeps its value in `start`.
+    K and T stay positive, n3 and the race not negative; what is not free keeps its value.
     """
     segments = tuple(segment for run in runs for segment in run.segments)
     scale = typical_rate(segments)
     base, states = start, [initial_state(segment) for segment in segments]
+    around = around or RaceAndWind()
     noise: tuple[Noise, Noise] | None = None
     for _ in range(rounds):
         steps = forcing(segments, base.time_constant / STEPS_PER_TIME_CONSTANT)
-        problem = Problem(segments, steps, base, free, scale)
+        problem = Problem(segments, steps, base, around, free, scale, units(base, around, scale, segments))
         z = _minimise(problem, problem.vector(states), noise or _noise(problem, problem.vector(states)))
-        base, states = problem.model(z), problem.states(z)
+        base, around, states = problem.model(z), problem.race_and_wind(z), problem.states(z)
         before, noise = noise, _noise(problem, z)
         after_round()
         if before is not None and _settled(before, noise):
@@ -117,7 +126,7 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise]) -> FloatA
             memory[key] = np.concatenate(residuals), np.concatenate(jacobians)
         return memory[key]
 
-    low = np.array([0.0 if name == "n3" else -np.inf for name in problem.free] + [-np.inf] * (2 * S))
+    low = np.array([0.0 if name in NOT_NEGATIVE else -np.inf for name in problem.free] + [-np.inf] * (2 * S))
 
     def residual(vector: FloatArray) -> FloatArray:
         return evaluate(vector)[0]
@@ -152,7 +161,9 @@ def _solution(problem: Problem, z: FloatArray) -> Solution:
         residuals.append(values)
         jacobians.append(projected.reshape(*values.shape, F))
     model = problem.model(z)
-    scale = physical_scale(model, problem.free, problem.typical_rate)
+    scale = problem.parameter_scale(z)
     covariance = robust_covariance(jacobians, residuals) * np.outer(scale, scale)
-    at_bound = "n3" in problem.free and float(z[problem.free.index("n3")]) < 1.0e-4
-    return Solution(model, problem.free, covariance, noise, at_bound)
+    at_bound = tuple(
+        name for name, value in zip(problem.free, z, strict=False) if name in NOT_NEGATIVE and value < AT_BOUND
+    )
+    return Solution(model, problem.race_and_wind(z), problem.free, covariance, noise, at_bound)

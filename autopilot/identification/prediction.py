@@ -8,8 +8,9 @@ import numpy as np
 
 from autopilot.identification.residuals import initial_state
 from autopilot.identification.runs import FloatArray, Run, seconds
-from autopilot.identification.simulation import at_samples, forcing, simulate, stack
+from autopilot.identification.simulation import at_samples, forcing, simulate, stack, stack_around
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.race_and_wind import RaceAndWind
 
 STEPS_PER_TIME_CONSTANT = 20.0
 LONGEST_STEP_S = 0.5
@@ -24,13 +25,13 @@ class Prediction(NamedTuple):
     heading_rms: float | None
 
 
-def predict(model: Norrbin, run: Run) -> Prediction:
-    """Return how well `model` foretells the run.
+def predict(model: Norrbin, run: Run, around: RaceAndWind | None = None) -> Prediction:
+    """Return how well `model`, with what propeller and wind add where given, foretells the run.
 
-    It starts each segment from the first measured heading and rate and sees nothing but rudder and speed
-    afterwards; only a gap in the recording starts it anew.
+    It starts each segment from the first measured heading and rate and sees nothing but rudder and speed, propeller
+    and wind afterwards; only a gap in the recording starts it anew.
     """
-    simulated = simulate_run(model, run)
+    simulated = simulate_run(model, run, around)
     rate = np.concatenate([segment.rate for segment in run.segments])
     heading = np.concatenate([segment.heading for segment in run.segments])
     rate_error = np.concatenate([values[:, 0] for values in simulated]) - rate
@@ -38,12 +39,13 @@ def predict(model: Norrbin, run: Run) -> Prediction:
     return Prediction(seconds(run), _r2(rate, rate_error), _rms(heading_error))
 
 
-def simulate_run(model: Norrbin, run: Run) -> list[FloatArray]:
+def simulate_run(model: Norrbin, run: Run, around: RaceAndWind | None = None) -> list[FloatArray]:
     """Return per segment the simulated rate [rad/s] and heading [rad, unwrapped] at its samples: shape (N, 2)."""
     longest = min(model.time_constant / STEPS_PER_TIME_CONSTANT, LONGEST_STEP_S)
     steps = forcing(run.segments, longest)
     states = [initial_state(segment) for segment in run.segments]
-    trajectory = simulate(stack([model]), steps, np.array([[rate] for rate, _ in states]))
+    beside = None if around is None else stack_around([around])
+    trajectory = simulate(stack([model]), steps, np.array([[rate] for rate, _ in states]), beside)
     return [
         np.hstack(
             [

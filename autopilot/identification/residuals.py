@@ -1,7 +1,7 @@
 """The residuals of an output-error fit and their derivatives, in a scaled vector of order one.
 
-The vector z holds the free parameters (log of gain and time constant; n3 and n0 in units of the typical rate),
-then per segment the initial rate in that unit, then per segment the initial heading.
+The vector z holds the free parameters (log of gain and time constant; the others in units that make them of
+order one), then per segment the initial rate in that unit, then per segment the initial heading.
 """
 
 from __future__ import annotations
@@ -13,11 +13,14 @@ import numpy as np
 
 from autopilot.identification.noise import Noise, instrument_noise
 from autopilot.identification.runs import FloatArray, Segment
-from autopilot.identification.simulation import Forcing, at_samples, simulate, stack
+from autopilot.identification.simulation import Forcing, at_samples, simulate, stack, stack_around
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.race_and_wind import RaceAndWind
 
 DIFFERENCE_STEP = 1.0e-6
 """Step of the finite differences in the scaled vector."""
+
+LOGARITHMIC = ("gain", "time_constant")
 
 LOG_BOUND = 25.0
 """Logarithms of K and T beyond this are held: no boat is there, and exp must not overflow."""
@@ -25,24 +28,46 @@ LOG_BOUND = 25.0
 
 @dataclass(frozen=True)
 class Problem:
-    """Segments, how they are integrated, the model's fixed part, the names that are free, and the rate scale."""
+    """Segments, how they are integrated, the model's fixed part, the names that are free, and their scales."""
 
     segments: tuple[Segment, ...]
     forcing: Forcing
     base: Norrbin
+    around: RaceAndWind
     free: tuple[str, ...]
     typical_rate: float
+    units: dict[str, float]
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
     """The latest response by its vector: minimiser, noise and standard errors ask for the same one in turn."""
 
     def model(self, z: FloatArray) -> Norrbin:
         """Return the model that the vector stands for."""
-        values = {name: _unscale(name, float(z[i]), self.typical_rate) for i, name in enumerate(self.free)}
-        return self.base._replace(**values)
+        return self.base._replace(**self._values(z, Norrbin._fields))
+
+    def race_and_wind(self, z: FloatArray) -> RaceAndWind:
+        """Return what the vector says of propeller and wind."""
+        return self.around._replace(**self._values(z, RaceAndWind._fields))
+
+    def _values(self, z: FloatArray, names: tuple[str, ...]) -> dict[str, float]:
+        return {name: self._unscaled(name, float(z[i])) for i, name in enumerate(self.free) if name in names}
+
+    def _unscaled(self, name: str, z: float) -> float:
+        if name in LOGARITHMIC:
+            return float(np.exp(np.clip(z, -LOG_BOUND, LOG_BOUND)))
+        return z * self.units[name]
+
+    def _scaled(self, name: str) -> float:
+        value = float(getattr(self.base if name in Norrbin._fields else self.around, name))
+        return float(np.log(value)) if name in LOGARITHMIC else value / self.units[name]
+
+    def parameter_scale(self, z: FloatArray) -> FloatArray:
+        """Return d(parameter)/dz, shape (F,): what turns scaled standard errors into those of the parameters."""
+        model = self.model(z)
+        return np.array([getattr(model, name) if name in LOGARITHMIC else self.units[name] for name in self.free])
 
     def vector(self, states: Sequence[tuple[float, float]]) -> FloatArray:
         """Return the vector of the base model and the initial states (rate [rad/s], heading [rad])."""
-        shared = [_scale(name, getattr(self.base, name), self.typical_rate) for name in self.free]
+        shared = [self._scaled(name) for name in self.free]
         return np.array([*shared, *(rate / self.typical_rate for rate, _ in states), *(psi for _, psi in states)])
 
     def states(self, z: FloatArray) -> list[tuple[float, float]]:
@@ -59,13 +84,18 @@ class Problem:
             self.memory[key] = self._simulated(z)
         return self.memory[key]
 
+    def has_around(self) -> bool:
+        """Return whether propeller or wind count."""
+        return any(name in RaceAndWind._fields for name in self.free) or self.around != RaceAndWind()
+
     def _simulated(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         F, S = len(self.free), len(self.segments)
         shifted = np.tile(z, (F + 2, 1))
         shifted[np.arange(1, F + 1), np.arange(F)] += DIFFERENCE_STEP
         shifted[F + 1, F : F + S] += DIFFERENCE_STEP
         models = stack([self.model(row) for row in shifted])
-        trajectory = simulate(models, self.forcing, shifted[:, F : F + S].T * self.typical_rate)
+        around = stack_around([self.race_and_wind(row) for row in shifted]) if self.has_around() else None
+        trajectory = simulate(models, self.forcing, shifted[:, F : F + S].T * self.typical_rate, around)
         result = []
         for s, segment in enumerate(self.segments):
             rate = at_samples(trajectory.rate, self.forcing, self.segments, s)
@@ -98,22 +128,18 @@ class Problem:
         return (now - first) / spread, spread
 
 
-def _scale(name: str, value: float, typical_rate: float) -> float:
-    if name in ("gain", "time_constant"):
-        return float(np.log(value))
-    return value * typical_rate**2 if name == "n3" else value / typical_rate
-
-
-def _unscale(name: str, z: float, typical_rate: float) -> float:
-    if name in ("gain", "time_constant"):
-        return float(np.exp(np.clip(z, -LOG_BOUND, LOG_BOUND)))
-    return z / typical_rate**2 if name == "n3" else z * typical_rate
-
-
-def physical_scale(model: Norrbin, free: Sequence[str], typical_rate: float) -> FloatArray:
-    """Return d(parameter)/dz, shape (F,): what turns scaled standard errors into those of the parameters."""
-    factors = {"gain": model.gain, "time_constant": model.time_constant, "n3": typical_rate**-2, "n0": typical_rate}
-    return np.array([factors[name] for name in free])
+def units(base: Norrbin, around: RaceAndWind, rate: float, segments: Sequence[Segment]) -> dict[str, float]:
+    """Return what each parameter that is not fitted by its logarithm is measured in, given a typical `rate` [rad/s]."""
+    winds = [np.mean(s.beam_wind**2) + np.mean(s.quarter_wind**2) for s in segments if s.beam_wind.size]
+    wind = max(float(np.sqrt(np.mean(winds))), 1.0e-6) if winds else 1.0
+    acceleration = rate / base.time_constant
+    return {
+        "n3": rate**-2,
+        "n0": rate,
+        "race": (base.reference_speed / max(around.reference_propeller, 1.0e-6)) ** 2,
+        "wind_beam": acceleration / wind,
+        "wind_quarter": acceleration / wind,
+    }
 
 
 def initial_state(segment: Segment) -> tuple[float, float]:

@@ -7,7 +7,7 @@ cut there. Heading and yaw rate are only compared with, so a blank among them si
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,15 +23,22 @@ GAP_SAMPLES = 5.0
 GAP_SHORTEST_S = 0.5
 """No gap is shorter than this, however fast the recording: a rudder moves little in that time."""
 
+AROUND = ("propeller_rps", "wind_speed_m_s", "wind_direction_rad")
+
 SHORTEST_SEGMENT_SAMPLES = 8
 """Shorter stretches between gaps tell less than their own initial state costs."""
+
+
+NOTHING: FloatArray = np.empty(0)
 
 
 class Segment(NamedTuple):
     """A stretch without gaps; arrays of one length N.
 
     time [s] strictly increasing; heading [rad] unwrapped, nan where not measured; rate [rad/s], nan where not
-    measured; rudder [rad] and speed [m/s], finite throughout.
+    measured; rudder [rad] and speed [m/s], finite throughout. propeller [1/s], and of the apparent wind Ua from
+    direction g off the bow beam_wind Ua^2 sin g and quarter_wind Ua^2 sin 2g [m^2/s^2]: finite throughout, empty
+    where the recording has none.
     """
 
     time: FloatArray
@@ -39,6 +46,9 @@ class Segment(NamedTuple):
     rate: FloatArray
     rudder: FloatArray
     speed: FloatArray
+    propeller: FloatArray = NOTHING
+    beam_wind: FloatArray = NOTHING
+    quarter_wind: FloatArray = NOTHING
 
 
 class Run(NamedTuple):
@@ -48,6 +58,16 @@ class Run(NamedTuple):
     segments: tuple[Segment, ...]
 
 
+def has_propeller(runs: Sequence[Run]) -> bool:
+    """Return whether every segment of `runs` knows the propeller's revolutions."""
+    return all(segment.propeller.size for run in runs for segment in run.segments)
+
+
+def has_wind(runs: Sequence[Run]) -> bool:
+    """Return whether every segment of `runs` knows the wind."""
+    return all(segment.beam_wind.size for run in runs for segment in run.segments)
+
+
 def seconds(run: Run) -> float:
     """Return the recorded time [s] inside the run's segments."""
     return float(sum(segment.time[-1] - segment.time[0] for segment in run.segments))
@@ -55,7 +75,8 @@ def seconds(run: Run) -> float:
 
 def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     """Return the Run in `columns`: arrays of one length under the keys `time_s`, `rudder_rad`, `speed_m_s`,
-    and `heading_rad` or `yaw_rate_rad_s` or both; nan where a value is missing.
+    and `heading_rad` or `yaw_rate_rad_s` or both; nan where a value is missing. `propeller_rps`, and
+    `wind_speed_m_s` with `wind_direction_rad` (off the bow, as felt on board), are taken where they are.
 
     Rows without a time are dropped. Raises InputError, naming `source`, where a needed column is missing,
     time does not increase, or no stretch is long enough.
@@ -77,9 +98,11 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     rate = columns["yaw_rate_rad_s"][known] if "yaw_rate_rad_s" in columns else nothing
     rudder, rudder_known = _bridge(time, columns["rudder_rad"][known])
     speed, speed_known = _bridge(time, columns["speed_m_s"][known])
-    table = Segment(time, heading, rate, rudder, speed)
+    around = _around(time, {name: values[known] for name, values in columns.items() if name in AROUND})
+    table = Segment(time, heading, rate, rudder, speed, *around)
     segments = [
-        _tidy(Segment(*(array[part] for array in table))) for part in _stretches(time, rudder_known & speed_known)
+        _tidy(Segment(*(array[part] if array.size else array for array in table)))
+        for part in _stretches(time, rudder_known & speed_known)
     ]
     useful = tuple(segment for segment in segments if _measured(segment) >= SHORTEST_SEGMENT_SAMPLES)
     if not useful:
@@ -88,6 +111,21 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
             "together; check that the columns overlap in time."
         )
     return Run(source, useful)
+
+
+def _around(time: FloatArray, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return propeller, beam wind and quarter wind without blanks: between samples, and beyond them, what was last
+    and will be next is close enough for what only modifies the motion."""
+    propeller = columns.get("propeller_rps", NOTHING)
+    speed, direction = columns.get("wind_speed_m_s", NOTHING), columns.get("wind_direction_rad", NOTHING)
+    square = speed**2 if direction.size and speed.size else NOTHING
+    winds = (square * np.sin(direction), square * np.sin(2.0 * direction)) if square.size else (NOTHING, NOTHING)
+    return _filled(time, propeller), _filled(time, winds[0]), _filled(time, winds[1])
+
+
+def _filled(time: FloatArray, values: FloatArray) -> FloatArray:
+    measured = np.isfinite(values)
+    return np.interp(time, time[measured], values[measured]) if measured.any() else NOTHING
 
 
 def _require(source: str, columns: Mapping[str, FloatArray]) -> None:
