@@ -12,6 +12,7 @@ from autopilot.control.design import LoopGains, Verdict, judge, linear_gains_bac
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.guidance.plotter import PlotterGuide
 from autopilot.limits import RudderLimits
 from autopilot.links.base import Link, LinkError
 from autopilot.links.drives.base import Drive, DriveSettings
@@ -179,6 +180,7 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
         deviation=tuple((math.radians(at), math.radians(deviation)) for at, deviation in sensors.deviation_deg),
         steers=url.options.steers,
         follow=follow_of(vessel),
+        sends=url.options.sends,
     )
 
 
@@ -201,10 +203,14 @@ def drive_settings_of(vessel: Vessel) -> DriveSettings:
 
 
 class LinkOptions(NamedTuple):
-    """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first)."""
+    """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
+
+    `guide` takes what a chart plotter says on NMEA links.
+    """
 
     as_gcs: bool = False
     vehicle_system: int | None = None
+    guide: PlotterGuide | None = None
 
 
 def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
@@ -212,7 +218,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
     parsed = parse_url(url)
     transport = open_transport(parsed)
     if parsed.protocol == "nmea":
-        return NmeaLink(transport, nmea_settings_of(vessel, parsed))
+        return NmeaLink(transport, nmea_settings_of(vessel, parsed), options.guide)
     if parsed.protocol in DRIVES:
         settings_line = DriveLinkSettings(parsed.baud, vessel.drive.rate_hz, follow_of(vessel))
         return DriveLink(transport, DRIVES[parsed.protocol](drive_settings_of(vessel)), settings_line)

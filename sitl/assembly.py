@@ -15,7 +15,7 @@ from sitl.pty_line import PtyTransport
 from sitl.scenario import Scenario, load_scenario
 from sitl.serve import Port
 from sitl.wire_mavlink import MavlinkVehicle
-from sitl.wire_nmea import NmeaInstruments, chosen_rates
+from sitl.wire_nmea import PLOTTER, NmeaInstruments, chosen_rates
 from sitl.wire_pololu import JrkController, MaestroController
 from sitl.wire_pypilot import PypilotController
 from sitl.world import World
@@ -59,6 +59,7 @@ def open_ports(
                 ports.append((f"mavlink {url}", mavlink_port(firmware, url)))  # noqa: PERF401 - kept on failure, to close
         if nmea is not None:
             path, baud = _path_and_baud("--nmea", nmea)
+            _check_route(world, sentences)
             instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud)
             ports.append((f"nmea {path} ({baud} baud)", Port(PtyTransport(path), instruments)))
         if drive is not None:
@@ -86,6 +87,15 @@ def drive_port(world: World, text: str) -> tuple[str, Port]:
         raise InputError(f"--drive {text}: {kind!r} is no drive; allowed are {', '.join(DRIVES)}, each with PATH:BAUD.")
     path, baud = _path_and_baud("--drive", place)
     return f"drive {kind} {path} ({baud} baud)", Port(PtyTransport(path), DRIVES[kind](world, baud))
+
+
+def _check_route(world: World, sentences: str) -> None:
+    named = {item.strip().partition(":")[0] for item in sentences.split(",")}
+    if not world.scenario.route and (spoken := sorted(named & set(PLOTTER))):
+        raise InputError(
+            f"--sentences: {', '.join(spoken)} come from a chart plotter; give the scenario a route, such as "
+            "route: [[0, 0], [500, 0]] (metres north and east of the start)."
+        )
 
 
 def _path_and_baud(option: str, text: str) -> tuple[str, int]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -164,6 +166,8 @@ class Scenario:
     faults: tuple[FaultSection, ...] = ()
     vehicle: VehicleSection = field(default_factory=VehicleSection)
     drive: DriveSection = field(default_factory=DriveSection)
+    route: tuple[tuple[float, float], ...] = ()
+    """Waypoints of the chart plotter, [north m, east m] of the start; it speaks APB, RMB, XTE and HTD about them."""
 
 
 def shipped_scenarios() -> list[str]:
@@ -199,4 +203,7 @@ def scenario_from(root: Node) -> Scenario:
             raise root.at("faults").fault(
                 f"faults[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
             )
+    for index, (one, other) in enumerate(itertools.pairwise(scenario.route)):
+        if math.hypot(other[0] - one[0], other[1] - one[1]) < 1.0:
+            raise root.at("route").fault(f"route[{index + 1}] is the place of the waypoint before it; leave one out.")
     return scenario

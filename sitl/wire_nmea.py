@@ -7,6 +7,7 @@ rudder order in degrees with status A; status V, or no order for a while, releas
 from __future__ import annotations
 
 import datetime
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping
@@ -15,6 +16,7 @@ from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.links import nmea_encoders as encode
 from autopilot.links.nmea0183 import NmeaFramer, Sentence
+from sitl.plotter import ChartPlotter
 from sitl.sensors import Reading
 from sitl.uart import UartLine
 from sitl.world import Orders, World
@@ -29,6 +31,10 @@ RATES_HZ: Mapping[str, float] = {
     "VHW": 1.0,
     "VTG": 1.0,
     "RMC": 1.0,
+    "APB": 1.0,
+    "RMB": 1.0,
+    "XTE": 1.0,
+    "HTD": 1.0,
 }
 """Sentences that can be chosen, and how often each leaves unless its rate is given."""
 
@@ -42,7 +48,13 @@ TYPICAL_LENGTH: Mapping[str, int] = {
     "VHW": 46,
     "VTG": 48,
     "RMC": 76,
+    "APB": 66,
+    "RMB": 60,
+    "XTE": 26,
+    "HTD": 48,
 }
+PLOTTER = ("APB", "RMB", "XTE", "HTD")
+"""What a chart plotter says; it needs a route in the scenario."""
 """Bytes of a sentence with its line end, for sharing out a slow line."""
 
 FULLEST_LINE = 0.8
@@ -161,6 +173,9 @@ class NmeaInstruments:
             "VTG": lambda reading: encode.encode_vtg(reading.course, reading.ground_speed),
             "RMC": self._rmc,
         }
+        self._plotter = ChartPlotter(world.scenario)
+        for name in PLOTTER:
+            self._compose[name] = functools.partial(self._plotter.say, name)
         world.watchers.append(self._after_step)
 
     def receive(self, now: float, data: bytes) -> None:
@@ -192,6 +207,8 @@ class NmeaInstruments:
         reading = sensors.latest(time)
         if reading is None or sensors.is_silent(time):
             return
+        if name in PLOTTER:
+            self._plotter.update(reading)
         if name in ("HDG", "HDM", "HDT") and not sensors.has_heading(time):
             return
         if self._to_listener.backlog(time) > BACKLOG_MAX_S:

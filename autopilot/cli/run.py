@@ -22,6 +22,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     add_steering_options(parser)
     parser.add_argument("--engage", metavar="HEADING", help="engage on this heading in degrees, or `present`")
+    parser.add_argument(
+        "--follow", choices=("plotter",), help="follow the chart plotter on the NMEA links (APB, RMB, XTE, HTC, HTD)"
+    )
     parser.add_argument("--law", choices=("backstepping", "pid"), help="law to steer with (default: the file's)")
     parser.add_argument("--duration", type=float, metavar="S", help="stop after this time (default: run on)")
     parser.set_defaults(run=run)
@@ -30,8 +33,10 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from autopilot.build import limits_of
-    from autopilot.cli.skipper import HELP, Skipper, heading_of
+    from autopilot.cli.plotter_follow import FOLLOW_HELP, PlotterSkipper
+    from autopilot.cli.skipper import HELP, heading_of
     from autopilot.cli.steering import steer
+    from autopilot.guidance.plotter import PlotterGuide
     from autopilot.params.vessel_file import load_vessel
     from autopilot.signals import Tick
 
@@ -40,12 +45,15 @@ def run(arguments: argparse.Namespace) -> int:
     if not (math.isfinite(arguments.speedup) and arguments.speedup > 0.0):
         raise InputError(f"--speedup {arguments.speedup}: a number above 0 is allowed")
     vessel = load_vessel(arguments.vessel)
-    skipper = Skipper(limits_of(vessel).angle_max)
+    guide = PlotterGuide()
+    skipper = PlotterSkipper(limits_of(vessel).angle_max, guide)
     if arguments.engage is not None:
         skipper.engage(None if arguments.engage == "present" else heading_of(arguments.engage))
+    if arguments.follow is not None:
+        skipper.follow()
     listens = sys.stdin is not None and sys.stdin.isatty()
     if listens:
-        print(HELP)
+        print(f"{HELP}  {FOLLOW_HELP}")
 
     def watch(tick: Tick) -> bool:
         if listens and select.select([sys.stdin], (), (), 0.0)[0]:
@@ -63,5 +71,6 @@ def run(arguments: argparse.Namespace) -> int:
         watch,
         duration=math.inf if arguments.duration is None else arguments.duration,
         law=arguments.law,
-        must_engage=arguments.engage is not None,
+        must_engage=arguments.engage is not None or arguments.follow is not None,
+        guide=guide,
     )

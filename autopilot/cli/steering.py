@@ -15,7 +15,8 @@ from autopilot import __version__
 from autopilot.angles import compass_deg
 from autopilot.build import LinkOptions, build_links, build_pilot
 from autopilot.errors import ExitCode, RefusedError
-from autopilot.links.base import LinkError
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.links.base import LinkError, Shows
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.record import Recorder
 from autopilot.loop.session import Orders, Session
@@ -109,12 +110,13 @@ def steer(
     duration: float,
     law: str | None = None,
     must_engage: bool = True,
+    guide: PlotterGuide | None = None,
 ) -> int:
     """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released."""
     pilot = build_pilot(vessel, law)
     clock = MonotonicClock(arguments.speedup)
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s)
-    links = build_links(vessel, arguments.link, LinkOptions(arguments.as_gcs, arguments.vehicle_system))
+    links = build_links(vessel, arguments.link, LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide))
     recorder = None
     try:
         if arguments.log is not None:
@@ -126,7 +128,11 @@ def steer(
         raise
     status = StatusLine()
 
+    showing = [link for link in links if isinstance(link, Shows)]
+
     def after(tick: Tick) -> bool:
+        for link in showing:
+            link.show(tick)
         status.show(tick, recorder)
         return ending(tick) or watch(tick)
 

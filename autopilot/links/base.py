@@ -5,9 +5,9 @@ Nothing here or below blocks, sleeps or reads a clock: time is an argument.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-from autopilot.signals import Mode, RudderCommand, Sample
+from autopilot.signals import Mode, RudderCommand, Sample, Tick
 
 
 class LinkError(Exception):
@@ -43,6 +43,14 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Give the descriptor back; further calls do nothing."""
+
+
+@runtime_checkable
+class Shows(Protocol):
+    """A link that can pass on what the pilot knows, beside what every `Link` does."""
+
+    def show(self, tick: Tick) -> None:
+        """Send on what falls due with `tick`; called after the command has left."""
 
 
 class Link(Protocol):

@@ -9,14 +9,26 @@ time it ends. So the time of a sample is reckoned back from its arrival:
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
+from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence
 from autopilot.links.nmea_encoders import encode_ror
+from autopilot.links.nmea_repeater import NmeaRepeater
 from autopilot.links.nmea_samples import Deviation, NmeaReader
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
-from autopilot.signals import HeadingSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
+from autopilot.signals import (
+    AlarmSample,
+    HeadingSample,
+    HelmSample,
+    Mode,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    Tick,
+)
 
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
@@ -25,6 +37,11 @@ RELEASE_SPACING_S = 0.1
 REPEAT_S = 0.5
 """A drive releases the rudder when no order has come for 2 s or so: the last one is repeated at least this often."""
 REPEAT_FOR_S = 1.0
+REPEATED_WAITING = 12
+"""Repeated sentences that wait for a slow line; of more, the oldest go unsent."""
+ORDERS_IN_ROW = 3
+"""On a line that cannot carry all, a repeated sentence leaves after so many orders."""
+PLOTTER = "chart plotter"
 
 
 class NmeaSettings(NamedTuple):
@@ -33,7 +50,7 @@ class NmeaSettings(NamedTuple):
     baud: of the line, 0 where there is none (UDP).  heading_latency [s]: age of a heading when its sentence
     begins.  variation [rad], east positive, None to take it from the instruments.  deviation: (compass heading,
     deviation) pairs [rad].  steers: whether a rudder drive listens on this link.  follow: how closely the
-    rudder must follow its orders where a sensor on this link shows it.
+    rudder must follow its orders where a sensor on this link shows it.  sends: sentences to repeat, with rates [Hz].
     """
 
     baud: int = 0
@@ -42,6 +59,7 @@ class NmeaSettings(NamedTuple):
     deviation: tuple[tuple[float, float], ...] = ()
     steers: bool = True
     follow: FollowSettings = FollowSettings()
+    sends: tuple[tuple[str, float], ...] = ()
 
 
 class NmeaLink:
@@ -51,13 +69,22 @@ class NmeaLink:
         replaced: commands not sent because the line was still busy with an earlier one; the newest is sent.
     """
 
-    def __init__(self, transport: Transport, settings: NmeaSettings = NmeaSettings()) -> None:  # noqa: B008
+    def __init__(
+        self,
+        transport: Transport,
+        settings: NmeaSettings = NmeaSettings(),  # noqa: B008 - immutable
+        guide: PlotterGuide | None = None,
+    ) -> None:
         self.name = transport.name
         self.replaced = 0
         self._transport = transport
         self._settings = settings
         self._framer = NmeaFramer()
-        self._reader = NmeaReader(settings.variation, Deviation(settings.deviation))
+        self._reader = NmeaReader(settings.variation, Deviation(settings.deviation), guide)
+        self._guide = guide
+        self._guide_alarm = ""
+        self._repeater = NmeaRepeater(settings.sends, settings.variation)
+        self._repeated: deque[bytes] = deque(maxlen=REPEATED_WAITING)
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
         self._line_free = -math.inf
         self._command: RudderCommand | None = None
@@ -65,6 +92,7 @@ class NmeaLink:
         self._last_sent = -math.inf
         self._pending = False
         self._releases_left = 0
+        self._orders_in_row = 0
         self._follow = RudderFollow(settings.follow)
         self._helm_reason: str | None = None
 
@@ -98,6 +126,9 @@ class NmeaLink:
         if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
             samples.append(HelmSample(now, not reason, reason, self.name))
+        if self._guide is not None and self._guide.alarm != self._guide_alarm:
+            self._guide_alarm = self._guide.alarm
+            samples.append(AlarmSample(now, self._guide_alarm, PLOTTER))
         return samples
 
     def _read(self, now: float, chunks: list[bytes], samples: list[Sample]) -> None:
@@ -144,6 +175,11 @@ class NmeaLink:
             self._pending = True
         self._push(now)
 
+    def show(self, tick: Tick) -> None:
+        """Queue the sentences that fall due with `tick`; they leave when the line has no rudder order to carry."""
+        self._repeated.extend(self._repeater.due(tick))
+        self._push(tick.now)
+
     def release(self, now: float) -> None:
         """Give the rudder back, several times over; never raises."""
         if self._settings.steers and (self._command is not None or self._releases_left):
@@ -169,11 +205,26 @@ class NmeaLink:
     def _push(self, now: float) -> None:
         if now < self._line_free:
             return
-        if self._command is not None:
+        if self._command is not None and self._orders_in_row < ORDERS_IN_ROW:
             if self._pending:
                 self._pending = not self._write(now, encode_ror(self._command.angle, True))
-        elif self._releases_left and (now - self._last_sent >= RELEASE_SPACING_S or self._releases_left == RELEASES):
+                self._orders_in_row += bool(self._repeated)
+        elif (
+            self._command is None
+            and self._releases_left
+            and (now - self._last_sent >= RELEASE_SPACING_S or self._releases_left == RELEASES)
+        ):
             self._releases_left -= self._write(now, encode_ror(0.0, False))
+        while self._repeated and now >= self._line_free and self._write_one(now, self._repeated[0]):
+            self._repeated.popleft()
+            self._orders_in_row = 0
+
+    def _write_one(self, now: float, sentence: bytes) -> bool:
+        """Send a sentence that is no order: it does not count as one."""
+        last_order = self._last_sent
+        sent = self._write(now, sentence)
+        self._last_sent = last_order
+        return sent
 
     def _write(self, now: float, sentence: bytes) -> bool:
         if not self._transport.send(sentence):

@@ -1,7 +1,9 @@
 """What NMEA 0183 sentences mean: instruments to samples. Pure.
 
-HDG, HDM, HDT, THS, ROT, RSA, RMC, VTG and VHW; the rest is counted as ignored. A field that says "not valid"
-(status V, mode N, an empty field) is no data, and a value outside its range makes the sentence malformed.
+HDG, HDM, HDT, THS, ROT, RSA, RMC, VTG and VHW are samples; APB, RMB, XTE, HTC and HTD go to the guide that follows
+a chart plotter, where there is one; the rest is counted as ignored, and so is what we send ourselves. A field that
+says "not valid" (status V, mode N, an empty field) is no data, and a value outside its range makes the sentence
+malformed.
 
     HDG: true heading = sensor + deviation + variation;  HDM: true heading = magnetic + variation
 
@@ -19,17 +21,29 @@ from collections.abc import Callable
 from itertools import pairwise
 
 from autopilot.angles import wrap
+from autopilot.guidance.plotter import PlotterGuide, PlotterInvalid
 from autopilot.links.nmea0183 import Sentence
-from autopilot.links.nmea_encoders import KMH_M_S, KNOT_M_S
+from autopilot.links.nmea_encoders import KNOT_M_S
+from autopilot.links.nmea_fields import (
+    SPEED_LIMIT,
+    NoDataError,
+    angle,
+    east_west,
+    letter,
+    mode_indicator,
+    number,
+    speed_of,
+    status,
+)
+from autopilot.links.plotter_sentences import NeedsVariationError, PlotterReader
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample, SpeedSample
 
+OWN_TALKER = "AG"
+"""An autopilot's own sentences, come back through a multiplexer, must not be its compass."""
 ROT_LIMIT_DEG_MIN = 10000.0
 RUDDER_LIMIT_DEG = 90.0
-SPEED_LIMIT = 1000.0
 VARIATION_LIMIT_DEG = 180.0
 DEVIATION_LIMIT_DEG = 90.0
-NO_DATA_MODES = ("N", "V")
-"""Mode indicators (NMEA 2.3 and later) that say: not valid. E, M and S, estimated or simulated, are accepted."""
 
 
 class Deviation:
@@ -63,6 +77,7 @@ class NmeaReader:
     Args:
         variation [rad], east positive: configured magnetic variation, None to take it from HDG or RMC.
         deviation: the compass's table, used where HDG carries no deviation of its own.
+        guide: takes what a chart plotter says.
 
     Attributes:
         malformed: sentences with a value that cannot be.  ignored: of types not used here.
@@ -70,7 +85,9 @@ class NmeaReader:
         waiting_for_variation: magnetic headings dropped because no variation is known.
     """
 
-    def __init__(self, variation: float | None = None, deviation: Deviation | None = None) -> None:
+    def __init__(
+        self, variation: float | None = None, deviation: Deviation | None = None, guide: PlotterGuide | None = None
+    ) -> None:
         self.malformed = 0
         self.ignored = 0
         self.invalid = 0
@@ -78,6 +95,8 @@ class NmeaReader:
         self._configured_variation = variation
         self._received_variation: float | None = None
         self._deviation = deviation or Deviation()
+        self._guide = guide
+        self._plotter = PlotterReader(self._variation)
         self._readers: dict[str, Callable[[float, tuple[str, ...]], Sample | None]] = {
             "HDG": self._hdg,
             "HDM": self._hdm,
@@ -93,31 +112,47 @@ class NmeaReader:
     def read(self, time: float, sentence: Sentence) -> Sample | None:
         """Return the sample in `sentence`, measured at `time` [s]; None where it holds none. Never raises."""
         reader = self._readers.get(sentence.type)
-        if reader is None:
+        is_plotter = reader is None and sentence.type in self._plotter.readers and self._guide is not None
+        if (reader is None and not is_plotter) or sentence.talker == OWN_TALKER:
             self.ignored += 1
             return None
         try:
+            if reader is None:
+                self._lead(time, sentence)
+                return None
             sample = reader(time, sentence.fields)
         except ValueError:
             self.malformed += 1
             return None
-        except _NoDataError:
+        except NoDataError:
             self.invalid += 1
+            return None
+        except NeedsVariationError:
+            self.waiting_for_variation += 1
             return None
         return None if sample is None else sample._replace(source=sentence.talker + sentence.type)
 
+    def _lead(self, time: float, sentence: Sentence) -> None:
+        message = self._plotter.read(time, sentence.type, sentence.fields)
+        if message is not None and self._guide is not None:
+            self.invalid += isinstance(message, PlotterInvalid)
+            self._guide.take(message)
+
+    def _variation(self) -> float | None:
+        return self._received_variation if self._configured_variation is None else self._configured_variation
+
     def _hdg(self, time: float, fields: tuple[str, ...]) -> Sample | None:
-        compass = _angle(fields, 0)
-        deviation = _east_west(fields, 1, DEVIATION_LIMIT_DEG)
-        variation = _east_west(fields, 3, VARIATION_LIMIT_DEG)
+        compass = angle(fields, 0)
+        deviation = east_west(fields, 1, DEVIATION_LIMIT_DEG)
+        variation = east_west(fields, 3, VARIATION_LIMIT_DEG)
         if variation is not None:
             self._received_variation = variation
         magnetic = compass + (self._deviation.at(compass) if deviation is None else deviation)
         return self._from_magnetic(time, magnetic, variation)
 
     def _hdm(self, time: float, fields: tuple[str, ...]) -> Sample | None:
-        _letter(fields, 1, "M")
-        return self._from_magnetic(time, _angle(fields, 0), None)
+        letter(fields, 1, "M")
+        return self._from_magnetic(time, angle(fields, 0), None)
 
     def _from_magnetic(self, time: float, magnetic: float, own_variation: float | None) -> Sample | None:
         for variation in (own_variation, self._configured_variation, self._received_variation):
@@ -127,98 +162,34 @@ class NmeaReader:
         return None
 
     def _hdt(self, time: float, fields: tuple[str, ...]) -> Sample:
-        _letter(fields, 1, "T")
-        return HeadingSample(time, wrap(_angle(fields, 0)))
+        letter(fields, 1, "T")
+        return HeadingSample(time, wrap(angle(fields, 0)))
 
     def _ths(self, time: float, fields: tuple[str, ...]) -> Sample:
-        _mode(fields, 1, required=True)
-        return HeadingSample(time, wrap(_angle(fields, 0)))
+        mode_indicator(fields, 1, required=True)
+        return HeadingSample(time, wrap(angle(fields, 0)))
 
     def _rot(self, time: float, fields: tuple[str, ...]) -> Sample:
-        _status(fields, 1)
-        return RateSample(time, math.radians(_number(fields, 0, -ROT_LIMIT_DEG_MIN, ROT_LIMIT_DEG_MIN)) / 60.0)
+        status(fields, 1)
+        return RateSample(time, math.radians(number(fields, 0, -ROT_LIMIT_DEG_MIN, ROT_LIMIT_DEG_MIN)) / 60.0)
 
     def _rsa(self, time: float, fields: tuple[str, ...]) -> Sample:
-        _status(fields, 1)
-        return RudderSample(time, math.radians(_number(fields, 0, -RUDDER_LIMIT_DEG, RUDDER_LIMIT_DEG)))
+        status(fields, 1)
+        return RudderSample(time, math.radians(number(fields, 0, -RUDDER_LIMIT_DEG, RUDDER_LIMIT_DEG)))
 
     def _rmc(self, time: float, fields: tuple[str, ...]) -> Sample:
-        _status(fields, 1)
-        _mode(fields, 11)
-        speed = _number(fields, 6, 0.0, SPEED_LIMIT) * KNOT_M_S
-        variation = _east_west(fields, 9, VARIATION_LIMIT_DEG)
+        status(fields, 1)
+        mode_indicator(fields, 11)
+        speed = number(fields, 6, 0.0, SPEED_LIMIT) * KNOT_M_S
+        variation = east_west(fields, 9, VARIATION_LIMIT_DEG)
         if variation is not None:
             self._received_variation = variation
         return SpeedSample(time, speed, True)
 
     def _vtg(self, time: float, fields: tuple[str, ...]) -> Sample:
-        _mode(fields, 8)
-        return SpeedSample(time, _speed(fields, 4, 0.0), True)
+        mode_indicator(fields, 8)
+        return SpeedSample(time, speed_of(fields, 4, 0.0), True)
 
     def _vhw(self, time: float, fields: tuple[str, ...]) -> Sample:
         # A paddle wheel that turns backwards is sent as a negative speed.
-        return SpeedSample(time, _speed(fields, 4, -SPEED_LIMIT), False)
-
-
-class _NoDataError(Exception):
-    """The sentence says of itself that it holds no data."""
-
-
-def _field(fields: tuple[str, ...], index: int) -> str:
-    return fields[index] if index < len(fields) else ""
-
-
-def _number(fields: tuple[str, ...], index: int, low: float, high: float) -> float:
-    text = _field(fields, index)
-    if not text:
-        raise _NoDataError
-    # float() would also take "nan", "1_0", " 1" and "1e3".
-    if text.strip("0123456789.+-"):
-        raise ValueError(text)
-    value = float(text)
-    if not low <= value <= high:
-        raise ValueError(text)
-    return value
-
-
-def _angle(fields: tuple[str, ...], index: int) -> float:
-    return math.radians(_number(fields, index, 0.0, 360.0))
-
-
-def _east_west(fields: tuple[str, ...], index: int, limit_deg: float) -> float | None:
-    if not _field(fields, index):
-        return None
-    side = _field(fields, index + 1)
-    if side not in ("E", "W"):
-        raise ValueError(side)
-    value = math.radians(_number(fields, index, 0.0, limit_deg))
-    return value if side == "E" else -value
-
-
-def _letter(fields: tuple[str, ...], index: int, expected: str) -> None:
-    if _field(fields, index) != expected:
-        raise ValueError(_field(fields, index))
-
-
-def _status(fields: tuple[str, ...], index: int) -> None:
-    if _field(fields, index) == "V":
-        raise _NoDataError
-    _letter(fields, index, "A")
-
-
-def _mode(fields: tuple[str, ...], index: int, required: bool = False) -> None:
-    mode = _field(fields, index)
-    if mode in NO_DATA_MODES:
-        raise _NoDataError
-    if (required or mode) and mode not in ("A", "D", "E", "F", "M", "P", "R", "S"):
-        raise ValueError(mode)
-
-
-def _speed(fields: tuple[str, ...], index: int, low: float) -> float:
-    """Speed [m/s] from a pair of fields: knots with N, or else km/h with K."""
-    if _field(fields, index):
-        _letter(fields, index + 1, "N")
-        return _number(fields, index, low, SPEED_LIMIT) * KNOT_M_S
-    if _field(fields, index + 2):
-        _letter(fields, index + 3, "K")
-    return _number(fields, index + 2, low, SPEED_LIMIT) * KMH_M_S
+        return SpeedSample(time, speed_of(fields, 4, -SPEED_LIMIT), False)

@@ -78,6 +78,40 @@ def test_a_heading_is_changed_by_a_rudder_drive_on_its_own_line(tmp_path: Path, 
     assert max(abs(sample.angle) for sample in seen) > math.radians(3.0)
 
 
+ROUTE = """
+schema_version: 1
+name: route
+start: {heading_deg: 20}
+current: {speed_m_s: 0.5, towards_deg: 90}
+route: [[0, 0], [150, 0], [150, 400]]
+"""
+
+
+def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: Path) -> None:
+    scenario, log, truth = tmp_path / "route.yaml", tmp_path / "run.tlog", tmp_path / "truth.csv"
+    scenario.write_text(ROUTE)
+    line = tmp_path / "line"
+    speedup = 8
+    command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--speedup", str(speedup), "--scenario", str(scenario)]
+    command += ["--nmea", f"{line}:115200", "--sentences", "HDG:10,ROT:10,RSA:5,VHW:2,APB:2,RMB:1,XTE:2"]
+    command += ["--truth", str(truth)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("ready")
+        command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{line}:115200"]
+        command += ["--follow", "plotter", "--duration", "68", "--log", str(log), "--speedup", str(speedup)]
+        run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
+        process.terminate()
+    assert (run.returncode, run.stderr) == (0, "")
+    assert read_log(log).ticks[-1].mode is Mode.ENGAGED, read_log(log).ticks[-1].alarms
+    header, *rows = truth.read_text().strip().splitlines()
+    north, east = (header.split(",").index(name) for name in ("north_m", "east_m"))
+    places = [(float(row.split(",")[north]), float(row.split(",")[east])) for row in rows[:-1]]
+    second_leg = [place for place in places if 90.0 < place[1] < 250.0]
+    assert len(second_leg) > 50, "the boat has turned east at the waypoint"
+    assert max(abs(place[0] - 150.0) for place in second_leg[len(second_leg) // 2 :]) < 15.0
+
+
 def test_a_rudder_that_sticks_is_an_override_with_the_reason(boat: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.tlog"
     command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{boat}:38400", "--engage", "170"]

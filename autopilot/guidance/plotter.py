@@ -1,0 +1,186 @@
+"""Steering by a chart plotter: its track and cross-track error, or its heading to steer, to a course. Pure.
+
+    psi_d = chi - atan((y + sigma y_i)/Delta),   y_i' = Delta y/(Delta^2 + (y + sigma y_i)^2)
+
+chi is the track's bearing, y the cross-track error, positive where the boat is to starboard of the track, Delta the
+look-ahead distance. The integral y_i takes out the drift of current and leeway, and cannot wind up far off the track.
+Source: Borhaug, Pavlov and Pettersen 2008, "Integral LOS control for path following of underactuated marine surface
+vessels in the presence of constant ocean currents", eq. (7).
+
+A plotter that switches to its next waypoint tells the new bearing and the new error in sentences of their own, and for
+a moment the two do not belong together: the boat would turn to the wrong side. So a leg that differs from the one
+steered is taken only when the next message says the same, and one that turns the boat further than `TURN_MOST` only
+when the skipper confirms it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import compass_deg, shortest_turn, wrap
+
+TIMEOUT_S = 8.0
+"""A plotter sends once a second or two; silent for this long it leads nobody any more."""
+LOOKAHEAD_S = 10.0
+LOOKAHEAD_LEAST = 15.0
+STEPS_IN_LOOKAHEAD = 6.0
+"""Delta is at least this many steps of the plotter's last digit (0.01 nm is 18.5 m), or each step would be a turn."""
+DRIFT_SHARE = 0.3
+"""sigma [m/s] as a share of the speed: how fast the integral works. `_drift` is sigma y_i [m]."""
+SAME_BEARING = math.radians(3.0)
+TURN_MOST = math.radians(100.0)
+DT_MOST = 2.0
+
+
+class PlotterLeg(NamedTuple):
+    """A leg as one plotter sentence told it at `time` [s].
+
+    track [rad]: its true bearing.  cross_track [m]: positive with the boat to starboard of it.  step [m]: what the
+    last digit of the error is worth.  waypoint: where it ends.
+    """
+
+    time: float
+    track: float
+    cross_track: float
+    step: float = 0.0
+    waypoint: str = ""
+
+
+class PlotterHeading(NamedTuple):
+    """A true heading [rad] that the plotter wants steered (HTC, HTD)."""
+
+    time: float
+    heading: float
+
+
+class PlotterInvalid(NamedTuple):
+    """The plotter says of itself that it does not lead: status V, mode N, manual steering."""
+
+    time: float
+    reason: str
+
+
+PlotterMessage = PlotterLeg | PlotterHeading | PlotterInvalid
+
+
+class PlotterGuide:
+    """What the plotter wants, as a course. Memory: the leg steered, one that waits, the integral.
+
+    Attributes:
+        alarm: what the skipper must know, empty when all is well; only while `following`.
+        cross_track: the error [m] of the leg steered, nan without one.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the plotter."""
+        self.following = False
+        self.alarm = ""
+        self.cross_track = math.nan
+        self._message: PlotterLeg | PlotterHeading | None = None
+        self._candidate: PlotterLeg | PlotterHeading | None = None
+        self._invalid = ""
+        self._held: float | None = None
+        self._drift = 0.0
+        self._now: float | None = None
+        self._confirmed = False
+        self._wants_far = 0.0
+
+    def follow(self) -> None:
+        """Begin to follow, or confirm the turn that waits for it."""
+        self._confirmed = True
+        if not self.following:
+            self.following = True
+            self._held = None
+            self._drift = 0.0
+            # the leg that was steered before is as new as any other
+            self._message = None
+
+    def leave(self) -> None:
+        """Follow no longer."""
+        self.following = False
+        self.alarm = ""
+        self._confirmed = False
+
+    def take(self, message: PlotterMessage) -> None:
+        """Take what the plotter says."""
+        if isinstance(message, PlotterInvalid):
+            self._invalid = message.reason
+            self._message = self._candidate = None
+            return
+        self._invalid = ""
+        before, self._candidate = self._candidate, message
+        if self._message is not None and _is_same(self._message, message):
+            self._message = message
+        elif before is not None and _is_same(before, message) and self._may_turn(message):
+            self._message = message
+            self._drift = 0.0
+            self._confirmed = False
+
+    def _may_turn(self, message: PlotterLeg | PlotterHeading) -> bool:
+        goal = message.track if isinstance(message, PlotterLeg) else message.heading
+        if self._held is None or self._confirmed or abs(shortest_turn(self._held, goal)) <= TURN_MOST:
+            return True
+        self._wants_far = goal
+        return False
+
+    def course(self, now: float, heading: float, speed: float) -> float:
+        """Return the course [rad] to steer at `now` [s], with the boat on `heading` [rad] at `speed` [m/s].
+
+        Without a plotter that leads, it is the course held last, or the present heading, and `alarm` says why.
+        """
+        dt = 0.0 if self._now is None else min(max(now - self._now, 0.0), DT_MOST)
+        self._now = now
+        message = self._fresh(now)
+        if isinstance(message, PlotterHeading):
+            self._held = message.heading
+        elif message is not None:
+            self._held = self._line_of_sight(message, speed, dt)
+        elif self._held is None:
+            self._held = heading
+        self.cross_track = message.cross_track if isinstance(message, PlotterLeg) else math.nan
+        self.alarm = self._reason(now, message)
+        return self._held
+
+    def _fresh(self, now: float) -> PlotterLeg | PlotterHeading | None:
+        if self._message is not None and now - self._message.time > TIMEOUT_S:
+            self._message = None
+        return self._message
+
+    def _reason(self, now: float, message: PlotterLeg | PlotterHeading | None) -> str:
+        held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
+        newest = self._candidate
+        is_heard = newest is not None and now - newest.time <= TIMEOUT_S
+        if is_heard and newest is not None and message is not newest and not self._may_turn(newest):
+            return (
+                f"the chart plotter wants a turn to {compass_deg(self._wants_far):05.1f} deg, further than "
+                f"{math.degrees(TURN_MOST):.0f} deg: {held}; type f to turn"
+            )
+        if message is not None or is_heard:
+            return ""
+        if self._invalid:
+            return f"the chart plotter does not lead ({self._invalid}): {held}"
+        return f"the chart plotter has been silent for {TIMEOUT_S:.0f} s or more: {held}; check its route and its link"
+
+    def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:
+        ahead = max(LOOKAHEAD_LEAST, LOOKAHEAD_S * abs(speed), STEPS_IN_LOOKAHEAD * leg.step)
+        bent = leg.cross_track + self._drift
+        self._drift += DRIFT_SHARE * abs(speed) * dt * ahead * leg.cross_track / (ahead * ahead + bent * bent)
+        # beyond a look-ahead distance it would be a course across the track, not a correction for drift
+        self._drift = min(max(self._drift, -ahead), ahead)
+        return wrap(leg.track - math.atan2(leg.cross_track + self._drift, ahead))
+
+
+def _is_same(one: PlotterLeg | PlotterHeading, other: PlotterLeg | PlotterHeading) -> bool:
+    """Whether two messages lead along the same leg."""
+    if isinstance(one, PlotterHeading) or isinstance(other, PlotterHeading):
+        # a heading to steer changes all the time: only a jump has to be said twice
+        return (
+            isinstance(one, PlotterHeading)
+            and isinstance(other, PlotterHeading)
+            and abs(shortest_turn(one.heading, other.heading)) <= 10.0 * SAME_BEARING
+        )
+    return one.waypoint == other.waypoint and abs(shortest_turn(one.track, other.track)) <= SAME_BEARING

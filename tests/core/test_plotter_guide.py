@@ -1,0 +1,186 @@
+"""Following a chart plotter: convergence to the track, waypoints, silence, and what it must never do."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.angles import shortest_turn, wrap
+from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg
+
+SPEED = 4.0
+
+
+class Boat:
+    """A boat that turns to its course at up to 10 deg/s, in a current, on a straight leg through the origin."""
+
+    def __init__(self, track: float, off: float, heading: float, current: float = 0.0, step: float = 0.0) -> None:
+        self.guide = PlotterGuide()
+        self.track, self.step = track, step
+        self.heading = heading
+        self.north, self.east = -off * math.sin(track), off * math.cos(track)
+        self.current = current
+        self.now = 0.0
+        self.waypoint = "WP1"
+
+    @property
+    def off(self) -> float:
+        """Distance to starboard of the track."""
+        return self.east * math.cos(self.track) - self.north * math.sin(self.track)
+
+    def message(self) -> PlotterLeg:
+        off = round(self.off / self.step) * self.step if self.step else self.off
+        return PlotterLeg(self.now, self.track, off, self.step, self.waypoint)
+
+    def sail(self, seconds: float, talking: bool = True) -> list[float]:
+        offs = []
+        for tick in range(round(seconds * 10)):
+            self.now += 0.1
+            if talking and tick % 10 == 0:
+                self.guide.take(self.message())
+            course = self.guide.course(self.now, self.heading, SPEED)
+            turn = shortest_turn(self.heading, course)
+            self.heading = wrap(self.heading + math.copysign(min(abs(turn), math.radians(1.0)), turn))
+            # the current sets across the track, to starboard
+            self.north += 0.1 * (SPEED * math.cos(self.heading) - self.current * math.sin(self.track))
+            self.east += 0.1 * (SPEED * math.sin(self.heading) + self.current * math.cos(self.track))
+            offs.append(self.off)
+        return offs
+
+
+@pytest.mark.parametrize("track", [0.0, math.radians(90), math.radians(179.9), math.radians(-135)])
+@pytest.mark.parametrize("off", [-120.0, 0.0, 60.0])
+def test_the_boat_comes_to_the_track_and_stays(track: float, off: float) -> None:
+    boat = Boat(track, off, track)
+    boat.guide.follow()
+    boat.sail(200.0)
+    offs = boat.sail(20.0)
+    assert max(abs(value) for value in offs) < 3.0
+    assert abs(shortest_turn(boat.heading, track)) < math.radians(3.0)
+    assert boat.guide.alarm == ""
+
+
+@pytest.mark.parametrize("current", [-1.0, 1.0])
+def test_a_current_across_is_taken_out(current: float) -> None:
+    boat = Boat(0.0, 0.0, 0.0, current)
+    boat.guide.follow()
+    first = boat.sail(60.0)
+    offs = boat.sail(500.0)[-200:]
+    assert max(abs(value) for value in first) > 5.0, "before the integral has learned it, the current sets the boat off"
+    assert max(abs(value) for value in offs) < 2.0
+    assert shortest_turn(0.0, boat.heading) == pytest.approx(-math.asin(current / SPEED), abs=0.05), "crabbing upstream"
+
+
+def test_a_coarse_plotter_does_not_make_the_boat_swing() -> None:
+    """Two decimals of a nautical mile are 18.5 m: each step of the display must not be a turn of its own."""
+    boat = Boat(0.0, 12.0, 0.0, step=18.52)
+    boat.guide.follow()
+    boat.sail(150.0)
+    headings = []
+    for _ in range(100):
+        boat.sail(1.0)
+        headings.append(math.degrees(boat.heading))
+    assert max(headings) - min(headings) < 15.0
+    assert abs(boat.off) < 25.0
+
+
+def test_the_turn_at_a_waypoint_is_not_begun_on_one_sentence() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    for second in range(5):
+        guide.take(PlotterLeg(float(second), 0.0, 0.0, 0.0, "WP1"))
+    assert guide.course(5.0, 0.0, SPEED) == pytest.approx(0.0)
+    # the new name with the old bearing, the old name with the new error: neither is steered
+    guide.take(PlotterLeg(5.0, 0.0, 300.0, 0.0, "WP2"))
+    assert guide.course(5.1, 0.0, SPEED) == pytest.approx(0.0)
+    guide.take(PlotterLeg(6.0, math.radians(80.0), 300.0, 0.0, "WP2"))
+    assert guide.course(6.1, 0.0, SPEED) == pytest.approx(0.0)
+    guide.take(PlotterLeg(7.0, math.radians(80.0), 0.0, 0.0, "WP2"))
+    assert guide.course(7.1, 0.0, SPEED) == pytest.approx(math.radians(80.0))
+    assert guide.alarm == ""
+
+
+def test_a_turn_too_far_waits_for_the_skipper() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    for second in range(3):
+        guide.take(PlotterLeg(float(second), 0.0, 0.0, 0.0, "WP1"))
+        guide.course(second + 0.5, 0.0, SPEED)
+    for second in range(3, 20):
+        guide.take(PlotterLeg(float(second), math.radians(170.0), 0.0, 0.0, "WP2"))
+        assert guide.course(second + 0.5, 0.0, SPEED) == pytest.approx(0.0)
+    assert "wants a turn to 170.0 deg" in guide.alarm
+    assert "type f to turn" in guide.alarm
+    guide.follow()
+    guide.take(PlotterLeg(20.0, math.radians(170.0), 0.0, 0.0, "WP2"))
+    assert guide.course(20.5, 0.0, SPEED) == pytest.approx(math.radians(170.0))
+    assert guide.alarm == ""
+
+
+def test_silence_holds_the_course_and_says_so_after_eight_seconds() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    for second in range(3):
+        guide.take(PlotterLeg(float(second), 1.0, 0.0, 0.0, "WP1"))
+    guide.course(2.0, 0.5, SPEED)
+    assert guide.course(9.9, 0.5, SPEED) == pytest.approx(1.0)
+    assert guide.alarm == ""
+    assert guide.course(10.1, 0.5, SPEED) == pytest.approx(1.0)
+    assert "has been silent for 8 s or more: holding 057.3 deg" in guide.alarm
+    guide.take(PlotterLeg(11.0, 1.2, 0.0, 0.0, "WP1"))
+    guide.take(PlotterLeg(12.0, 1.2, 0.0, 0.0, "WP1"))
+    assert guide.course(12.1, 0.5, SPEED) == pytest.approx(1.2)
+    assert guide.alarm == ""
+
+
+def test_a_plotter_that_does_not_lead_holds_the_present_heading() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    guide.take(PlotterInvalid(0.0, "APB holds no valid data"))
+    assert guide.course(0.1, 2.0, SPEED) == 2.0
+    assert guide.alarm == "the chart plotter does not lead (APB holds no valid data): holding 114.6 deg"
+    guide.leave()
+    assert guide.alarm == ""
+
+
+def test_a_heading_to_steer_is_followed_but_one_wild_value_is_not() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    headings = [1.0, 1.02, 1.05, 3.0, 1.08, 1.1]
+    courses = []
+    for second, heading in enumerate(headings):
+        guide.take(PlotterHeading(float(second), heading))
+        courses.append(guide.course(second + 0.1, 0.9, SPEED))
+    assert courses == pytest.approx([0.9, 1.02, 1.05, 1.05, 1.08, 1.1])
+
+
+@given(
+    messages=st.lists(
+        st.one_of(
+            st.builds(
+                PlotterLeg,
+                st.floats(0.0, 60.0),
+                st.floats(-math.pi, math.pi),
+                st.floats(-2.0e5, 2.0e5),
+                st.floats(0.0, 2000.0),
+                st.sampled_from(["", "A", "B"]),
+            ),
+            st.builds(PlotterHeading, st.floats(0.0, 60.0), st.floats(-math.pi, math.pi)),
+            st.builds(PlotterInvalid, st.floats(0.0, 60.0), st.just("V")),
+        ),
+        max_size=30,
+    ),
+    speed=st.floats(-20.0, 60.0),
+)
+def test_whatever_is_said_the_course_is_a_course(messages: list[PlotterLeg], speed: float) -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    for step, message in enumerate(messages):
+        guide.take(message)
+        course = guide.course(step * 2.0, 0.3, speed)
+        assert -math.pi <= course <= math.pi
+        if isinstance(message, PlotterLeg) and guide.cross_track == guide.cross_track:
+            assert abs(guide.cross_track) <= 2.0e5

@@ -1,0 +1,134 @@
+"""What we tell plotters and displays, read back by an independent parser."""
+
+from __future__ import annotations
+
+import functools
+import math
+import operator
+
+import pynmea2
+import pytest
+
+from autopilot.build import LinkOptions, build_link
+from autopilot.links.nmea_link import NmeaLink, NmeaSettings
+from autopilot.links.nmea_repeater import NmeaRepeater
+from autopilot.links.transports import loopback_pair
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import (
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    Reference,
+    RollSample,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    Tick,
+)
+
+ALL = (("HDT", 1.0), ("HDG", 1.0), ("ROT", 1.0), ("RSA", 1.0), ("HTD", 1.0), ("XDR", 1.0))
+
+
+def tick(now: float, samples: tuple[Sample, ...] = (), mode: Mode = Mode.ENGAGED, heading: float = -0.1) -> Tick:
+    return Tick(
+        number=0,
+        now=now,
+        samples=samples,
+        order=Order(OrderKind.HEADING, math.radians(-4.0)),
+        state=NavState(now, heading, math.radians(-1.5), 4.0, 0.1, math.radians(2.0), 0.1, True),
+        reference=Reference(heading),
+        demand=0.0,
+        command=RudderCommand(now, math.radians(-12.5), mode is Mode.ENGAGED),
+        mode=mode,
+        alarms=(),
+    )
+
+
+def said(repeater: NmeaRepeater, what: Tick) -> dict[str, pynmea2.NMEASentence]:
+    found = {}
+    for raw in repeater.due(what):
+        # pynmea2 knows no HTD: its fields are read as those of a sentence it keeps as a plain list
+        parsed = pynmea2.parse(_as_known(raw), check=True)
+        assert parsed.talker == "AG"
+        found[raw[3:6].decode()] = parsed
+    return found
+
+
+def _as_known(raw: bytes) -> str:
+    text = raw.decode("ascii").strip()
+    if text[3:6] != "HTD":
+        return text
+    assert int(text[-2:], 16) == functools.reduce(operator.xor, text[1:-3].encode())
+    body = text[1:-3].replace("HTD", "XDR")
+    return f"${body}*{functools.reduce(operator.xor, body.encode()):02X}"
+
+
+def test_each_sentence_says_what_the_tick_holds() -> None:
+    samples = (RudderSample(9.9, math.radians(7.2), False, "IIRSA"), RollSample(9.9, math.radians(-3.0)))
+    got = said(NmeaRepeater(ALL, math.radians(-5.0)), tick(10.0, samples))
+    assert (got["HDT"].data[0], got["HDT"].data[1]) == ("354.3", "T")
+    assert got["HDG"].data == ["359.3", "0.0", "E", "5.0", "W"]
+    assert got["ROT"].data == ["-90.0", "A"]
+    assert got["RSA"].data[:2] == ["7.2", "A"]
+    assert got["XDR"].data[:8] == ["A", "-12.5", "D", "RUDDER_ORDER", "A", "2.0", "D", "RUDDER_BIAS"]
+    assert got["XDR"].data[8:] == ["A", "-3.0", "D", "ROLL"]
+    htd = got["HTD"].data
+    assert len(htd) == 17
+    assert htd[:5] == ["V", "12.5", "L", "H", "N"]
+    assert (htd[9], htd[12]) == ("356.0", "T")
+    assert htd[13:] == ["A", "A", "V", "354.3"]
+
+
+def test_standby_is_manual_and_an_old_rudder_is_not_valid() -> None:
+    repeater = NmeaRepeater(ALL)
+    said(repeater, tick(0.0, (RudderSample(0.0, 0.1),)))
+    got = said(repeater, tick(5.0, (RudderSample(5.0, 0.2, True),), Mode.STANDBY))
+    assert got["RSA"].data[1] == "V", "what was ordered is no measurement"
+    assert got["HTD"].data[:4] == ["V", "", "", "M"]
+    assert "HDG" not in got, "no variation is known"
+    assert "ROLL" not in got["XDR"].data
+
+
+def test_each_keeps_its_rate_and_a_stale_heading_is_not_passed_on() -> None:
+    repeater = NmeaRepeater((("HDT", 5.0), ("ROT", 2.0)))
+    count = {"HDT": 0, "ROT": 0}
+    for step in range(1000):
+        for name in said(repeater, tick(step * 0.01)):
+            count[name] += 1
+    assert count == {"HDT": pytest.approx(50, abs=1), "ROT": pytest.approx(20, abs=1)}
+    old = tick(20.0)
+    assert repeater.due(old._replace(state=old.state._replace(heading_age=3.0))) == []
+
+
+@pytest.mark.parametrize("heading", [-1e-9, 0.0, math.radians(359.96), math.pi])
+def test_north_is_000_and_never_360(heading: float) -> None:
+    got = said(NmeaRepeater((("HTD", 1.0), ("HDT", 1.0))), tick(0.0, heading=heading))
+    assert 0.0 <= float(got["HDT"].data[0]) < 360.0
+    assert 0.0 <= float(got["HTD"].data[16]) < 360.0
+
+
+def test_a_slow_line_carries_the_rudder_order_first() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(baud=4800, sends=(("HTD", 10.0), ("HDT", 10.0))))
+    for step in range(200):
+        now = tick(step * 0.05)
+        link.send(now.now, now.command)
+        link.show(now)
+        link.keep(now.now)
+    got = b"".join(far.receive()).decode().split()
+    assert sum(len(line) + 2 for line in got) <= 480 * 10 + 100
+    orders = sum(line.startswith("$AGROR") for line in got)
+    assert orders >= 60, "several orders a second on a line that cannot carry all"
+    assert any(line.startswith("$AGHTD") for line in got)
+
+
+def test_a_url_says_what_is_sent() -> None:
+    vessel = load_vessel("lanxin")
+    link = build_link(vessel, "nmea-udpout:127.0.0.1:10119?steer=no&send=HDT:5,HTD", LinkOptions())
+    try:
+        assert isinstance(link, NmeaLink)
+        assert link._settings.sends == (("HDT", 5.0), ("HTD", 1.0))
+        assert not link._settings.steers
+    finally:
+        link.close()

@@ -1,0 +1,136 @@
+"""What APB, RMB, XTE, HTC and HTD mean, from sentences built here by hand, and when they must not lead."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
+from autopilot.links.nmea0183 import NmeaFramer, format_sentence
+from autopilot.links.nmea_samples import NmeaReader
+from autopilot.signals import SpeedSample
+
+
+class Ear(PlotterGuide):
+    """A guide that keeps what it is told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard: list[PlotterMessage] = []
+
+    def take(self, message: PlotterMessage) -> None:
+        self.heard.append(message)
+
+
+def hear(*bodies: str, variation: float | None = None) -> tuple[list[PlotterMessage], NmeaReader]:
+    ear = Ear()
+    reader = NmeaReader(variation, guide=ear)
+    framer = NmeaFramer()
+    for time, body in enumerate(bodies):
+        address, *fields = body.split(",")
+        for sentence in framer.feed(format_sentence(address[:2], address[2:], fields)):
+            sample = reader.read(float(time), sentence)
+            assert sample is None or isinstance(sample, SpeedSample)
+    return ear.heard, reader
+
+
+APB = "GPAPB,A,A,0.10,R,N,V,V,011,M,DEST,011,M,011,M"
+"""The layout of the sentence in "NMEA Revealed": 0.10 nm to steer right, bearing 11 magnetic, no mode field."""
+
+
+def test_apb_is_a_leg() -> None:
+    (leg,), _ = hear(APB, variation=math.radians(-3.0))
+    assert isinstance(leg, PlotterLeg)
+    assert math.degrees(leg.track) == pytest.approx(8.0)
+    assert leg.cross_track == pytest.approx(-185.2), "steer right: the boat is to port of the track"
+    assert leg.step == pytest.approx(18.52)
+    assert leg.waypoint == "DEST"
+
+
+def test_a_magnetic_bearing_waits_for_a_variation() -> None:
+    heard, reader = hear(APB)
+    assert (heard, reader.waiting_for_variation) == ([], 1)
+    heard, _ = hear("GPRMC,0,A,,,,,5.0,90,010126,4.0,E", APB)
+    assert isinstance(heard[0], PlotterLeg)
+    assert math.degrees(heard[0].track) == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "GPAPB,V,A,0.1,R,N,V,V,011,T,D,011,T,011,T,A",
+        "GPAPB,A,V,0.1,R,N,V,V,011,T,D,011,T,011,T,A",
+        "GPAPB,A,A,0.1,R,N,V,V,011,T,D,011,T,011,T,N",
+        "GPAPB,A,A,0.1,R,N,V,V,011,T,D,011,T,011,T,S",
+        "GPAPB,A,A,0.1,R,N,V,V,011,T,D,011,T,011,T,E",
+        "GPAPB,A,A,,R,N,V,V,011,T,D,011,T,011,T,A",
+        "GPXTE,V,A,0.1,L,N",
+        "GPRMB,V,0.1,L,A,B,,,,,5.0,011,,V",
+        "IIHTC,A,,,H,N,,,,,045.0,,,T",
+        "IIHTD,V,,,M,N,,,,,045.0,,,T,A,A,A,040",
+        "IIHTD,V,,,R,N,,,,,045.0,,,T,A,A,A,040",
+    ],
+)
+def test_status_mode_and_override_say_that_it_does_not_lead(body: str) -> None:
+    heard, reader = hear(body)
+    assert [type(message) for message in heard] == [PlotterInvalid]
+    assert reader.invalid == 1
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "GPAPB,A,A,0.1,X,N,V,V,011,T,D,011,T,011,T,A",
+        "GPAPB,A,A,0.1,R,Q,V,V,011,T,D,011,T,011,T,A",
+        "GPAPB,A,A,0.1,R,N,V,V,411,T,D,011,T,011,T,A",
+        "GPAPB,A,A,0.1,R,N,V,V,011,Z,D,011,T,011,T,A",
+        "GPAPB,A,A,-0.1,R,N,V,V,011,T,D,011,T,011,T,A",
+        "GPAPB,A,A,nan,R,N,V,V,011,T,D,011,T,011,T,A",
+        "GPAPB,A,A,0.1,R,N,V,V,011,T,D,011,T,011,T,Q",
+        "GPAPB,A,A,900.0,R,N,V,V,011,T,D,011,T,011,T,A",
+        "GPAPB",
+        "IIHTD,V,,,X,N,,,,,045.0,,,T,A,A,A,040",
+        "IIHTD,X,,,H,N,,,,,045.0,,,T,A,A,A,040",
+    ],
+)
+def test_what_cannot_be_is_malformed(body: str) -> None:
+    heard, reader = hear(body)
+    assert (heard, reader.malformed) == ([], 1)
+
+
+def test_xte_renews_the_error_of_the_leg_and_a_jump_waits_for_apb() -> None:
+    apb = "GPAPB,A,A,0.100,R,N,V,V,090.0,T,D,011,T,011,T,A"
+    heard, _ = hear(apb, "GPXTE,A,A,0.096,R,N,A", "GPXTE,A,A,0.300,L,N,A")
+    assert [round(leg.cross_track, 1) for leg in heard if isinstance(leg, PlotterLeg)] == [-185.2, -177.8]
+    assert hear("GPXTE,A,A,0.1,R,N,A")[0] == [], "an error without a track leads nowhere"
+
+
+def test_rmb_alone_gives_the_track_by_its_geometry() -> None:
+    """Boat at (-1852 N, 100 E) of a leg that runs north to the origin: 100 m to starboard."""
+    away, bearing = math.hypot(1852.0, 100.0), math.degrees(math.atan2(-100.0, 1852.0)) % 360.0
+    rmb = f"GPRMB,A,{100 / 1852:.4f},L,A,B,,,,,{away / 1852:.4f},{bearing:.2f},,V,A"
+    (leg,), _ = hear(rmb)
+    assert isinstance(leg, PlotterLeg)
+    assert math.degrees(leg.track) == pytest.approx(0.0, abs=0.02)
+    assert leg.cross_track == pytest.approx(100.0, abs=0.2)
+    assert leg.waypoint == "B"
+    assert len(hear(APB.replace(",M", ",T"), rmb)[0]) == 1, "APB goes before: the two switch at different moments"
+    assert hear("GPRMB,A,0.10,L,A,B,,,,,0.05,011,,V,A")[0] == [], "at the waypoint the geometry says nothing"
+
+
+def test_htc_and_htd_are_headings_to_steer() -> None:
+    heard, _ = hear("IIHTC,V,,,H,N,,,,,350.0,,,M", "IIHTD,V,,,T,N,,,,,,,120.0,T,A,A,A,040", variation=0.1)
+    assert isinstance(heard[0], PlotterHeading)
+    assert heard[0].heading == pytest.approx(math.radians(-10.0) + 0.1)
+    assert isinstance(heard[1], PlotterHeading)
+    assert heard[1].heading == pytest.approx(math.radians(120.0)), "the track is the field behind the off-track limit"
+
+
+def test_without_a_guide_a_plotter_is_ignored_and_so_are_our_own_words() -> None:
+    reader = NmeaReader()
+    for body in (APB, "AGHDT,010.0,T"):
+        address, *fields = body.split(",")
+        for sentence in NmeaFramer().feed(format_sentence(address[:2], address[2:], fields)):
+            assert reader.read(0.0, sentence) is None
+    assert reader.ignored == 2
