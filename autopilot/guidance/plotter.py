@@ -88,13 +88,15 @@ class PlotterGuide:
         self._now: float | None = None
         self._confirmed = False
         self._wants_far = 0.0
+        self._led: float | None = None
+        self._began: float | None = None
 
     def follow(self) -> None:
         """Begin to follow, or confirm the turn that waits for it."""
         self._confirmed = True
         if not self.following:
             self.following = True
-            self._held = None
+            self._held = self._led = self._began = None
             self._drift = 0.0
             # the leg that was steered before is as new as any other
             self._message = None
@@ -119,10 +121,13 @@ class PlotterGuide:
             self._message = message
             self._drift = 0.0
             self._confirmed = False
+        if self._message is message:
+            self._led = _goal(message)
 
     def _may_turn(self, message: PlotterLeg | PlotterHeading) -> bool:
-        goal = message.track if isinstance(message, PlotterLeg) else message.heading
-        if self._held is None or self._confirmed or abs(shortest_turn(self._held, goal)) <= TURN_MOST:
+        goal = _goal(message)
+        # from leg to leg: the course steered leads back to the old track, and is no measure of the turn
+        if self._led is None or self._confirmed or abs(shortest_turn(self._led, goal)) <= TURN_MOST:
             return True
         self._wants_far = goal
         return False
@@ -134,6 +139,8 @@ class PlotterGuide:
         """
         dt = 0.0 if self._now is None else min(max(now - self._now, 0.0), DT_MOST)
         self._now = now
+        if self._began is None:
+            self._began = now
         message = self._fresh(now)
         if isinstance(message, PlotterHeading):
             self._held = message.heading
@@ -157,9 +164,9 @@ class PlotterGuide:
         if is_heard and newest is not None and message is not newest and not self._may_turn(newest):
             return (
                 f"the chart plotter wants a turn to {compass_deg(self._wants_far):05.1f} deg, further than "
-                f"{math.degrees(TURN_MOST):.0f} deg: {held}; type f to turn"
+                f"{math.degrees(TURN_MOST):.0f} deg from the leg before: not turning; type f to turn"
             )
-        if message is not None or is_heard:
+        if message is not None or is_heard or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
             return ""
         if self._invalid:
             return f"the chart plotter does not lead ({self._invalid}): {held}"
@@ -172,6 +179,10 @@ class PlotterGuide:
         # beyond a look-ahead distance it would be a course across the track, not a correction for drift
         self._drift = min(max(self._drift, -ahead), ahead)
         return wrap(leg.track - math.atan2(leg.cross_track + self._drift, ahead))
+
+
+def _goal(message: PlotterLeg | PlotterHeading) -> float:
+    return message.track if isinstance(message, PlotterLeg) else message.heading
 
 
 def _is_same(one: PlotterLeg | PlotterHeading, other: PlotterLeg | PlotterHeading) -> bool:

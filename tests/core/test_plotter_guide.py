@@ -136,6 +136,36 @@ def test_silence_holds_the_course_and_says_so_after_eight_seconds() -> None:
     assert guide.alarm == ""
 
 
+def test_the_turn_is_measured_from_leg_to_leg_and_said_once() -> None:
+    """Far off to starboard the course leads back at -70 deg; the next leg at +90 deg is no turn of 160 deg."""
+    guide = PlotterGuide()
+    guide.follow()
+    for second in range(5):
+        guide.take(PlotterLeg(float(second), 0.0, 200.0, 0.0, "WP1"))
+        guide.course(second + 0.1, 0.0, SPEED)
+    assert guide.course(5.0, 0.0, SPEED) < math.radians(-70.0)
+    for second in (5, 6):
+        guide.take(PlotterLeg(float(second), math.radians(90.0), 0.0, 0.0, "WP2"))
+    assert guide.course(6.1, 0.0, SPEED) == pytest.approx(math.radians(90.0))
+    said = set()
+    for step in range(70):
+        guide.take(PlotterLeg(7.0 + step / 10.0, math.radians(-80.0), 0.0, 0.0, "WP3"))
+        guide.course(7.05 + step / 10.0, 0.0, SPEED)
+        said.add(guide.alarm)
+    assert len(said) == 1, "an alarm that changes with every tick is a new alarm each time"
+
+
+def test_nothing_is_said_of_silence_before_there_was_time_to_speak() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    guide.course(100.0, 0.0, SPEED)
+    assert guide.alarm == ""
+    guide.course(107.9, 0.0, SPEED)
+    assert guide.alarm == ""
+    guide.course(108.1, 0.0, SPEED)
+    assert "has been silent" in guide.alarm
+
+
 def test_a_plotter_that_does_not_lead_holds_the_present_heading() -> None:
     guide = PlotterGuide()
     guide.follow()
