@@ -12,9 +12,11 @@ from autopilot.control.design import LoopGains, Verdict, judge, linear_gains_bac
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.limits import RudderLimits
 from autopilot.links.base import Link, LinkError
+from autopilot.links.believed_link import BelievedLink
 from autopilot.links.drives.base import Drive, DriveSettings
 from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.jrk import JrkG2
@@ -163,6 +165,17 @@ def _radians_or_unlimited(degrees: float | None) -> float:
     return math.inf if degrees is None else math.radians(degrees)
 
 
+def priority_of(vessel: Vessel) -> PrioritySettings:
+    """Return which of the vessel's instruments are believed."""
+    sensors = vessel.sensors
+    limit = sensors.heading_monitor_deg
+    return PrioritySettings(
+        rules=tuple(SourceRule(*rule) for rule in sensors.priority),
+        stale=sensors.source_timeout_s,
+        disagree=math.inf if limit is None else math.radians(limit),
+    )
+
+
 def follow_of(vessel: Vessel) -> FollowSettings:
     """Return how closely the vessel's rudder must follow its orders."""
     rudder = vessel.rudder
@@ -247,4 +260,7 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
         for link in links:
             link.close()
         raise
-    return links
+    if len(urls) == 1 and parse_url(urls[0]).protocol == "mavlink" and not vessel.sensors.priority:
+        return links  # one vehicle with one compass: nothing to choose
+    priority = SourcePriority(priority_of(vessel))
+    return [BelievedLink(link, priority) for link in links]

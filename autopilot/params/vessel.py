@@ -70,6 +70,10 @@ class Sensors:
     variation_deg: Annotated[float, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
     deviation_deg: tuple[tuple[float, float], ...] = ()
     """Compass deviation table: [compass heading deg, deviation deg, east positive], interpolated round the card."""
+    priority: tuple[tuple[str, float], ...] = ()
+    """Instruments, the one to believe first: [name or pattern such as HEHDT, "HC*", attitude, age in s when stale]."""
+    source_timeout_s: Annotated[float, Bounds(0.1, 60.0, "age at which an instrument not listed is stale")] = 2.0
+    heading_monitor_deg: Annotated[float, Bounds(1.0, 180.0, "two compasses this far apart are an alarm")] | None = 15.0
     source: str = ""
     date: str = ""
 

@@ -85,6 +85,13 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
             f"sensors.heading_latency_s ({vessel.sensors.heading_latency_s:g}), or every heading is stale on arrival.",
         )
     yield from _deviation_problems(vessel.sensors.deviation_deg)
+    for pattern, stale_s in vessel.sensors.priority:
+        if not pattern.strip() or not 0.1 <= stale_s <= 60.0:
+            yield (
+                "sensors.priority",
+                f"sensors.priority has [{pattern}, {stale_s:g}]; needed are the name of an instrument, "
+                'such as HEHDT or "HC*", and the age from 0.1 to 60 s at which it is stale.',
+            )
 
 
 def _model_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:

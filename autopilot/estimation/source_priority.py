@@ -1,0 +1,164 @@
+"""Which of several instruments is believed, and whether two compasses agree. Pure.
+
+Of the sources that give the same kind of value the first in the priority list that is fresh is believed, and the
+others are left out: two compasses fused would be a third one that does not exist. Without a list the source heard
+first stays until it is stale. A better source that comes back must have been heard for `SETTLE_S` before it takes
+over, or one that comes and goes would jerk the helm each time.
+"""
+
+from __future__ import annotations
+
+import math
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+from autopilot.angles import compass_deg, shortest_turn
+from autopilot.signals import AlarmSample, HeadingSample, RateSample, RudderSample, Sample, SpeedSample
+
+SETTLE_S = 3.0
+MONITOR_S = 10.0
+"""Two headings further apart than the limit for this long disagree; in a turn their latencies differ."""
+SOURCES_MOST = 32
+"""Of one kind: a line full of noise must not fill the memory with talkers."""
+MONITOR = "heading monitor"
+
+
+class SourceRule(NamedTuple):
+    """A pattern such as `HEHDT`, `HC*` or `*@nmea:/dev/ttyUSB1*`, and the age [s] at which what matches is stale."""
+
+    pattern: str
+    stale: float
+
+
+class PrioritySettings(NamedTuple):
+    """rules: best first, for every kind of value alike.  stale [s] where no rule matches.
+
+    disagree [rad]: two headings further apart are an alarm; inf: nobody compares.
+    """
+
+    rules: tuple[SourceRule, ...] = ()
+    stale: float = 2.0
+    disagree: float = math.inf
+
+
+class _Heard:
+    """One source of one kind."""
+
+    __slots__ = ("first", "heading", "last", "rank", "stale")
+
+    def __init__(self, now: float, rank: int, stale: float) -> None:
+        self.first = now
+        self.last = now
+        self.rank = rank
+        self.stale = stale
+        self.heading: float | None = None
+
+
+class SourcePriority:
+    """Drops the samples of sources that are not the one to believe. Memory: who was heard when, whom we believe."""
+
+    def __init__(self, settings: PrioritySettings = PrioritySettings()) -> None:  # noqa: B008 - immutable
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every source."""
+        self.dropped = 0
+        self._heard: dict[str, dict[str, _Heard]] = {}
+        self._believed: dict[str, str] = {}
+        self._apart_since: float | None = None
+        self._alarm = ""
+
+    def believed(self, kind: str) -> str:
+        """Return the source believed for `kind` (heading, rate, rudder, ordered rudder, speed), or nothing."""
+        return self._believed.get(kind, "")
+
+    def admit(self, now: float, samples: list[Sample], link: str) -> list[Sample]:
+        """Return those `samples`, arrived by `now` [s] on `link`, that are to be believed, and a change of alarm."""
+        kept: list[Sample] = []
+        for sample in samples:
+            kind = _kind(sample)
+            if not kind or self._choose(now, kind, f"{sample.source}@{link}", sample):
+                kept.append(sample)
+            else:
+                self.dropped += 1
+        alarm = self._compare(now)
+        if alarm != self._alarm:
+            self._alarm = alarm
+            kept.append(AlarmSample(now, alarm, MONITOR))
+        return kept
+
+    def _choose(self, now: float, kind: str, source: str, sample: Sample) -> bool:
+        heard = self._heard.setdefault(kind, {})
+        entry = heard.get(source)
+        if entry is None:
+            if len(heard) >= SOURCES_MOST:
+                return False
+            entry = heard[source] = self._new(now, source)
+        elif now - entry.last > entry.stale:
+            entry.first = now
+        entry.last = now
+        if isinstance(sample, HeadingSample):
+            entry.heading = sample.heading
+        best = self._believed.get(kind)
+        if best is None or self._goes_before(now, entry, heard[best]):
+            self._believed[kind] = source
+            return True
+        return best == source
+
+    def _new(self, now: float, source: str) -> _Heard:
+        name = source.partition("@")[0]
+        for rank, rule in enumerate(self._settings.rules):
+            if fnmatchcase(name, rule.pattern) or fnmatchcase(source, rule.pattern):
+                return _Heard(now, rank, rule.stale)
+        return _Heard(now, len(self._settings.rules), self._settings.stale)
+
+    def _goes_before(self, now: float, entry: _Heard, best: _Heard) -> bool:
+        if now - best.last > best.stale:
+            return True
+        is_settled = now - entry.first >= SETTLE_S or best.first == entry.first or now - best.first < SETTLE_S
+        return entry.rank < best.rank and is_settled
+
+    def _compare(self, now: float) -> str:
+        """Return the sentence about two fresh headings that disagree for long; empty where they agree."""
+        heard = self._heard.get("heading", {})
+        best = heard.get(self._believed.get("heading", ""))
+        if best is None or best.heading is None or not math.isfinite(self._settings.disagree):
+            return ""
+        others = [
+            (name, entry) for name, entry in heard.items() if entry is not best and now - entry.last <= entry.stale
+        ]
+        far = [
+            (name, entry.heading)
+            for name, entry in others
+            if entry.heading is not None and abs(shortest_turn(best.heading, entry.heading)) > self._settings.disagree
+        ]
+        if not far or now - best.last > best.stale:
+            self._apart_since = None
+            return ""
+        if self._apart_since is None:
+            self._apart_since = now
+        if now - self._apart_since < MONITOR_S:
+            return ""
+        # the sentence stays as it was first said: one that changes with every reading is a new alarm each time
+        return self._alarm or self._sentence(best.heading, *far[0])
+
+    def _sentence(self, heading: float, other: str, other_heading: float) -> str:
+        apart = abs(math.degrees(shortest_turn(heading, other_heading)))
+        return (
+            f"two compasses disagree by {apart:.0f} deg: {self._believed['heading'].partition('@')[0]} "
+            f"{compass_deg(heading):05.1f}, {other.partition('@')[0]} {compass_deg(other_heading):05.1f}; compare with "
+            "a bearing, then put the right one first in sensors.priority, check deviation and variation"
+        )
+
+
+def _kind(sample: Sample) -> str:
+    if isinstance(sample, HeadingSample):
+        return "heading"
+    if isinstance(sample, RateSample):
+        return "rate"
+    if isinstance(sample, SpeedSample):
+        return "speed"
+    if isinstance(sample, RudderSample):
+        return "ordered rudder" if sample.ordered else "rudder"
+    return ""

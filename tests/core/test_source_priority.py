@@ -1,0 +1,150 @@
+"""Which instrument is believed, when another takes over, and when two compasses disagree."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.build import build_links, priority_of
+from autopilot.errors import InputError
+from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
+from autopilot.links.believed_link import BelievedLink
+from autopilot.links.mavlink_companion import CompanionLink
+from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel
+from autopilot.signals import AlarmSample, HeadingSample, HelmSample, RudderSample, Sample, SpeedSample
+
+LINK = "nmea:/dev/ttyUSB1:4800"
+
+
+def heading(now: float, source: str, value: float = 0.0) -> list[Sample]:
+    return [HeadingSample(now, value, None, source)]
+
+
+def believed(priority: SourcePriority, now: float, source: str, value: float = 0.0) -> bool:
+    return bool([s for s in priority.admit(now, heading(now, source, value), LINK) if isinstance(s, HeadingSample)])
+
+
+def test_without_a_list_the_first_heard_stays_until_it_is_stale() -> None:
+    priority = SourcePriority()
+    assert believed(priority, 0.0, "HCHDG")
+    assert not believed(priority, 0.1, "HEHDT")
+    assert believed(priority, 1.0, "HCHDG")
+    assert not believed(priority, 2.9, "HEHDT")
+    assert believed(priority, 3.1, "HEHDT"), "2 s of silence"
+    assert not believed(priority, 3.2, "HCHDG"), "the old one waits in its turn"
+    assert priority.dropped == 3
+    assert priority.believed("heading") == f"HEHDT@{LINK}"
+
+
+def test_the_first_of_the_list_is_believed_and_takes_over_once_it_has_settled() -> None:
+    rules = (SourceRule("HEHDT", 1.0), SourceRule("HC*", 3.0))
+    priority = SourcePriority(PrioritySettings(rules))
+    assert believed(priority, 0.0, "HCHDG")
+    assert believed(priority, 0.5, "HEHDT"), "at the start the better one need not wait"
+    assert not believed(priority, 0.6, "HCHDG")
+    assert believed(priority, 1.6, "HCHDG"), "a gyro silent for 1 s is stale"
+    taken = [step for step in range(60) if believed(priority, 5.0 + step * 0.1, "HEHDT")]
+    # the compass was last heard at 1.6 s and is stale after 3 s
+    assert taken[0] == 0
+    priority.reset()
+    for step in range(100):
+        believed(priority, step * 0.1, "HCHDG")
+    times = []
+    for step in range(100, 160):
+        now = step * 0.1
+        if believed(priority, now, "HEHDT"):
+            times.append(now)
+        believed(priority, now + 0.05, "HCHDG")
+    assert times[0] == pytest.approx(13.0, abs=0.2), "back for three seconds, then it takes over"
+
+
+def test_a_pattern_may_name_the_link() -> None:
+    priority = SourcePriority(PrioritySettings((SourceRule("*@nmea-udp:*", 2.0),)))
+    assert priority.admit(0.0, heading(0.0, "HCHDG"), LINK)
+    assert priority.admit(0.1, heading(0.1, "HCHDG"), "nmea-udp:0.0.0.0:10110")
+    assert not priority.admit(0.2, heading(0.2, "HCHDG"), LINK)
+
+
+def test_kinds_are_chosen_apart_and_the_helm_always_passes() -> None:
+    priority = SourcePriority()
+    samples: list[Sample] = [
+        HeadingSample(0.0, 0.0, None, "HCHDG"),
+        SpeedSample(0.0, 3.0, False, "VWVHW"),
+        SpeedSample(0.0, 3.5, True, "GPRMC"),
+        RudderSample(0.0, 0.1, False, "IIRSA"),
+        RudderSample(0.0, 0.1, True, "servo"),
+        HelmSample(0.0, False, "a hand on the helm", LINK),
+    ]
+    kept = priority.admit(0.0, samples, LINK)
+    assert [sample for sample in samples if sample not in kept] == [samples[2]]
+
+
+def test_two_compasses_that_disagree_for_long_are_one_alarm_and_it_is_taken_back() -> None:
+    priority = SourcePriority(PrioritySettings(disagree=math.radians(15.0)))
+    alarms = []
+    for step in range(600):
+        now = step * 0.1
+        off = math.radians(22.0 + math.sin(now)) if 50 <= step < 400 else 0.0
+        for source, value in (("HEHDT", math.radians(359.0)), ("HCHDG", math.radians(359.0) + off)):
+            kept = priority.admit(now, heading(now, source, value), LINK)
+            alarms += [(now, sample.text) for sample in kept if isinstance(sample, AlarmSample)]
+    assert [bool(text) for _, text in alarms] == [True, False]
+    assert alarms[0][0] == pytest.approx(15.0, abs=0.2)
+    assert alarms[1][0] == pytest.approx(40.0, abs=0.2)
+    assert "two compasses disagree by 2" in alarms[0][1]
+    assert "HEHDT 359.0, HCHDG 02" in alarms[0][1]
+    assert "sensors.priority" in alarms[0][1]
+
+
+def test_a_difference_in_a_turn_or_a_compass_that_is_gone_is_no_alarm() -> None:
+    priority = SourcePriority(PrioritySettings(disagree=math.radians(15.0)))
+    for step in range(600):
+        now = step * 0.1
+        value = math.radians(40.0) if step % 100 < 60 else 0.0
+        kept = priority.admit(now, heading(now, "HEHDT"), LINK)
+        if step < 300:
+            kept += priority.admit(now, heading(now, "HCHDG", value), LINK)
+        assert not any(isinstance(sample, AlarmSample) for sample in kept)
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.0, 5.0), st.text(max_size=8), st.floats(-10.0, 10.0)), max_size=80),
+)
+def test_never_two_at_a_time_and_memory_stays_small(heard: list[tuple[float, str, float]]) -> None:
+    priority = SourcePriority(PrioritySettings(disagree=0.2))
+    now = 0.0
+    for gap, source, value in heard:
+        now += gap
+        kept = [s for s in priority.admit(now, heading(now, source, value), LINK) if isinstance(s, HeadingSample)]
+        if kept:
+            assert priority.believed("heading") == f"{source}@{LINK}"
+    assert len(priority._heard.get("heading", {})) <= 32
+
+
+def test_the_vessel_file_says_it() -> None:
+    text = dump_vessel(load_vessel("lanxin"))
+    assert "priority" not in text
+    text = text.replace("sensors:\n", 'sensors:\n  priority: [[HEHDT, 1.0], ["HC*", 3]]\n', 1)
+    vessel = parse_vessel(text)
+    assert vessel.sensors.priority == (("HEHDT", 1.0), ("HC*", 3.0))
+    assert parse_vessel(dump_vessel(vessel)) == vessel
+    settings = priority_of(vessel)
+    assert settings.rules[1] == SourceRule("HC*", 3.0)
+    assert settings.disagree == pytest.approx(math.radians(15.0))
+    with pytest.raises(InputError, match=r"sensors\.priority has \[HEHDT, 0\]; needed are the name"):
+        parse_vessel(text.replace("[HEHDT, 1.0]", "[HEHDT, 0]"))
+
+
+def test_links_share_one_choice_and_a_lone_vehicle_none() -> None:
+    vessel = load_vessel("lanxin")
+    links = build_links(vessel, ["nmea-udp:127.0.0.1:0", "udpin:127.0.0.1:0"])
+    assert all(isinstance(link, BelievedLink) for link in links)
+    assert len({id(link._priority) for link in links if isinstance(link, BelievedLink)}) == 1
+    for link in links:
+        link.close()
+    (link,) = build_links(vessel, ["udpin:127.0.0.1:0"])
+    assert isinstance(link, CompanionLink)
+    link.close()
