@@ -18,7 +18,7 @@ EXIT_CODES = """exit codes:
   3  a link could not be opened, stayed silent or was lost
   4  refused: engaging would not be safe, or the vehicle does not obey
   5  ended in fail-safe
-  6  compared and found different (params upload, replay)
+  6  compared and found different (params upload, verify, diff; replay)
 """
 
 

@@ -54,7 +54,9 @@ def _add_file_actions(actions: Any) -> None:
     )
     convert.add_argument("file", metavar="FILE")
     convert.add_argument("out", metavar="OUT")
-    convert.add_argument("--firmware", choices=("ardurover", "px4"), help="for which firmware, where FILE says not")
+    convert.add_argument(
+        "--firmware", choices=("ardurover", "px4", "norrbin"), help="for which firmware, where FILE says not"
+    )
     convert.add_argument("--system", type=_system_id, default=1, metavar="N", help="vehicle id in a .params file")
     convert.add_argument("--overwrite", action="store_true", help="replace OUT where it exists")
     convert.set_defaults(run=_call("params_files", "convert"))

@@ -21,6 +21,7 @@ from autopilot.params.any_file import ParameterFile, load_any, load_parameters
 from autopilot.params.comparison import Difference, differences, flattened
 from autopilot.params.download import Download, NamedDownload
 from autopilot.params.firmware_dump import Heading, TypedValue
+from autopilot.params.firmware_file import FIRMWARE_NAMES
 from autopilot.params.foreign_files import is_foreign
 from autopilot.params.outcome import Verdict
 from autopilot.params.saving import save_text
@@ -64,7 +65,7 @@ def _diff_with_link(arguments: argparse.Namespace) -> list[Difference]:
 
 def _compared(session: ParameterSession, file: str) -> Upload:
     """Return an upload that has read and compared everything and set nothing."""
-    parameters = load_parameters(file)
+    parameters = load_parameters(file, vessel_too=True)
     refuse_other_firmware(file, parameters, session.vehicle)
     reading = Upload(session.vehicle.target, parameters.wanted)
     with ProgressBar("reading") as bar:
@@ -123,8 +124,9 @@ def backup(arguments: argparse.Namespace) -> int:
 def fetched(session: ParameterSession, names: list[str], link: str) -> list[TypedValue]:
     """Return all parameters of the vehicle, or those named; raises where not every one came."""
     vehicle = session.vehicle
-    if vehicle.firmware not in ("ardurover", "px4"):
-        raise RefusedError(f"vehicle {vehicle.system} is {vehicle.firmware}; firmware files are for these two.")
+    if vehicle.firmware not in FIRMWARE_NAMES:
+        known = ", ".join(FIRMWARE_NAMES)
+        raise RefusedError(f"vehicle {vehicle.system} is {vehicle.firmware}; firmware files are for {known}.")
     client = NamedDownload(vehicle.target, names) if names else Download(vehicle.target)
     with ProgressBar("downloading") as bar:
         session.run(client, bar.show)

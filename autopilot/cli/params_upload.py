@@ -26,7 +26,7 @@ INTERRUPTED = 130
 
 def upload(arguments: argparse.Namespace) -> int:
     """Write a file to a vehicle, read every value back, and go back where that fails."""
-    file = load_parameters(arguments.file)
+    file = load_parameters(arguments.file, vessel_too=True)
     with ParameterSession(arguments.link, arguments.system) as session:
         refuse_other_firmware(arguments.file, file, session.vehicle)
         if not arguments.dry_run:

@@ -17,10 +17,13 @@ from autopilot.params.firmware_file import (
     wanted_parameters,
 )
 from autopilot.params.foreign_files import is_foreign, read_foreign
+from autopilot.params.session import NORRBIN
 from autopilot.params.value_coding import kind_named
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import vessel_document, vessel_from
+from autopilot.params.vessel_parameters import parameters_of, value_of
 
+REAL32 = kind_named("REAL32")
 FIRMWARE_KEYS = frozenset({"firmware", "groups", "frame", "include"})
 
 
@@ -47,13 +50,18 @@ def load_any(path_or_name: str | Path) -> Vessel | FirmwareFile:
     return vessel_from(root)
 
 
-def load_parameters(path_or_name: str | Path) -> ParameterFile:
-    """Return what a firmware file or a ground station's file asks for. Raises InputError, for a vessel file too."""
+def load_parameters(path_or_name: str | Path, *, vessel_too: bool = False) -> ParameterFile:
+    """Return what a firmware file or a ground station's file asks for. Raises InputError.
+
+    A vessel file is the parameters of a running Norrbin, where `vessel_too` says that one may be meant.
+    """
     if is_foreign(path_or_name):
         foreign = read_foreign(path_or_name)
         wanted = [Wanted((each.name,), each.value) for each in foreign.values]
         return ParameterFile(wanted, foreign.values, foreign.firmware, left_out=foreign.left_out)
     content = load_any(path_or_name)
+    if isinstance(content, Vessel) and vessel_too:
+        return _of_vessel(content)
     if isinstance(content, Vessel):
         raise InputError(
             f"{path_or_name} is a vessel file, which Norrbin reads itself (autopilot run {path_or_name}); a firmware "
@@ -64,3 +72,9 @@ def load_parameters(path_or_name: str | Path) -> ParameterFile:
         for _, name, entry in entries(content)
     ]
     return ParameterFile(wanted_parameters(content), values, content.firmware, content.frame)
+
+
+def _of_vessel(vessel: Vessel) -> ParameterFile:
+    table = [(parameter, value_of(vessel, parameter)) for parameter in parameters_of(vessel)]
+    wanted = [Wanted((each.name,), value, allowed=f"; documented are {each.allowed}") for each, value in table]
+    return ParameterFile(wanted, [TypedValue(each.name, value, REAL32) for each, value in table], NORRBIN)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import struct
+import typing
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import resources
@@ -25,7 +26,8 @@ _NAME = re.compile(r"[A-Z_][A-Z0-9_]*")
 
 Number = int | float
 TypeName = Literal["UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "REAL32"]
-FirmwareName = Literal["ardurover", "px4"]
+FirmwareName = Literal["ardurover", "px4", "norrbin"]
+FIRMWARE_NAMES: tuple[str, ...] = typing.get_args(FirmwareName)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ from autopilot.params.value_coding import BYTEWISE_AUTOPILOTS
 GROUND_STATION_SYSTEM = 255
 """The id that ground stations use, so that a vehicle that enforces its SYSID_MYGCS still listens."""
 GROUND_STATION_COMPONENT = dialect.MAV_COMP_ID_MISSIONPLANNER
+NORRBIN = "norrbin"
+"""What a running Norrbin is called among the kinds of firmware; a boat with a generic autopilot may be one."""
 HEARTBEAT_WAIT_S = 10.0
 OTHERS_WAIT_S = 1.2
 """After the first heartbeat, so long for others: vehicles send one a second."""
@@ -65,12 +67,14 @@ class Vehicle(NamedTuple):
 
     @property
     def firmware(self) -> str:
-        """`ardurover`, `px4`, or a description of something else."""
+        """`ardurover`, `px4`, `norrbin`, or a description of something else."""
         is_rover = self.kind in (dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT)
         if self.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA and is_rover:
             return "ardurover"
         if self.autopilot == dialect.MAV_AUTOPILOT_PX4:
             return "px4"
+        if self.autopilot == dialect.MAV_AUTOPILOT_GENERIC and self.kind == dialect.MAV_TYPE_SURFACE_BOAT:
+            return NORRBIN
         return f"neither ArduRover nor PX4 (MAV_AUTOPILOT {self.autopilot}, MAV_TYPE {self.kind})"
 
 
@@ -166,7 +170,8 @@ class ParameterSession:
                 )
             show(*client.progress)
             self._send_heartbeat(now)
-            self._wait()
+            if not client.finished:
+                self._wait()
 
     def identify(self) -> Identity:
         """Return what the vehicle says of itself, nothing where it does not answer."""

@@ -155,7 +155,7 @@ def test_an_nmea_link_and_a_vessel_file_are_refused() -> None:
     with pytest.raises(InputError, match="parameters travel over MAVLink"):
         call("upload", "ardurover-boat", "--link", "nmea:/dev/ttyUSB0:4800")
     with pytest.raises(InputError, match="lanxin is a vessel file, which Norrbin reads itself"):
-        call("upload", "lanxin", "--link", "udpin:127.0.0.1:14550")
+        call("convert", "lanxin", "lanxin.param")
 
 
 def test_check_reports_every_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
