@@ -22,6 +22,8 @@ from autopilot.params.transaction import Holds, carry_out, look, put
 from autopilot.params.upload import Upload
 
 INTERRUPTED = 130
+OWN_ID = ("SYSID_THISMAV", "MAV_SYSID")
+"""ArduPilot takes a new system id within a second (Rover.cpp, one_second_loop), and is another vehicle from then on."""
 
 
 def upload(arguments: argparse.Namespace) -> int:
@@ -37,6 +39,7 @@ def upload(arguments: argparse.Namespace) -> int:
         if arguments.dry_run or not attempt.differs:
             return _report(arguments, session.vehicle, attempt.outcomes(), None)
         _refuse_armed(arguments, session.vehicle)
+        _refuse_new_id(arguments.file, attempt)
         if not _may_begin(arguments, attempt):
             code = _report(arguments, session.vehicle, attempt.outcomes(), None)
             print(
@@ -80,6 +83,9 @@ class _Writing:
         except KeyboardInterrupt:
             print("\ninterrupted", file=sys.stderr)
             code = INTERRUPTED
+        except InputError:  # old values of what a switch brought into being cannot be kept
+            self._go_back()
+            raise
         except LinkError as error:
             _report(self._arguments, self._session.vehicle, attempt.outcomes(), self._backup, finished=False)
             raise LinkError(f"{error} {_how_to_restore(self._arguments.link)}") from None
@@ -96,7 +102,7 @@ class _Writing:
         """Save the old values before anything changes: what cannot be saved stops the upload."""
         if self._backup:
             self._save_backup(self._backup, changes)
-        self._journal = Journal(
+        journal = Journal(
             str(self._arguments.file),
             self._date,
             self._session.vehicle.system,
@@ -105,7 +111,8 @@ class _Writing:
             self._backup or "",
             tuple(changes),
         )
-        write_journal(self._path, self._journal)
+        write_journal(self._path, journal)
+        self._journal = journal
 
     def _save_backup(self, path: str, changes: list[Change]) -> None:
         vehicle = self._session.vehicle
@@ -208,6 +215,16 @@ def _refuse_armed(arguments: argparse.Namespace, vehicle: Vehicle) -> None:
             "--while-armed. Nothing was sent."
         )
     print(f"autopilot: vehicle {vehicle.system} is armed; parameters take effect at once.", file=sys.stderr)
+
+
+def _refuse_new_id(file: str, attempt: Upload) -> None:
+    for change in attempt.changes():
+        if change.name in OWN_ID:
+            raise RefusedError(
+                f"{file} changes {change.name} from {change.old} to {change.new}: the vehicle would be another one in "
+                "the middle of the upload. Change it alone in a ground station, and take it out of the file. Nothing "
+                "was set."
+            )
 
 
 def _refuse_other_board(session: ParameterSession, journal: Journal, path: Path) -> None:

@@ -142,6 +142,7 @@ def test_an_unknown_name_is_found_before_anything_is_set(
     assert "unknown: the vehicle never answered for this name" in captured.out
     assert "NOTHING WAS SET" in captured.err
     assert served.vehicle.sets_received == 0
+    served.vehicle.says_errors = True
     assert call(served, "upload", "new.parm", "--on-failure", "keep") == 6
     assert served.vehicle.table["P1"][0] == 9.0
 
@@ -239,3 +240,33 @@ def test_integers_beyond_a_float_are_refused_before_they_are_rounded() -> None:
     outcome = client.outcomes()[0]
     assert outcome.verdict is Verdict.REJECTED
     assert outcome.reason == "integers travel to it as 32-bit floats, which hold 16777216 but not 16777217"
+
+
+def test_a_new_system_id_is_refused(served: ServedVehicle) -> None:
+    served.vehicle.table["SYSID_THISMAV"] = [1, 4]
+    assert call(served, "upload", write("same.parm", SYSID_THISMAV=1, P1=4.0)) == 0
+    with pytest.raises(RefusedError, match="changes SYSID_THISMAV from 1 to 7: the vehicle would be another one"):
+        call(served, "upload", write("new.parm", SYSID_THISMAV=7, P1=9.0))
+    assert served.vehicle.table["P1"][0] == 4.0
+
+
+def test_a_disk_that_fills_up_on_the_way_takes_everything_back(
+    served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    served.vehicle.table["GRP_ENABLE"] = [0, INT8]
+    served.vehicle.enables["GRP_ENABLE"] = {"GRP_GAIN": (1.0, REAL32)}
+    served.vehicle.says_errors = True
+    plain, calls = params_upload.write_journal, []
+
+    def fail_the_second_time(path: Path, journal: Journal) -> None:
+        calls.append(len(journal.changes))
+        if len(calls) == 2:
+            raise InputError("state: cannot be written (No space left on device).")
+        plain(path, journal)
+
+    monkeypatch.setattr(params_upload, "write_journal", fail_the_second_time)
+    with pytest.raises(InputError, match="No space left on device"):
+        call(served, "upload", write("new.parm", GRP_GAIN=2.5, GRP_ENABLE=1), "--no-backup")
+    assert calls == [1, 2]
+    assert "holds exactly the old values" in capsys.readouterr().err
+    assert (served.vehicle.table["GRP_ENABLE"][0], served.vehicle.table["GRP_GAIN"][0]) == (0, 1.0)
