@@ -13,7 +13,15 @@ from typing import Literal
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import Message
-from autopilot.links.steering_pwm import InputTable, SteeringChannel, manual_table, pulse_from_manual, pulse_table
+from autopilot.links.steering_pwm import (
+    InputTable,
+    SteeringChannel,
+    manual_table,
+    pulse_from_manual,
+    pulse_table,
+    servo_from_steering,
+    steering_from_pulse,
+)
 from autopilot.links.vehicle_parameters import VehicleParameters
 
 RELEASES = 5
@@ -24,6 +32,8 @@ REPEAT_FOR_S = 1.0
 LEAVE_ALONE = 65535
 RELEASE_HIGH_CHANNEL = 65534
 NOT_THIS_AXIS = 32767
+TOLD_APART_US = 3
+"""A radio's own noise; further apart than this two pulses are different."""
 
 
 class SteeringOutput:
@@ -87,6 +97,29 @@ class SteeringOutput:
         self._releases_left = RELEASES
         self._touched = True
         return self._last
+
+    def unmoving(self, pulse: int) -> tuple[Message, int] | None:
+        """Return a message, and the input [us] it asks for, that leaves the servo where an input `pulse` [us] has it.
+
+        The input can be told from `pulse`; where none such moves nothing, it is the one that moves least. A vehicle
+        without a radio receiver shows 0: then it is near the trim. None where the vehicle is not known yet.
+        """
+        channel = self.channel
+        if channel is None:
+            return None
+        held = min(max(pulse, channel.rc_min), channel.rc_max) if pulse else channel.rc_trim
+        inputs = range(channel.rc_min, channel.rc_max + 1) if self._by_pulse else range(-1000, 1001)
+
+        def asked(value: int) -> int:
+            return value if self._by_pulse else pulse_from_manual(channel, value)
+
+        def moved(value: int) -> tuple[int, int]:
+            there, here = (servo_from_steering(channel, steering_from_pulse(channel, p)) for p in (asked(value), held))
+            return abs(there - here), abs(asked(value) - held)
+
+        value = min((value for value in inputs if abs(asked(value) - pulse) > TOLD_APART_US), key=moved)
+        self._releases_left, self._touched = RELEASES, True
+        return (self._override(value) if self._by_pulse else self._manual(value)), asked(value)
 
     def release(self, now: float) -> Message | None:
         """Return the next of `RELEASES` releases after steering, `RELEASE_SPACING_S` apart; None when done."""

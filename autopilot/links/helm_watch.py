@@ -124,6 +124,11 @@ class HelmWatch:
                 "(radio override switched off, or another ground station steers)"
             )
 
+    @property
+    def disobeyed(self) -> bool:
+        """Whether the rudder did not obey while we steered."""
+        return bool(self._disobeyed)
+
     def reason(self, now: float, parameters: VehicleParameters, system: int) -> str:
         """Return why the vehicle does not let `system` steer at `now` [s]; empty when it does."""
         if self.obstacle:

@@ -86,7 +86,7 @@ class CompanionLink:
         self._steering_codec = self._gcs_codec if settings.as_gcs else self._codec
         self._output = SteeringOutput(settings.method, settings.rudder_at_full, settings.reversed)
         self._reader = VehicleReader(self._output, settings.attitude_rate_hz, settings.heading_latency)
-        self._watch = self._reader.watch
+        self._watch, self._probe = self._reader.watch, self._reader.probe
         if isinstance(transport, UdpInTransport):
             # A ground station that also sends here must not take the vehicle's place.
             transport.accepts = self._holds_our_vehicle
@@ -98,6 +98,7 @@ class CompanionLink:
         self._helm: HelmSample | None = None
         self._reason = self._watch.obstacle
         self._judge_at = -math.inf
+        self._may_prove = False
         self._alarms: tuple[str, ...] = ()
         self._start: float | None = None
 
@@ -148,6 +149,8 @@ class CompanionLink:
 
         LinkError when the transport is gone.
         """
+        if self._probe.under_way:
+            return
         message = None
         if command.engaged and not self._reason:
             message = self._output.steer(now, command.angle)
@@ -168,9 +171,11 @@ class CompanionLink:
             self._next_heartbeat = now + HEARTBEAT_S
             self._send_heartbeats(now)
         if self._vehicle:
-            repeated = self._output.repeat(now, self._settings.command_rate_hz)
-            if repeated is not None:
-                self._transmit(now, repeated, self._steering_codec)
+            due = self._probe.due(now) if self._may_prove else None
+            if due is None and not self._probe.under_way:
+                due = self._output.repeat(now, self._settings.command_rate_hz)
+            if due is not None:
+                self._transmit(now, due, self._steering_codec)
             if self._watch.booted:
                 self._send_requests(now)
             for text in self._texts.due(now):
@@ -242,7 +247,11 @@ class CompanionLink:
     def _judge_helm(self, now: float, samples: list[Sample]) -> None:
         if self._settings.as_gcs and self._settings.gcs_system is None:
             self._gcs_codec.system = self._reader.parameters.gcs_system or DEFAULT_GCS
-        self._reason = self._watch.reason(now, self._reader.parameters, self._steering_codec.system)
+        obstacle = self._watch.reason(now, self._reader.parameters, self._steering_codec.system)
+        if self._watch.disobeyed or obstacle:
+            self._probe.reset()
+        self._may_prove = not obstacle
+        self._reason = obstacle or self._probe.reason
         if self._helm is None or self._helm.reason != self._reason:
             self._helm = HelmSample(now, not self._reason, self._reason, self.name)
             samples.insert(0, self._helm)

@@ -7,6 +7,7 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.companion_output import SteeringOutput
+from autopilot.links.helm_probe import HelmProbe
 from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.mavlink_codec import Message, message_id
 from autopilot.links.message_streams import MessageStreams
@@ -45,6 +46,7 @@ class VehicleReader:
 
     def __init__(self, output: SteeringOutput, attitude_rate_hz: float, heading_latency: float) -> None:
         self.watch = HelmWatch()
+        self.probe = HelmProbe(output)
         self.parameters = VehicleParameters()
         self.streams = MessageStreams(
             {ATTITUDE: attitude_rate_hz, SERVOS: 10.0, CHANNELS: 10.0, POSITION: 5.0, HUD: 2.0, GPS: 1.0}
@@ -123,8 +125,12 @@ class VehicleReader:
     def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.count(CHANNELS)
         number, recent = self.parameters.steering_input, self.watch.recent_pulses
-        if number is not None and recent is not None:
-            self.watch.seen(now, f"RC channel {number}", getattr(message, f"chan{number}_raw"), recent)
+        if number is None:
+            return
+        pulse = getattr(message, f"chan{number}_raw")
+        self.probe.report(now, number, pulse)
+        if recent is not None:
+            self.watch.seen(now, f"RC channel {number}", pulse, recent)
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.parameters.take(message.param_id, message.param_value):
@@ -150,3 +156,4 @@ class VehicleReader:
         self.streams.reset()
         self._output.forget()
         self.watch.rebooted()
+        self.probe.reset()

@@ -42,6 +42,7 @@ class Rover:
         self.armed = True
         self.status = dialect.MAV_STATE_ACTIVE
         self.boot = 100.0
+        self.stick = 1500
         self.pulse = 1500
         self.obeys = True
         self.received: list = []
@@ -75,12 +76,17 @@ class Rover:
 
     def steer(self, message) -> None:
         if message.get_type() == "RC_CHANNELS_OVERRIDE" and message.chan1_raw != 65535:
-            self.pulse = message.chan1_raw or 1500
+            self.pulse = message.chan1_raw or self.stick
         if message.get_type() == "MANUAL_CONTROL":
-            self.pulse = 1500 if message.y == 32767 else 1000 + (message.y + 1000) // 2
+            self.pulse = self.stick if message.y == 32767 else 1000 + (message.y + 1000) // 2
 
     def report_rudder(self) -> None:
         self.send(dialect.MAVLink_rc_channels_message(round(self.boot * 1000), 8, self.pulse, *[1500] * 17, 255))
+
+
+def steering_of(pulse: int) -> int:
+    """ArduRover's dead zone and end points, written out by hand."""
+    return 4500 * max(pulse - 1530, 0) // 470 - 4500 * max(1470 - pulse, 0) // 470
 
 
 class Bench:
@@ -134,7 +140,48 @@ def test_gets_the_helm_of_a_boat_that_answers() -> None:
     assert bench.helm.available
     assert bench.link.vehicle_system == 1
     assert bench.rover.intervals[dialect.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(50000)
-    assert not bench.overrides(), "nothing may be moved before a command is engaged"
+    assert bench.overrides()[-1].chan1_raw == 0, "what proved that the vehicle listens is released"
+    assert all(abs(m.chan1_raw - 1500) < 30 or m.chan1_raw == 0 for m in bench.overrides()), "and moved nothing"
+
+
+@pytest.mark.parametrize("method", ["rc_override", "manual_control"])
+@pytest.mark.parametrize("stick", [0, 1000, 1432, 1500, 1528, 1777, 2000])
+def test_the_proof_that_the_vehicle_listens_leaves_the_rudder_where_the_hand_has_it(method, stick) -> None:
+    bench = Bench(settings=CompanionSettings(FULL, method=method, as_gcs=True))
+    bench.rover.stick = bench.rover.pulse = stick
+    pulses = set()
+    for _ in range(80):
+        bench.run(0.05)
+        pulses.add(bench.rover.pulse)
+    assert bench.helm.available
+    assert len(pulses) > 1 and bench.rover.pulse == stick
+    servos = [steering_of(pulse) for pulse in pulses if pulse]
+    assert max(servos) - min(servos) <= 45, "a hundredth of full rudder at most, where there is no dead zone"
+
+
+@pytest.mark.parametrize("method", ["rc_override", "manual_control"])
+def test_a_vehicle_that_does_not_listen_is_found_out_before_the_pilot_engages(method) -> None:
+    """The parameters are as they should be, and yet another hand has the radio: the switch for overrides is off."""
+    bench = Bench(settings=CompanionSettings(FULL, method=method, as_gcs=True))
+    bench.rover.obeys = False
+    bench.command = RudderCommand(bench.now, 0.3, True)
+    bench.run(6.0)
+    assert not bench.helm.available
+    assert "does not take our steering: RC channel 1 stays at 1500 us while 149" in bench.helm.reason
+    assert "--as-gcs" in bench.helm.reason
+    if method == "rc_override":
+        assert all(abs(m.chan1_raw - 1500) < 30 or m.chan1_raw == 0 for m in bench.overrides())
+    bench.rover.obeys = True
+    bench.command = RudderCommand(bench.now, 0.0, False)
+    bench.run(6.0)
+    assert bench.helm.available, "tried again: the switch is on now"
+
+
+def test_no_engagement_without_reports_of_the_steering_input() -> None:
+    bench = Bench()
+    bench.rover.report_rudder = lambda: None
+    bench.run(6.0)
+    assert bench.helm.reason == "waiting for the vehicle to report its steering input (RC_CHANNELS)"
 
 
 @pytest.mark.parametrize("method", ["rc_override", "manual_control"])
@@ -143,10 +190,7 @@ def test_rudder_goes_where_it_is_told(method, degrees) -> None:
     bench = ready(settings=CompanionSettings(FULL, method=method, as_gcs=True))
     bench.command = RudderCommand(bench.now, math.radians(degrees), True)
     bench.run(0.5)
-    # ArduRover's dead zone and end points, written out by hand.
-    held = bench.rover.pulse
-    steering = 4500 * max(held - 1530, 0) // 470 - 4500 * max(1470 - held, 0) // 470
-    moved = int(steering * 500 / 4500) / 500.0 * 30.0
+    moved = int(steering_of(bench.rover.pulse) * 500 / 4500) / 500.0 * 30.0
     assert moved == pytest.approx(degrees, abs=0.07)
     assert bench.overrides()[-1].get_srcSystem() == 255
     others = bench.overrides()[-1]

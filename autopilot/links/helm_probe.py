@@ -1,0 +1,88 @@
+"""Whether the vehicle takes our steering, found out before the pilot may engage and without moving the rudder. Pure.
+
+ArduPilot ignores overrides in silence: from a system id that is not its ground station's, while the pilot's override
+switch is off, or when its parameters are other than they were read. So a pulse is sent that differs from the present
+one by a few microseconds, inside the dead zone where there is one, and RC_CHANNELS must show exactly that pulse.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.links.companion_output import SteeringOutput
+from autopilot.links.mavlink_codec import Message
+
+REPEAT_S = 0.1
+PATIENCE_S = 2.5
+"""A slow telemetry radio may take this long from our message to the vehicle's report of it."""
+RETRY_S = 4.0
+SEEN_REPORTS = 3
+"""So many reports in a row must show the pulse: a stick that a hand moves passes by."""
+REPORT_TIMEOUT_S = 3.0
+
+
+class HelmProbe:
+    """One proof for each start of the vehicle.
+
+    Attributes:
+        reason: why the helm is not ours yet; empty once the vehicle has shown that it takes our steering.
+    """
+
+    def __init__(self, output: SteeringOutput) -> None:
+        self._output = output
+        self.reset()
+
+    def reset(self) -> None:
+        """Ask for the proof anew, as after a reboot."""
+        self.reason = "waiting for the vehicle to report its steering input (RC_CHANNELS)"
+        self._reported: int | None = None
+        self._report_time = -math.inf
+        self._message: Message | None = None
+        self._pulse = 0
+        self._began = self._next = -math.inf
+        self._seen = 0
+
+    @property
+    def passed(self) -> bool:
+        """Whether the vehicle has shown that it takes our steering."""
+        return not self.reason
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a pulse of ours is being sent."""
+        return self._message is not None
+
+    def report(self, now: float, number: int, pulse: int) -> None:
+        """Take what RC_CHANNELS says of the steering channel `number`."""
+        self._report_time = now
+        if self._message is None:
+            self._reported = pulse
+            return
+        self._seen = self._seen + 1 if pulse == self._pulse else 0
+        if self._seen >= SEEN_REPORTS:
+            self.reason, self._message = "", None
+        elif now - self._began > PATIENCE_S:
+            self._message, self._reported, self._next = None, None, now + RETRY_S
+            self.reason = (
+                f"the vehicle does not take our steering: RC channel {number} stays at {pulse} us while {self._pulse} "
+                "us is sent; switch radio override on, close other ground stations, or start with --as-gcs"
+            )
+
+    def due(self, now: float) -> Message | None:
+        """Return the message to send at `now` [s], None where none is."""
+        if self.passed or now < self._next:
+            return None
+        if now - self._report_time > REPORT_TIMEOUT_S:
+            self._message = None
+            return None
+        if self._message is None:
+            if self._reported is None:
+                return None
+            found = self._output.unmoving(self._reported)
+            if found is None:
+                return None
+            self._message, self._pulse = found
+            self._began, self._seen = now, 0
+            self.reason = self.reason if self.reason.startswith("the vehicle does") else "checking the steering input"
+        self._next = now + REPEAT_S
+        return self._message
