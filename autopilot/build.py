@@ -23,6 +23,7 @@ from autopilot.links.drives.jrk import JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.url import LinkUrl, open_transport, parse_url
@@ -197,6 +198,17 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
     )
 
 
+def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
+    """Return how to read and steer the vessel on NMEA 2000."""
+    variation = vessel.sensors.variation_deg
+    return N2kSettings(
+        heading_latency=vessel.sensors.heading_latency_s,
+        variation=None if variation is None else math.radians(variation),
+        steers=url.options.steers,
+        follow=follow_of(vessel),
+    )
+
+
 DRIVES: dict[str, Callable[[DriveSettings], Drive]] = {"pypilot": PypilotMotor, "jrk": JrkG2, "maestro": Maestro}
 
 
@@ -229,6 +241,8 @@ class LinkOptions(NamedTuple):
 def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
     """Return the opened link of a URL, set up for the vessel. Raises LinkError."""
     parsed = parse_url(url)
+    if parsed.protocol == "n2k":
+        return N2kLink(parsed.text, open_bus(parsed.text, parsed.host, parsed.path), n2k_settings_of(vessel, parsed))
     transport = open_transport(parsed)
     if parsed.protocol == "nmea":
         return NmeaLink(transport, nmea_settings_of(vessel, parsed), options.guide)

@@ -17,8 +17,8 @@ from autopilot.links.transports import (
 )
 from autopilot.links.url_options import UrlOptions, parse_options
 
-Protocol = Literal["mavlink", "nmea", "pypilot", "jrk", "maestro"]
-Medium = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
+Protocol = Literal["mavlink", "nmea", "pypilot", "jrk", "maestro", "n2k"]
+Medium = Literal["udpin", "udpout", "tcp", "tcpin", "serial", "can"]
 
 EXAMPLES = {
     "udpin": "udpin:127.0.0.1:14550",
@@ -34,6 +34,7 @@ EXAMPLES = {
     "pypilot": "pypilot:/dev/ttyUSB2:38400",
     "jrk": "jrk:/dev/ttyACM0:115200",
     "maestro": "maestro:/dev/ttyACM0:115200",
+    "n2k": "n2k:socketcan:can0",
 }
 SCHEMES: dict[str, tuple[Protocol, Medium]] = {
     "udpin": ("mavlink", "udpin"),
@@ -49,14 +50,18 @@ SCHEMES: dict[str, tuple[Protocol, Medium]] = {
     "pypilot": ("pypilot", "serial"),
     "jrk": ("jrk", "serial"),
     "maestro": ("maestro", "serial"),
+    "n2k": ("n2k", "can"),
 }
-OPTIONS: dict[Protocol, tuple[str, ...]] = {"nmea": ("steer", "send")}
+OPTIONS: dict[Protocol, tuple[str, ...]] = {"nmea": ("steer", "send"), "n2k": ("steer",)}
 """What may stand behind the `?`, by what is spoken; nothing elsewhere."""
 BAUD_MIN, BAUD_MAX = 300, 4_000_000
 
 
 class LinkUrl(NamedTuple):
-    """A link: what is spoken, over what, and where. host and port on networks, path and baud on serial lines."""
+    """A link: what is spoken, over what, and where. host and port on networks, path and baud on serial lines.
+
+    On a CAN bus `host` is python-can's interface and `path` its channel.
+    """
 
     text: str
     protocol: Protocol
@@ -83,6 +88,10 @@ def parse_url(text: str) -> LinkUrl:
     if medium == "serial":
         baud = _number(text, scheme, "baud rate", number, BAUD_MIN, BAUD_MAX)
         return LinkUrl(text, protocol, medium, path=place, baud=baud, options=options)
+    if medium == "can":
+        if not number or any(c.isspace() for c in place + number):
+            raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
+        return LinkUrl(text, protocol, medium, host=place, path=number, options=options)
     listens = medium in ("udpin", "tcpin")
     port = _number(text, scheme, "port", number, 0 if listens else 1, 65535)
     return LinkUrl(text, protocol, medium, host=_host(text, scheme, place), port=port, options=options)
@@ -93,6 +102,8 @@ def open_transport(url: LinkUrl | str) -> Transport:
     link = parse_url(url) if isinstance(url, str) else url
     if link.medium == "serial":
         return SerialTransport(link.text, link.path, link.baud)
+    if link.medium == "can":
+        raise LinkError(f"link {link.text!r}: NMEA 2000 is no stream of bytes; use it with autopilot run")
     if link.medium == "udpin":
         accepts: Callable[[bytes], bool] = is_mavlink if link.protocol == "mavlink" else is_nmea
         return UdpInTransport(link.text, link.host, link.port, accepts)

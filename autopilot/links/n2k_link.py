@@ -1,0 +1,247 @@
+"""The link to an NMEA 2000 bus: heading, rate and rudder in, rudder order and heading control out.
+
+Needs the extra `n2k`: python-can moves the frames, the package nmea2000 decodes and encodes them.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from autopilot.links.base import LinkError
+from autopilot.links.n2k_messages import (
+    ADDRESS_CLAIM,
+    CONTROL,
+    HEADING,
+    NO_ADDRESS,
+    READ,
+    REQUEST,
+    RUDDER,
+    NodeAddress,
+    group_and_source,
+    own_variation,
+    sample_of,
+)
+from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.signals import HeadingSample, HelmSample, Mode, OrderKind, RudderCommand, RudderSample, Sample, Tick
+
+FRAMES_MOST = 500
+"""Frames taken in one `receive`, so that a busy bus cannot hold the loop."""
+ORDER_PERIOD_S = 0.1
+CONTROL_PERIOD_S = 0.25
+ORDER_AGE_S = 1.0
+RELEASES = 5
+EXTRA = "install Norrbin with its extra n2k: pip install 'norrbin[n2k]'"
+
+
+class N2kSettings(NamedTuple):
+    """heading_latency [s]; variation [rad], None to take it from the bus; whether rudder orders leave; follow."""
+
+    heading_latency: float = 0.0
+    variation: float | None = None
+    steers: bool = True
+    follow: FollowSettings = FollowSettings()
+
+
+def open_bus(text: str, interface: str, channel: str) -> Any:
+    """Return python-can's bus of `interface` and `channel`. Raises LinkError with one sentence."""
+    try:
+        import can
+    except ImportError as error:
+        raise LinkError(f"link {text!r}: NMEA 2000 needs the package python-can; {EXTRA}") from error
+    try:
+        return can.Bus(interface=interface, channel=channel)
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise LinkError(
+            f"link {text!r}: the CAN bus cannot be opened: {error}; check that it is up "
+            f"(ip link set {channel} up type can bitrate 250000) and that {interface} is one of {known}"
+        ) from error
+
+
+def decoder(name: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Any]:
+    """Return decode, encode and the message class of the package nmea2000. Raises LinkError."""
+    try:
+        import nmea2000
+        from nmea2000.input_formats import N2KFormat
+    except ImportError as error:
+        raise LinkError(f"link {name!r}: NMEA 2000 needs the package nmea2000; {EXTRA}") from error
+    logging.getLogger("nmea2000").setLevel(logging.CRITICAL)
+    decode = nmea2000.NMEA2000Decoder(include_pgns=list(READ), bound_format=N2KFormat.PYTHON_CAN).decode
+    return decode, nmea2000.create_encoder(N2KFormat.PYTHON_CAN).encode, nmea2000
+
+
+class N2kLink:
+    """A `Link` over NMEA 2000.
+
+    Attributes:
+        rejected: frames of ours to read that could not be decoded.  unsent: frames that the bus did not take.
+    """
+
+    def __init__(self, name: str, bus: Any, settings: N2kSettings = N2kSettings()) -> None:  # noqa: B008 - immutable
+        self.name = name
+        self.rejected = 0
+        self.unsent = 0
+        self.address = NodeAddress()
+        self._bus = bus
+        self._settings = settings
+        self._decode, self._encode, self._package = decoder(name)
+        self._follow = RudderFollow(settings.follow)
+        self._variation = settings.variation
+        self._helm_reason: str | None = None
+        self._order: float | None = None
+        self._order_time = -math.inf
+        self._next_order = -math.inf
+        self._next_control = -math.inf
+        self._releases_left = 0
+        self._is_claimed = False
+
+    def fileno(self) -> int:
+        """Return the bus's descriptor, or -1 where it has none (virtual)."""
+        try:
+            return int(self._bus.fileno())
+        except (NotImplementedError, OSError):
+            return -1
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return the samples that have arrived; LinkError when the bus is gone."""
+        samples: list[Sample] = []
+        for _ in range(FRAMES_MOST):
+            try:
+                frame = self._bus.recv(timeout=0.0)
+            except Exception as error:
+                # python-can's drivers raise errors of their own beside its CanError
+                raise LinkError(f"{self.name}: the CAN bus is gone: {error}; plug it in and start again") from error
+            if frame is None:
+                break
+            if frame.is_extended_id and not frame.is_error_frame and not frame.is_remote_frame:
+                self._take(now, frame, samples)
+        reason = self._follow.reason(now)
+        if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
+            self._helm_reason = reason
+            samples.append(HelmSample(now, not reason, reason, self.name))
+        return samples
+
+    def _take(self, now: float, frame: Any, samples: list[Sample]) -> None:
+        group, source = group_and_source(frame.arbitration_id)
+        if group in (ADDRESS_CLAIM, REQUEST):
+            if self.address.heard(group, source, bytes(frame.data)) and self._settings.steers:
+                self._claim()
+            return
+        if group not in READ or source == self.address.current:
+            return
+        try:
+            message = self._decode(frame)
+            fields = {} if message is None else {field.id: field.value for field in message.fields}
+        except Exception:
+            # a decoder that stumbles over a frame must not take the helm with it
+            self.rejected += 1
+            return
+        if group == HEADING and self._settings.variation is None:
+            heard = own_variation(fields)
+            self._variation = self._variation if heard is None else heard
+        sample = sample_of(group, now, fields, self._variation, f"N2K{group}.{source}")
+        if isinstance(sample, HeadingSample):
+            sample = sample._replace(time=now - self._settings.heading_latency)
+        elif isinstance(sample, RudderSample):
+            self._follow.measured(now, sample.angle, sample.source)
+        if sample is not None:
+            samples.append(sample)
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Send the rudder order at its rate; one that is not engaged is a release."""
+        if command.engaged and math.isfinite(command.angle):
+            self._order, self._order_time = command.angle, now
+            self._follow.ordered(now, command.angle)
+            self._releases_left = RELEASES
+        else:
+            self._order = None
+            self._follow.released()
+        self._push(now)
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+        """Nothing here: the mode leaves with `show`."""
+
+    def keep(self, now: float) -> None:
+        """Claim our address at the start, and send what is due."""
+        if not self._is_claimed and self._settings.steers:
+            self._is_claimed = True
+            self._claim()
+        self._push(now)
+
+    def show(self, tick: Tick) -> None:
+        """Send heading/track control at its rate."""
+        if not self._settings.steers or tick.now < self._next_control or not tick.state.valid:
+            return
+        self._next_control = tick.now + CONTROL_PERIOD_S
+        engaged = tick.mode is Mode.ENGAGED
+        heads = engaged and tick.order.kind is OrderKind.HEADING and math.isfinite(tick.order.heading)
+        fields: dict[str, object] = {
+            "steeringMode": "Heading Control" if heads else "Main Steering",
+            "headingReference": "True",
+            "vesselHeading": tick.state.heading % math.tau,
+        }
+        if engaged:
+            fields["commandedRudderAngle"] = tick.command.angle
+        if heads:
+            fields["headingToSteerCourse"] = tick.order.heading % math.tau
+        self._transmit(CONTROL, fields)
+
+    def release(self, now: float) -> None:
+        """Give the rudder back, several times over; never raises."""
+        if self._order is not None or self._releases_left:
+            self._order = None
+            for _ in range(max(self._releases_left, 1)):
+                self._send_order(None)
+            self._releases_left = 0
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return []: NMEA 2000 carries no MAVLink packets."""
+        return []
+
+    def close(self) -> None:
+        """Close the bus; call `release` first."""
+        self._bus.shutdown()
+
+    def _push(self, now: float) -> None:
+        if not self._settings.steers or now < self._next_order:
+            return
+        if self._order is not None and now - self._order_time <= ORDER_AGE_S:
+            self._next_order = now + ORDER_PERIOD_S
+            self._send_order(self._order)
+        elif self._order is None and self._releases_left:
+            self._next_order = now + ORDER_PERIOD_S
+            self._releases_left -= 1
+            self._send_order(None)
+
+    def _send_order(self, angle: float | None) -> None:
+        fields: dict[str, object] = {"instance": 0, "directionOrder": "No Order"}
+        if angle is not None:
+            fields["directionOrder"] = "Move to starboard" if angle >= 0.0 else "Move to port"
+            fields["angleOrder"] = angle
+        self._transmit(RUDDER, fields)
+
+    def _transmit(self, group: int, fields: dict[str, object]) -> None:
+        if not self._settings.steers or self.address.current == NO_ADDRESS:
+            return
+        values = [self._package.NMEA2000Field(id=name, value=value) for name, value in fields.items()]
+        message = self._package.NMEA2000Message(
+            PGN=group, source=self.address.current, destination=255, priority=2, fields=values
+        )
+        for frame in self._encode(message):
+            self._put(frame)
+
+    def _claim(self) -> None:
+        import can
+
+        identity, data = self.address.claim()
+        self._put(can.Message(arbitration_id=identity, data=data, is_extended_id=True))
+
+    def _put(self, frame: Any) -> None:
+        try:
+            self._bus.send(frame, timeout=0.0)
+        except Exception:
+            # a full queue or a bus without another node: counted, and seen by a rudder that does not follow
+            self.unsent += 1

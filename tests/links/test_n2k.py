@@ -1,0 +1,254 @@
+"""NMEA 2000 on python-can's virtual bus; the frames of the other side are packed here by hand."""
+
+from __future__ import annotations
+
+import builtins
+import math
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from autopilot.build import LinkOptions, build_link
+from autopilot.links.base import LinkError
+from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
+from autopilot.links.n2k_messages import NodeAddress, group_and_source, identifier
+from autopilot.links.url import parse_url
+from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import (
+    HeadingSample,
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    RateSample,
+    Reference,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    Tick,
+)
+
+can = pytest.importorskip("can", reason="python-can is not installed (extra n2k)")
+pytest.importorskip("nmea2000", reason="nmea2000 is not installed (extra n2k)")
+
+
+class Bus:
+    """The other nodes, and our link on the same virtual bus."""
+
+    def __init__(self, name: str, **changes: Any) -> None:
+        self.far = can.Bus(interface="virtual", channel=name)
+        self.link = N2kLink(f"n2k:virtual:{name}", open_bus("x", "virtual", name), N2kSettings(**changes))
+
+    def put(self, group: int, data: bytes, source: int = 35) -> None:
+        self.far.send(can.Message(arbitration_id=2 << 26 | group << 8 | source, data=data, is_extended_id=True))
+
+    def heard(self) -> list[tuple[int, int, bytes]]:
+        found = []
+        while (frame := self.far.recv(timeout=0.0)) is not None:
+            found.append((*group_and_source(frame.arbitration_id), bytes(frame.data)))
+        return found
+
+    def samples(self, now: float) -> list[Sample]:
+        return [sample for sample in self.link.receive(now) if not isinstance(sample, HelmSample)]
+
+
+@pytest.fixture
+def bus(request: pytest.FixtureRequest) -> Iterator[Bus]:
+    made = Bus(request.node.name)
+    yield made
+    made.link.close()
+    made.far.shutdown()
+
+
+def heading(value: float, deviation: int = 0x7FFF, variation: int = 0x7FFF, reference: int = 0) -> bytes:
+    return struct.pack("<BHhhB", 1, round(value * 1e4), deviation, variation, 0xFC | reference)
+
+
+def test_heading_rate_and_rudder_become_samples(bus: Bus) -> None:
+    bus.put(127250, heading(6.0))
+    bus.put(127251, struct.pack("<BihB", 1, round(-0.05 / 3.125e-8), -1, 255))
+    bus.put(127245, struct.pack("<BBhhH", 0, 0xF8, 0x7FFF, -1500, 0xFFFF))
+    got = bus.samples(5.0)
+    assert got[0] == HeadingSample(5.0, pytest.approx(6.0 - math.tau), None, "N2K127250.35")
+    assert got[1] == RateSample(5.0, pytest.approx(-0.05, abs=1e-6), "N2K127251.35")
+    assert got[2] == RudderSample(5.0, pytest.approx(-0.15), False, "N2K127245.35")
+
+
+def test_a_magnetic_heading_needs_a_variation_and_keeps_the_last_one_heard(bus: Bus) -> None:
+    bus.put(127250, heading(1.0, reference=1))
+    assert bus.samples(0.0) == []
+    bus.put(127250, heading(1.0, deviation=200, variation=-500, reference=1))
+    bus.put(127250, heading(1.0, reference=1))
+    first, second = bus.samples(1.0)
+    assert isinstance(first, HeadingSample)
+    assert isinstance(second, HeadingSample)
+    assert first.heading == pytest.approx(1.0 + 0.02 - 0.05)
+    assert second.heading == pytest.approx(1.0 - 0.05)
+
+
+@pytest.mark.parametrize(
+    ("group", "data"),
+    [
+        (127250, b"\xff" * 8),
+        (127250, b""),
+        (127250, b"\x01\x00"),
+        (127250, heading(6.5)),
+        (127250, heading(1.0, reference=2)),
+        (127251, struct.pack("<BihB", 1, 0x7FFFFFFF, -1, 255)),
+        (127245, struct.pack("<BBhhH", 0, 0xF8, 1000, 0x7FFF, 0xFFFF)),
+        (127245, struct.pack("<BBhhH", 0, 0xF8, 1000, 30000, 0xFFFF)),
+        (129025, b"\x00" * 8),
+    ],
+)
+def test_no_data_short_frames_and_impossible_values_are_no_samples(bus: Bus, group: int, data: bytes) -> None:
+    bus.put(group, data)
+    assert bus.samples(0.0) == []
+
+
+def test_orders_leave_ten_times_a_second_and_end_with_releases(bus: Bus) -> None:
+    orders = []
+    for step in range(200):
+        now = step * 0.01
+        bus.link.send(now, RudderCommand(now, math.radians(-12.0), now < 1.0))
+        bus.link.keep(now)
+        orders += [data for group, source, data in bus.heard() if group == 127245 and source == 204]
+    steered = [data for data in orders if data[1] & 7 == 2]
+    assert len(steered) == pytest.approx(10, abs=1), "move to port"
+    assert {struct.unpack_from("<h", data, 2)[0] for data in steered} == {round(math.radians(-12.0) * 1e4)}
+    released = orders[len(steered) :]
+    assert [(data[1] & 7, struct.unpack_from("<h", data, 2)[0]) for data in released] == [(0, 0x7FFF)] * 5
+
+
+def test_the_heading_control_group_says_what_is_steered(bus: Bus) -> None:
+    tick = Tick(
+        number=0,
+        now=1.0,
+        samples=(),
+        order=Order(OrderKind.HEADING, -0.5),
+        state=NavState(1.0, 0.25, 0.0, 4.0, 0.0, 0.0, 0.1, True),
+        reference=Reference(0.0),
+        demand=0.0,
+        command=RudderCommand(1.0, 0.2, True),
+        mode=Mode.ENGAGED,
+        alarms=(),
+    )
+    bus.link.show(tick)
+    bus.link.show(tick._replace(now=1.1))
+    frames = [data for group, _, data in bus.heard() if group == 127237]
+    assert len(frames) == 4, "21 bytes in four frames, once in 250 ms"
+    assert frames[0][1] == 21
+    payload = frames[0][2:] + b"".join(data[1:] for data in frames[1:])
+    assert payload[1] & 0x07 == 4, "heading control"
+    rudder, course = struct.unpack_from("<hH", payload, 3)
+    assert (rudder, course) == (2000, round((math.tau - 0.5) * 1e4))
+    assert struct.unpack_from("<H", payload, 19)[0] == 2500
+
+
+def test_our_address_is_claimed_answered_for_and_given_up_to_a_lower_name(bus: Bus) -> None:
+    bus.link.keep(0.0)
+    ((group, source, ours),) = bus.heard()
+    assert (group, source) == (60928, 204)
+    request = identifier(59904, 35, 6, 204)
+    bus.far.send(can.Message(arbitration_id=request, data=b"\x00\xee\x00", is_extended_id=True))
+    bus.link.receive(0.1)
+    assert bus.heard() == [(60928, 204, ours)]
+    claim = can.Message(arbitration_id=identifier(60928, 204, 6), data=b"\xff" * 8, is_extended_id=True)
+    bus.far.send(claim)
+    bus.link.receive(0.2)
+    assert bus.heard() == [(60928, 204, ours)], "ours is lower: it stays"
+    claim.data = bytearray(8)
+    bus.far.send(claim)
+    bus.link.receive(0.3)
+    ((_, moved, again),) = bus.heard()
+    assert (moved, again) == (128, ours)
+    assert bus.link.address.current == 128
+
+
+def test_with_every_address_taken_nothing_is_sent() -> None:
+    address = NodeAddress()
+    for _ in range(200):
+        address.heard(60928, address.current, bytes(8))
+    assert address.current == 254
+
+
+def test_a_rudder_that_does_not_follow_on_the_bus_gives_the_helm_up(bus: Bus) -> None:
+    helm = []
+    for step in range(50):
+        now = step * 0.1
+        bus.put(127245, struct.pack("<BBhhH", 0, 0xF8, 0x7FFF, 0, 0xFFFF))
+        helm += [sample for sample in bus.link.receive(now) if isinstance(sample, HelmSample)]
+        bus.link.send(now, RudderCommand(now, 0.3, True))
+    assert [sample.available for sample in helm] == [True, False]
+    assert "the rudder does not follow: N2K127245.35 shows 0.0 deg while 17.2 deg" in helm[-1].reason
+
+
+def test_a_drive_on_the_bus_obeys_our_frames(bus: Bus) -> None:
+    """The other side reads the order's bytes itself, moves a rudder and reports its position."""
+    gear = SteeringGear(math.radians(30.0), math.radians(20.0), 0.1, 0.0, 0.0)
+    rudder, order = 0.0, 0.0
+    for step in range(300):
+        now = step * 0.02
+        for group, source, data in bus.heard():
+            if group == 127245 and source == 204:
+                order = struct.unpack_from("<h", data, 2)[0] * 1e-4 if data[1] & 7 else 0.0
+        rudder = gear_step(gear, rudder, order, 0.02)
+        bus.put(127245, struct.pack("<BBhhH", 0, 0xF8, 0x7FFF, round(rudder * 1e4), 0xFFFF))
+        seen = [s for s in bus.link.receive(now) if isinstance(s, RudderSample | HelmSample)]
+        bus.link.send(now, RudderCommand(now, 0.2, True))
+        bus.link.keep(now)
+    assert rudder == pytest.approx(0.2, abs=0.002)
+    assert all(isinstance(sample, RudderSample) for sample in seen)
+
+
+GROUPS = st.sampled_from([127250, 127251, 127245, 127237, 60928, 59904])
+
+
+@given(st.lists(st.tuples(GROUPS, st.binary(max_size=8)), max_size=20))
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_any_frames_are_survived_and_give_only_what_can_be(bus: Bus, frames: list[tuple[int, bytes]]) -> None:
+    for group, data in frames:
+        bus.put(group, data)
+    for sample in bus.samples(0.0):
+        if isinstance(sample, HeadingSample):
+            assert -math.pi <= sample.heading <= math.pi
+        elif isinstance(sample, RudderSample):
+            assert abs(sample.angle) <= 0.5 * math.pi
+        elif isinstance(sample, RateSample):
+            assert abs(sample.rate) <= 10.0
+    bus.heard()
+
+
+def test_the_url_builds_the_link() -> None:
+    link = build_link(load_vessel("lanxin"), "n2k:virtual:built?steer=no", LinkOptions())
+    assert isinstance(link, N2kLink)
+    link.send(0.0, RudderCommand(0.0, 0.2, True))
+    link.keep(0.0)
+    assert link.fileno() == -1
+    link.release(0.0)
+    link.close()
+    assert parse_url("n2k:slcan:/dev/ttyACM0").path == "/dev/ttyACM0"
+
+
+def test_no_bus_and_no_package_are_one_sentence_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(
+        LinkError, match=r"link 'n2k:nosuch:can0': the CAN bus cannot be opened: .* is one of .*socketcan"
+    ):
+        open_bus("n2k:nosuch:can0", "nosuch", "can0")
+    with pytest.raises(LinkError, match="incomplete; write it like n2k:socketcan:can0"):
+        parse_url("n2k:socketcan:")
+    real = builtins.__import__
+
+    def missing(name: str, *rest: Any, **more: Any) -> Any:
+        if name.split(".")[0] in ("can", "nmea2000"):
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(LinkError, match=r"needs the package python-can; install .* pip install 'norrbin\[n2k\]'"):
+        build_link(load_vessel("lanxin"), "n2k:socketcan:can0", LinkOptions())
