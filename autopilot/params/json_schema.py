@@ -1,6 +1,6 @@
 """JSON Schema of vessel and firmware files, made from the typed schema, for editors that complete and check.
 
-Draft 2020-12. It says what a file may hold; what holds across fields is checked by reading alone.
+Draft 7, which is the newest that the editors' YAML language server knows whole. It says what a file may hold; what holds across fields is checked by reading alone.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def schema_text(kind: str) -> str:
     root: type[Any] = Vessel if kind == "vessel" else FirmwareFile
     known = newest(VESSEL_STEPS if kind == "vessel" else FIRMWARE_STEPS)
     schema = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$schema": "http://json-schema.org/draft-07/schema#",
         "title": f"Norrbin {kind} file",
         **_object(root),
     }
@@ -86,7 +86,7 @@ def _array(arguments: tuple[Any, ...], bounds: Bounds | None) -> Schema:
     if arguments[-1] is Ellipsis:
         return {"type": "array", "items": _of(arguments[0], bounds)}
     items = [_of(argument, bounds) for argument in arguments]
-    return {"type": "array", "prefixItems": items, "items": False, "minItems": len(items)}
+    return {"type": "array", "items": items, "additionalItems": False, "minItems": len(items)}
 
 
 def _range(bounds: Bounds) -> Schema:
