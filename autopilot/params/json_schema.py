@@ -1,6 +1,7 @@
 """JSON Schema of vessel and firmware files, made from the typed schema, for editors that complete and check.
 
-Draft 7, which is the newest that the editors' YAML language server knows whole. It says what a file may hold; what holds across fields is checked by reading alone.
+Draft 7, which is the newest that the editors' YAML language server knows whole. It says what a file may hold; what
+holds across fields is checked by reading alone.
 """
 
 from __future__ import annotations
