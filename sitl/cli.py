@@ -41,7 +41,36 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_serve_options(serve)
+    physics = commands.add_parser(
+        "ardupilot-physics",
+        help="the boat as the physics behind a real ArduRover (ArduPilot's JSON simulator interface)",
+        description="Move the boat of a vessel file for ArduPilot's simulator, in lock-step: start it, then "
+        "`ardurover --model JSON:127.0.0.1` or `sim_vehicle.py -v Rover --model JSON:127.0.0.1`.",
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_physics_options(physics)
     return parser
+
+
+def _add_physics_options(physics: argparse.ArgumentParser) -> None:
+    physics.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
+    physics.add_argument(
+        "--listen", metavar="HOST:PORT", default="127.0.0.1:9002", help="where ArduPilot sends (default %(default)s)"
+    )
+    physics.add_argument(
+        "--scenario",
+        metavar="FILE",
+        default="calm",
+        help=f"scenario file, or a shipped one: {', '.join(shipped_scenarios())} (default calm)",
+    )
+    physics.add_argument("--seed", metavar="N", type=_seed, help="seed of all that is random (default: the scenario's)")
+    for name, number in (("steering", 1), ("throttle", 3)):
+        physics.add_argument(
+            f"--{name}-servo", metavar="N", type=_servo, default=number, help=f"{name} output (default {number})"
+        )
+    physics.add_argument("--duration", metavar="S", type=_positive, help="stop after so many simulated seconds")
+    physics.set_defaults(run=run_physics)
 
 
 def _add_serve_options(serve: argparse.ArgumentParser) -> None:
@@ -109,6 +138,12 @@ def _seed(text: str) -> int:
     return int(text)
 
 
+def _servo(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 32):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a servo output from 1 to 32")
+    return int(text)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `sitl` and return its exit code."""
     arguments = build_parser().parse_args(argv)
@@ -165,6 +200,28 @@ def run_serve(arguments: argparse.Namespace) -> int:
             truth.close()
     if pace.lost > 0.0:
         print(f"sitl: this machine was {pace.lost:.1f} s too slow for --speedup {arguments.speedup:g}", file=sys.stderr)
+    return int(ExitCode.OK)
+
+
+def run_physics(arguments: argparse.Namespace) -> int:
+    """Move the boat for ArduPilot until told to stop."""
+    from autopilot.params.vessel_file import load_vessel
+    from sitl.ardupilot_physics import open_socket, serve_physics
+    from sitl.scenario import load_scenario
+    from sitl.wire_ardupilot_json import ArdupilotPhysics, Outputs
+
+    should_stop = _StopOnSignal()
+    outputs = Outputs(arguments.steering_servo, arguments.throttle_servo)
+    physics = ArdupilotPhysics(
+        load_vessel(arguments.vessel), load_scenario(arguments.scenario), arguments.seed, outputs
+    )
+    with open_socket(arguments.listen) as line:
+        print(f"ready physics {line.getsockname()[0]}:{line.getsockname()[1]}", flush=True)
+        serve_physics(line, physics, arguments.duration, should_stop)
+    print(
+        f"{physics.frames} frames, {physics.repeated} repeated, {physics.restarts} restarts, {physics.bad} datagrams "
+        "that were none"
+    )
     return int(ExitCode.OK)
 
 
