@@ -9,7 +9,7 @@ import math
 
 from autopilot.links.nmea_encoders import KMH_M_S, KNOT_M_S
 
-SPEED_LIMIT = 1000.0
+SPEED_LIMIT = 200.0
 NO_DATA_MODES = ("N", "V")
 """Mode indicators (NMEA 2.3 and later) that say: not valid. E, M and S, estimated or simulated, are accepted."""
 

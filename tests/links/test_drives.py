@@ -149,6 +149,16 @@ def test_the_pypilot_controller_holds_the_end_stops_itself() -> None:
     assert bench.rudder_deg == pytest.approx(30.0, abs=1.0)
 
 
+def test_one_wild_angle_is_dropped_two_that_agree_are_believed() -> None:
+    motor = PypilotMotor(SETTINGS)
+    middle, wild = 32736, 60000
+    heard = [
+        motor.feed(step * 0.1, packet(0xA7, raw)) for step, raw in enumerate([0, 0, middle, wild, middle, wild, wild])
+    ]
+    assert [len(angles) for angles in heard] == [0, 0, 1, 0, 1, 0, 1]
+    assert motor.rejected == 2
+
+
 def test_known_bytes() -> None:
     assert crc8(b"123456789") == 0xF7, "check value of CRC-8/NRSC-5"
     assert packet(0xC7, 1000).hex() == bytes((0xC7, 0xE8, 0x03, crc8(b"\xc7\xe8\x03"))).hex()
@@ -189,7 +199,7 @@ def test_noise_is_survived_and_moves_nothing(chunks: list[bytes], kind: str) -> 
 
 @given(st.binary(min_size=1, max_size=3), st.integers(0, 59), st.integers(1, 255))
 def test_a_damaged_pypilot_stream_yields_only_what_was_sent(noise: bytes, place: int, flip: int) -> None:
-    raws = [1000 * step for step in range(15)]
+    raws = [100 * step for step in range(15)]
     stream = bytearray(b"".join(packet(0xA7, raw) for raw in raws))
     stream[place] ^= flip
     # the controller's own packets, right before and behind, and noise between

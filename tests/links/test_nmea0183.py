@@ -263,3 +263,62 @@ def test_a_datagram_is_known_by_a_right_checksum() -> None:
     assert is_nmea(b"$HEHDT,41.87,T*25")
     assert not is_nmea(b"$HEHDT,41.87,T*26\r\n")
     assert not is_nmea(b"")
+
+
+def byte_by_byte(chunks: list[bytes]) -> tuple[list[tuple[str, int]], int, int]:
+    """Address and place of each sentence, checksum errors and malformed ones, by the plainest automaton there is."""
+    line: bytes | None = None
+    begun = errors = malformed = 0
+    found = []
+    for place, byte in enumerate(b"".join(chunks)):
+        if byte in b"$!":
+            malformed += line is not None
+            line, begun = b"", place
+        if line is None:
+            continue
+        if byte in b"\r\n":
+            body, star, given = line[1:].partition(b"*")
+            total = 0
+            for value in body:
+                total ^= value
+            address = body.split(b",")[0].decode("ascii")
+            if not star or len(given) != 2:
+                malformed += 1
+            elif given.upper() != b"%02X" % total:
+                errors += 1
+            elif line[:1] == b"$" and not address.startswith("P"):
+                if len(address) == 5 and address.isalnum() and address.isupper():
+                    found.append((address, begun))
+                else:
+                    malformed += 1
+            line = None
+        elif len(line) >= 102 or not 0x20 <= byte <= 0x7E:
+            malformed += 1
+            line = None
+        else:
+            line += bytes((byte,))
+    return found, errors, malformed
+
+
+PIECES = st.one_of(
+    st.binary(max_size=12),
+    st.sampled_from([b"$", b"!", b"*", b"\r\n", b"\n", b"$HEHDT,12.0,T*2D\r\n", b"$HEHDT,12.0,T*2E\r\n", b"A" * 60]),
+)
+
+
+@given(st.lists(PIECES, max_size=25))
+def test_the_framer_is_the_plain_automaton_however_the_stream_is_cut(chunks: list[bytes]) -> None:
+    framer = NmeaFramer()
+    got = [(s.talker + s.type, s.start) for chunk in chunks for s in framer.feed(chunk)]
+    found, errors, malformed = byte_by_byte(chunks)
+    assert got == found
+    assert (framer.counts.checksum_errors, framer.counts.malformed) == (errors, malformed)
+    assert framer.taken == sum(len(chunk) for chunk in chunks)
+
+
+@given(st.binary(max_size=200))
+def test_the_checksum_is_the_exclusive_or(body: bytes) -> None:
+    total = 0
+    for byte in body:
+        total ^= byte
+    assert checksum(body) == total

@@ -7,6 +7,8 @@ from typing import NamedTuple, Protocol
 
 SILENT_S = 1.5
 """A drive that answers requests and has not been heard for this long is gone."""
+JUMP_LEAST = math.radians(2.0)
+JUMP_RATES = 1.5
 STALL_S = 1.0
 """Current above the limit for this long is a stall, not the start of the motor."""
 
@@ -39,6 +41,33 @@ class DriveSettings(NamedTuple):
         """Return the rudder angle [rad] at a place on the scale."""
         share = place - self.amidships
         return (-share if self.reversed else share) * self.angle_at_full
+
+
+class JumpGate:
+    """Angles of a rudder that cannot jump: one further off than the gear can have moved needs a second that agrees.
+
+    A checksum of eight bits, or none, lets wrong values through; two in a row that agree are rare.
+    """
+
+    def __init__(self, settings: DriveSettings) -> None:
+        self._rate = JUMP_RATES * (settings.rate if math.isfinite(settings.rate) else settings.angle_at_full)
+        self._last: tuple[float, float] | None = None
+        self._strange: tuple[float, float] | None = None
+
+    def passes(self, now: float, angle: float) -> bool:
+        """Return whether `angle` [rad], seen at `now` [s], may be believed."""
+        if self._last is None or self._is_near(self._last, now, angle):
+            believed = True
+        else:
+            believed = self._strange is not None and self._is_near(self._strange, now, angle)
+        if believed:
+            self._last, self._strange = (now, angle), None
+        else:
+            self._strange = (now, angle)
+        return believed
+
+    def _is_near(self, before: tuple[float, float], now: float, angle: float) -> bool:
+        return abs(angle - before[1]) <= JUMP_LEAST + self._rate * max(now - before[0], 0.0)
 
 
 class Drive(Protocol):

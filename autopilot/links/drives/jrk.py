@@ -18,7 +18,7 @@ import math
 import struct
 from collections import deque
 
-from autopilot.links.drives.base import SILENT_S, DriveSettings, StallWatch
+from autopilot.links.drives.base import SILENT_S, DriveSettings, JumpGate, StallWatch
 
 SET_TARGET, MOTOR_OFF, GET_VARIABLES, POLOLU = 0xC0, 0xFF, 0xE5, 0xAA
 TARGET_MAX = 4095
@@ -72,6 +72,7 @@ class JrkG2:
         self._heard = -math.inf
         self._engaged_since = math.inf
         self._stall = StallWatch(settings.current_max)
+        self._gate = JumpGate(settings)
 
     def feed(self, now: float, data: bytes) -> list[float]:
         """Return the rudder angle [rad] in the answer that `data` completes."""
@@ -97,7 +98,11 @@ class JrkG2:
             return []
         self._heard = now
         if is_motion:
-            return [self._settings.angle((values[2] - MIDDLE) / SPAN)]
+            angle = self._settings.angle((values[2] - MIDDLE) / SPAN)
+            if self._gate.passes(now, angle):
+                return [angle]
+            self.rejected += 1
+            return []
         self.errors = values[0]
         self.supply = values[3] / 1000.0
         self._stall.take(now, values[4] / 1000.0)

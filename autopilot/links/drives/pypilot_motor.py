@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from autopilot.links.drives.base import SILENT_S, DriveSettings, StallWatch
+from autopilot.links.drives.base import SILENT_S, DriveSettings, JumpGate, StallWatch
 
 COMMAND, RESET, DISENGAGE = 0xC7, 0xE7, 0x68
 MAX_CURRENT, RUDDER_MIN, RUDDER_MAX = 0x1E, 0x2B, 0x4D
@@ -81,6 +81,7 @@ class PypilotMotor:
         self._angle_time = -math.inf
         self._heard = -math.inf
         self._stall = StallWatch(settings.current_max)
+        self._gate = JumpGate(settings)
         self._engaged = False
         self._orders = 0
 
@@ -116,9 +117,12 @@ class PypilotMotor:
             self._angle = None
         elif code == RUDDER and value <= SENSOR_FULL:
             # a rising reading is a rudder going to port
-            self._angle = -self._settings.angle(2.0 * value / SENSOR_FULL - 1.0)
-            self._angle_time = now
-            angles.append(self._angle)
+            angle = -self._settings.angle(2.0 * value / SENSOR_FULL - 1.0)
+            if not self._gate.passes(now, angle):
+                self.rejected += 1
+                return
+            self._angle, self._angle_time = angle, now
+            angles.append(angle)
 
     def order(self, now: float, angle: float) -> bytes:
         """Return the motor speed that brings the rudder to `angle` [rad], with the limits now and then."""

@@ -1,0 +1,207 @@
+"""A million inputs for every parser of instruments and drives: no exception, no growing memory, no impossible value.
+
+    python benchmarks/fuzz_instruments.py [--inputs 1000000] [--seed 1] [--only NAME]
+
+Each input is noise, or sound packets of that protocol cut, joined, doubled, shuffled, with bytes changed. Counted
+are the values accepted, and those that nobody sent ("strangers"): a checksum of eight bits lets about one in 256 of
+packets with several wrong bytes pass, where it has one at all. Exit code 1 at an exception, an impossible value, or
+more than `HELD_MOST` bytes held between inputs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import random
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.links import nmea_encoders as encode
+from autopilot.links.drives.base import Drive, DriveSettings
+from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
+from autopilot.links.drives.maestro import Maestro
+from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
+from autopilot.links.n2k_messages import READ, sample_of
+from autopilot.links.nmea0183 import NmeaFramer, format_sentence
+from autopilot.links.nmea_samples import NmeaReader
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import HeadingSample
+from sitl.assembly import DRIVES as TWINS
+from sitl.scenario import load_scenario
+from sitl.world import World
+
+FULL = 0.7
+SETTINGS = DriveSettings(angle_at_full=FULL, stop=0.6)
+HELD_MOST = 4096
+HEADINGS = tuple(round(0.1 * step, 1) for step in range(0, 60, 7))
+PLACES = tuple(range(32000, 33500, 100))
+
+
+class Result(NamedTuple):
+    """Values accepted, values that nobody sent, impossible ones, and the most bytes held."""
+
+    accepted: int = 0
+    strangers: int = 0
+    impossible: int = 0
+    held: int = 0
+
+
+Fuzzer = Callable[[random.Random, int], Result]
+
+
+def inputs(rng: random.Random, sound: list[bytes], count: int) -> Iterator[bytes]:
+    """Yield `count` chunks: noise, or `sound` packets damaged in one of five ways, or left whole."""
+    for _ in range(count):
+        if rng.random() < 0.2:
+            yield rng.randbytes(rng.randrange(24))
+            continue
+        data = bytearray(b"".join(rng.choices(sound, k=rng.randrange(1, 4))))
+        damage = rng.randrange(5)
+        if damage == 0:
+            del data[rng.randrange(len(data)) :]
+        elif damage == 1:
+            for _ in range(rng.randrange(1, 4)):
+                data[rng.randrange(len(data))] = rng.randrange(256)
+        elif damage == 2:
+            place = rng.randrange(len(data))
+            data[place:place] = rng.randbytes(rng.randrange(1, 6))
+        elif damage == 3:
+            place = rng.randrange(len(data))
+            del data[place : place + rng.randrange(1, 5)]
+        yield bytes(data)
+
+
+def fuzz_nmea(rng: random.Random, count: int) -> Result:
+    """Framer, reader and the guide that follows a plotter."""
+    guide = PlotterGuide()
+    guide.follow()
+    framer, reader = NmeaFramer(), NmeaReader(0.0, guide=guide)
+    sound = [encode.encode_hdt(heading) for heading in HEADINGS]
+    sound += [encode.encode_rot(0.1), encode.encode_rsa(0.2), encode.encode_vtg(1.0, 3.0)]
+    fields = ["A", "A", "0.10", "R", "N", "V", "V", "011", "T", "WP", "011", "T", "011", "T", "A"]
+    sound += [format_sentence("GP", "APB", fields), format_sentence("GP", "XTE", ["A", "A", "0.1", "L", "N", "A"])]
+    sent = {round(math.degrees(heading), 1) for heading in HEADINGS}
+    accepted = strangers = impossible = held = 0
+    for number, data in enumerate(inputs(rng, sound, count)):
+        for sentence in framer.feed(data):
+            sample = reader.read(number * 0.1, sentence)
+            accepted += sample is not None
+            if isinstance(sample, HeadingSample):
+                strangers += round(math.degrees(sample.heading) % 360.0, 1) not in sent
+                impossible += not -math.pi <= sample.heading <= math.pi
+        course = guide.course(number * 0.1, 0.0, 4.0)
+        impossible += not -math.pi <= course <= math.pi
+        held = max(held, len(framer._line))
+    return Result(accepted, strangers, impossible, held)
+
+
+def fuzz_drive(make: Callable[[DriveSettings], Drive], sound: list[bytes]) -> Fuzzer:
+    """Return the fuzzer of our side of a drive."""
+
+    def fuzz(rng: random.Random, count: int) -> Result:
+        drive: Any = make(SETTINGS)
+        accepted = strangers = impossible = held = 0
+        clean = make(SETTINGS)
+        clean.order(0.0, 0.6)
+        clean.order(0.0, -0.6)
+        sent: set[float] = set()
+        for packet_ in [*sound[:3], *sound]:
+            clean.ask(0.0)
+            sent |= {round(angle, 6) for angle in clean.feed(0.0, packet_)}
+        for number, data in enumerate(inputs(rng, sound, count)):
+            now = number * 0.05
+            drive.order(now, 0.6 if number % 2 else -0.6)
+            drive.ask(now)
+            for angle in drive.feed(now, data):
+                accepted += 1
+                strangers += round(angle, 6) not in sent
+                impossible += not abs(angle) <= 1.01 * FULL
+            drive.fault(now)
+            drive.warning(now)
+            held = max(held, len(drive._buffer))
+        return Result(accepted, strangers, impossible, held)
+
+    return fuzz
+
+
+def fuzz_twin(kind: str, sound: list[bytes]) -> Fuzzer:
+    """Return the fuzzer of the simulator's side of a drive, without its line and world."""
+
+    def fuzz(rng: random.Random, count: int) -> Result:
+        twin: Any = TWINS[kind](World(load_vessel("lanxin"), load_scenario("calm")), 115200)
+        accepted = impossible = 0
+        for data in inputs(rng, sound, count):
+            for byte in data:
+                twin.take_byte(0.0, byte)
+            order = twin.orders(0.0).rudder
+            accepted += order is not None
+            impossible += order is not None and not math.isfinite(order)
+            # what it has answered goes nowhere here
+            twin._to_host._waiting.clear()
+        return Result(accepted, 0, impossible, 0)
+
+    return fuzz
+
+
+def fuzz_n2k(rng: random.Random, count: int) -> Result:
+    """Decoded fields of every kind to samples."""
+    values = (None, True, math.nan, math.inf, -1.0, 0.5, 1e300, "True", "Magnetic", b"x", [])
+    accepted = impossible = 0
+    for _ in range(count):
+        names = ("heading", "reference", "variation", "deviation", "rate", "position")
+        fields = {name: rng.choice(values) for name in names if rng.random() < 0.8}
+        sample = sample_of(rng.choice(READ), 0.0, fields, rng.choice((None, 0.1)), "x")
+        accepted += sample is not None
+        if isinstance(sample, HeadingSample):
+            impossible += not -math.pi <= sample.heading <= math.pi
+    return Result(accepted, 0, impossible, 0)
+
+
+def orders(make: Callable[[DriveSettings], Drive]) -> list[bytes]:
+    """Return commands as our side sends them."""
+    drive = make(SETTINGS)
+    sound = [drive.order(0.0, 0.1 * step) for step in range(-5, 6)]
+    return [*sound, drive.release(0.0), *(request for step in range(9) if (request := drive.ask(float(step))))]
+
+
+REPORTS = {
+    "pypilot": [*(packet(RUDDER, place) for place in PLACES), packet(FLAGS, 9), packet(0x1C, 250)],
+    "jrk": [MOTION[1].pack(2048 + round(2047 * 0.6 / FULL), place, place, 0, 0, 0) for place in range(2000, 2100, 10)]
+    + [HEALTH[1].pack(0, 0, 0, 12000, 500)],
+    "maestro": [place.to_bytes(2, "little") for place in range(4400, 7601, 400)],
+}
+MAKERS: dict[str, Callable[[DriveSettings], Drive]] = {"pypilot": PypilotMotor, "jrk": JrkG2, "maestro": Maestro}
+FUZZERS: dict[str, Fuzzer] = {
+    "NMEA 0183": fuzz_nmea,
+    **{f"{kind}, reports": fuzz_drive(make, REPORTS[kind]) for kind, make in MAKERS.items()},
+    **{f"{kind}, commands (sitl)": fuzz_twin(kind, orders(make)) for kind, make in MAKERS.items()},
+    "NMEA 2000 fields": fuzz_n2k,
+}
+
+
+def main() -> int:
+    """Run the fuzzers and print one line for each; return 1 where one has failed."""
+    options = argparse.ArgumentParser()
+    options.add_argument("--inputs", type=int, default=1_000_000)
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--only", choices=sorted(FUZZERS))
+    arguments = options.parse_args()
+    failed = False
+    print("| parser | inputs | values accepted | strangers | impossible | most bytes held | us an input |")
+    print("|---|---|---|---|---|---|---|")
+    for name, fuzz in FUZZERS.items():
+        if arguments.only not in (None, name):
+            continue
+        start = time.perf_counter()
+        result = fuzz(random.Random(arguments.seed), arguments.inputs)
+        each = (time.perf_counter() - start) / arguments.inputs * 1e6
+        failed = failed or result.impossible > 0 or result.held > HELD_MOST
+        print(f"| {name} | {arguments.inputs} | {' | '.join(map(str, result))} | {each:.0f} |", flush=True)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
