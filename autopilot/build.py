@@ -37,6 +37,8 @@ from autopilot.signals import NavState, Reference
 DISTURBANCE = math.radians(2.0)
 DISTURBANCE_TIME = 0.5
 """Waves and gusts move the boat like a rudder of this size [rad], correlated over this time [s]."""
+HEADING_STALE_SHARE = 0.6
+"""Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
 TRIAL_LAW = "trial"
 """In place of a law's name: trials order rudder angles and need no gains."""
 BIAS_CHANGE = math.radians(2.0)
@@ -173,6 +175,7 @@ def priority_of(vessel: Vessel) -> PrioritySettings:
     return PrioritySettings(
         rules=tuple(SourceRule(*rule) for rule in sensors.priority),
         stale=sensors.source_timeout_s,
+        heading_stale=HEADING_STALE_SHARE * vessel.failsafe.heading_timeout_s,
         disagree=math.inf if limit is None else math.radians(limit),
     )
 

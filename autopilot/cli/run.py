@@ -18,7 +18,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser = subparsers.add_parser(
         "run",
         help="steer a boat in real time",
-        description="Steer a boat in real time. On a terminal, type: e 90 (engage on 90 deg), +10, -1, r 5, s, q.",
+        description="Steer a boat in real time. On a terminal, type: e 90 (engage on 90 deg), +10, -1, r 5, f, s, q.",
     )
     add_steering_options(parser)
     parser.add_argument("--engage", metavar="HEADING", help="engage on this heading in degrees, or `present`")

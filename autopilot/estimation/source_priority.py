@@ -33,11 +33,13 @@ class SourceRule(NamedTuple):
 class PrioritySettings(NamedTuple):
     """rules: best first, for every kind of value alike.  stale [s] where no rule matches.
 
-    disagree [rad]: two headings further apart are an alarm; inf: nobody compares.
+    heading_stale [s]: a heading is stale at this age at the latest, so that another compass takes over before the
+    fail-safe does.  disagree [rad]: two headings further apart are an alarm; inf: nobody compares.
     """
 
     rules: tuple[SourceRule, ...] = ()
     stale: float = 2.0
+    heading_stale: float = math.inf
     disagree: float = math.inf
 
 
@@ -94,7 +96,7 @@ class SourcePriority:
         if entry is None:
             if len(heard) >= SOURCES_MOST:
                 return False
-            entry = heard[source] = self._new(now, source)
+            entry = heard[source] = self._new(now, kind, source)
         elif now - entry.last > entry.stale:
             entry.first = now
         entry.last = now
@@ -106,12 +108,13 @@ class SourcePriority:
             return True
         return best == source
 
-    def _new(self, now: float, source: str) -> _Heard:
+    def _new(self, now: float, kind: str, source: str) -> _Heard:
+        most = self._settings.heading_stale if kind == "heading" else math.inf
         name = source.partition("@")[0]
         for rank, rule in enumerate(self._settings.rules):
             if fnmatchcase(name, rule.pattern) or fnmatchcase(source, rule.pattern):
-                return _Heard(now, rank, rule.stale)
-        return _Heard(now, len(self._settings.rules), self._settings.stale)
+                return _Heard(now, rank, min(rule.stale, most))
+        return _Heard(now, len(self._settings.rules), min(self._settings.stale, most))
 
     def _goes_before(self, now: float, entry: _Heard, best: _Heard) -> bool:
         if now - best.last > best.stale:

@@ -14,7 +14,7 @@ from autopilot.loop.clock import Clock
 from autopilot.loop.record import Recorder
 from autopilot.loop.tick_codec import MOST_SAMPLES
 from autopilot.pilot import Pilot
-from autopilot.signals import HeadingSample, HelmSample, Order, Sample, Tick
+from autopilot.signals import AlarmSample, HeadingSample, HelmSample, Order, Sample, Tick
 
 SHORTEST_PERIOD = 0.4
 """Headings that come quicker than this share of the control period wait for the next tick."""
@@ -26,14 +26,16 @@ Orders = Callable[[float, Tick | None], Order]
 
 
 def newest(samples: Sequence[Sample]) -> tuple[Sample, ...]:
-    """Return at most MOST_SAMPLES of `samples`, the newest, in their order; who has the helm is never dropped.
+    """Return at most MOST_SAMPLES of `samples`, the newest, in their order.
+
+    Who has the helm and what is wrong are never dropped.
 
     After a suspended machine or a stalled link thousands may wait; the old ones say nothing about now.
     """
     surplus = len(samples) - MOST_SAMPLES
     kept = []
     for sample in samples:
-        if surplus > 0 and not isinstance(sample, HelmSample):
+        if surplus > 0 and not isinstance(sample, HelmSample | AlarmSample):
             surplus -= 1
         else:
             kept.append(sample)

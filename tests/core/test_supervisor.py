@@ -7,7 +7,7 @@ import math
 import pytest
 
 from autopilot.safety import RESUME_AFTER, Envelope, FailsafeAction, Supervisor
-from autopilot.signals import HelmSample, Mode, NavState, Order, OrderKind, RudderCommand
+from autopilot.signals import AlarmSample, HelmSample, Mode, NavState, Order, OrderKind, RudderCommand
 
 ENVELOPE = Envelope(0.5, 0.3)
 ENGAGE = Order(OrderKind.HEADING, 1.0, serial=1)
@@ -39,6 +39,21 @@ def test_it_waits_for_a_heading_and_says_so() -> None:
     assert tested.decide(0.0, ENGAGE, state(0.0, math.inf)) is Mode.STANDBY
     assert "waiting for a heading" in tested.alarms()[0]
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
+    assert tested.alarms() == ()
+
+
+def test_a_note_is_an_alarm_that_changes_nothing_until_its_source_takes_it_back() -> None:
+    tested = engaged()
+    tested.note(AlarmSample(1.0, "the rudder motor draws 9 A", "drive"))
+    tested.note(AlarmSample(1.0, "two compasses disagree", "heading monitor"))
+    assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
+    assert tested.check(1.0, ENGAGE, 0.1, 0.1, 0.1, 0.1).engaged
+    assert tested.alarms() == ("the rudder motor draws 9 A", "two compasses disagree")
+    tested.note(AlarmSample(2.0, "", "drive"))
+    tested.hear(HelmSample(2.0, False, "mode HOLD was chosen", "link"))
+    tested.decide(2.0, ENGAGE, state(2.0))
+    assert tested.alarms() == ("overridden: mode HOLD was chosen", "two compasses disagree")
+    tested.reset()
     assert tested.alarms() == ()
 
 

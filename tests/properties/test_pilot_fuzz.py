@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from autopilot.build import build_pilot
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (
+    AlarmSample,
     HeadingSample,
     HelmSample,
     Mode,
@@ -34,6 +35,7 @@ sample = st.one_of(
     st.builds(SpeedSample, moment, value),
     st.builds(RollSample, moment, value),
     st.builds(HelmSample, moment, st.booleans(), st.just("x"), st.just("link")),
+    st.builds(AlarmSample, moment, st.sampled_from(["", "a", "b"]), st.sampled_from(["x", "y"])),
 )
 order = st.builds(Order, st.sampled_from(OrderKind), value, value, value, st.integers(0, 4))
 step = st.tuples(st.floats(-0.2, 0.7), st.lists(sample, max_size=4), order)

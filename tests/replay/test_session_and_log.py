@@ -21,6 +21,7 @@ from autopilot.loop.session import Session
 from autopilot.loop.tick_codec import decode_tick, encode_tick
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import (
+    AlarmSample,
     HeadingSample,
     HelmSample,
     Mode,
@@ -225,6 +226,7 @@ samples = st.one_of(
     st.builds(SpeedSample, number, number, st.booleans(), text),
     st.builds(RollSample, number, number, st.one_of(st.none(), number), text),
     st.builds(HelmSample, number, st.booleans(), text, text),
+    st.builds(AlarmSample, number, text, text),
 )
 ticks = st.builds(
     Tick,

@@ -1,0 +1,111 @@
+"""NMEA 0183 over real TCP and UDP sockets, both ways: instruments in, rudder orders and repeated sentences out."""
+
+from __future__ import annotations
+
+import math
+import select
+import socket
+import time
+from collections.abc import Callable
+
+import pytest
+
+from autopilot.build import LinkOptions, build_link
+from autopilot.links import nmea_encoders as encode
+from autopilot.links.base import LinkError, Shows
+from autopilot.links.nmea_link import NmeaLink
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import HeadingSample, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Sample, Tick
+
+VESSEL = load_vessel("lanxin")
+OPTIONS = "?send=HDT:10"
+
+
+def tick(now: float) -> Tick:
+    state = NavState(now, 1.0, 0.0, 4.0, 0.0, 0.0, 0.0, True)
+    command = RudderCommand(now, 0.1, True)
+    return Tick(0, now, (), Order(OrderKind.HEADING, 1.0), state, Reference(1.0), 0.1, command, Mode.ENGAGED, ())
+
+
+def link_of(url: str) -> NmeaLink:
+    link = build_link(VESSEL, url, LinkOptions())
+    assert isinstance(link, NmeaLink)
+    assert isinstance(link, Shows)
+    return link
+
+
+def until(done: Callable[[], object]) -> object:
+    """Poll until `done` gives something; the sockets are local, so a second is ages."""
+    end = time.monotonic() + 5.0
+    while not (got := done()):
+        assert time.monotonic() < end, "nothing came"
+        select.select([], [], [], 0.005)
+    return got
+
+
+def headings(link: NmeaLink, now: float) -> list[Sample]:
+    return [sample for sample in link.receive(now) if isinstance(sample, HeadingSample)]
+
+
+def speak(link: NmeaLink, now: float) -> None:
+    link.send(now, RudderCommand(now, math.radians(5.0), True))
+    link.show(tick(now))
+    link.keep(now)
+
+
+def test_a_plotter_that_connects_to_us_hears_and_is_heard() -> None:
+    link = link_of("nmea-tcpin:127.0.0.1:0" + OPTIONS)
+    port = link._transport.port
+    with socket.create_connection(("127.0.0.1", port), timeout=5.0) as plotter:
+        plotter.sendall(encode.encode_hdt(1.0)[:7])
+        plotter.sendall(encode.encode_hdt(1.0)[7:])
+        (heading,) = until(lambda: headings(link, 1.0))
+        assert heading.heading == pytest.approx(1.0, abs=1e-3)
+        speak(link, 1.0)
+        got = b""
+        while b"HDT" not in got:
+            got += plotter.recv(200)
+        assert got.startswith(b"$AGROR,5.00,A,,V,B*")
+    # it leaves; the next one is served as well
+    until(lambda: not link.receive(2.0))
+    with socket.create_connection(("127.0.0.1", port), timeout=5.0) as plotter:
+        plotter.sendall(encode.encode_hdt(2.0))
+        until(lambda: headings(link, 3.0))
+    link.close()
+
+
+def test_we_connect_to_a_multiplexer_and_say_when_it_is_gone() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = link_of(f"nmea-tcp:127.0.0.1:{server.getsockname()[1]}?steer=no")
+        multiplexer, _ = server.accept()
+        with multiplexer:
+            multiplexer.sendall(encode.encode_hdt(1.0) + encode.encode_rot(0.1))
+            until(lambda: headings(link, 1.0))
+            speak(link, 1.0)
+            multiplexer.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                multiplexer.recv(10)
+
+    def lost() -> bool:
+        try:
+            link.receive(2.0)
+        except LinkError as error:
+            return "nmea-tcp:127.0.0.1" in str(error)
+        return False
+
+    assert until(lost)
+    link.release(2.0)
+    link.close()
+
+
+def test_datagrams_both_ways() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as display:
+        display.bind(("127.0.0.1", 0))
+        display.settimeout(5.0)
+        link = link_of(f"nmea-udpout:127.0.0.1:{display.getsockname()[1]}{OPTIONS}&steer=no")
+        speak(link, 1.0)
+        data, address = display.recvfrom(200)
+        assert data.startswith(b"$AGHDT,057.3,T*"), "one sentence in a datagram, and no order"
+        display.sendto(encode.encode_hdt(0.5).strip(), address)
+        until(lambda: headings(link, 1.1))
+        link.close()
