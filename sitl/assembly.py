@@ -7,7 +7,8 @@ import dataclasses
 from collections.abc import Callable
 
 from autopilot.errors import InputError
-from autopilot.links.url import BAUD_MAX, BAUD_MIN, open_transport, parse_url
+from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
+from autopilot.links.url_options import UrlOptions
 from autopilot.params.vessel_file import load_vessel
 from sitl.drive_line import DriveLine
 from sitl.firmware import Firmware
@@ -26,6 +27,8 @@ DRIVES: dict[str, Callable[[World, int], DriveLine]] = {
     "maestro": MaestroController,
 }
 """Rudder drives by the names that link URLs give them."""
+NETWORK_BAUD = 115200
+"""Instruments on a socket stand behind a multiplexer with a line of this speed."""
 
 
 def world_from(arguments: argparse.Namespace) -> World:
@@ -58,10 +61,8 @@ def open_ports(
             for url in urls:
                 ports.append((f"mavlink {url}", mavlink_port(firmware, url)))  # noqa: PERF401 - kept on failure, to close
         if nmea is not None:
-            path, baud = _path_and_baud("--nmea", nmea)
             _check_route(world, sentences)
-            instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud)
-            ports.append((f"nmea {path} ({baud} baud)", Port(PtyTransport(path), instruments)))
+            ports.append(nmea_port(world, nmea, sentences))
         if drive is not None:
             ports.append(drive_port(world, drive))
     except BaseException:
@@ -78,6 +79,23 @@ def mavlink_port(firmware: Firmware, url: str) -> Port:
         raise InputError(f"--mavlink {url}: an NMEA link; the instruments are served by --nmea PATH:BAUD.")
     is_stream = link.medium in ("tcp", "tcpin", "serial")
     return Port(open_transport(link), MavlinkVehicle(firmware, is_stream))
+
+
+def nmea_port(world: World, text: str, sentences: str) -> tuple[str, Port]:
+    """Put the instruments on a pseudo-terminal or a socket: ready line and port. Raises InputError and LinkError."""
+    if text.partition(":")[0] not in SCHEMES:
+        path, baud = _path_and_baud("--nmea", text)
+        instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud)
+        return f"nmea {path} ({baud} baud)", Port(PtyTransport(path), instruments)
+    link = parse_url(text)
+    if link.protocol != "nmea" or link.options != UrlOptions():
+        raise InputError(
+            f"--nmea {text}: write PATH:BAUD, or an NMEA link without options such as nmea-tcpin:HOST:PORT."
+        )
+    baud = link.baud or NETWORK_BAUD
+    is_stream = link.medium in ("tcp", "tcpin", "serial")
+    instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud, is_stream)
+    return f"nmea {text}", Port(open_transport(link), instruments)
 
 
 def drive_port(world: World, text: str) -> tuple[str, Port]:

@@ -82,7 +82,11 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         help=f"MAVLink link, may be repeated: udpout:, udpin:, tcpin:, serial: (default {DEFAULT_MAVLINK} "
         "where no link is given)",
     )
-    serve.add_argument("--nmea", metavar="PATH:BAUD", help="pseudo-terminal for NMEA, e.g. /tmp/norrbin-nmea:4800")
+    serve.add_argument(
+        "--nmea",
+        metavar="PATH:BAUD|URL",
+        help="pseudo-terminal for NMEA, e.g. /tmp/norrbin-nmea:4800, or nmea-tcpin:, nmea-udpout: and so on",
+    )
     serve.add_argument(
         "--sentences",
         metavar="LIST",

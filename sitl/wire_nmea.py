@@ -152,11 +152,13 @@ def _rudder_order(sentence: Sentence) -> tuple[float, bool] | None:
 class NmeaInstruments:
     """The instruments of one line with the drive on it. Times are those of the world's clock."""
 
-    def __init__(self, world: World, rates_hz: Mapping[str, float], baud: int = 4800) -> None:
+    def __init__(self, world: World, rates_hz: Mapping[str, float], baud: int = 4800, is_stream: bool = True) -> None:
         self.world = world
         self.drive = RudderDrive(world)
         self.framer = NmeaFramer()
         self.skipped = 0
+        self._is_stream = is_stream
+        self._unfinished = b""
         self._to_listener = UartLine(baud)
         self._to_drive = UartLine(baud)
         self._period = {name: 1.0 / rate for name, rate in rates_hz.items()}
@@ -188,10 +190,16 @@ class NmeaInstruments:
         self.world.advance(now)
 
     def transmit(self, now: float) -> list[bytes]:
-        """Return the bytes that have passed the line by `now` [s]: one chunk, cut anywhere, or none."""
+        """Return the bytes that have passed the line by `now` [s]: one chunk, cut anywhere, or none.
+
+        Where the line is no stream each sentence is a chunk of its own, as in the datagrams of a multiplexer.
+        """
         self.world.advance(now)
         passed = self._to_listener.take(self.world.time_at(now))
-        return [passed] if passed else []
+        if self._is_stream:
+            return [passed] if passed else []
+        *whole, self._unfinished = (self._unfinished + passed).split(b"\n")
+        return [sentence + b"\n" for sentence in whole]
 
     def _after_step(self, time: float) -> None:
         for sentence in self.framer.feed(self._to_drive.take(time)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import subprocess
 import sys
 from dataclasses import replace
@@ -76,6 +77,39 @@ def test_a_heading_is_changed_by_a_rudder_drive_on_its_own_line(tmp_path: Path, 
     seen = [sample for tick in ticks for sample in tick.samples if isinstance(sample, RudderSample)]
     assert {sample.ordered for sample in seen} == {kind == "maestro"}
     assert max(abs(sample.angle) for sample in seen) > math.radians(3.0)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours", "kind"),
+    [("nmea-tcpin", "nmea-tcp", socket.SOCK_STREAM), ("nmea-udpout", "nmea-udp", socket.SOCK_DGRAM)],
+)
+def test_a_heading_is_changed_over_a_network(tmp_path: Path, theirs: str, ours: str, kind: socket.SocketKind) -> None:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        place = f"127.0.0.1:{probe.getsockname()[1]}"
+    log = tmp_path / "run.tlog"
+    command = [
+        sys.executable,
+        "-m",
+        "sitl",
+        "serve",
+        "lanxin",
+        "--speedup",
+        str(SPEEDUP),
+        "--nmea",
+        f"{theirs}:{place}",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith(f"ready nmea {theirs}")
+        command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"{ours}:{place}", "--engage", "25"]
+        command += ["--duration", "9", "--log", str(log), "--speedup", str(SPEEDUP)]
+        run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
+        process.terminate()
+    assert (run.returncode, run.stderr) == (0, "")
+    ticks = read_log(log).ticks
+    assert ticks[-1].mode is Mode.ENGAGED, ticks[-1].alarms
+    assert abs(math.degrees(wrap(ticks[-1].state.heading - math.radians(25.0)))) < 3.0
 
 
 ROUTE = """
