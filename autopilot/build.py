@@ -150,9 +150,14 @@ def build_pilot(vessel: Vessel, law: str | None = None) -> Pilot:
     """Return the pilot of a vessel. Raises RefusedError where its gains must not be engaged on its rudder."""
     if law != TRIAL_LAW and (verdict := verdict_of(vessel, law)).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {verdict.refusal}")
+    return Pilot(pilot_config(vessel), law_of(vessel, law))
+
+
+def pilot_config(vessel: Vessel) -> PilotConfig:
+    """Return what the pilot knows of the vessel."""
     failsafe = vessel.failsafe
     turn_rate = vessel.guidance.turn_rate_max_deg_s
-    config = PilotConfig(
+    return PilotConfig(
         model=model_of(vessel),
         gear=gear_of(vessel),
         noise=noise_of(vessel),
@@ -161,7 +166,6 @@ def build_pilot(vessel: Vessel, law: str | None = None) -> Pilot:
         rudder_share=vessel.guidance.rudder_share,
         turn_rate_max=_radians_or_unlimited(turn_rate),
     )
-    return Pilot(config, law_of(vessel, law))
 
 
 def _radians_or_unlimited(degrees: float | None) -> float:

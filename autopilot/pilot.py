@@ -91,6 +91,24 @@ class Pilot:
         self._turn_limits: TurnLimits | None = None
         self._turn_speed = 0.0
 
+    @property
+    def told(self) -> RudderCommand:
+        """What the rudder was told last."""
+        return self._told
+
+    def reconfigure(self, config: PilotConfig, law: HeadingLaw) -> None:
+        """Go on with other numbers from the next tick: memory is kept, the law starts at the rudder that was told.
+
+        ValueError where the rudder told lies outside the new limits: it would have to jump.
+        """
+        if abs(self._told.angle) > config.limits.angle_max:
+            raise ValueError("reconfigure: the rudder stands outside the new limits")
+        self.config, self.law = config, law
+        law.reset(self._told.angle)
+        self.estimator.reconfigure(config.model, config.gear, config.noise)
+        self.supervisor.reconfigure(Envelope(*config.limits), config.failsafe)
+        self._turn_limits = None
+
     def step(self, now: float, samples: tuple[Sample, ...], order: Order) -> Tick:
         """Return the tick at `now` [s]: what the samples say, what the order asks, what the rudder is told."""
         dt = 0.0 if self._now is None else clip(now - self._now, 0.0, LONGEST_STEP)

@@ -63,6 +63,10 @@ class Supervisor:
         self._notes: dict[str, str] = {}
         self._heading_since: float | None = None
 
+    def reconfigure(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
+        """Go on under other limits; mode and memory stay."""
+        self._envelope, self._failsafe = envelope, failsafe
+
     def hear(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
         self._helm[sample.source] = sample

@@ -27,6 +27,21 @@ class PlotterSkipper(Skipper):
         self._order = order._replace(heading=self._guide.course(now, tick.state.heading, tick.state.speed))
         return self._order
 
+    def engage(self, heading: float | None) -> None:
+        """Order a heading [rad] or the present one; the plotter no longer leads."""
+        self._guide.leave()
+        super().engage(heading)
+
+    def turn_to(self, heading: float) -> None:
+        """Change the heading [rad] ordered; the plotter no longer leads."""
+        self._guide.leave()
+        super().turn_to(heading)
+
+    def stand_by(self) -> None:
+        """Order the rudder to be given back; the plotter no longer leads."""
+        self._guide.leave()
+        super().stand_by()
+
     def follow(self) -> None:
         """Follow the plotter, engaging on the present heading where nothing is steered yet."""
         if self._order.kind is not OrderKind.HEADING:

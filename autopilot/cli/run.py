@@ -13,6 +13,7 @@ from autopilot.errors import InputError
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
+    from autopilot.cli.serving import add_serving_options
     from autopilot.cli.steering import add_steering_options
 
     parser = subparsers.add_parser(
@@ -21,6 +22,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         description="Steer a boat in real time. On a terminal, type: e 90 (engage on 90 deg), +10, -1, r 5, f, s, q.",
     )
     add_steering_options(parser)
+    add_serving_options(parser)
     parser.add_argument("--engage", metavar="HEADING", help="engage on this heading in degrees, or `present`")
     parser.add_argument(
         "--follow", choices=("plotter",), help="follow the chart plotter on the NMEA links (APB, RMB, XTE, HTC, HTD)"
@@ -34,6 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from autopilot.build import limits_of
     from autopilot.cli.plotter_follow import FOLLOW_HELP, PlotterSkipper
+    from autopilot.cli.serving import serving_of
     from autopilot.cli.skipper import HELP, heading_of
     from autopilot.cli.steering import steer
     from autopilot.guidance.plotter import PlotterGuide
@@ -51,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         skipper.engage(None if arguments.engage == "present" else heading_of(arguments.engage))
     if arguments.follow is not None:
         skipper.follow()
+    must_engage = arguments.engage is not None or arguments.follow is not None
     listens = sys.stdin is not None and sys.stdin.isatty()
     if listens:
         print(f"{HELP}  {FOLLOW_HELP}")
@@ -71,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         watch,
         duration=math.inf if arguments.duration is None else arguments.duration,
         law=arguments.law,
-        must_engage=arguments.engage is not None or arguments.follow is not None,
+        must_engage=must_engage,
         guide=guide,
+        serving=serving_of(arguments, skipper, armed=must_engage),
     )

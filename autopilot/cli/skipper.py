@@ -37,6 +37,16 @@ class Skipper:
         self._adopt = False
         self._order = order._replace(serial=self._order.serial + 1)
 
+    def turn_to(self, heading: float) -> None:
+        """Change the heading [rad] ordered; the same serial: no wish to engage again after an override."""
+        if self._order.kind is OrderKind.HEADING:
+            self._adopt = False
+            self._order = self._order._replace(heading=wrap(heading))
+
+    def stand_by(self) -> None:
+        """Order the rudder to be given back."""
+        self.give(Order())
+
     def type_line(self, line: str) -> str:
         """Act on a typed line and return what to answer. Raises InputError."""
         word, _, rest = line.strip().partition(" ")

@@ -14,12 +14,14 @@ from types import FrameType
 from autopilot import __version__
 from autopilot.angles import compass_deg
 from autopilot.build import LinkOptions, build_links, build_pilot
+from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.errors import ExitCode, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, Shows
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.record import Recorder
 from autopilot.loop.session import Orders, Session
+from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import dump_vessel
 from autopilot.signals import Mode, OrderKind, Tick
@@ -111,6 +113,7 @@ def steer(
     law: str | None = None,
     must_engage: bool = True,
     guide: PlotterGuide | None = None,
+    serving: Serving | None = None,
 ) -> int:
     """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released."""
     pilot = build_pilot(vessel, law)
@@ -118,10 +121,17 @@ def steer(
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s)
     links = build_links(vessel, arguments.link, LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide))
     recorder = None
+    saver = BackgroundSaver()
     try:
+        if serving is not None and serving.urls:
+            boat_links, in_force = open_boat_links(serving, vessel, arguments.vessel, pilot, law, saver)
+            links = [*links, *boat_links]
+            print(_which_file(arguments.vessel, in_force))
         if arguments.log is not None:
             header = {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": law}
             recorder = Recorder(arguments.log, header, clock.now())
+            if serving is not None and serving.urls:
+                in_force.log = recorder
     except Exception:
         for link in links:
             link.close()
@@ -147,6 +157,7 @@ def steer(
         ending.final(session.tick)
     finally:
         status.end()
+        saver.close()
         for number, handler in before.items():
             signal.signal(number, handler)
     last = session.tick
@@ -154,6 +165,13 @@ def steer(
         print(f"ended in fail-safe: {'; '.join(last.alarms)}", file=sys.stderr)
         return int(ExitCode.FAILSAFE)
     return int(ExitCode.OK)
+
+
+def _which_file(vessel_path: str, in_force: VesselInForce) -> str:
+    """Say which file is in force, and where changes go."""
+    kept = in_force.saved_as
+    older = f"; changes of an earlier run are in {kept}: start with that file to use them" if kept.exists() else ""
+    return f"in force: {vessel_path}; parameters changed over MAVLink are kept in {kept}{older}"
 
 
 def _quiet_collector() -> None:

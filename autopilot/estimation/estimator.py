@@ -91,6 +91,13 @@ class Estimator:
         self._speed: float | None = None
         self._speed_time = -math.inf
 
+    def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise) -> None:
+        """Go on with another model, steering gear and noise; what is known of the boat stays known."""
+        self._reference_model, self._noise = model, noise
+        self.rudder.reconfigure(gear)
+        most = SPEED_RATIO_MOST * model.reference_speed
+        self.model = model if self._speed is None else at_speed(model, clip(self._speed, -most, most))
+
     def update(self, now: float, samples: tuple[Sample, ...]) -> NavState:
         """Take the samples that have arrived by `now` [s] and return the state at `now`."""
         headings: list[HeadingSample | RateSample] = []

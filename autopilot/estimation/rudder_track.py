@@ -35,6 +35,13 @@ class RudderTrack:
         self._angles: deque[float] = deque(maxlen=KEPT)
         self._feedback: tuple[float, float] | None = None
 
+    def reconfigure(self, gear: SteeringGear) -> None:
+        """Go on with another steering gear; a changed delay forgets the orders that were still on their way."""
+        if gear.delay != self._gear.delay:
+            effective = self._line.newest
+            self._line = DelayLine(gear.delay, effective)
+        self._gear = gear
+
     @property
     def angle(self) -> float:
         """Newest estimate [rad]."""

@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MAGIC_V2, MavlinkCodec, frame_length
-from autopilot.loop.tick_codec import HEADER, TICK, decode_header, decode_tick, encode_header, encode_tick
+from autopilot.loop.tick_codec import HEADER, TICK, VESSEL, decode_header, decode_tick, encode_header, encode_tick
 from autopilot.signals import HeadingSample, Tick
 
 PAYLOAD_TYPE = 0x8E52
@@ -66,6 +66,10 @@ class Recorder:
     def keep_packets(self, packets: list[tuple[float, bytes]]) -> None:
         """Append MAVLink packets that belong to no tick."""
         self._write(b"".join(self._stamp(when) + packet for when, packet in packets))
+
+    def keep_vessel(self, text: str) -> None:
+        """Append the vessel as it is from the next tick on."""
+        self._write(self._tunnel(time.time() - self._offset, bytes([VESSEL]) + text.encode()))
 
     def close(self) -> None:
         """Close the file; further calls do nothing."""
@@ -120,10 +124,11 @@ class Recorder:
 
 
 class Log(NamedTuple):
-    """A log that has been read."""
+    """A log that has been read; `changes` holds the vessel file's text in force from a tick (by its place) on."""
 
     header: dict[str, Any]
     ticks: list[Tick]
+    changes: dict[int, str]
 
 
 def read_packets(path: Path) -> Iterator[tuple[float, bytes]]:
@@ -151,9 +156,11 @@ def read_logs(path: Path) -> list[Log]:
     logs: list[Log] = []
     for record in _records(path):
         if record[0] == HEADER:
-            logs.append(Log(decode_header(record), []))
+            logs.append(Log(decode_header(record), [], {}))
         elif record[0] == TICK and logs:
             logs[-1].ticks.append(decode_tick(record))
+        elif record[0] == VESSEL and logs:
+            logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")
     if not logs:
         raise InputError(f"{path}: holds no Norrbin ticks; give a log that `autopilot run --log` wrote")
     return logs

@@ -6,7 +6,7 @@ import struct
 from pathlib import Path
 from typing import NamedTuple
 
-from autopilot.build import build_pilot
+from autopilot.build import build_pilot, law_of, pilot_config
 from autopilot.errors import InputError
 from autopilot.loop.record import Log, read_logs
 from autopilot.params.vessel_file import parse_vessel
@@ -38,7 +38,10 @@ def _first_difference(path: Path, log: Log) -> tuple[int, str] | None:
     if not isinstance(vessel, str):
         raise InputError(f"{path}: its header names no vessel; it was written by another version")
     pilot = build_pilot(parse_vessel(vessel, f"{path} (header)"), log.header.get("law"))
-    for recorded in log.ticks:
+    for place, recorded in enumerate(log.ticks):
+        if place in log.changes:
+            changed = parse_vessel(log.changes[place], f"{path} (change before tick {recorded.number})")
+            pilot.reconfigure(pilot_config(changed), law_of(changed, log.header.get("law")))
         tick = pilot.step(recorded.now, recorded.samples, recorded.order)
         if _bits(tick.command) != _bits(recorded.command) or tick.mode != recorded.mode:
             return recorded.number, (

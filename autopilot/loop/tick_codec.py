@@ -32,6 +32,8 @@ from autopilot.signals import (
 
 HEADER = 1
 TICK = 2
+VESSEL = 3
+"""A vessel file's text, in force from the next tick on."""
 
 MOST_SAMPLES = 255
 """Samples one tick can hold: their count is one byte."""

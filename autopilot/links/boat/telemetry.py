@@ -1,0 +1,138 @@
+"""What a ground station is told of the boat: standard messages made from a tick. Pure.
+
+ATTITUDE, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered, in degrees), SYS_STATUS,
+SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.angles import compass_deg
+from autopilot.links.mavlink_codec import Message
+from autopilot.signals import Mode, OrderKind, RollSample, Tick
+
+FRESH_S = 2.0
+VERSION = (0 << 24) | (2 << 16) | (0 << 8) | dialect.FIRMWARE_VERSION_TYPE_DEV
+CAPABILITIES = (
+    dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+)
+COMPASS = dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
+MANUAL, HEADING, TRIAL = 0, 15, 3
+"""Our custom modes, numbered as the ArduRover modes nearest to them (MANUAL, GUIDED, STEERING), because ground
+stations name the modes of every surface boat by that list."""
+RATES_HZ = {
+    dialect.MAVLINK_MSG_ID_ATTITUDE: 4.0,
+    dialect.MAVLINK_MSG_ID_VFR_HUD: 2.0,
+    dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: 2.0,
+    dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: 2.0,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 0.5,
+}
+"""Unasked; SET_MESSAGE_INTERVAL changes them."""
+
+
+def mode_of(tick: Tick) -> int:
+    """Return our custom mode: who steers, and what to."""
+    if tick.mode is not Mode.ENGAGED:
+        return MANUAL
+    return HEADING if tick.order.kind is OrderKind.HEADING else TRIAL
+
+
+class Telemetry:
+    """Makes each message from the newest tick; `start` [s] of the loop's clock is our boot."""
+
+    def __init__(self) -> None:
+        self._start: float | None = None
+        self._roll: RollSample | None = None
+        self.tick: Tick | None = None
+        self._makers: dict[int, Callable[[Tick], list[Message]]] = {
+            dialect.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            dialect.MAVLINK_MSG_ID_VFR_HUD: self._hud,
+            dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self._navigation,
+            dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._rudder,
+            dialect.MAVLINK_MSG_ID_SYS_STATUS: self._status,
+            dialect.MAVLINK_MSG_ID_SYSTEM_TIME: self._time,
+            dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda _: [version()],
+        }
+
+    def take(self, tick: Tick) -> None:
+        """Remember the newest tick."""
+        if self._start is None:
+            self._start = tick.now
+        self.tick = tick
+        for sample in tick.samples:
+            if isinstance(sample, RollSample):
+                self._roll = sample
+
+    def knows(self, identity: int) -> bool:
+        """Return whether a message can be made."""
+        return identity in self._makers
+
+    def make(self, identity: int) -> list[Message]:
+        """Return the messages of one id as of the newest tick; none before the first, or without a fresh heading."""
+        return self._makers[identity](self.tick) if self.tick is not None and identity in self._makers else []
+
+    def _boot_ms(self, tick: Tick) -> int:
+        return int((tick.now - (self._start or 0.0)) * 1000.0) & 0xFFFFFFFF
+
+    def _attitude(self, tick: Tick) -> list[Message]:
+        if not _fresh(tick):
+            return []
+        roll, rate = 0.0, 0.0
+        if self._roll is not None and tick.now - self._roll.time < FRESH_S:
+            roll, rate = self._roll.roll, self._roll.rate or 0.0
+        state = tick.state
+        return [dialect.MAVLink_attitude_message(self._boot_ms(tick), roll, 0.0, state.heading, rate, 0.0, state.rate)]
+
+    def _hud(self, tick: Tick) -> list[Message]:
+        if not _fresh(tick):
+            return []
+        heading = int(compass_deg(tick.state.heading))
+        return [dialect.MAVLink_vfr_hud_message(0.0, tick.state.speed, heading, 0, 0.0, 0.0)]
+
+    def _navigation(self, tick: Tick) -> list[Message]:
+        if tick.mode is not Mode.ENGAGED:
+            return []
+        order = tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
+        bearings = (_signed_deg(tick.reference.heading), _signed_deg(order))
+        return [dialect.MAVLink_nav_controller_output_message(0.0, 0.0, *bearings, 0, 0.0, 0.0, 0.0)]
+
+    def _rudder(self, tick: Tick) -> list[Message]:
+        values = {
+            "rud_deg": tick.state.rudder,
+            "rudcmd_deg": tick.command.angle if tick.command.engaged else math.nan,
+            "bias_deg": tick.state.bias,
+        }
+        return [
+            dialect.MAVLink_named_value_float_message(self._boot_ms(tick), name.encode(), math.degrees(value))
+            for name, value in values.items()
+        ]
+
+    def _status(self, tick: Tick) -> list[Message]:
+        healthy = COMPASS if _fresh(tick) else 0
+        return [
+            dialect.MAVLink_sys_status_message(COMPASS, COMPASS, healthy, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0),
+        ]
+
+    def _time(self, tick: Tick) -> list[Message]:
+        return [dialect.MAVLink_system_time_message(0, self._boot_ms(tick))]
+
+
+def version() -> Message:
+    """Return AUTOPILOT_VERSION: what we can do, and which version this is."""
+    nothing = [0] * 8
+    return dialect.MAVLink_autopilot_version_message(CAPABILITIES, VERSION, 0, 0, 0, nothing, nothing, nothing, 0, 0, 1)
+
+
+def _fresh(tick: Tick) -> bool:
+    return tick.state.valid and tick.state.heading_age < FRESH_S
+
+
+def _signed_deg(heading: float) -> int:
+    return round(math.degrees(math.remainder(heading, 2.0 * math.pi)))
