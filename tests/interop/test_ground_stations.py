@@ -1,0 +1,183 @@
+"""Ground stations that others wrote against the running pilot: MAVProxy, MAVSDK with its own server, our own tool."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from two_processes import free_port, patient_vessel
+
+from autopilot.loop.record import read_log
+from autopilot.loop.replay import replay
+from autopilot.params.vessel_file import load_vessel
+from autopilot.params.vessel_parameters import parameters_of, value_of
+from autopilot.signals import Mode
+
+MAVPROXY = shutil.which("mavproxy.py")
+HAS_MAVSDK = importlib.util.find_spec("mavsdk") is not None
+PATIENCE_S = 30.0
+AGAIN_S = 2.0
+SDK = """
+import asyncio, json, sys
+from mavsdk import System
+
+async def first(stream):
+    async for value in stream:
+        return value
+
+async def main():
+    drone = System()
+    await asyncio.wait_for(drone.connect(system_address=sys.argv[1]), 30)
+    while not (await first(drone.core.connection_state())).is_connected:
+        pass
+    yaw_deg = (await first(drone.telemetry.attitude_euler())).yaw_deg
+    listed = await asyncio.wait_for(drone.param.get_all_params(), 30)
+    await drone.param.set_param_float("BS_K2", 1.75)
+    k2 = await drone.param.get_param_float("BS_K2")
+    await drone.action.arm()
+    armed = await first(drone.telemetry.armed())
+    await drone.action.disarm()
+    values = {p.name: p.value for p in (*listed.float_params, *listed.int_params)}
+    print(json.dumps({"yaw_deg": yaw_deg, "values": values, "k2": k2, "armed": armed}))
+
+asyncio.run(main())
+"""
+
+
+class Console:
+    """MAVProxy at its prompt: a line typed in, and what it must print in answer."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+        self.said = ""
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self.said += line
+
+    def expect(self, pattern: str, typed: str = "") -> str:
+        """Type a line, again and again, until what has been said since holds `pattern`; return it."""
+        assert self._process.stdin is not None
+        since, until, again = len(self.said), time.monotonic() + PATIENCE_S, 0.0
+        while not re.search(pattern, self.said[since:]):
+            now = time.monotonic()
+            assert now < until, f"{typed!r} was not answered by {pattern!r}:\n{self.said[since:]}"
+            if typed and now >= again:
+                print(typed, file=self._process.stdin, flush=True)
+                again = now + AGAIN_S
+            time.sleep(0.05)
+        return self.said[since:]
+
+
+@contextlib.contextmanager
+def running_boat(folder: Path, *serve: str) -> Iterator[Path]:
+    """A boat with a serial compass, and the pilot that serves itself at `serve`; yields its vessel file."""
+    vessel, line = patient_vessel(folder), folder / "compass"
+    options = [option for url in serve for option in ("--serve", url)]
+    boat = [sys.executable, "-m", "sitl", "serve", str(vessel), "--nmea", f"{line}:38400"]
+    pilot = [sys.executable, "-m", "autopilot", "run", str(vessel), "--link", f"nmea:{line}:38400", *options]
+    with subprocess.Popen(boat, stdout=subprocess.PIPE, text=True) as simulated:
+        assert simulated.stdout is not None
+        assert simulated.stdout.readline().startswith("ready")
+        with (folder / "pilot.txt").open("w") as output:
+            steering = subprocess.Popen(
+                [*pilot, "--log", str(folder / "run.tlog")], stdin=subprocess.DEVNULL, stdout=output, stderr=output
+            )
+            try:
+                yield vessel
+            finally:
+                steering.terminate()
+                code = steering.wait(20)
+                simulated.terminate()
+                simulated.communicate()
+    text = (folder / "pilot.txt").read_text()
+    assert code == 0 and "Traceback" not in text, text
+    assert f"in force: {vessel}" in text
+
+
+def expected_values(vessel: Path) -> dict[str, float]:
+    boat = load_vessel(str(vessel))
+    return {parameter.name: value_of(boat, parameter) for parameter in parameters_of(boat)}
+
+
+@contextlib.contextmanager
+def mavproxy(folder: Path, master: str) -> Iterator[Console]:
+    command = [str(MAVPROXY), f"--master={master}", "--default-modules=mode,param,arm,misc,link,cmdlong"]
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    ) as process:
+        try:
+            yield Console(process)
+        finally:
+            process.kill()
+
+
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+def test_mavproxy_reads_tunes_arms_and_steers(tmp_path: Path) -> None:
+    port = free_port()
+    with (
+        mavproxy(tmp_path, f"udpin:127.0.0.1:{port}") as console,
+        running_boat(tmp_path, f"udpout:127.0.0.1:{port}") as vessel,
+    ):
+        values = expected_values(vessel)
+        console.expect(f"Received {len(values)} parameters")
+        shown = console.expect(r"BS_K2 +2\.0", "param show BS_*")
+        assert re.search(r"BS_K1 +2\.0", shown) and re.search(r"BS_GAMMA +1\.0", shown)
+        console.expect(r"BS_K1 +0\.8999", "param set BS_K1 0.9\nparam show BS_K1")
+        console.expect("BS_K1 not changed: BS_K1 is 1e.09, allowed", "param set BS_K1 1e9")
+        console.expect("TEMPORARILY_REJECTED", "mode GUIDED")
+        console.expect("COMPONENT_ARM_DISARM: ACCEPTED", "arm throttle")
+        console.expect("Mode GUIDED", "mode GUIDED")
+        console.expect("CONDITION_YAW: ACCEPTED", "setyaw 40 0 0")
+        console.expect("target_bearing : 40", "status NAV_CONTROLLER_OUTPUT")
+        console.expect(f"Received {len(values)} parameters", "param fetch")
+        time.sleep(6.0)
+        console.expect("Mode MANUAL", "mode MANUAL")
+        console.expect("DISARMED", "disarm")
+    tuned = load_vessel(str(vessel.with_name("boat.tuned.yaml")))
+    assert tuned.control.backstepping is not None and tuned.control.backstepping.k1_1_s == 0.9
+    saved = dict(line.split()[:2] for line in (tmp_path / "mav.parm").read_text().splitlines())
+    assert {name: float(text) for name, text in saved.items()} == pytest.approx({**values, "BS_K1": 0.9}, abs=1e-6)
+    ticks = read_log(tmp_path / "run.tlog").ticks
+    steered = [tick for tick in ticks if tick.mode is Mode.ENGAGED]
+    assert steered and abs(steered[-1].state.heading - 0.698) < 0.05
+    assert ticks[-1].mode is Mode.STANDBY
+    assert replay(tmp_path / "run.tlog").identical, "with the gain that was changed on the way"
+
+
+@pytest.mark.skipif(not HAS_MAVSDK, reason="MAVSDK is not installed: pip install 'norrbin[interop]'")
+def test_mavsdk_and_our_own_tool_read_the_same_values(tmp_path: Path) -> None:
+    port, line = free_port(), free_port()
+    with running_boat(tmp_path, f"udpout:127.0.0.1:{port}", f"tcpin:127.0.0.1:{line}") as vessel:
+        command = [sys.executable, "-W", "ignore", "-c", SDK, f"udpin://127.0.0.1:{port}"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+        assert done.returncode == 0, done.stderr
+        seen = json.loads(done.stdout.strip().splitlines()[-1])
+        tool = [sys.executable, "-m", "autopilot", "params", "verify", str(vessel), "--json"]
+        verified = subprocess.run(
+            [*tool, "--link", f"tcp:127.0.0.1:{line}"], capture_output=True, text=True, timeout=60, check=False
+        )
+    assert seen["values"] == expected_values(vessel)
+    assert seen["k2"] == 1.75 and seen["armed"] is True
+    assert abs(seen["yaw_deg"]) < 30.0
+    different = {row["name"] for row in json.loads(verified.stdout)["parameters"] if row["now"] != row["wanted"]}
+    assert different == {"BS_K2"}, verified.stdout

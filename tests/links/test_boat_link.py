@@ -1,0 +1,233 @@
+"""The boat that ground stations see, over a loopback on a manual clock: identity, parameters, commands, loss."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.base import LinkError
+from autopilot.links.boat.boat_link import BoatLink
+from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.transports import loopback_pair
+from autopilot.signals import (
+    AlarmSample,
+    HeadingSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    Reference,
+    RudderCommand,
+    Tick,
+)
+
+
+class Store:
+    """Three numbers; the second takes nothing below zero."""
+
+    def __init__(self) -> None:
+        self.values = {"ONE": 1.0, "TWO": 2.0, "A_NAME_OF_16_CHR": 3.0}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.values)
+
+    def get(self, name: str) -> float:
+        return self.values[name]
+
+    def set(self, name: str, value: float) -> str:
+        if name == "TWO" and value < 0.0:
+            return "TWO not changed: allowed: at least 0."
+        self.values[name] = value
+        return ""
+
+
+class Hand:
+    """Writes down what was ordered."""
+
+    def __init__(self) -> None:
+        self.orders: list[tuple[str, float | None]] = []
+
+    def engage(self, heading: float | None) -> None:
+        self.orders.append(("engage", heading))
+
+    def turn_to(self, heading: float) -> None:
+        self.orders.append(("turn", heading))
+
+    def stand_by(self) -> None:
+        self.orders.append(("stand by", None))
+
+
+def tick(mode: Mode = Mode.STANDBY, now: float = 0.0, heading: float = 1.0) -> Tick:
+    order = Order(OrderKind.HEADING, 0.5, serial=1) if mode is Mode.ENGAGED else Order()
+    state = NavState(now, heading, 0.1, 4.0, 0.05, 0.01, 0.1, True)
+    samples = (HeadingSample(now, heading),)
+    command = RudderCommand(now, 0.1, mode is Mode.ENGAGED)
+    return Tick(1, now, samples, order, state, Reference(0.7), 0.1, command, mode, ())
+
+
+class Bench:
+    def __init__(self, armed: bool = False) -> None:
+        near, self.far = loopback_pair()
+        self.hand, self.store = Hand(), Store()
+        self.link = BoatLink(near, Commands(self.hand, armed), ParameterServer(self.store), system=7)
+        self.station = MavlinkCodec(255, 190)
+        self.now = 0.0
+
+    def run(self, seconds: float, mode: Mode = Mode.STANDBY) -> list[Any]:
+        for _ in range(round(seconds * 20)):
+            self.now += 0.05
+            self.link.receive(self.now)
+            self.link.keep(self.now)
+            self.link.show(tick(mode, self.now))
+        return [message for data in self.far.receive() for message in self.station.decode(data)]
+
+    def ask(self, message: Any, mode: Mode = Mode.STANDBY) -> list[Any]:
+        self.far.send(self.station.encode(message))
+        return self.run(0.2, mode)
+
+    def command(self, command: int, *values: float, mode: Mode = Mode.STANDBY, system: int = 7) -> int | None:
+        parameters = [*values, *[0.0] * (7 - len(values))]
+        answers = self.ask(dialect.MAVLink_command_long_message(system, 1, command, 0, *parameters), mode)
+        acks = [message for message in answers if message.get_type() == "COMMAND_ACK"]
+        assert len(acks) <= 1
+        if not acks:
+            return None
+        assert (acks[0].command, acks[0].target_system, acks[0].target_component) == (command, 255, 190)
+        return int(acks[0].result)
+
+
+def test_it_is_a_surface_boat_with_an_honest_state() -> None:
+    bench = Bench()
+    for mode, state, custom in ((Mode.STANDBY, 3, 0), (Mode.ENGAGED, 4, 15), (Mode.FAILSAFE, 5, 0)):
+        bench.run(1.0, mode)
+        beats = [m for m in bench.run(3.0, mode) if m.get_type() == "HEARTBEAT"]
+        assert len(beats) == 3
+        beat = beats[-1]
+        assert (beat.get_srcSystem(), beat.get_srcComponent()) == (7, 1)
+        assert (beat.type, beat.autopilot) == (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC)
+        assert (beat.system_status, beat.custom_mode) == (state, custom)
+        assert bool(beat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED) == (mode is Mode.ENGAGED)
+
+
+def test_telemetry_says_what_the_pilot_knows_in_the_fields_own_units() -> None:
+    last = {message.get_type(): message for message in Bench().run(3.0, Mode.ENGAGED)}
+    assert last["ATTITUDE"].yaw == pytest.approx(1.0) and last["ATTITUDE"].yawspeed == pytest.approx(0.1)
+    assert last["VFR_HUD"].heading == 57 and last["VFR_HUD"].groundspeed == 4.0
+    assert (last["NAV_CONTROLLER_OUTPUT"].nav_bearing, last["NAV_CONTROLLER_OUTPUT"].target_bearing) == (40, 29)
+    assert last["SYS_STATUS"].onboard_control_sensors_health == dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
+
+
+def test_intervals_are_set_stopped_and_refused() -> None:
+    bench = Bench()
+    interval = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+    assert bench.command(interval, dialect.MAVLINK_MSG_ID_ATTITUDE, 100_000.0) == dialect.MAV_RESULT_ACCEPTED
+    bench.run(1.0)
+    assert sum(m.get_type() == "ATTITUDE" for m in bench.run(5.0)) == pytest.approx(50, abs=1)
+    assert bench.command(interval, dialect.MAVLINK_MSG_ID_ATTITUDE, -1.0) == dialect.MAV_RESULT_ACCEPTED
+    bench.run(0.5)
+    assert not [m for m in bench.run(2.0) if m.get_type() == "ATTITUDE"]
+    assert bench.command(interval, dialect.MAVLINK_MSG_ID_ATTITUDE, math.nan) == dialect.MAV_RESULT_DENIED
+    assert bench.command(interval, 9999.0, 100_000.0) == dialect.MAV_RESULT_UNSUPPORTED
+
+
+def test_parameters_by_list_name_and_index() -> None:
+    bench = Bench()
+    listed = [m for m in bench.ask(dialect.MAVLink_param_request_list_message(0, 0)) if m.get_type() == "PARAM_VALUE"]
+    assert [(m.param_id, m.param_value, m.param_index, m.param_count) for m in listed] == [
+        ("ONE", 1.0, 0, 3), ("TWO", 2.0, 1, 3), ("A_NAME_OF_16_CHR", 3.0, 2, 3),
+    ]  # fmt: skip
+    for name, index in ((b"TWO", -1), (b"", 1)):
+        answers = bench.ask(dialect.MAVLink_param_request_read_message(7, 1, name, index))
+        assert [m.param_value for m in answers if m.get_type() == "PARAM_VALUE"] == [2.0]
+    for name, index in ((b"NONE", -1), (b"", 3)):
+        answers = bench.ask(dialect.MAVLink_param_request_read_message(7, 1, name, index))
+        assert not [m for m in answers if m.get_type() == "PARAM_VALUE"]
+
+
+def test_every_set_is_answered_by_the_old_value_where_it_is_refused() -> None:
+    bench = Bench()
+    for value, kept in ((5.0, 5.0), (-1.0, 5.0)):
+        answers = bench.ask(dialect.MAVLink_param_set_message(7, 1, b"TWO", value, 9))
+        assert [m.param_value for m in answers if m.get_type() == "PARAM_VALUE"] == [kept]
+    assert any("TWO not changed" in m.text for m in answers if m.get_type() == "STATUSTEXT")
+    assert not [
+        m for m in bench.ask(dialect.MAVLink_param_set_message(8, 1, b"TWO", 9.0, 9)) if "PARAM" in m.get_type()
+    ]
+    assert bench.store.values["TWO"] == 5.0
+
+
+def test_engaging_needs_arming_and_disarming_gives_the_rudder_back() -> None:
+    bench = Bench()
+    guided = (dialect.MAV_CMD_DO_SET_MODE, 1.0, 15.0)
+    assert bench.command(*guided) == dialect.MAV_RESULT_TEMPORARILY_REJECTED
+    assert bench.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == dialect.MAV_RESULT_ACCEPTED
+    assert bench.command(*guided) == dialect.MAV_RESULT_ACCEPTED
+    assert bench.hand.orders == [("engage", None)]
+    bench.run(0.1, Mode.ENGAGED)
+    assert bench.command(*guided, mode=Mode.ENGAGED) == dialect.MAV_RESULT_ACCEPTED
+    assert len(bench.hand.orders) == 1, "already there: the heading ordered is kept"
+    assert bench.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0.0) == dialect.MAV_RESULT_ACCEPTED
+    assert bench.hand.orders[-1] == ("stand by", None)
+
+
+@pytest.mark.parametrize(
+    ("command", "parameters", "heading"),
+    [
+        (dialect.MAV_CMD_CONDITION_YAW, (90.0, 0.0, 0.0, 0.0), math.pi / 2),
+        (dialect.MAV_CMD_CONDITION_YAW, (10.0, 0.0, 1.0, 1.0), 0.5 + math.radians(10.0)),
+        (dialect.MAV_CMD_CONDITION_YAW, (10.0, 0.0, -1.0, 1.0), 0.5 - math.radians(10.0)),
+        (dialect.MAV_CMD_GUIDED_CHANGE_HEADING, (1.0, 270.0), -math.pi / 2),
+    ],
+)
+def test_headings_are_changed_only_while_one_is_steered(
+    command: int, parameters: tuple[float, ...], heading: float
+) -> None:
+    bench = Bench(armed=True)
+    assert bench.command(command, *parameters) == dialect.MAV_RESULT_TEMPORARILY_REJECTED
+    bench.run(0.1, Mode.ENGAGED)
+    assert bench.command(command, *parameters, mode=Mode.ENGAGED) == dialect.MAV_RESULT_ACCEPTED
+    assert bench.hand.orders == [("turn", pytest.approx(heading))]
+
+
+def test_what_is_unknown_is_unsupported_and_what_is_for_others_is_theirs() -> None:
+    bench = Bench(armed=True)
+    for command in (dialect.MAV_CMD_DO_REPOSITION, dialect.MAV_CMD_NAV_TAKEOFF, 65535):
+        assert bench.command(command) == dialect.MAV_RESULT_UNSUPPORTED
+    assert bench.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, system=9) is None
+    assert bench.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == 0
+
+
+@given(st.integers(0, 65535), st.lists(st.floats(width=32), min_size=7, max_size=7), st.sampled_from(list(Mode)))
+def test_any_command_is_answered_and_none_raises(command: int, parameters: list[float], mode: Mode) -> None:
+    bench = Bench(armed=True)
+    bench.run(0.1, mode)
+    assert bench.command(command, *parameters, mode=mode) is not None
+    assert all(heading is None or -math.pi < heading <= math.pi for _, heading in bench.hand.orders)
+
+
+def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:
+    bench = Bench()
+    for _ in range(1000):
+        bench.far.send(bench.station.encode(dialect.MAVLink_param_request_read_message(7, 1, b"ONE", -1)))
+    answers = bench.run(0.05)
+    assert sum(m.get_type() == "PARAM_VALUE" for m in answers) == 100
+    assert bench.link.dropped == 900
+
+    def gone() -> list[bytes]:
+        raise LinkError("tcpin:x: the other side is gone")
+
+    bench.link._transport.receive = gone  # type: ignore[method-assign]
+    (alarm,) = bench.link.receive(9.0)
+    assert isinstance(alarm, AlarmSample) and "steering goes on" in alarm.text
+    assert bench.link.receive(9.1) == []
+    bench.link.keep(20.0)
+    bench.link.release(20.0)
+    assert bench.link.fileno() == -1
