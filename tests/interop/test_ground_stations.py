@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from two_processes import free_port, patient_vessel
@@ -164,20 +165,39 @@ def test_mavproxy_reads_tunes_arms_and_steers(tmp_path: Path) -> None:
     assert replay(tmp_path / "run.tlog").identical, "with the gain that was changed on the way"
 
 
-@pytest.mark.skipif(not HAS_MAVSDK, reason="MAVSDK is not installed: pip install 'norrbin[interop]'")
-def test_mavsdk_and_our_own_tool_read_the_same_values(tmp_path: Path) -> None:
-    port, line = free_port(), free_port()
-    with running_boat(tmp_path, f"udpout:127.0.0.1:{port}", f"tcpin:127.0.0.1:{line}") as vessel:
-        command = [sys.executable, "-W", "ignore", "-c", SDK, f"udpin://127.0.0.1:{port}"]
+def tool(*arguments: str) -> dict[str, Any]:
+    """Run `autopilot params ... --json` and return what it printed."""
+    command = [sys.executable, "-m", "autopilot", "params", *arguments, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert "Traceback" not in done.stderr, done.stderr
+    document: dict[str, Any] = json.loads(done.stdout)
+    return document
+
+
+@pytest.mark.skipif(not HAS_MAVSDK or MAVPROXY is None, reason="pip install 'norrbin[interop]' for MAVSDK and MAVProxy")
+def test_mavsdk_mavproxy_and_our_own_tool_read_the_same_values_from_one_pilot(tmp_path: Path) -> None:
+    sdk_port, proxy_port, line = free_port(), free_port(), free_port()
+    places = (f"udpout:127.0.0.1:{sdk_port}", f"udpout:127.0.0.1:{proxy_port}", f"tcpin:127.0.0.1:{line}")
+    ours = ("--link", f"tcp:127.0.0.1:{line}")
+    with mavproxy(tmp_path, f"udpin:127.0.0.1:{proxy_port}") as console, running_boat(tmp_path, *places) as vessel:
+        values = expected_values(vessel)
+        command = [sys.executable, "-W", "ignore", "-c", SDK, f"udpin://127.0.0.1:{sdk_port}"]
         done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
         assert done.returncode == 0, done.stderr
         seen = json.loads(done.stdout.strip().splitlines()[-1])
-        tool = [sys.executable, "-m", "autopilot", "params", "verify", str(vessel), "--json"]
-        verified = subprocess.run(
-            [*tool, "--link", f"tcp:127.0.0.1:{line}"], capture_output=True, text=True, timeout=60, check=False
-        )
-    assert seen["values"] == expected_values(vessel)
-    assert seen["k2"] == 1.75 and seen["armed"] is True
-    assert abs(seen["yaw_deg"]) < 30.0
-    different = {row["name"] for row in json.loads(verified.stdout)["parameters"] if row["now"] != row["wanted"]}
-    assert different == {"BS_K2"}, verified.stdout
+        assert seen["values"] == values
+        assert seen["k2"] == 1.75 and seen["armed"] is True
+        assert abs(seen["yaw_deg"]) < 30.0
+        # what one of them has set, the others read
+        values["BS_K2"] = 1.75
+        console.expect(r"BS_K2 +1\.75", "param fetch BS_K2\nparam show BS_K2")
+        read = {row["name"]: row["now"] for row in tool("verify", str(vessel), *ours)["parameters"]}
+        assert read == values
+        # from YAML as from a ground station
+        changed = vessel.with_name("changed.yaml")
+        changed.write_text(vessel.read_text().replace("k1_1_s: 2.0", "k1_1_s: 1.25"))
+        rows = tool("upload", str(changed), *ours)["parameters"]
+        assert {row["name"] for row in rows if row["now"] != values[row["name"]]} == {"BS_K1", "BS_K2"}
+        console.expect(r"BS_K1 +1\.25", "param fetch BS_K1\nparam show BS_K1")
+    tuned = load_vessel(str(vessel.with_name("boat.tuned.yaml"))).control.backstepping
+    assert tuned is not None and (tuned.k1_1_s, tuned.k2_1_s) == (1.25, 2.0)
