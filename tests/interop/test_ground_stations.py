@@ -165,10 +165,10 @@ def test_mavproxy_reads_tunes_arms_and_steers(tmp_path: Path) -> None:
     assert replay(tmp_path / "run.tlog").identical, "with the gain that was changed on the way"
 
 
-def tool(*arguments: str) -> dict[str, Any]:
-    """Run `autopilot params ... --json` and return what it printed."""
+def tool(folder: Path, *arguments: str) -> dict[str, Any]:
+    """Run `autopilot params ... --json` in a folder and return what it printed."""
     command = [sys.executable, "-m", "autopilot", "params", *arguments, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, cwd=folder)
     assert "Traceback" not in done.stderr, done.stderr
     document: dict[str, Any] = json.loads(done.stdout)
     return document
@@ -191,12 +191,12 @@ def test_mavsdk_mavproxy_and_our_own_tool_read_the_same_values_from_one_pilot(tm
         # what one of them has set, the others read
         values["BS_K2"] = 1.75
         console.expect(r"BS_K2 +1\.75", "param fetch BS_K2\nparam show BS_K2")
-        read = {row["name"]: row["now"] for row in tool("verify", str(vessel), *ours)["parameters"]}
+        read = {row["name"]: row["now"] for row in tool(tmp_path, "verify", str(vessel), *ours)["parameters"]}
         assert read == values
         # from YAML as from a ground station
         changed = vessel.with_name("changed.yaml")
         changed.write_text(vessel.read_text().replace("k1_1_s: 2.0", "k1_1_s: 1.25"))
-        rows = tool("upload", str(changed), *ours)["parameters"]
+        rows = tool(tmp_path, "upload", str(changed), *ours)["parameters"]
         assert {row["name"] for row in rows if row["now"] != values[row["name"]]} == {"BS_K1", "BS_K2"}
         console.expect(r"BS_K1 +1\.25", "param fetch BS_K1\nparam show BS_K1")
     tuned = load_vessel(str(vessel.with_name("boat.tuned.yaml"))).control.backstepping
