@@ -64,6 +64,15 @@ class HelmSample(NamedTuple):
     source: str = ""
 
 
+class PositionSample(NamedTuple):
+    """Where the boat is: latitude, north positive, and longitude, east positive [rad], WGS 84."""
+
+    time: float
+    latitude: float
+    longitude: float
+    source: str = ""
+
+
 class AlarmSample(NamedTuple):
     """What the skipper should know though steering goes on; an empty text takes back what `source` said before."""
 
@@ -72,7 +81,9 @@ class AlarmSample(NamedTuple):
     source: str = ""
 
 
-Sample = HeadingSample | RateSample | RudderSample | SpeedSample | RollSample | HelmSample | AlarmSample
+Sample = (
+    HeadingSample | RateSample | RudderSample | SpeedSample | RollSample | PositionSample | HelmSample | AlarmSample
+)
 
 
 class OrderKind(IntEnum):

@@ -53,6 +53,25 @@ def east_west(fields: tuple[str, ...], index: int, limit_deg: float) -> float | 
     return value if side == "E" else -value
 
 
+def degrees_minutes(fields: tuple[str, ...], index: int, positive: str, negative: str, limit_deg: int) -> float:
+    """Return the angle [rad] of a field of degrees and minutes (ddmm.mm or dddmm.mm) and its side in the next.
+
+    ValueError where it is none, or beyond `limit_deg`.
+    """
+    text, side = field(fields, index), field(fields, index + 1)
+    if side not in (positive, negative):
+        raise ValueError(side)
+    width = len(str(limit_deg))
+    whole, minutes = text[:width], text[width:]
+    if not whole.isdecimal() or len(whole) != width or not minutes[:2].isdecimal() or minutes.strip("0123456789."):
+        raise ValueError(text)
+    minute = float(minutes)
+    degrees = int(whole) + minute / 60.0
+    if not minute < 60.0 or degrees > limit_deg:
+        raise ValueError(text)
+    return math.radians(degrees if side == positive else -degrees)
+
+
 def letter(fields: tuple[str, ...], index: int, expected: str) -> None:
     """Raise ValueError unless the field holds just that."""
     if field(fields, index) != expected:

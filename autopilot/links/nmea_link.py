@@ -144,6 +144,9 @@ class NmeaLink:
                 self._follow.measured(sample.time, sample.angle, sample.source)
             if sample is not None:
                 samples.append(sample)
+                position = self._reader.take_position()
+                if position is not None:
+                    samples.append(position._replace(source=sample.source))
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder order; a line still busy takes the newest one as soon as it is free.

@@ -28,7 +28,9 @@ from autopilot.links.nmea_fields import (
     SPEED_LIMIT,
     NoDataError,
     angle,
+    degrees_minutes,
     east_west,
+    field,
     letter,
     mode_indicator,
     number,
@@ -36,7 +38,7 @@ from autopilot.links.nmea_fields import (
     status,
 )
 from autopilot.links.plotter_sentences import NeedsVariationError, PlotterReader
-from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample
 
 OWN_TALKER = "AG"
 """An autopilot's own sentences, come back through a multiplexer, must not be its compass."""
@@ -94,6 +96,7 @@ class NmeaReader:
         self.waiting_for_variation = 0
         self._configured_variation = variation
         self._received_variation: float | None = None
+        self._position: PositionSample | None = None
         self._deviation = deviation or Deviation()
         self._guide = guide
         self._plotter = PlotterReader(self._variation)
@@ -131,6 +134,11 @@ class NmeaReader:
             self.waiting_for_variation += 1
             return None
         return None if sample is None else sample._replace(source=sentence.talker + sentence.type)
+
+    def take_position(self) -> PositionSample | None:
+        """Return and forget the position that came with the last sentence, None where none did."""
+        position, self._position = self._position, None
+        return position
 
     def _lead(self, time: float, sentence: Sentence) -> None:
         message = self._plotter.read(time, sentence.type, sentence.fields)
@@ -181,6 +189,10 @@ class NmeaReader:
         status(fields, 1)
         mode_indicator(fields, 11)
         speed = number(fields, 6, 0.0, SPEED_LIMIT) * KNOT_M_S
+        if field(fields, 2) and field(fields, 4):
+            self._position = PositionSample(
+                time, degrees_minutes(fields, 2, "N", "S", 90), degrees_minutes(fields, 4, "E", "W", 180)
+            )
         variation = east_west(fields, 9, VARIATION_LIMIT_DEG)
         if variation is not None:
             self._received_variation = variation

@@ -14,7 +14,7 @@ from autopilot.links.message_streams import MessageStreams
 from autopilot.links.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
 from autopilot.links.vehicle_clock import VehicleClock
 from autopilot.links.vehicle_parameters import VehicleParameters
-from autopilot.signals import HeadingSample, RollSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
 
 SPEED_PREFERENCE_S = 2.0
 """A lesser source of speed is used only when the better one has been silent this long."""
@@ -94,6 +94,9 @@ class VehicleReader:
         time = self._sample_time(now, message.time_boot_ms * 1.0e-3)
         if self._has_fix:
             self._position_time = now
+            latitude, longitude = math.radians(message.lat * 1.0e-7), math.radians(message.lon * 1.0e-7)
+            if abs(latitude) <= 0.5 * math.pi and abs(longitude) <= math.pi:
+                samples.append(PositionSample(time, latitude, longitude, "global_position_int"))
             samples.append(SpeedSample(time, math.hypot(message.vx, message.vy) * 0.01, True, "global_position_int"))
 
     def _hud(self, now: float, message: Message, samples: list[Sample]) -> None:

@@ -20,6 +20,7 @@ from autopilot.signals import (
     NavState,
     Order,
     OrderKind,
+    PositionSample,
     RateSample,
     Reference,
     RollSample,
@@ -143,6 +144,7 @@ _KINDS: tuple[type[Any], ...] = (
     RollSample,
     HelmSample,
     AlarmSample,
+    PositionSample,
 )
 
 
@@ -152,6 +154,8 @@ def _encode_sample(sample: Sample) -> bytes:
         body = _SAMPLE.pack(kind, sample.time, float(sample.available)) + _text(sample.reason)
     elif isinstance(sample, AlarmSample):
         body = _SAMPLE.pack(kind, sample.time, 0.0) + _text(sample.text)
+    elif isinstance(sample, PositionSample):
+        body = _SAMPLE.pack(kind, sample.time, sample.latitude) + _NUMBER.pack(sample.longitude)
     elif isinstance(sample, HeadingSample):
         body = _SAMPLE.pack(kind, sample.time, sample.heading) + _optional(sample.rate)
     elif isinstance(sample, RollSample):
@@ -180,6 +184,10 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     if made is RateSample:
         source, place = _read_text(record, place)
         return RateSample(time, value, source), place
+    if made is PositionSample:
+        (longitude,) = _NUMBER.unpack_from(record, place)
+        source, place = _read_text(record, place + _NUMBER.size)
+        return PositionSample(time, value, longitude, source), place
     if made in (HeadingSample, RollSample):
         (second,) = _NUMBER.unpack_from(record, place)
         source, place = _read_text(record, place + _NUMBER.size)

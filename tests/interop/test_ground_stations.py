@@ -42,6 +42,7 @@ async def main():
     await asyncio.wait_for(drone.connect(system_address=sys.argv[1]), 30)
     while not (await first(drone.core.connection_state())).is_connected:
         pass
+    heading_deg = (await first(drone.telemetry.heading())).heading_deg
     yaw_deg = (await first(drone.telemetry.attitude_euler())).yaw_deg
     listed = await asyncio.wait_for(drone.param.get_all_params(), 30)
     await drone.param.set_param_float("BS_K2", 1.75)
@@ -50,7 +51,7 @@ async def main():
     armed = await first(drone.telemetry.armed())
     await drone.action.disarm()
     values = {p.name: p.value for p in (*listed.float_params, *listed.int_params)}
-    print(json.dumps({"yaw_deg": yaw_deg, "values": values, "k2": k2, "armed": armed}))
+    print(json.dumps({"heading_deg": heading_deg, "yaw_deg": yaw_deg, "values": values, "k2": k2, "armed": armed}))
 
 asyncio.run(main())
 """
@@ -89,6 +90,7 @@ def running_boat(folder: Path, *serve: str) -> Iterator[Path]:
     vessel, line = patient_vessel(folder), folder / "compass"
     options = [option for url in serve for option in ("--serve", url)]
     boat = [sys.executable, "-m", "sitl", "serve", str(vessel), "--nmea", f"{line}:38400"]
+    boat += ["--sentences", "HDG:10,ROT:10,RSA,VHW,RMC"]
     pilot = [sys.executable, "-m", "autopilot", "run", str(vessel), "--link", f"nmea:{line}:38400", *options]
     with subprocess.Popen(boat, stdout=subprocess.PIPE, text=True) as simulated:
         assert simulated.stdout is not None
@@ -188,6 +190,7 @@ def test_mavsdk_mavproxy_and_our_own_tool_read_the_same_values_from_one_pilot(tm
         assert seen["values"] == values
         assert seen["k2"] == 1.75 and seen["armed"] is True
         assert abs(seen["yaw_deg"]) < 30.0
+        assert abs((seen["heading_deg"] - seen["yaw_deg"] + 180.0) % 360.0 - 180.0) < 5.0
         # what one of them has set, the others read
         values["BS_K2"] = 1.75
         console.expect(r"BS_K2 +1\.75", "param fetch BS_K2\nparam show BS_K2")

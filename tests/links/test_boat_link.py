@@ -23,6 +23,7 @@ from autopilot.signals import (
     NavState,
     Order,
     OrderKind,
+    PositionSample,
     Reference,
     RudderCommand,
     Tick,
@@ -68,7 +69,7 @@ class Hand:
 def tick(mode: Mode = Mode.STANDBY, now: float = 0.0, heading: float = 1.0) -> Tick:
     order = Order(OrderKind.HEADING, 0.5, serial=1) if mode is Mode.ENGAGED else Order()
     state = NavState(now, heading, 0.1, 4.0, 0.05, 0.01, 0.1, True)
-    samples = (HeadingSample(now, heading),)
+    samples = (HeadingSample(now, heading), PositionSample(now, math.radians(-35.5), math.radians(18.25)))
     command = RudderCommand(now, 0.1, mode is Mode.ENGAGED)
     return Tick(1, now, samples, order, state, Reference(0.7), 0.1, command, mode, ())
 
@@ -122,6 +123,9 @@ def test_telemetry_says_what_the_pilot_knows_in_the_fields_own_units() -> None:
     assert last["ATTITUDE"].yaw == pytest.approx(1.0) and last["ATTITUDE"].yawspeed == pytest.approx(0.1)
     assert last["VFR_HUD"].heading == 57 and last["VFR_HUD"].groundspeed == 4.0
     assert (last["NAV_CONTROLLER_OUTPUT"].nav_bearing, last["NAV_CONTROLLER_OUTPUT"].target_bearing) == (40, 29)
+    position = last["GLOBAL_POSITION_INT"]
+    assert (position.lat, position.lon, position.hdg) == (-355000000, 182500000, 5730)
+    assert (position.vx, position.vy) == (216, 337)
     assert last["SYS_STATUS"].onboard_control_sensors_health == dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
 
 

@@ -7,13 +7,15 @@ import os
 import pty
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from autopilot.links import nmea_encoders as encoders
 from autopilot.links.base import LinkError
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.transports import ReplayTransport, loopback_pair
 from autopilot.links.url import open_transport
-from autopilot.signals import HeadingSample, HelmSample, RudderCommand
+from autopilot.signals import HeadingSample, HelmSample, PositionSample, RudderCommand, Sample, SpeedSample
 
 
 def orders(transport) -> list[tuple[float, str]]:
@@ -147,3 +149,39 @@ def test_counts_add_up() -> None:
     assert counts.sentences == 3 - (counts.checksum_errors - 1)
     assert counts.ignored == 1
     assert counts.checksum_errors + counts.malformed == 2
+
+
+def read_rmc(place: str) -> list[Sample]:
+    near, far = loopback_pair()
+    body = f"GPRMC,120000,A,{place},5.0,90.0,010126,,,A"
+    checksum = 0
+    for character in body:
+        checksum ^= ord(character)
+    far.send(f"${body}*{checksum:02X}\r\n".encode())
+    return [sample for sample in NmeaLink(near).receive(0.0) if isinstance(sample, PositionSample | SpeedSample)]
+
+
+@given(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0))
+def test_rmc_gives_position_and_speed(latitude_deg: float, longitude_deg: float) -> None:
+    near, far = loopback_pair()
+    far.send(encoders.encode_rmc(1.0, 3.0, latitude_deg, longitude_deg))
+    samples = NmeaLink(near).receive(0.0)
+    (position,) = (sample for sample in samples if isinstance(sample, PositionSample))
+    (speed,) = (sample for sample in samples if isinstance(sample, SpeedSample))
+    assert math.degrees(position.latitude) == pytest.approx(latitude_deg, abs=2e-6)
+    assert math.degrees(position.longitude) == pytest.approx(longitude_deg, abs=2e-6)
+    assert (position.source, speed.source) == ("GPRMC", "GPRMC")
+    assert speed.speed == pytest.approx(3.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "place",
+    ["5960.0,N,01800.0,E", "5900.0,X,01800.0,E", "9001.0,N,01800.0,E", "59x0.0,N,01800.0,E", "5900.0,N,1800.0,E"],
+)
+def test_a_position_that_cannot_be_spoils_its_sentence(place: str) -> None:
+    assert read_rmc(place) == []
+
+
+def test_rmc_without_a_position_still_gives_the_speed() -> None:
+    assert [type(sample) for sample in read_rmc(",,,")] == [SpeedSample]
+    assert [type(sample) for sample in read_rmc("5900.0,N,01800.0,E")] == [SpeedSample, PositionSample]

@@ -28,6 +28,7 @@ from autopilot.signals import (
     NavState,
     Order,
     OrderKind,
+    PositionSample,
     RateSample,
     Reference,
     RollSample,
@@ -227,6 +228,7 @@ samples = st.one_of(
     st.builds(RollSample, number, number, st.one_of(st.none(), number), text),
     st.builds(HelmSample, number, st.booleans(), text, text),
     st.builds(AlarmSample, number, text, text),
+    st.builds(PositionSample, number, number, number, text),
 )
 ticks = st.builds(
     Tick,

@@ -1,7 +1,7 @@
 """What a ground station is told of the boat: standard messages made from a tick. Pure.
 
-ATTITUDE, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered, in degrees), SYS_STATUS,
-SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias.
+ATTITUDE, GLOBAL_POSITION_INT, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered, in degrees),
+SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import compass_deg
 from autopilot.links.mavlink_codec import Message
-from autopilot.signals import Mode, OrderKind, RollSample, Tick
+from autopilot.signals import Mode, OrderKind, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0
+POSITION_FRESH_S = 5.0
 VERSION = (0 << 24) | (2 << 16) | (0 << 8) | dialect.FIRMWARE_VERSION_TYPE_DEV
 CAPABILITIES = (
     dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
@@ -28,6 +29,7 @@ MANUAL, HEADING, TRIAL = 0, 15, 3
 stations name the modes of every surface boat by that list."""
 RATES_HZ = {
     dialect.MAVLINK_MSG_ID_ATTITUDE: 4.0,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
     dialect.MAVLINK_MSG_ID_VFR_HUD: 2.0,
     dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: 2.0,
     dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: 2.0,
@@ -50,9 +52,11 @@ class Telemetry:
     def __init__(self) -> None:
         self._start: float | None = None
         self._roll: RollSample | None = None
+        self._position: PositionSample | None = None
         self.tick: Tick | None = None
         self._makers: dict[int, Callable[[Tick], list[Message]]] = {
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._where,
             dialect.MAVLINK_MSG_ID_VFR_HUD: self._hud,
             dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self._navigation,
             dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._rudder,
@@ -69,6 +73,8 @@ class Telemetry:
         for sample in tick.samples:
             if isinstance(sample, RollSample):
                 self._roll = sample
+            elif isinstance(sample, PositionSample):
+                self._position = sample
 
     def knows(self, identity: int) -> bool:
         """Return whether a message can be made."""
@@ -89,6 +95,27 @@ class Telemetry:
             roll, rate = self._roll.roll, self._roll.rate or 0.0
         state = tick.state
         return [dialect.MAVLink_attitude_message(self._boot_ms(tick), roll, 0.0, state.heading, rate, 0.0, state.rate)]
+
+    def _where(self, tick: Tick) -> list[Message]:
+        """GLOBAL_POSITION_INT while position and heading are fresh; the speed is taken to be along the heading."""
+        position = self._position
+        if position is None or tick.now - position.time > POSITION_FRESH_S or not _fresh(tick):
+            return []
+        state = tick.state
+        north, east = state.speed * math.cos(state.heading), state.speed * math.sin(state.heading)
+        return [
+            dialect.MAVLink_global_position_int_message(
+                self._boot_ms(tick),
+                round(math.degrees(position.latitude) * 1.0e7),
+                round(math.degrees(position.longitude) * 1.0e7),
+                0,
+                0,
+                round(north * 100.0),
+                round(east * 100.0),
+                0,
+                round(compass_deg(state.heading) * 100.0) % 36000,
+            )
+        ]
 
     def _hud(self, tick: Tick) -> list[Message]:
         if not _fresh(tick):
