@@ -14,6 +14,8 @@ from sitl.firmware_setup import Setup, setup_of
 from sitl.radio import CHANNELS, STEERING_FULL, THROTTLE_FULL, Overrides, input_angle, output_pulse
 from sitl.world import Orders, World
 
+SWITCH_LOW_US = 1200
+"""Below this an auxiliary switch is in its low position."""
 CRUISE_SHARE = 0.5
 """Throttle at which the boat runs at its cruise speed (CRUISE_THROTTLE)."""
 
@@ -148,6 +150,9 @@ class Firmware:
         overrides = self.overrides.active(time, setup.override_time)
         if self._has_heard_radio:
             self.channels = list(self.sticks)
+            switch = setup.override_switch
+            if switch is not None and self.sticks[switch - 1] < SWITCH_LOW_US:
+                overrides = {}
         for channel, pulse in overrides.items():
             self.channels[channel - 1] = pulse
         return self._has_heard_radio or bool(overrides)

@@ -7,13 +7,18 @@ from typing import NamedTuple
 from sitl.firmware_parameters import ParameterTable
 from sitl.radio import CHANNELS, Calibration
 
+OVERRIDE_ENABLE = 46
+"""RCn_OPTION "RC Override Enable" (libraries/RC_Channel/RC_Channel.h)."""
 STEERING_FUNCTION = 26
 THROTTLE_FUNCTION = 70
 """SERVOn_FUNCTION: GroundSteering and Throttle."""
 
 
 class Setup(NamedTuple):
-    """Channels count from 1. steering_outputs, throttle_outputs: servo channels with their calibrations."""
+    """Channels count from 1; override_switch is None where no switch allows overrides.
+
+    steering_outputs, throttle_outputs: servo channels with their calibrations.
+    """
 
     steering_channel: int
     throttle_channel: int
@@ -29,6 +34,7 @@ class Setup(NamedTuple):
     station_timeout: float
     failsafe_time: float
     failsafe_holds: bool
+    override_switch: int | None
 
 
 def setup_of(parameters: ParameterTable) -> Setup:
@@ -50,6 +56,9 @@ def setup_of(parameters: ParameterTable) -> Setup:
         station_timeout=parameters["FS_GCS_TIMEOUT"],
         failsafe_time=parameters["FS_TIMEOUT"],
         failsafe_holds=parameters["FS_ACTION"] != 0.0,
+        override_switch=next(
+            (n for n in range(1, CHANNELS + 1) if parameters[f"RC{n}_OPTION"] == OVERRIDE_ENABLE), None
+        ),
     )
 
 

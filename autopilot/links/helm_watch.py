@@ -39,6 +39,8 @@ FORGIVEN_S = 2.0
 HISTORY_S = 1.0
 PULSE_TOLERANCE_US = 3
 STANDBY_STATE = 3
+STICK_MOVED_US = 150
+"""A stick that is moved this far is meant."""
 
 
 class HelmWatch:
@@ -62,6 +64,9 @@ class HelmWatch:
         self._report_time = -math.inf
         self._last_command = -math.inf
         self._disobeyed = ""
+        self._sticks: dict[int, int] = {}
+        self.switched_off = False
+        """Whether the radio's switch for overrides is off."""
         self._rebooted = False
         self._judged = (-1, -1)
         self._parameter_reason = ""
@@ -124,6 +129,13 @@ class HelmWatch:
                 "(radio override switched off, or another ground station steers)"
             )
 
+    def stick(self, number: int, pulse: int) -> None:
+        """Take where a stick stands that does not steer: moved while we steer, it takes the helm."""
+        if not self._sent or not pulse:
+            self._sticks.pop(number, None)
+        elif abs(pulse - self._sticks.setdefault(number, pulse)) > STICK_MOVED_US:
+            self._disobeyed = f"the stick on RC channel {number} was moved: the helm is yours"
+
     @property
     def disobeyed(self) -> bool:
         """Whether the rudder did not obey while we steered."""
@@ -152,6 +164,8 @@ class HelmWatch:
             return f"the vehicle is in mode {name}, where rudder commands are not obeyed; switch it to MANUAL"
         if not self.armed:
             return "the vehicle is disarmed; arm it"
+        if self.switched_off:
+            return "the radio's switch for overrides is off; switch it on"
         return ""
 
     def _obedience_reason(self, now: float) -> str:

@@ -21,6 +21,13 @@ GCS_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID")
 GCS_HIGH = "MAV_GCS_SYSID_HI"
 EXPO = "MANUAL_STR_EXPO"
 OVERRIDE_TIME = "RC_OVERRIDE_TIME"
+CHANNEL_COUNT = 16
+STICKS = {"RCMAP_PITCH": 2, "RCMAP_THROTTLE": 3, "RCMAP_YAW": 4}
+"""The other sticks' channels, by default as ArduPilot has them (libraries/AP_RCMapper)."""
+WELCOME = (*STICKS, *(f"RC{number}_OPTION" for number in range(1, CHANNEL_COUNT + 1)))
+"""Asked for too, but steering does not wait for them."""
+OVERRIDE_SWITCH = 46
+"""RCn_OPTION of a switch on the radio that allows overrides (libraries/RC_Channel/RC_Channel.h, AUX_FUNC)."""
 RC_SUFFIXES = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
 SERVO_SUFFIXES = ("MIN", "TRIM", "MAX", "REVERSED")
 
@@ -72,7 +79,7 @@ class VehicleParameters:
     def complete(self) -> bool:
         """Whether all that steering needs is known; what old firmware lacks was asked for often enough."""
         return self.gcs_system is not None and all(
-            self._given_up(name) or name in (OVERRIDE_TIME, GCS_HIGH) for name in self._missing
+            self._given_up(name) or name in (OVERRIDE_TIME, GCS_HIGH, *WELCOME) for name in self._missing
         )
 
     def due(self, now: float) -> list[str]:
@@ -118,6 +125,25 @@ class VehicleParameters:
         return round(value) if value is not None and 1.0 <= value <= 16.0 else None
 
     @property
+    def override_switch(self) -> int | None:
+        """Number of the channel whose switch allows overrides, None where there is none."""
+        for number in range(1, CHANNEL_COUNT + 1):
+            if self._values.get(f"RC{number}_OPTION") == OVERRIDE_SWITCH:
+                return number
+        return None
+
+    @property
+    def free_sticks(self) -> tuple[int, ...]:
+        """Channels of the sticks that neither steer nor give throttle: nobody moves them but by intent."""
+        mapped = {name: round(self._values.get(name, default)) for name, default in STICKS.items()}
+        used = (self.steering_input, mapped["RCMAP_THROTTLE"])
+        return tuple(
+            number
+            for name, number in mapped.items()
+            if name != "RCMAP_THROTTLE" and number not in used and 1 <= number <= CHANNEL_COUNT
+        )
+
+    @property
     def steering_servo(self) -> int | None:
         """Number of the first servo output whose function is GroundSteering, None where none is known."""
         for number in range(1, SERVO_COUNT + 1):
@@ -159,7 +185,8 @@ class VehicleParameters:
             names += [f"SERVO{number}_FUNCTION" for number in range(1, SERVO_COUNT + 1)]
         else:
             names += [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
-        return [name for name in names if name not in self._values]
+        # what steering needs goes first
+        return [name for name in (*names, *WELCOME) if name not in self._values]
 
     def _given_up(self, name: str) -> bool:
         return self._asked.get(name, (0.0, 0))[1] >= _tries(name)
@@ -168,7 +195,7 @@ class VehicleParameters:
 def _tries(name: str) -> float:
     if name.endswith("_FUNCTION"):
         return FUNCTION_TRIES  # a board with fewer outputs has no SERVO16_FUNCTION
-    return OPTIONAL_TRIES if name in (EXPO, OVERRIDE_TIME, GCS_HIGH) else math.inf
+    return OPTIONAL_TRIES if name in (EXPO, OVERRIDE_TIME, GCS_HIGH, *WELCOME) else math.inf
 
 
 def _relevant(name: str) -> bool:

@@ -21,6 +21,8 @@ SPEED_PREFERENCE_S = 2.0
 LONG_SILENCE_S = 10.0
 """A vehicle back after this much silence may be another one, or have other parameters: it is asked anew."""
 FIX_2D = 2
+SWITCH_LOW_US = 1200
+"""Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
 USEC_WRAP_S = 2.0**32 * 1.0e-6
 ANGLE_LIMIT = 7.0
 RATE_LIMIT = 100.0
@@ -130,6 +132,11 @@ class VehicleReader:
         number, recent = self.parameters.steering_input, self.watch.recent_pulses
         if number is None:
             return
+        switch = self.parameters.override_switch
+        if switch is not None:
+            self.watch.switched_off = 0 < getattr(message, f"chan{switch}_raw") < SWITCH_LOW_US
+        for stick in self.parameters.free_sticks:
+            self.watch.stick(stick, getattr(message, f"chan{stick}_raw"))
         pulse = getattr(message, f"chan{number}_raw")
         self.probe.report(now, number, pulse)
         if recent is not None:

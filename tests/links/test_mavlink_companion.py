@@ -43,6 +43,7 @@ class Rover:
         self.status = dialect.MAV_STATE_ACTIVE
         self.boot = 100.0
         self.stick = 1500
+        self.others = dict.fromkeys(range(2, 9), 1500)
         self.pulse = 1500
         self.obeys = True
         self.received: list = []
@@ -81,7 +82,8 @@ class Rover:
             self.pulse = self.stick if message.y == 32767 else 1000 + (message.y + 1000) // 2
 
     def report_rudder(self) -> None:
-        self.send(dialect.MAVLink_rc_channels_message(round(self.boot * 1000), 8, self.pulse, *[1500] * 17, 255))
+        others = [*self.others.values(), *[1500] * 10]
+        self.send(dialect.MAVLink_rc_channels_message(round(self.boot * 1000), 8, self.pulse, *others, 255))
 
 
 def steering_of(pulse: int) -> int:
@@ -175,6 +177,37 @@ def test_a_vehicle_that_does_not_listen_is_found_out_before_the_pilot_engages(me
     bench.command = RudderCommand(bench.now, 0.0, False)
     bench.run(6.0)
     assert bench.helm.available, "tried again: the switch is on now"
+
+
+def test_a_stick_that_does_not_steer_takes_the_helm_at_once() -> None:
+    bench = ready()
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.rover.others[4] = 1420
+    bench.run(1.0)
+    assert bench.helm.available, "a stick that rests off its centre is no hand"
+    bench.rover.others[4] = 1600
+    bench.run(0.1)
+    assert bench.helm.reason == "the stick on RC channel 4 was moved: the helm is yours"
+    bench.rover.others[3] = 1900
+    bench.command = RudderCommand(bench.now, 0.0, False)
+    bench.run(5.0)
+    assert bench.helm.available, "the throttle is the human's to move"
+
+
+def test_the_radio_s_override_switch_takes_the_helm_at_once() -> None:
+    bench = Bench(RC7_OPTION=46.0)
+    bench.rover.others[7] = 1900
+    bench.run(6.0)
+    assert bench.helm.available
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(0.5)
+    bench.rover.others[7] = 1000
+    bench.rover.obeys = False
+    bench.run(0.1)
+    assert bench.helm.reason == "the radio's switch for overrides is off; switch it on"
+    bench.rover.received.clear()
+    bench.run(1.0)
+    assert {m.chan1_raw for m in bench.overrides()} <= {0}
 
 
 def test_no_engagement_without_reports_of_the_steering_input() -> None:

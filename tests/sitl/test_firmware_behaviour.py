@@ -70,6 +70,22 @@ def test_zero_releases_at_once(bench: MakeBench) -> None:
     assert boat.steering_pulse == 1500
 
 
+def test_the_radio_s_override_switch_gives_the_stick_the_rudder(bench: MakeBench) -> None:
+    boat = bench()
+    boat.parameter_set("RC7_OPTION", 46)
+    boat.override(1900)
+    boat.run(0.2)
+    assert boat.steering_pulse == 1893
+    boat.firmware.sticks[6] = 1000
+    boat.override(1900)
+    boat.run(0.2)
+    assert boat.steering_pulse == 1500
+    boat.firmware.sticks[6] = 1900
+    boat.override(1900)
+    boat.run(0.2)
+    assert boat.steering_pulse == 1893
+
+
 def test_override_time_is_the_parameter(bench: MakeBench) -> None:
     boat = bench()
     boat.parameter_set("RC_OVERRIDE_TIME", 1.0)
