@@ -186,23 +186,64 @@ def _with_race_and_wind(runs: Sequence[Run], plain: Identified, steps: Steps) ->
     around = RaceAndWind(race=0.0, reference_propeller=mean_propeller(runs) if "race" in names else 0.0)
     if "race" in names:
         around = around._replace(race=START_RACE * (start.reference_speed / around.reference_propeller) ** 2)
+    found = solve(runs, start, (*CUBIC, *names), steps.next, around=around)
     reasons: dict[str, str] = {}
-    while any(name in RaceAndWind._fields for name in names):
-        free = (*CUBIC, *names) if "n3" not in reasons else (*LINEAR, *names)
-        found = solve(runs, start, free, steps.next, around=around)
-        weakest = _least_shown(found, ("n3", *names))
-        if not weakest:
-            if found.noise[0].size > WORTH_IT * plain.noise[0].size:
-                break
-            result = _identified(found, reasons)
-            errors = {**result.standard_errors, **{name: found.standard_error(name) for name in RaceAndWind._fields}}
-            return result._replace(around=found.around, plain=plain.model, standard_errors=errors)
+    while weakest := _least_shown(found, ("n3", *names)):
         gone = WIND if weakest in WIND else (weakest,)
+        smaller = _without(runs, found, gone, steps)
+        if _says_more(found, smaller, runs):
+            # two that work in the same moments may each be uncertain and yet be needed together
+            kept = [name for name in ("n3", *names) if _is_uncertain(found, name)]
+            return _extended(found, plain, {**reasons, **{name: _told_together(name, found) for name in kept}})
         reasons.update({name: _not_shown(name, found) for name in gone})
         names = tuple(name for name in names if name not in gone)
-        start, around = found.model, found.around._replace(**{name: 0.0 for name in gone if name != "n3"})
-        start = start._replace(n3=0.0) if "n3" in gone else start
-    return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
+        found = smaller
+        if not names:
+            return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
+    if found.noise[0].size > WORTH_IT * plain.noise[0].size:
+        return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
+    return _extended(found, plain, reasons)
+
+
+def _extended(found: Solution, plain: Identified, reasons: dict[str, str]) -> Identified:
+    result = _identified(found, reasons)
+    errors = {**result.standard_errors, **{name: found.standard_error(name) for name in RaceAndWind._fields}}
+    return result._replace(around=found.around, plain=plain.model, standard_errors=errors)
+
+
+def _without(runs: Sequence[Run], found: Solution, gone: Sequence[str], steps: Steps) -> Solution:
+    """Return the fit without the parameters `gone`."""
+    free = tuple(name for name in found.free if name not in gone)
+    around = found.around._replace(**{name: 0.0 for name in gone if name != "n3"})
+    start = found.model._replace(n3=0.0) if "n3" in gone else found.model
+    return solve(runs, start, free, steps.next, around=around)
+
+
+def _says_more(larger: Solution, smaller: Solution, runs: Sequence[Run]) -> bool:
+    """Return whether Schwarz's information criterion favours the larger model.
+
+    N ln s^2 + k ln N (Schwarz 1978), with N the independent samples that the rate's residuals are worth by their
+    memory.
+    """
+    noise = larger.noise[0]
+    samples = sum(int(np.count_nonzero(np.isfinite(segment.rate))) for segment in _segments(runs))
+    worth = samples * (1.0 - noise.correlation) / (1.0 + noise.correlation) if samples else 0.0
+    if not worth > 1.0:
+        return False
+    gain = 2.0 * worth * float(np.log(smaller.noise[0].size / noise.size))
+    return gain > (len(larger.free) - len(smaller.free)) * float(np.log(worth))
+
+
+def _is_uncertain(solution: Solution, name: str) -> bool:
+    return name in solution.free and _relative_error(solution, name) > LARGEST_RELATIVE_ERROR
+
+
+def _told_together(name: str, solution: Solution) -> str:
+    error = solution.standard_error(name) or 0.0
+    return (
+        f"{name}: {_value(solution, name):.3g} with a standard error of {error:.2g} is kept, for without it the runs "
+        "are explained clearly worse, but it cannot be told apart from the others; trials at other speeds would."
+    )
 
 
 def _least_shown(solution: Solution, names: Sequence[str]) -> str:
