@@ -182,6 +182,8 @@ def _parameter_reason(parameters: VehicleParameters, system: int) -> str:
     gcs = parameters.gcs_system
     if gcs is not None and not parameters.obeys(system):
         return f"the vehicle obeys only system id {gcs}; start with --as-gcs or set {parameters.gcs_name} to {system}"
+    if parameters.gcs_impossible:
+        return f"the vehicle's {parameters.gcs_name} is no system id; set it to 255"
     if not parameters.complete:
         unanswered = ", ".join(parameters.unanswered[:5])
         if unanswered:

@@ -19,6 +19,8 @@ from typing import NamedTuple
 FULL = 4500
 """ArduRover's steering runs from -4500 to 4500, positive turns clockwise."""
 EXPO_LIMIT = 0.95
+SHORTEST_US, LONGEST_US = 500, 2500
+"""Pulse widths [us] beyond these are no calibration of a servo or a radio."""
 
 
 class SteeringChannel(NamedTuple):
@@ -36,7 +38,10 @@ class SteeringChannel(NamedTuple):
     expo: float = 0.0
 
     def check(self) -> None:
-        """Raise ValueError where the end points leave no room to steer."""
+        """Raise ValueError where the end points are no pulse widths, or leave no room to steer."""
+        pulses = (self.rc_min, self.rc_trim, self.rc_max, self.servo_min, self.servo_trim, self.servo_max)
+        if not all(SHORTEST_US <= pulse <= LONGEST_US for pulse in pulses) or not 0 <= self.rc_dead_zone <= LONGEST_US:
+            raise ValueError(f"pulses go from {SHORTEST_US} to {LONGEST_US} us: {self}")
         for name, low, trim, high in (
             ("steering input", self.rc_min + self.rc_dead_zone, self.rc_trim, self.rc_max - self.rc_dead_zone),
             ("steering servo", self.servo_min, self.servo_trim, self.servo_max),

@@ -106,17 +106,21 @@ class VehicleParameters:
 
     @property
     def gcs_system(self) -> int | None:
-        """The system id whose overrides the vehicle obeys, None while unknown."""
+        """The system id whose overrides the vehicle obeys, None while unknown or impossible."""
         value = self._values.get(self.gcs_name)
-        return None if value is None else round(value)
+        return round(value) if value is not None and 1.0 <= value <= 255.0 else None
+
+    @property
+    def gcs_impossible(self) -> bool:
+        """Whether the vehicle has told a ground-station id that is none."""
+        return self.gcs_name in self._values and self.gcs_system is None
 
     def obeys(self, system: int) -> bool:
         """Return whether the vehicle obeys overrides from `system`, as far as its parameters tell."""
         low = self.gcs_system
         if low is None:
             return False
-        high = round(self._values.get(GCS_HIGH, 0.0))
-        return low <= system <= max(low, high)
+        return low <= system <= max(low, self._values.get(GCS_HIGH, 0.0))
 
     @property
     def steering_input(self) -> int | None:

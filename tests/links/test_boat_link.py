@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from random import Random
 from typing import Any
 
 import pytest
@@ -215,6 +216,29 @@ def test_any_command_is_answered_and_none_raises(command: int, parameters: list[
     bench.run(0.1, mode)
     assert bench.command(command, *parameters, mode=mode) is not None
     assert all(heading is None or -math.pi < heading <= math.pi for _, heading in bench.hand.orders)
+
+
+def test_whatever_a_ground_station_sends_is_survived() -> None:
+    random, bench = Random(5), Bench(armed=True)
+    asked = [kind for kind in dialect.mavlink_map.values() if "target_system" in kind.fieldnames]
+    for number in range(4000):
+        kind = random.choice(asked)
+        message = dialect.MAVLink(None).decode(blank(kind, random))
+        message.target_system = 7
+        if hasattr(message, "target_component"):
+            message.target_component = 1
+        bench.far.send(bench.station.encode(message))
+        if number % 20 == 0:
+            bench.run(0.05, random.choice(list(Mode)))
+    kinds = {m.get_type() for m in bench.run(1.0)}
+    assert "HEARTBEAT" in kinds
+
+
+def blank(kind: Any, random: Random) -> bytearray:
+    """Return a frame of a kind with any content."""
+    payload = random.randbytes(kind.unpacker.size)
+    frame = bytes([0xFD, len(payload), 0, 0, 7, 255, 190]) + kind.id.to_bytes(3, "little") + payload
+    return bytearray(frame + dialect.x25crc(frame[1:] + bytes([kind.crc_extra])).crc.to_bytes(2, "little"))
 
 
 def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:

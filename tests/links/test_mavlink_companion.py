@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from random import Random
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -352,6 +353,42 @@ def test_no_other_message_of_the_vehicle_is_taken_for_one_of_those_known() -> No
     bench.run(0.1)
     assert bench.link.bad_packets == 0
     assert bench.helm.available, bench.helm.reason
+
+
+def test_whatever_a_vehicle_sends_is_survived() -> None:
+    """Real kinds with any content, and steering parameters with values that no firmware should have."""
+    random = Random(9)
+    near, far = loopback_pair()
+    link, codec = CompanionLink(near, CompanionSettings(FULL, as_gcs=True)), MavlinkCodec(1, 1)
+    far.send(codec.encode(dialect.MAVLink_heartbeat_message(11, 3, 129, 0, 4, 3)))
+    kinds = list(dialect.mavlink_map.values())
+    names = [*PARAMETERS, "RC7_OPTION", "RCMAP_PITCH", "RCMAP_YAW", "MAV_GCS_SYSID_HI"]
+    values = [0.0, 1.0, 26.0, 46.0, 255.0, 1000.0, 1500.0, 2000.0, 30.0, -5.0, 1e9, -1e30, math.inf, math.nan, 3.7]
+    now = 0.0
+    for number in range(6000):
+        if random.random() < 0.3:
+            message = dialect.MAVLink_param_value_message(random.choice(names).encode(), random.choice(values), 9, 9, 0)
+            far.send(codec.encode(message))
+        else:
+            kind = dialect.mavlink_map[random.choice([0, 24, 30, 33, 35, 36, 65, 74])]
+            kind = kind if random.random() < 0.8 else random.choice(kinds)
+            payload = random.randbytes(random.randint(1, kind.unpacker.size))
+            frame = bytes([0xFD, len(payload), 0, 0, 7, 1, 1]) + kind.id.to_bytes(3, "little") + payload
+            far.send(frame + dialect.x25crc(frame[1:] + bytes([kind.crc_extra])).crc.to_bytes(2, "little"))
+        if number % 5 == 0:
+            now += random.choice([0.01, 0.05, 0.3])
+            for sample in link.receive(now):
+                assert not isinstance(sample, HeadingSample) or abs(sample.heading) < 7.0
+            link.send(now, RudderCommand(now, random.uniform(-1.0, 1.0), random.random() < 0.5))
+            link.keep(now)
+            link.take_packets()
+            far.receive()
+
+
+def test_a_ground_station_id_that_is_none_is_said() -> None:
+    bench = Bench(SYSID_MYGCS=70000.0)
+    bench.run(2.0)
+    assert bench.helm.reason == "the vehicle's SYSID_MYGCS is no system id; set it to 255"
 
 
 def test_samples_carry_measurement_time_and_si_units() -> None:
