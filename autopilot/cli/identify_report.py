@@ -65,6 +65,7 @@ def as_json(result: Result) -> str:
         "runs": [_run(run, role, prediction) for run, role, prediction in result.predictions],
         "unidentifiable": list(found.unidentifiable),
         "reasons": found.unidentifiable,
+        "notes": _notes(result),
         "two_stage": _stages(result),
         "residuals": {
             "yaw_rate_rms_rad_s": _finite(found.noise[0].size),
@@ -91,6 +92,11 @@ def _parameter(quantity: Quantity, value: float | None, std: float | None) -> di
         "std_deg": None if std is None else std / quantity.factor,
         "unit_deg": quantity.unit_deg,
     }
+
+
+def _notes(result: Result) -> list[str]:
+    """Return what was left out of the recordings, a sentence each."""
+    return [note for run, _, _ in result.predictions for note in run.notes]
 
 
 def _run(run: Run, role: str, prediction: Prediction) -> dict[str, Any]:
@@ -142,6 +148,7 @@ def as_text(result: Result) -> str:
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if found.around else ""),
         _table(_run_rows(result)),
         *found.unidentifiable.values(),
+        *_notes(result),
     ]
     return "\n\n".join(parts)
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
+from autopilot.identification.bad_samples import check_rudder, without_freezes, without_spikes
 
 FloatArray = NDArray[np.float64]
 
@@ -52,10 +53,12 @@ class Segment(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One recording: where it came from, and its segments in order of time."""
+    """One recording: where it came from, its segments in order of time, and a sentence for each kind of bad sample
+    that was left out."""
 
     source: str
     segments: tuple[Segment, ...]
+    notes: tuple[str, ...] = ()
 
 
 def has_propeller(runs: Sequence[Run]) -> bool:
@@ -78,10 +81,12 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     and `heading_rad` or `yaw_rate_rad_s` or both; nan where a value is missing. `propeller_rps`, and
     `wind_speed_m_s` with `wind_direction_rad` (off the bow, as felt on board), are taken where they are.
 
-    Rows without a time are dropped. Raises InputError, naming `source`, where a needed column is missing,
-    time does not increase, or no stretch is long enough.
+    Rows without a time are dropped; spikes and a frozen heading become blanks and are told in `notes`. Raises
+    InputError, naming `source`, where a needed column is missing, time does not increase, the rudder is in another
+    unit, the heading never moves, or no stretch is long enough.
     """
     _require(source, columns)
+    columns, notes = _without_bad_samples(source, columns)
     known = np.isfinite(columns["time_s"])
     time = columns["time_s"][known]
     if time.size == 0:
@@ -110,7 +115,26 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
             f"{source}: no stretch of {SHORTEST_SEGMENT_SAMPLES} samples has rudder, speed and heading or yaw rate "
             "together; check that the columns overlap in time."
         )
-    return Run(source, useful)
+    return Run(source, useful, notes)
+
+
+def _without_bad_samples(
+    source: str, columns: Mapping[str, FloatArray]
+) -> tuple[Mapping[str, FloatArray], tuple[str, ...]]:
+    """Return the columns with blanks for what was never so, and a sentence for each kind of it."""
+    cleaned, notes = dict(columns), []
+    check_rudder(source, cleaned["rudder_rad"])
+    if "heading_rad" in cleaned:
+        rate = cleaned.get("yaw_rate_rad_s", np.full(cleaned["time_s"].size, np.nan))
+        cleaned["heading_rad"], frozen = without_freezes(source, cleaned["time_s"], cleaned["heading_rad"], rate)
+        if frozen:
+            notes.append(f"{source}: {frozen} headings are left out: the compass stood still while the boat turned.")
+    for name in ("heading_rad", "yaw_rate_rad_s", "rudder_rad", "speed_m_s"):
+        if name in cleaned:
+            cleaned[name], spikes = without_spikes(cleaned[name], angle=name == "heading_rad")
+            if spikes:
+                notes.append(f"{source}: {spikes} of {cleaned[name].size} {name} are left out as spikes.")
+    return cleaned, tuple(notes)
 
 
 def _around(time: FloatArray, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,0 +1,119 @@
+"""Recordings with samples that were never so: the right model, or one sentence that says what is wrong."""
+
+from __future__ import annotations
+
+import functools
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from zigzag_trials import RECORDINGS, noisy, run_of, zigzag
+
+from autopilot.errors import InputError
+from autopilot.identification.bad_samples import without_freezes, without_spikes
+from autopilot.identification.identify import identify
+from autopilot.identification.runs import FloatArray, run_from_columns
+from autopilot.loop.csv_log import read_csv
+
+Table = dict[str, FloatArray]
+
+
+@functools.cache
+def _recorded() -> Table:
+    table = zigzag(np.radians(15), 120, 0.1, K=0.2, T=5.0, n3=20.0, rudder_rate=np.radians(5), speed=4.0)
+    return noisy(table, np.radians(0.1), np.radians(0.2), seed=1)
+
+
+def _with_spikes(table: Table, name: str, size: float) -> Table:
+    random = np.random.default_rng(3)
+    values = table[name].copy()
+    hit = random.choice(values.size, values.size // 100, replace=False)
+    values[hit] += size * random.choice([-1.0, 1.0], hit.size)
+    return {**table, name: values}
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("heading_rad", 1.57), ("heading_rad", 3.1), ("yaw_rate_rad_s", 0.7), ("rudder_rad", 1.0), ("speed_m_s", 40.0)],
+)
+def test_spikes_are_left_out_told_and_change_nothing(name: str, size: float) -> None:
+    run = run_of(_with_spikes(_recorded(), name, size), "spiky.csv")
+    assert run.notes == (f"spiky.csv: 12 of 1200 {name} are left out as spikes.",)
+    found = identify([run])
+    assert found.model.gain == pytest.approx(0.2, rel=0.02)
+    assert found.model.time_constant == pytest.approx(5.0, rel=0.03)
+
+
+def test_a_clean_recording_loses_nothing() -> None:
+    run = run_of(_recorded())
+    assert run.notes == ()
+    np.testing.assert_array_equal(run.segments[0].rudder, _recorded()["rudder_rad"])
+    np.testing.assert_array_equal(run.segments[0].rate, _recorded()["yaw_rate_rad_s"])
+
+
+@given(st.integers(0, 2**31), st.floats(0.01, 0.7), st.booleans())
+def test_noise_ramps_and_steps_are_no_spikes(seed: int, scale: float, angle: bool) -> None:
+    random = np.random.default_rng(seed)
+    levels = np.repeat(random.choice([-1.0, 0.0, 1.0], 15), 20)
+    ramped = np.convolve(levels, np.ones(5) / 5, mode="valid")
+    values = scale * (ramped + 0.05 * random.normal(size=ramped.size))
+    same, spikes = without_spikes(values, angle=angle)
+    assert spikes == 0
+    np.testing.assert_array_equal(same, values)
+
+
+@given(st.floats(0.0, 6.28), st.integers(5, 290))
+def test_a_heading_spike_is_found_on_either_side_of_north(heading: float, at: int) -> None:
+    values = heading + 0.01 * np.sin(0.1 * np.arange(300))
+    values[at] += 2.0
+    cleaned, spikes = without_spikes(np.mod(values, 2.0 * np.pi), angle=True)
+    assert spikes == 1
+    assert np.flatnonzero(np.isnan(cleaned)).tolist() == [at]
+
+
+def test_a_compass_that_freezes_while_the_boat_turns_is_left_out() -> None:
+    table = _recorded()
+    frozen = table["heading_rad"].copy()
+    frozen[400:] = frozen[400]
+    run = run_of({**table, "heading_rad": frozen}, "frozen.csv")
+    assert run.notes == ("frozen.csv: 800 headings are left out: the compass stood still while the boat turned.",)
+    assert identify([run]).model.gain == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_compass_that_freezes_with_no_rate_beside_it_is_refused() -> None:
+    table = {name: values for name, values in _recorded().items() if name != "yaw_rate_rad_s"}
+    table["heading_rad"] = np.where(np.arange(1200) > 400, 1.0, table["heading_rad"])
+    with pytest.raises(InputError, match=r"frozen.csv: the heading stands at 57.3 degrees from 40.1 s to 119.9 s"):
+        run_of(table, "frozen.csv")
+
+
+def test_a_boat_that_lies_still_has_no_frozen_compass() -> None:
+    time, heading = np.arange(0.0, 60.0, 0.1), np.full(600, 1.0)
+    same, frozen = without_freezes("still.csv", time, heading, 0.001 * np.sin(time))
+    assert frozen == 0
+    np.testing.assert_array_equal(same, heading)
+
+
+@pytest.mark.parametrize("unit", ["degrees", "pulse widths"])
+def test_a_rudder_in_another_unit_is_refused(unit: str) -> None:
+    rudder = np.degrees(_recorded()["rudder_rad"])
+    other = rudder if unit == "degrees" else 1500.0 + 13.0 * rudder
+    with pytest.raises(InputError, match=r"unit.csv: the rudder lies at .* rad, and none goes beyond 1.57 rad"):
+        run_of({**_recorded(), "rudder_rad": other}, "unit.csv")
+
+
+@pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason=f"no recordings in {os.fspath(RECORDINGS)}")
+def test_a_real_ship_loses_no_sample() -> None:
+    columns = {
+        "time_s": "t [s]",
+        "rudder_rad": "delta_rudder [rad]",
+        "yaw_rate_rad_s": "r_angvelo [rad/s]",
+        "speed_m_s": "u_velo [m/s]",
+    }
+    files = sorted(Path(RECORDINGS / "frt_ds_esso").glob("*.csv"))
+    assert len(files) == 6
+    for file in files:
+        assert run_from_columns(file.name, read_csv(str(file), columns)).notes == ()
