@@ -23,7 +23,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from autopilot.identification.noise import Noise, residual_noise, robust_covariance
-from autopilot.identification.residuals import Problem, initial_state, typical_rate, units
+from autopilot.identification.residuals import Problem, initial_state, triangle, typical_rate, units
 from autopilot.identification.runs import FloatArray, Run
 from autopilot.identification.simulation import forcing
 from autopilot.models.norrbin import Norrbin
@@ -114,16 +114,14 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise]) -> FloatA
         if key not in memory:
             memory.clear()
             distance, spread = problem.anchors(vector)
-            residuals, jacobians = (
-                [distance.T.ravel()],
-                [np.hstack([np.zeros((2 * S, F)), np.diag(1 / spread.T.ravel())])],
-            )
-            for s, (values, slope) in enumerate(problem.weighted(vector, noise)):
-                full = np.zeros((*values.shape, vector.size))
-                full[:, :, [*range(F), F + s, F + S + s]] = slope
-                residuals.append(values.ravel())
-                jacobians.append(full.reshape(-1, vector.size))
-            memory[key] = np.concatenate(residuals), np.concatenate(jacobians)
+            rows = [
+                _compressed(values.ravel(), slope.reshape(-1, F + 2), distance[s], spread[s])
+                for s, (values, slope) in enumerate(problem.weighted(vector, noise))
+            ]
+            jacobian = np.zeros((S, F + 3, vector.size))
+            for s, (_, slope) in enumerate(rows):
+                jacobian[s][:, [*range(F), F + s, F + S + s]] = slope
+            memory[key] = np.concatenate([values for values, _ in rows]), jacobian.reshape(-1, vector.size)
         return memory[key]
 
     low = np.array([0.0 if name in NOT_NEGATIVE else -np.inf for name in problem.free] + [-np.inf] * (2 * S))
@@ -145,6 +143,19 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise]) -> FloatA
         max_nfev=60,
     )
     return np.asarray(found.x, dtype=np.float64)
+
+
+def _compressed(
+    values: FloatArray, slope: FloatArray, distance: FloatArray, spread: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return a segment's residuals and derivatives as F + 3 rows of the same cost, gradient and normal matrix.
+
+    With [J e] = Q R the minimiser sees R alone: it asks for nothing but e'e, J'e and J'J, and is spared every sample.
+    """
+    F = slope.shape[1] - 2
+    anchors = np.hstack([np.zeros((2, F)), np.diag(1.0 / spread), distance[:, None]])
+    rows = triangle(np.vstack([np.hstack([slope, values[:, None]]), anchors]))
+    return rows[:, -1], rows[:, :-1]
 
 
 def _solution(problem: Problem, z: FloatArray) -> Solution:

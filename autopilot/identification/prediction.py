@@ -8,7 +8,7 @@ import numpy as np
 
 from autopilot.identification.residuals import initial_state
 from autopilot.identification.runs import FloatArray, Run, seconds
-from autopilot.identification.simulation import at_samples, forcing, simulate, stack, stack_around
+from autopilot.identification.simulation import at_samples, forcing, simulate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
@@ -44,16 +44,10 @@ def simulate_run(model: Norrbin, run: Run, around: RaceAndWind | None = None) ->
     longest = min(model.time_constant / STEPS_PER_TIME_CONSTANT, LONGEST_STEP_S)
     steps = forcing(run.segments, longest)
     states = [initial_state(segment) for segment in run.segments]
-    beside = None if around is None else stack_around([around])
-    trajectory = simulate(stack([model]), steps, np.array([[rate] for rate, _ in states]), beside)
+    motion = simulate(model, steps, np.array([rate for rate, _ in states]), around)
     return [
-        np.hstack(
-            [
-                at_samples(trajectory.rate, steps, run.segments, s),
-                at_samples(trajectory.turned, steps, run.segments, s) + states[s][1],
-            ]
-        )
-        for s in range(len(run.segments))
+        np.stack([at_samples(motion.rate, steps, s), at_samples(motion.turned, steps, s) + heading], axis=1)
+        for s, (_, heading) in enumerate(states)
     ]
 
 

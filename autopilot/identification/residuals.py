@@ -13,12 +13,14 @@ import numpy as np
 
 from autopilot.identification.noise import Noise, instrument_noise
 from autopilot.identification.runs import FloatArray, Segment
-from autopilot.identification.simulation import Forcing, at_samples, simulate, stack, stack_around
+from autopilot.identification.simulation import Forcing, at_samples, simulate, slopes
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
 DIFFERENCE_STEP = 1.0e-6
 """Step of the finite differences in the scaled vector."""
+
+BLOCK_ROWS = 512
 
 LOGARITHMIC = ("gain", "time_constant")
 
@@ -39,6 +41,8 @@ class Problem:
     units: dict[str, float]
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
     """The latest response by its vector: minimiser, noise and standard errors ask for the same one in turn."""
+    latest: dict[str, FloatArray] = field(default_factory=dict, repr=False)
+    """The latest rates: where the search for the next ones begins."""
 
     def model(self, z: FloatArray) -> Norrbin:
         """Return the model that the vector stands for."""
@@ -84,27 +88,30 @@ class Problem:
             self.memory[key] = self._simulated(z)
         return self.memory[key]
 
-    def has_around(self) -> bool:
-        """Return whether propeller or wind count."""
-        return any(name in RaceAndWind._fields for name in self.free) or self.around != RaceAndWind()
+    def _around(self, z: FloatArray) -> RaceAndWind | None:
+        """Return what the vector says of propeller and wind, None where they do not count."""
+        counts = any(name in RaceAndWind._fields for name in self.free) or self.around != RaceAndWind()
+        return self.race_and_wind(z) if counts else None
 
     def _simulated(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         F, S = len(self.free), len(self.segments)
-        shifted = np.tile(z, (F + 2, 1))
-        shifted[np.arange(1, F + 1), np.arange(F)] += DIFFERENCE_STEP
-        shifted[F + 1, F : F + S] += DIFFERENCE_STEP
-        models = stack([self.model(row) for row in shifted])
-        around = stack_around([self.race_and_wind(row) for row in shifted]) if self.has_around() else None
-        trajectory = simulate(models, self.forcing, shifted[:, F : F + S].T * self.typical_rate, around)
+        moved = [z + DIFFERENCE_STEP * direction for direction in np.eye(F, z.size)]
+        model, around = self.model(z), self._around(z)
+        motion = simulate(model, self.forcing, z[F : F + S] * self.typical_rate, around, self.latest.get("rate"))
+        self.latest["rate"] = motion.rate
+        shifted = [(self.model(vector), self._around(vector)) for vector in moved]
+        derivatives = slopes(model, self.forcing, motion, shifted, DIFFERENCE_STEP, around)
         result = []
         for s, segment in enumerate(self.segments):
-            rate = at_samples(trajectory.rate, self.forcing, self.segments, s)
-            heading = at_samples(trajectory.turned, self.forcing, self.segments, s) + z[F + S + s]
-            simulated = np.stack([rate, heading], axis=1)
             slope = np.zeros((segment.time.size, 2, F + 2))
-            slope[:, :, : F + 1] = (simulated[:, :, 1:] - simulated[:, :, :1]) / DIFFERENCE_STEP
+            for column, values in enumerate(derivatives):
+                scale = self.typical_rate if column == F else 1.0
+                slope[:, 0, column] = scale * at_samples(values.rate, self.forcing, s)
+                slope[:, 1, column] = scale * at_samples(values.turned, self.forcing, s)
             slope[:, 1, F + 1] = 1.0
-            result.append((simulated[:, :, 0] - np.stack([segment.rate, segment.heading], axis=1), slope))
+            rate = at_samples(motion.rate, self.forcing, s) - segment.rate
+            heading = at_samples(motion.turned, self.forcing, s) + z[F + S + s] - segment.heading
+            result.append((np.stack([rate, heading], axis=1), slope))
         return result
 
     def weighted(self, z: FloatArray, noise: Sequence[Noise]) -> list[tuple[FloatArray, FloatArray]]:
@@ -168,3 +175,16 @@ def typical_rate(segments: Sequence[Segment]) -> float:
             known = np.isfinite(segment.heading)
             squares.append(float(np.mean(np.gradient(segment.heading[known], segment.time[known]) ** 2)))
     return max(float(np.sqrt(np.mean(squares))), 1.0e-6)
+
+
+def triangle(table: FloatArray) -> FloatArray:
+    """Return R of table = Q R, shape (C, C), for a tall table of C columns: all that least squares asks of it.
+
+    A block of rows at a time, then the blocks' triangles together: that stays inside the processor's cache.
+    """
+    columns = table.shape[1]
+    blocks = -(-table.shape[0] // BLOCK_ROWS)
+    padded = np.zeros((blocks * BLOCK_ROWS, columns))
+    padded[: table.shape[0]] = table
+    triangles = np.linalg.qr(padded.reshape(blocks, BLOCK_ROWS, columns), mode="r")
+    return np.asarray(np.linalg.qr(triangles.reshape(-1, columns), mode="r"))

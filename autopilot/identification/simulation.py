@@ -1,7 +1,9 @@
-"""Many models driven by recorded rudder and speed at once: the open-loop simulation behind every fit.
+"""Models driven by recorded rudder and speed: the open-loop simulation behind every fit.
 
-The equation is `autopilot.models.norrbin`, evaluated elementwise. Segments of different length lie side by
-side, padded with steps of no duration, so that one loop over time serves all segments and all models.
+The equation is `autopilot.models.norrbin`, evaluated elementwise over all steps of all segments at once. What is
+left is a recurrence, r_k+1 = F_k(r_k) with F_k a Runge-Kutta step; Newton's method on all of it together needs
+three or four rounds, each one evaluation of every step and one bidiagonal system, where a loop over time would need
+as many calls as there are steps. The same system gives the derivatives by the parameters.
 """
 
 from __future__ import annotations
@@ -10,6 +12,8 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dtbsv
 
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
@@ -18,46 +22,51 @@ from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, wind_accel
 RATE_BOUND_RAD_S = 100.0
 """Simulated rates are held inside this, so that a model which runs away gives a large number, not inf or nan."""
 
+NEWTON_ROUNDS = 20
+"""Rounds after which the recurrence is stepped through one by one: a model that runs away does not settle."""
+SETTLED = 1.0e-12
+"""Change of the rates, as a share of the largest, below which Newton's method has arrived."""
+PROBE = 1.0e-6
+"""Step of the finite differences inside one integration step, as a share of the largest rate."""
 
 DRIVING = ("rudder", "speed", "propeller", "beam_wind", "quarter_wind")
 
 
-class Forcing(NamedTuple):
-    """S segments on their integration steps, at most M of them.
+IntArray = NDArray[np.intp]
 
-    step [s], shape (M, S, 1), 0 where a segment has ended. rudder [rad] and speed [m/s], shape (2M+1, S, 1), at
-    the beginning, middle and end of each step, as are propeller [1/s], beam_wind and quarter_wind [m^2/s^2], 0
-    where the recording has none. knots: per segment the times [s] between its steps.
+
+class SamplePlaces(NamedTuple):
+    """Where the N samples of a segment lie: after node `left` by `share` of the way to the next, shapes (N,)."""
+
+    left: IntArray
+    share: FloatArray
+
+
+class Forcing(NamedTuple):
+    """The integration steps of S segments, one segment after the other: M steps between M + S nodes in all.
+
+    step [s], shape (M,); begin: the node at which each step begins, shape (M,), its end is the next node; first:
+    the node at which each segment begins, shape (S,). rudder [rad] and speed [m/s], shape (3, M), at the beginning,
+    middle and end of each step, as are propeller [1/s], beam_wind and quarter_wind [m^2/s^2], 0 where the recording
+    has none. samples: per segment, at which nodes its samples lie.
     """
 
     step: FloatArray
+    begin: IntArray
+    first: IntArray
     rudder: FloatArray
     speed: FloatArray
-    knots: tuple[FloatArray, ...]
     propeller: FloatArray
     beam_wind: FloatArray
     quarter_wind: FloatArray
+    samples: tuple[SamplePlaces, ...]
 
 
 class Trajectory(NamedTuple):
-    """Yaw rate [rad/s] and angle turned through since the beginning [rad], both of shape (M+1, S, P)."""
+    """Yaw rate [rad/s] and angle turned through since the segment's beginning [rad] at the nodes, shape (M+S,)."""
 
     rate: FloatArray
     turned: FloatArray
-
-
-def stack(models: Sequence[Norrbin]) -> Norrbin:
-    """Return P models as one whose parameters are arrays of shape (P,), for elementwise evaluation."""
-    return Norrbin(*_side_by_side(models))
-
-
-def stack_around(around: Sequence[RaceAndWind]) -> RaceAndWind:
-    """Return P of them as one whose parameters are arrays of shape (P,)."""
-    return RaceAndWind(*_side_by_side(around))
-
-
-def _side_by_side(rows: Sequence[tuple[float, ...]]) -> list[float]:
-    return [cast(float, np.array(values, dtype=np.float64)) for values in zip(*rows, strict=True)]
 
 
 def forcing(segments: Sequence[Segment], longest_step: float) -> Forcing:
@@ -66,93 +75,191 @@ def forcing(segments: Sequence[Segment], longest_step: float) -> Forcing:
     Samples closer together than that are stepped over in groups, samples further apart are subdivided; between
     samples rudder and speed move linearly.
     """
-    knots = tuple(_knots(segment.time, longest_step) for segment in segments)
-    M = max(times.size for times in knots) - 1
-    step = np.zeros((M, len(segments), 1))
-    driven = {name: np.zeros((2 * M + 1, len(segments), 1)) for name in DRIVING}
-    for s, (segment, times) in enumerate(zip(segments, knots, strict=True)):
-        halves = np.interp(np.arange(2 * M + 1) / 2.0, np.arange(times.size), times)
-        step[: times.size - 1, s, 0] = np.diff(times)
-        for name, values in driven.items():
-            recorded = getattr(segment, name)
-            if recorded.size:
-                values[:, s, 0] = np.interp(halves, segment.time, recorded)
-    return Forcing(step=step, knots=knots, **driven)
+    knots = [_knots(segment.time, longest_step) for segment in segments]
+    first = np.cumsum([0, *(times.size for times in knots[:-1])])
+    begin = np.concatenate([start + np.arange(times.size - 1) for start, times in zip(first, knots, strict=True)])
+    moments = [np.stack([t[:-1], 0.5 * (t[:-1] + t[1:]), t[1:]]) for t in knots]
+    driven = {
+        name: np.concatenate(
+            [_recorded(segment, name, times) for segment, times in zip(segments, moments, strict=True)], axis=1
+        )
+        for name in DRIVING
+    }
+    samples = tuple(
+        _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
+    )
+    return Forcing(np.concatenate([np.diff(times) for times in knots]), begin, first, **driven, samples=samples)
+
+
+def _recorded(segment: Segment, name: str, moments: FloatArray) -> FloatArray:
+    values = getattr(segment, name)
+    return np.interp(moments, segment.time, values) if values.size else np.zeros_like(moments)
+
+
+def _places(time: FloatArray, knots: FloatArray, start: int) -> SamplePlaces:
+    right = np.clip(np.searchsorted(knots, time), 1, knots.size - 1)
+    return SamplePlaces(start + right - 1, (time - knots[right - 1]) / (knots[right] - knots[right - 1]))
 
 
 def _knots(time: FloatArray, longest_step: float) -> FloatArray:
     """Return the ends of the integration steps [s]: every few samples, or several within a sample spacing."""
+    within = np.searchsorted(time, time + longest_step * (1.0 + 1.0e-9), side="right") - 1
+    # the last sample within reach, and the next one where none is
+    following = np.maximum(within, np.arange(1, time.size + 1)).tolist()
     chosen = [0]
-    for index in range(1, time.size):
-        if time[index] - time[chosen[-1]] > longest_step and index - 1 > chosen[-1]:
-            chosen.append(index - 1)
-    chosen.append(time.size - 1)
-    coarse = time[np.unique(chosen)]
+    while chosen[-1] < time.size - 1:
+        chosen.append(following[chosen[-1]])
+    coarse = time[chosen]
     pieces = np.maximum(np.ceil(np.diff(coarse) / longest_step - 1e-9), 1.0).astype(int)
     return np.interp(np.arange(pieces.sum() + 1), np.concatenate([[0], np.cumsum(pieces)]), coarse)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a model that runs away is bounded, not an accident
 def simulate(
-    models: Norrbin, forcing: Forcing, initial_rate: FloatArray, around: RaceAndWind | None = None
+    model: Norrbin,
+    forcing: Forcing,
+    initial_rate: FloatArray,
+    around: RaceAndWind | None = None,
+    guess: FloatArray | None = None,
 ) -> Trajectory:
-    """Return the open-loop motion of P models (parameters of shape (P,)) in S segments.
+    """Return the open-loop motion in S segments that begin with `initial_rate` [rad/s], shape (S,).
 
-    initial_rate [rad/s] has shape (S, P) or (S, 1). Classical Runge-Kutta steps of r' = yaw_acceleration(r, delta)
-    with the parameters scaled to the speed of the moment, and of psi' = r. `around`, parameters of shape (P,) too,
-    is what propeller and wind add; without it they do not count.
+    Classical Runge-Kutta steps of r' = yaw_acceleration(r, delta) with the parameters scaled to the speed of the
+    moment, and of psi' = r. `around` is what propeller and wind add; without it they do not count. guess: rates at
+    the nodes to begin the search with, those of a similar model for instance; it does not change the result.
     """
-    M, S, _ = forcing.step.shape
-    P = np.size(models.gain)
-    ratio = np.maximum(np.abs(forcing.speed) / models.reference_speed, SPEED_FLOOR_RATIO)
-    # every parameter at every moment at once: the loop below is too hot to scale them step by step
-    everywhere = _everywhere(models, ratio)
-    rudder = forcing.rudder if around is None else _effective_rudder(models, around, forcing, ratio, everywhere)
-    scaled = [Norrbin(*moment) for moment in zip(*everywhere, strict=True)]
-    rate = np.empty((M + 1, S, P))
-    turned = np.zeros((M + 1, S, P))
-    rate[0] = initial_rate
-    for k in range(M):
-        h = forcing.step[k]
-        begin, middle, end = scaled[2 * k : 2 * k + 3]
-        d0, d1, d2 = rudder[2 * k : 2 * k + 3]
-        r = rate[k]
-        k1 = yaw_acceleration(begin, r, d0)
-        k2 = yaw_acceleration(middle, r + 0.5 * h * k1, d1)
-        k3 = yaw_acceleration(middle, r + 0.5 * h * k2, d1)
-        k4 = yaw_acceleration(end, r + h * k3, d2)
-        _bounded(r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), rate[k + 1])
-        _bounded(r + h / 6.0 * (k1 + k2 + k3), turned[k + 1])
-    turned[1:] = np.cumsum(turned[1:] * forcing.step, axis=0)
-    return Trajectory(rate, turned)
+    drive = _drive(model, forcing, around)
+    rate = _by_newton(drive, forcing, initial_rate, guess)
+    if rate is None:
+        rate = _one_by_one(drive, forcing, initial_rate)
+    return Trajectory(rate, _turned(_runge_kutta(drive, rate[forcing.begin])[1], forcing))
 
 
-def _effective_rudder(
-    models: Norrbin, around: RaceAndWind, forcing: Forcing, ratio: FloatArray, scaled: Sequence[FloatArray]
-) -> FloatArray:
-    """Return the rudder angle [rad] that would do without race and wind what the rudder does with them."""
-    gain, time_constant = scaled[0], scaled[1]
-    inflow = inflow_ratio(around, models.reference_speed, ratio, forcing.propeller)
-    wind = wind_acceleration(around, forcing.beam_wind, forcing.quarter_wind)
-    return forcing.rudder * inflow + wind * time_constant / gain
+@np.errstate(over="ignore", invalid="ignore")
+def slopes(
+    model: Norrbin,
+    forcing: Forcing,
+    motion: Trajectory,
+    shifted: Sequence[tuple[Norrbin, RaceAndWind | None]],
+    by: float,
+    around: RaceAndWind | None = None,
+) -> list[Trajectory]:
+    """Return the derivatives of `motion` by each parameter that was shifted, and last by the initial rates.
+
+    shifted: model and surroundings with one parameter moved, `by` that much in whatever unit the derivative is wanted. Differences are taken within each step, and carried
+    on by the linearised recurrence: exact but for rounding, and independent of how long the record is.
+    """
+    start = motion.rate[forcing.begin]
+    drive = _drive(model, forcing, around)
+    ahead, advance = _runge_kutta(drive, start)
+    probe = PROBE * max(float(np.max(np.abs(start))), PROBE)
+    beside, advance_beside = _runge_kutta(drive, start + probe)
+    memory, turning = (beside - ahead) / probe, (advance_beside - advance) / probe
+    result = []
+    for other, beside_it in shifted:
+        moved, moved_advance = _runge_kutta(_drive(other, forcing, beside_it), start)
+        rate = _recurrence(memory, (moved - ahead) / by, np.zeros(forcing.first.size), forcing)
+        result.append(
+            Trajectory(rate, _turned((moved_advance - advance) / by + turning * rate[forcing.begin], forcing))
+        )
+    rate = _recurrence(memory, np.zeros(start.size), np.ones(forcing.first.size), forcing)
+    return [*result, Trajectory(rate, _turned(turning * rate[forcing.begin], forcing))]
 
 
-def _everywhere(models: Norrbin, ratio: FloatArray) -> list[FloatArray]:
-    """Return the parameters of P models at each speed `ratio`, shape (..., P), as arrays of that shape."""
-    scaled = at_speed_ratio(models, cast(float, ratio))
-    return [np.broadcast_to(np.asarray(values), ratio.shape) for values in scaled]
+class _Drive(NamedTuple):
+    """Parameters at the speed of the beginning, middle and end of each step, the rudder there, and the steps."""
+
+    begin: Norrbin
+    middle: Norrbin
+    end: Norrbin
+    rudder: FloatArray
+    step: FloatArray
 
 
-def _bounded(rate: FloatArray, out: FloatArray) -> None:
-    """Write `rate` into `out`, held inside the bound; nan (overflow on overflow) becomes the bound."""
-    np.fmax(rate, -RATE_BOUND_RAD_S, out=out)
-    np.fmin(out, RATE_BOUND_RAD_S, out=out)
+def _drive(model: Norrbin, forcing: Forcing, around: RaceAndWind | None) -> _Drive:
+    ratio = np.maximum(np.abs(forcing.speed) / model.reference_speed, SPEED_FLOOR_RATIO)
+    begin, middle, end = (at_speed_ratio(model, cast(float, moment)) for moment in ratio)
+    rudder = forcing.rudder
+    if around is not None:
+        inflow = inflow_ratio(around, model.reference_speed, ratio, forcing.propeller)
+        wind = wind_acceleration(around, forcing.beam_wind, forcing.quarter_wind)
+        # the rudder angle that would do without race and wind what the rudder does with them
+        rudder = rudder * inflow + wind * model.time_constant / (ratio * ratio * model.gain)
+    return _Drive(begin, middle, end, rudder, forcing.step)
 
 
-def at_samples(trajectory: FloatArray, forcing: Forcing, segments: Sequence[Segment], s: int) -> FloatArray:
-    """Return segment `s` of a (M+1, S, P) trajectory at its N sample times, linear between steps: shape (N, P)."""
-    knots, time = forcing.knots[s], segments[s].time
-    right = np.clip(np.searchsorted(knots, time), 1, knots.size - 1)
-    share = ((time - knots[right - 1]) / (knots[right] - knots[right - 1]))[:, None]
-    column = trajectory[:, s]
-    return np.asarray(column[right - 1] * (1.0 - share) + column[right] * share)
+def _runge_kutta(drive: _Drive, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the rates [rad/s] one step after `rate`, and the angles [rad] turned meanwhile."""
+    h, (d0, d1, d2) = drive.step, drive.rudder
+    k1 = _acceleration(drive.begin, rate, d0)
+    k2 = _acceleration(drive.middle, rate + 0.5 * h * k1, d1)
+    k3 = _acceleration(drive.middle, rate + 0.5 * h * k2, d1)
+    k4 = _acceleration(drive.end, rate + h * k3, d2)
+    between = k1 + k2 + k3
+    return rate + h / 6.0 * (between + k2 + k3 + k4), h * (rate + h / 6.0 * between)
+
+
+def _acceleration(model: Norrbin, rate: FloatArray, rudder: FloatArray) -> FloatArray:
+    """The scalar equation of `models.norrbin`, elementwise."""
+    return cast(FloatArray, yaw_acceleration(model, cast(float, rate), cast(float, rudder)))
+
+
+def _by_newton(
+    drive: _Drive, forcing: Forcing, initial_rate: FloatArray, guess: FloatArray | None
+) -> FloatArray | None:
+    """Return the rates at the nodes that follow from one another, None where Newton's method does not arrive."""
+    rate = np.zeros(forcing.step.size + forcing.first.size) if guess is None else guess.copy()
+    rate[forcing.first] = initial_rate
+    for _ in range(NEWTON_ROUNDS):
+        start = rate[forcing.begin]
+        largest = float(np.max(np.abs(rate)))
+        if not largest < RATE_BOUND_RAD_S:
+            return None
+        ahead = _runge_kutta(drive, start)[0]
+        defect = ahead - rate[forcing.begin + 1]
+        if float(np.max(np.abs(defect))) <= SETTLED * max(largest, SETTLED):
+            return rate
+        probe = PROBE * max(largest, PROBE)
+        memory = (_runge_kutta(drive, start + probe)[0] - ahead) / probe
+        rate = rate + _recurrence(memory, defect, np.zeros(forcing.first.size), forcing)
+    return None
+
+
+def _recurrence(memory: FloatArray, source: FloatArray, initial: FloatArray, forcing: Forcing) -> FloatArray:
+    """Return x at the nodes with x = `initial` at each segment's first and x_k+1 = memory_k x_k + source_k."""
+    nodes = forcing.step.size + forcing.first.size
+    band = np.zeros((2, nodes), order="F")
+    band[1, forcing.begin] = -memory
+    x = np.empty(nodes)
+    x[forcing.first] = initial
+    x[forcing.begin + 1] = source
+    return np.asarray(dtbsv(1, band, x, lower=1, diag=1, overwrite_x=1))
+
+
+def _one_by_one(drive: _Drive, forcing: Forcing, initial_rate: FloatArray) -> FloatArray:
+    """Return the rates at the nodes, step after step in plain numbers, held inside the bound."""
+    rate = np.empty(forcing.step.size + forcing.first.size)
+    rate[forcing.first] = initial_rate
+    models = [[np.broadcast_to(values, drive.step.shape).tolist() for values in model] for model in drive[:3]]
+    begin, middle, end = ([Norrbin(*row) for row in zip(*model, strict=True)] for model in models)
+    rows = zip(begin, middle, end, drive.rudder.T.tolist(), drive.step.tolist(), forcing.begin.tolist(), strict=True)
+    for *scaled, rudder, step, node in rows:
+        following = float(_runge_kutta(_Drive(*scaled, rudder, step), rate[node])[0])
+        # overflow on overflow is not a number: the bound is as good
+        rate[node + 1] = max(-RATE_BOUND_RAD_S, min(RATE_BOUND_RAD_S, following))
+    return rate
+
+
+def _turned(advance: FloatArray, forcing: Forcing) -> FloatArray:
+    """Return the angle turned since each segment's beginning at the nodes, from what each step adds."""
+    turned = np.zeros(forcing.step.size + forcing.first.size)
+    turned[forcing.begin + 1] = advance
+    turned = np.cumsum(turned)
+    lengths = np.diff(np.append(forcing.first, turned.size))
+    return np.asarray(turned - np.repeat(turned[forcing.first], lengths))
+
+
+def at_samples(values: FloatArray, forcing: Forcing, s: int) -> FloatArray:
+    """Return `values` at the nodes, shape (M+S,), at the N samples of segment `s`, linear between nodes."""
+    left, share = forcing.samples[s]
+    return np.asarray(values[left] * (1.0 - share) + values[left + 1] * share)

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.identification.residuals import initial_state, typical_rate
+from autopilot.identification.residuals import initial_state, triangle, typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment
-from autopilot.identification.simulation import at_samples, forcing, simulate, stack
+from autopilot.identification.simulation import Forcing, at_samples, forcing, simulate
 from autopilot.models.norrbin import Norrbin
 
 GRID_POINTS = 18
@@ -73,33 +73,45 @@ def unstable_starting_point(runs: Sequence[Run], linear: Norrbin) -> Norrbin:
     ]
     steps = forcing(segments, linear.time_constant * float(factors[0]) / STEPS_PER_TIME_CONSTANT)
     states = [initial_state(segment) for segment in segments]
-    trajectory = simulate(stack(candidates), steps, np.array([[start] for start, _ in states]))
-    misfit = np.zeros(len(candidates))
+    misfits = [_misfit(model, segments, steps, states) for model in candidates]
+    return candidates[int(np.argmin(misfits))]
+
+
+def _misfit(
+    model: Norrbin, segments: Sequence[Segment], steps: Forcing, states: Sequence[tuple[float, float]]
+) -> float:
+    motion = simulate(model, steps, np.array([start for start, _ in states]))
+    total = 0.0
     for s, segment in enumerate(segments):
         measured_rate = bool(np.isfinite(segment.rate).any())
-        response = at_samples(trajectory.rate if measured_rate else trajectory.turned, steps, segments, s)
+        response = at_samples(motion.rate if measured_rate else motion.turned, steps, s)
         measured = segment.rate if measured_rate else segment.heading - states[s][1]
-        misfit += np.nansum((response - measured[:, None]) ** 2, axis=0)
-    return candidates[int(np.argmin(misfit))]
+        total += float(np.nansum((response - measured) ** 2))
+    return total
 
 
 def _linear_fit(segments: Sequence[Segment], T: float, reference_speed: float) -> StartingPoint:
     unit = Norrbin(1.0, T, reference_speed=reference_speed)
-    models = stack([unit, unit._replace(gain=0.0, n0=-1.0), unit._replace(gain=0.0)])
     steps = forcing(segments, T / STEPS_PER_TIME_CONSTANT)
-    trajectory = simulate(models, steps, np.array([[0.0, 0.0, 1.0]] * len(segments)))
-    lefts, columns = [], []
+    still, turning = np.zeros(len(segments)), np.ones(len(segments))
+    driven, offset, free = (
+        simulate(unit, steps, still),
+        simulate(unit._replace(gain=0.0, n0=-1.0), steps, still),
+        simulate(unit._replace(gain=0.0), steps, turning),
+    )
+    rows = []
     for s, segment in enumerate(segments):
         measured_rate = bool(np.isfinite(segment.rate).any())
-        response = at_samples(trajectory.rate if measured_rate else trajectory.turned, steps, segments, s)
+        response = [at_samples(m.rate if measured_rate else m.turned, steps, s) for m in (driven, offset, free)]
         measured = segment.rate if measured_rate else segment.heading - initial_state(segment)[1]
         known = np.isfinite(measured)
-        own = np.zeros((int(np.count_nonzero(known)), 2 * len(segments)))
-        own[:, 2 * s] = response[known, 2]
-        own[:, 2 * s + 1] = 0.0 if measured_rate else 1.0
-        lefts.append(measured[known])
-        columns.append(np.hstack([response[known, :2], own]))
-    return _solve(np.concatenate(columns), np.concatenate(lefts), unit)
+        start = np.full(measured.size, 0.0 if measured_rate else 1.0)
+        own = triangle(np.stack([*response, start, measured], axis=1)[known])
+        row = np.zeros((own.shape[0], 2 + 2 * len(segments) + 1))
+        row[:, [0, 1, 2 + 2 * s, 3 + 2 * s, -1]] = own
+        rows.append(row)
+    table = np.concatenate(rows)
+    return _solve(table[:, :-1], table[:, -1], unit)
 
 
 def _solve(columns: FloatArray, left: FloatArray, unit: Norrbin) -> StartingPoint:

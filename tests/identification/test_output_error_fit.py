@@ -9,7 +9,7 @@ from zigzag_trials import LANXIN, noisy, run_of, zigzag
 from autopilot.errors import InputError
 from autopilot.identification.identify import SteadyTurns, identify, mean_speed
 from autopilot.identification.prediction import predict
-from autopilot.identification.simulation import at_samples, forcing, simulate, stack
+from autopilot.identification.simulation import at_samples, forcing, simulate
 from autopilot.identification.two_stage import cubic_damping_stage, nomoto_stage
 from autopilot.models.norrbin import Norrbin, steady_rate
 
@@ -165,10 +165,10 @@ def test_a_boat_that_makes_no_way_is_refused() -> None:
 def test_the_simulation_follows_an_independent_integration(longest: float) -> None:
     run = run_of(FINE)
     steps = forcing(run.segments, longest)
-    truth = stack([Norrbin(LANXIN["K"], LANXIN["T"], LANXIN["n3"], reference_speed=5.0)])
-    trajectory = simulate(truth, steps, np.array([[0.0]]))
-    rate = at_samples(trajectory.rate, steps, run.segments, 0)[:, 0]
-    turned = at_samples(trajectory.turned, steps, run.segments, 0)[:, 0]
+    truth = Norrbin(LANXIN["K"], LANXIN["T"], LANXIN["n3"], reference_speed=5.0)
+    trajectory = simulate(truth, steps, np.array([0.0]))
+    rate = at_samples(trajectory.rate, steps, 0)
+    turned = at_samples(trajectory.turned, steps, 0)
     tolerance = 2.0e-3 if longest < 0.1 else 2.0e-2
     np.testing.assert_allclose(rate, FINE["yaw_rate_rad_s"], atol=tolerance)
     np.testing.assert_allclose(turned, FINE["heading_rad"], atol=4.0 * tolerance)
