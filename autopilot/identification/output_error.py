@@ -29,8 +29,13 @@ from autopilot.identification.simulation import forcing
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
-STEPS_PER_TIME_CONSTANT = 12.0
-"""Integration steps per time constant during the fit; Runge-Kutta is then exact to far below any sensor."""
+STEPS_PER_TIME_CONSTANT = 4.0
+"""Integration steps per time constant, at least, during the fit: Runge-Kutta is then exact to some 3e-5."""
+SAMPLES_TOGETHER = 40.0
+"""Samples closer than this share of a time constant are stepped over together: what lies between two steps is
+interpolated linearly, and that is the coarser of the two approximations."""
+LARGE_TURN = 2.0
+"""Cubic damping shortens the memory in a turn; it is reckoned with at this many times the typical rate."""
 
 NOT_NEGATIVE = ("n3", "race")
 AT_BOUND = 1.0e-4
@@ -84,7 +89,8 @@ def solve(
     around = around or RaceAndWind()
     noise: tuple[Noise, Noise] | None = None
     for _ in range(rounds):
-        steps = forcing(segments, base.time_constant / STEPS_PER_TIME_CONSTANT)
+        memory = _shortest_memory(base, scale)
+        steps = forcing(segments, memory / STEPS_PER_TIME_CONSTANT, memory / SAMPLES_TOGETHER)
         problem = Problem(segments, steps, base, around, free, scale, units(base, around, scale, segments))
         z = _minimise(problem, problem.vector(states), noise or _noise(problem, problem.vector(states)))
         base, around, states = problem.model(z), problem.race_and_wind(z), problem.states(z)
@@ -93,6 +99,11 @@ def solve(
         if before is not None and _settled(before, noise):
             break
     return _solution(problem, z)
+
+
+def _shortest_memory(model: Norrbin, typical_rate: float) -> float:
+    """Return T/(1 + 3 n3 r^2) [s] in a large turn: the linearised time constant there."""
+    return model.time_constant / (1.0 + 3.0 * model.n3 * (LARGE_TURN * typical_rate) ** 2)
 
 
 def _settled(before: Sequence[Noise], now: Sequence[Noise]) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtbsv
 
+from autopilot.identification.rudder_path import corners
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, wind_acceleration
@@ -26,10 +27,12 @@ NEWTON_ROUNDS = 20
 """Rounds after which the recurrence is stepped through one by one: a model that runs away does not settle."""
 SETTLED = 1.0e-12
 """Change of the rates, as a share of the largest, below which Newton's method has arrived."""
+NEARLY = 1.0e-6
+"""A defect, as a share of the largest rate, from which one round more leads to rounding errors: they square."""
 PROBE = 1.0e-6
 """Step of the finite differences inside one integration step, as a share of the largest rate."""
 
-DRIVING = ("rudder", "speed", "propeller", "beam_wind", "quarter_wind")
+BESIDE_RUDDER = ("speed", "propeller", "beam_wind", "quarter_wind")
 
 
 IntArray = NDArray[np.intp]
@@ -69,26 +72,41 @@ class Trajectory(NamedTuple):
     turned: FloatArray
 
 
-def forcing(segments: Sequence[Segment], longest_step: float) -> Forcing:
+def forcing(segments: Sequence[Segment], longest_step: float, together: float | None = None) -> Forcing:
     """Return the segments' rudder and speed on steps of at most about `longest_step` [s].
 
-    Samples closer together than that are stepped over in groups, samples further apart are subdivided; between
-    samples rudder and speed move linearly.
+    Samples further apart than that are subdivided; those that lie within `together` [s], by default the same, are
+    stepped over in one. Between samples rudder and speed move linearly.
     """
-    knots = [_knots(segment.time, longest_step) for segment in segments]
+    reach = longest_step if together is None else together
+    turns = [corners(segment.time, segment.rudder) for segment in segments]
+    knots = [
+        _knots(np.union1d(segment.time, times), longest_step, reach)
+        for segment, (times, _) in zip(segments, turns, strict=True)
+    ]
     first = np.cumsum([0, *(times.size for times in knots[:-1])])
     begin = np.concatenate([start + np.arange(times.size - 1) for start, times in zip(first, knots, strict=True)])
     moments = [np.stack([t[:-1], 0.5 * (t[:-1] + t[1:]), t[1:]]) for t in knots]
+    rudders = [_with_corners(segment, turn) for segment, turn in zip(segments, turns, strict=True)]
     driven = {
+        "rudder": np.concatenate([np.interp(m, *path) for m, path in zip(moments, rudders, strict=True)], axis=1)
+    } | {
         name: np.concatenate(
             [_recorded(segment, name, times) for segment, times in zip(segments, moments, strict=True)], axis=1
         )
-        for name in DRIVING
+        for name in BESIDE_RUDDER
     }
     samples = tuple(
         _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
     )
     return Forcing(np.concatenate([np.diff(times) for times in knots]), begin, first, **driven, samples=samples)
+
+
+def _with_corners(segment: Segment, turns: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return the rudder's path: the samples and the corners between them, in order of time."""
+    time = np.concatenate([segment.time, turns[0]])
+    order = np.argsort(time)
+    return time[order], np.concatenate([segment.rudder, turns[1]])[order]
 
 
 def _recorded(segment: Segment, name: str, moments: FloatArray) -> FloatArray:
@@ -101,9 +119,9 @@ def _places(time: FloatArray, knots: FloatArray, start: int) -> SamplePlaces:
     return SamplePlaces(start + right - 1, (time - knots[right - 1]) / (knots[right] - knots[right - 1]))
 
 
-def _knots(time: FloatArray, longest_step: float) -> FloatArray:
+def _knots(time: FloatArray, longest_step: float, together: float) -> FloatArray:
     """Return the ends of the integration steps [s]: every few samples, or several within a sample spacing."""
-    within = np.searchsorted(time, time + longest_step * (1.0 + 1.0e-9), side="right") - 1
+    within = np.searchsorted(time, time + together * (1.0 + 1.0e-9), side="right") - 1
     # the last sample within reach, and the next one where none is
     following = np.maximum(within, np.arange(1, time.size + 1)).tolist()
     chosen = [0]
@@ -217,11 +235,14 @@ def _by_newton(
             return None
         ahead = _runge_kutta(drive, start)[0]
         defect = ahead - rate[forcing.begin + 1]
-        if float(np.max(np.abs(defect))) <= SETTLED * max(largest, SETTLED):
+        error = float(np.max(np.abs(defect))) / max(largest, SETTLED)
+        if error <= SETTLED:
             return rate
         probe = PROBE * max(largest, PROBE)
         memory = (_runge_kutta(drive, start + probe)[0] - ahead) / probe
         rate = rate + _recurrence(memory, defect, np.zeros(forcing.first.size), forcing)
+        if error <= NEARLY:
+            return rate
     return None
 
 
