@@ -24,16 +24,16 @@ from scipy.optimize import least_squares
 
 from autopilot.identification.noise import Noise, residual_noise, robust_covariance
 from autopilot.identification.residuals import Problem, initial_state, triangle, typical_rate, units
-from autopilot.identification.runs import FloatArray, Run
-from autopilot.identification.simulation import forcing
+from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.simulation import Forcing, forcing
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
 STEPS_PER_TIME_CONSTANT = 4.0
 """Integration steps per time constant, at least, during the fit: Runge-Kutta is then exact to some 3e-5."""
-SAMPLES_TOGETHER = 40.0
-"""Samples closer than this share of a time constant are stepped over together: what lies between two steps is
-interpolated linearly, and that is the coarser of the two approximations."""
+SAMPLES_TOGETHER = 200.0
+"""Samples closer than a time constant by this number are stepped over together: what lies inside a step, the rudder's
+movement and the motion between two samples, is otherwise known only roughly."""
 LARGE_TURN = 2.0
 """Cubic damping shortens the memory in a turn; it is reckoned with at this many times the typical rate."""
 
@@ -89,8 +89,7 @@ def solve(
     around = around or RaceAndWind()
     noise: tuple[Noise, Noise] | None = None
     for _ in range(rounds):
-        memory = _shortest_memory(base, scale)
-        steps = forcing(segments, memory / STEPS_PER_TIME_CONSTANT, memory / SAMPLES_TOGETHER)
+        steps = fit_steps(segments, base, scale)
         problem = Problem(segments, steps, base, around, free, scale, units(base, around, scale, segments))
         z = _minimise(problem, problem.vector(states), noise or _noise(problem, problem.vector(states)))
         base, around, states = problem.model(z), problem.race_and_wind(z), problem.states(z)
@@ -101,9 +100,13 @@ def solve(
     return _solution(problem, z)
 
 
-def _shortest_memory(model: Norrbin, typical_rate: float) -> float:
-    """Return T/(1 + 3 n3 r^2) [s] in a large turn: the linearised time constant there."""
-    return model.time_constant / (1.0 + 3.0 * model.n3 * (LARGE_TURN * typical_rate) ** 2)
+def fit_steps(segments: Sequence[Segment], model: Norrbin, typical_rate: float) -> Forcing:
+    """Return the integration steps for models near `model` that turn at about `typical_rate` [rad/s].
+
+    What counts is T/(1 + 3 n3 r^2) in a large turn, the linearised time constant there.
+    """
+    memory = model.time_constant / (1.0 + 3.0 * model.n3 * (LARGE_TURN * typical_rate) ** 2)
+    return forcing(segments, memory / STEPS_PER_TIME_CONSTANT, memory / SAMPLES_TOGETHER)
 
 
 def _settled(before: Sequence[Noise], now: Sequence[Noise]) -> bool:

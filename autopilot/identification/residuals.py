@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 
@@ -186,5 +187,5 @@ def triangle(table: FloatArray) -> FloatArray:
     blocks = -(-table.shape[0] // BLOCK_ROWS)
     padded = np.zeros((blocks * BLOCK_ROWS, columns))
     padded[: table.shape[0]] = table
-    triangles = np.linalg.qr(padded.reshape(blocks, BLOCK_ROWS, columns), mode="r")
-    return np.asarray(np.linalg.qr(triangles.reshape(-1, columns), mode="r"))
+    triangles = cast(FloatArray, np.linalg.qr(padded.reshape(blocks, BLOCK_ROWS, columns), mode="r"))
+    return cast(FloatArray, np.linalg.qr(triangles.reshape(-1, columns), mode="r"))

@@ -164,8 +164,9 @@ def slopes(
 ) -> list[Trajectory]:
     """Return the derivatives of `motion` by each parameter that was shifted, and last by the initial rates.
 
-    shifted: model and surroundings with one parameter moved, `by` that much in whatever unit the derivative is wanted. Differences are taken within each step, and carried
-    on by the linearised recurrence: exact but for rounding, and independent of how long the record is.
+    shifted: model and surroundings with one parameter moved, `by` that much in the unit the derivative is wanted in.
+    Differences are taken within each step and carried on by the linearised recurrence: exact but for rounding, however
+    long the record is.
     """
     start = motion.rate[forcing.begin]
     drive = _drive(model, forcing, around)
@@ -264,8 +265,8 @@ def _one_by_one(drive: _Drive, forcing: Forcing, initial_rate: FloatArray) -> Fl
     models = [[np.broadcast_to(values, drive.step.shape).tolist() for values in model] for model in drive[:3]]
     begin, middle, end = ([Norrbin(*row) for row in zip(*model, strict=True)] for model in models)
     rows = zip(begin, middle, end, drive.rudder.T.tolist(), drive.step.tolist(), forcing.begin.tolist(), strict=True)
-    for *scaled, rudder, step, node in rows:
-        following = float(_runge_kutta(_Drive(*scaled, rudder, step), rate[node])[0])
+    for first, second, third, rudder, step, node in rows:
+        following = float(_runge_kutta(_Drive(first, second, third, rudder, step), rate[node])[0])
         # overflow on overflow is not a number: the bound is as good
         rate[node + 1] = max(-RATE_BOUND_RAD_S, min(RATE_BOUND_RAD_S, following))
     return rate
