@@ -1,0 +1,72 @@
+"""What the output-error fit of an hour of recordings takes, and what its simulation takes beside a loop over time.
+
+    python benchmarks/identification_speed.py [--json]
+
+Five zigzags of twelve minutes at 10 Hz with noise: 36,000 samples. The peer of the simulation is the same Runge-Kutta
+step taken one after the other in plain Python, in this process and in turn. Seconds are this machine's, of this day.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import time
+
+import numpy as np
+from identification_accuracy import BOATS, SPEED, Boat, noisy
+
+from autopilot.identification import simulation
+from autopilot.identification.identify import identify
+from autopilot.identification.output_error import fit_steps
+from autopilot.identification.residuals import typical_rate
+
+RUNS, MINUTES, ROUNDS = 5, 12, 5
+
+
+def measure(boat: Boat) -> dict[str, object]:
+    """Return the seconds of the fit, and the ratio of the loop over time to the simulation of all steps at once."""
+    runs = [noisy(boat._replace(seconds=60.0 * MINUTES), seed) for seed in range(RUNS)]
+    begin, cpu = time.perf_counter(), time.process_time()
+    found = identify(runs, reference_speed=SPEED)
+    wall, cpu = time.perf_counter() - begin, time.process_time() - cpu
+    segments = [segment for run in runs for segment in run.segments]
+    steps = fit_steps(segments, boat.model, typical_rate(segments))
+    start, ratios = np.zeros(len(segments)), []
+    for _ in range(ROUNDS):
+        begin = time.perf_counter()
+        at_once = simulation.simulate(boat.model, steps, start)
+        middle = time.perf_counter()
+        in_turn = simulation._one_by_one(simulation._drive(boat.model, steps, None), steps, start)
+        ratios.append((time.perf_counter() - middle) / (middle - begin))
+    assert np.allclose(at_once.rate, in_turn, atol=1.0e-9)
+    return {
+        "boat": boat.name,
+        "samples": int(sum(segment.time.size for segment in segments)),
+        "steps": int(steps.step.size),
+        "fit_wall_s": round(wall, 2),
+        "fit_cpu_s": round(cpu, 2),
+        "loop_over_simulation": round(statistics.median(ratios), 1),
+        "K": round(found.model.gain, 5),
+        "T": round(found.model.time_constant, 5),
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    rows = [measure(boat) for boat in BOATS[:3]]
+    if options.json:
+        sys.stdout.write(json.dumps(rows, indent=2) + "\n")
+        return
+    sys.stdout.write("| boat | samples | steps | fit wall s | fit CPU s | loop / simulation | K | T |\n")
+    sys.stdout.write("|---|---|---|---|---|---|---|---|\n")
+    for r in rows:
+        sys.stdout.write("| " + " | ".join(str(value) for value in r.values()) + " |\n")
+
+
+if __name__ == "__main__":
+    main()
