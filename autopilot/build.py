@@ -26,6 +26,7 @@ from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.rudder_follow import FollowSettings
+from autopilot.links.signing import Signing
 from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -237,12 +238,13 @@ def drive_settings_of(vessel: Vessel) -> DriveSettings:
 class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
-    `guide` takes what a chart plotter says on NMEA links.
+    `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
     """
 
     as_gcs: bool = False
     vehicle_system: int | None = None
     guide: PlotterGuide | None = None
+    signing: Signing | None = None
 
 
 def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
@@ -268,7 +270,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
         vehicle_system=options.vehicle_system,
         as_gcs=options.as_gcs,
     )
-    return CompanionLink(transport, settings)
+    return CompanionLink(transport, settings, options.signing.link() if options.signing else None)
 
 
 def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008

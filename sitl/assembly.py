@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Callable
 
 from autopilot.errors import InputError
+from autopilot.links.signing import LinkSigning, Signing
 from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
 from autopilot.links.url_options import UrlOptions
 from autopilot.params.vessel_file import load_vessel
@@ -51,7 +52,12 @@ def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed
 
 
 def open_ports(
-    world: World, urls: list[str], nmea: str | None, sentences: str, drive: str | None = None
+    world: World,
+    urls: list[str],
+    nmea: str | None,
+    sentences: str,
+    drive: str | None = None,
+    signing: Signing | None = None,
 ) -> list[tuple[str, Port]]:
     """Open every link; return what its ready line says, and the port. Raises InputError and LinkError."""
     ports: list[tuple[str, Port]] = []
@@ -59,7 +65,8 @@ def open_ports(
         if urls:
             firmware = Firmware(world)
             for url in urls:
-                ports.append((f"mavlink {url}", mavlink_port(firmware, url)))  # noqa: PERF401 - kept on failure, to close
+                port = mavlink_port(firmware, url, signing.link() if signing else None)
+                ports.append((f"mavlink {url}", port))
         if nmea is not None:
             _check_route(world, sentences)
             ports.append(nmea_port(world, nmea, sentences))
@@ -72,13 +79,13 @@ def open_ports(
     return ports
 
 
-def mavlink_port(firmware: Firmware, url: str) -> Port:
+def mavlink_port(firmware: Firmware, url: str, signing: LinkSigning | None = None) -> Port:
     """Open one MAVLink link of the flight controller. Raises InputError and LinkError."""
     link = parse_url(url)
     if link.protocol != "mavlink":
         raise InputError(f"--mavlink {url}: an NMEA link; the instruments are served by --nmea PATH:BAUD.")
     is_stream = link.medium in ("tcp", "tcpin", "serial")
-    return Port(open_transport(link), MavlinkVehicle(firmware, is_stream))
+    return Port(open_transport(link), MavlinkVehicle(firmware, is_stream, signing))
 
 
 def nmea_port(world: World, text: str, sentences: str) -> tuple[str, Port]:

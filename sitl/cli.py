@@ -104,6 +104,9 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         default="calm",
         help=f"scenario file, or a shipped one: {', '.join(shipped_scenarios())} (default calm)",
     )
+    serve.add_argument(
+        "--signing-key", metavar="FILE", help="the flight controller signs with the key in FILE and obeys only what is"
+    )
     serve.add_argument("--speedup", metavar="X", type=_positive, default=1.0, help="simulated seconds per second")
     serve.add_argument("--seed", metavar="N", type=_seed, help="seed of all that is random (default: the scenario's)")
     serve.add_argument("--duration", metavar="S", type=_positive, help="stop after so many simulated seconds")
@@ -183,6 +186,7 @@ class _StopOnSignal:
 
 def run_serve(arguments: argparse.Namespace) -> int:
     """Serve until told to stop."""
+    from autopilot.links.signing_key import open_signing
     from sitl.assembly import open_ports, world_from
     from sitl.serve import Pace, TruthFile, serve
 
@@ -192,7 +196,8 @@ def run_serve(arguments: argparse.Namespace) -> int:
     ports = []
     try:
         urls = arguments.mavlink or ([] if arguments.nmea or arguments.drive else [DEFAULT_MAVLINK])
-        ports = open_ports(world, urls, arguments.nmea, arguments.sentences, arguments.drive)
+        signing = open_signing(arguments.signing_key) if arguments.signing_key else None
+        ports = open_ports(world, urls, arguments.nmea, arguments.sentences, arguments.drive, signing)
         for line, _ in ports:
             print(f"ready {line}", flush=True)
         pace = Pace(arguments.speedup)

@@ -12,6 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.signing import LinkSigning
 from sitl import radio
 from sitl.commands import ACCEPTED, FAILED, UNSUPPORTED, execute
 from sitl.firmware import Firmware
@@ -28,13 +29,14 @@ class MavlinkVehicle:
     """A port of the flight controller. Times are those of the world's clock (see `World.time_at`).
 
     is_stream: whether the bytes that arrive may be split anywhere (TCP, serial line).
+    signing: signs what is sent and refuses what is not signed, as the firmware does on all ports but its first.
     """
 
-    def __init__(self, firmware: Firmware, is_stream: bool = False) -> None:
+    def __init__(self, firmware: Firmware, is_stream: bool = False, signing: LinkSigning | None = None) -> None:
         self.firmware = firmware
         self.world = firmware.world
         system = int(firmware.parameters["SYSID_THISMAV"])
-        self.codec = MavlinkCodec(system=system, component=1, is_stream=is_stream)
+        self.codec = MavlinkCodec(system=system, component=1, is_stream=is_stream, signing=signing)
         self.streams = Streams(firmware.parameters, self.world.time)
         self.reboots_at: float | None = None
         self._outgoing: list[bytes] = []

@@ -7,6 +7,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
+SIGNING_HELP = "sign with the key in FILE, and hear only what is signed with it"
 LINK_HELP = "udpin:127.0.0.1:14550, serial:/dev/ttyUSB0:57600"
 ON_FAILURE = ("ask", "rollback", "keep")
 
@@ -89,6 +90,7 @@ def _add_reading_actions(actions: Any) -> None:
     diff.add_argument("file", metavar="FILE")
     diff.add_argument("other", metavar="FILE|LINK", help=f"another file, or a link: {LINK_HELP}")
     diff.add_argument("--system", type=_system_id, metavar="N", help="the vehicle's system id")
+    diff.add_argument("--signing-key", metavar="FILE", help=SIGNING_HELP)
     diff.add_argument("--json", action="store_true", help="print JSON")
     diff.set_defaults(run=_call("params_reading", "diff"))
 
@@ -158,6 +160,7 @@ def _add_restore(actions: Any) -> None:
 
 def _add_link_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--link", required=True, metavar="URL", help=LINK_HELP)
+    parser.add_argument("--signing-key", metavar="FILE", help=SIGNING_HELP)
     parser.add_argument(
         "--system", type=_system_id, metavar="N", help="the vehicle's system id where several are heard"
     )

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.cli.params_files import formatted
 from autopilot.cli.params_report import difference_table, upload_json, upload_table
 from autopilot.cli.progress import ProgressBar
+from autopilot.cli.signing import signing_of
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.links.base import LinkError
 from autopilot.links.url import SCHEMES
@@ -57,7 +58,7 @@ def _vessel(file: str) -> Vessel | None:
 
 
 def _diff_with_link(arguments: argparse.Namespace) -> list[Difference]:
-    with ParameterSession(arguments.other, arguments.system) as session:
+    with ParameterSession(arguments.other, arguments.system, signing_of(arguments)) as session:
         reading = _compared(session, arguments.file)
     outcomes = reading.outcomes()
     return differences({each.name: each.wanted for each in outcomes}, {each.name: each.old for each in outcomes})
@@ -84,7 +85,7 @@ def refuse_other_firmware(file: str, parameters: ParameterFile, vehicle: Vehicle
 
 def verify(arguments: argparse.Namespace) -> int:
     """Read every parameter of a file back and compare."""
-    with ParameterSession(arguments.link, arguments.system) as session:
+    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
         reading = _compared(session, arguments.file)
         vehicle = session.vehicle
     outcomes = [
@@ -102,7 +103,7 @@ def download(arguments: argparse.Namespace) -> int:
     if Path(arguments.file).exists() and not arguments.overwrite:
         raise InputError(f"{arguments.file}: exists already; give another name, or --overwrite to replace it.")
     formatted(arguments.file, ParameterFile([], []), Heading("ardurover", ""), 1)  # a wrong suffix costs no download
-    with ParameterSession(arguments.link, arguments.system) as session:
+    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
         values = fetched(session, names, arguments.link)
         vehicle = session.vehicle
     save_text(arguments.file, vehicle_text(arguments.file, values, vehicle, arguments.link), overwrite=True)
@@ -112,7 +113,7 @@ def download(arguments: argparse.Namespace) -> int:
 
 def backup(arguments: argparse.Namespace) -> int:
     """Write all parameters into a dated file that nothing has been written to before."""
-    with ParameterSession(arguments.link, arguments.system) as session:
+    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
         values = fetched(session, [], arguments.link)
         vehicle = session.vehicle
     path = Path(arguments.folder) / f"backup-{time.strftime('%Y%m%dT%H%M%S')}-sys{vehicle.system}.yaml"

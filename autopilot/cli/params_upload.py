@@ -10,6 +10,7 @@ from pathlib import Path
 from autopilot.cli.params_reading import refuse_other_firmware
 from autopilot.cli.params_report import upload_json, upload_table
 from autopilot.cli.progress import ProgressBar
+from autopilot.cli.signing import signing_of
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.links.base import LinkError
 from autopilot.params.any_file import ParameterFile, load_parameters
@@ -29,7 +30,7 @@ OWN_ID = ("SYSID_THISMAV", "MAV_SYSID")
 def upload(arguments: argparse.Namespace) -> int:
     """Write a file to a vehicle, read every value back, and go back where that fails."""
     file = load_parameters(arguments.file, vessel_too=True)
-    with ParameterSession(arguments.link, arguments.system) as session:
+    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
         refuse_other_firmware(arguments.file, file, session.vehicle)
         if not arguments.dry_run:
             _refuse_unfinished(session.vehicle, arguments.link)
@@ -150,7 +151,7 @@ def restore(arguments: argparse.Namespace) -> int:
             raise InputError("--to chooses a side of an upload that was cut off; with a FILE leave it out.")
         options = {"dry_run": False, "no_backup": False, "backup": None, "on_failure": "ask"}
         return upload(argparse.Namespace(**vars(arguments), **options))
-    with ParameterSession(arguments.link, arguments.system) as session:
+    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
         path = journal_path(session.vehicle)
         journal = read_journal(path)
         if journal is None:

@@ -13,6 +13,7 @@ from autopilot.links.base import Link
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands, Helmsman
 from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
 from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
 from autopilot.params.saving import save_text
@@ -75,7 +76,13 @@ def _complain(done: Future[None]) -> None:
 
 
 def open_boat_links(
-    serving: Serving, vessel: Vessel, vessel_path: str, pilot: Pilot, law: str | None, saver: BackgroundSaver
+    serving: Serving,
+    vessel: Vessel,
+    vessel_path: str,
+    pilot: Pilot,
+    law: str | None,
+    saver: BackgroundSaver,
+    signing: Signing | None = None,
 ) -> tuple[list[Link], VesselInForce]:
     """Return the opened links to ground stations, and the vessel that is tuned over them. Raises LinkError."""
     in_force = VesselInForce(vessel, pilot, law, tuned_file(vessel_path), saver)
@@ -84,7 +91,8 @@ def open_boat_links(
     try:
         for url in serving.urls:
             transport = open_transport(url)
-            links.append(BoatLink(transport, commands, ParameterServer(in_force), serving.system))
+            ours = signing.link() if signing is not None else None
+            links.append(BoatLink(transport, commands, ParameterServer(in_force), serving.system, ours))
     except BaseException:
         for link in links:
             link.close()

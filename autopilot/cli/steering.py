@@ -15,9 +15,11 @@ from autopilot import __version__
 from autopilot.angles import compass_deg
 from autopilot.build import LinkOptions, build_links, build_pilot
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
+from autopilot.cli.signing import add_signing_option, signing_of
 from autopilot.errors import ExitCode, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, Shows
+from autopilot.links.signing import Signing, hint_of
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.record import Recorder
 from autopilot.loop.session import Orders, Session
@@ -46,6 +48,7 @@ def add_steering_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--as-gcs", action="store_true", help="send steering with the ground station's id, which ArduPilot obeys"
     )
+    add_signing_option(parser)
     parser.add_argument("--vehicle-system", type=int, metavar="ID", help="MAVLink system id of the vehicle")
     parser.add_argument(
         "--wait", type=float, default=30.0, metavar="S", help="give up when no heading comes for this long (0: never)"
@@ -58,9 +61,12 @@ def add_steering_options(parser: argparse.ArgumentParser) -> None:
 class Ending:
     """Whether to stop, and the checks that end a run early. Called after every tick."""
 
-    def __init__(self, links: list[str], wait: float, must_engage: bool, heading_timeout: float) -> None:
+    def __init__(
+        self, links: list[str], wait: float, must_engage: bool, heading_timeout: float, signing: Signing | None = None
+    ) -> None:
         self.stop = False
         self._heading_timeout = heading_timeout
+        self._signing = signing
         self._links = ", ".join(links)
         self._wait = wait
         self._must_engage = must_engage
@@ -98,6 +104,7 @@ class Ending:
         return LinkError(
             f"no heading came over {self._links} in {seconds:.0f} s: check that the vehicle or compass is on, that it "
             f"sends to this address, the baud rate, and sensors.variation_deg for a compass that knows no true north"
+            f"{hint_of(self._signing)}"
         )
 
     def _refusal(self, tick: Tick) -> RefusedError:
@@ -118,13 +125,15 @@ def steer(
     """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released."""
     pilot = build_pilot(vessel, law)
     clock = MonotonicClock(arguments.speedup)
-    ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s)
-    links = build_links(vessel, arguments.link, LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide))
+    signing = signing_of(arguments)
+    ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
+    options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing)
+    links = build_links(vessel, arguments.link, options)
     recorder = None
     saver = BackgroundSaver()
     try:
         if serving is not None and serving.urls:
-            boat_links, in_force = open_boat_links(serving, vessel, arguments.vessel, pilot, law, saver)
+            boat_links, in_force = open_boat_links(serving, vessel, arguments.vessel, pilot, law, saver, signing)
             links = [*links, *boat_links]
             print(_which_file(arguments.vessel, in_force))
         if arguments.log is not None:
@@ -160,6 +169,8 @@ def steer(
         saver.close()
         for number, handler in before.items():
             signal.signal(number, handler)
+    if signing is not None and signing.refused:
+        print(signing.summary)
     last = session.tick
     if last is not None and last.mode is Mode.FAILSAFE:
         print(f"ended in fail-safe: {'; '.join(last.alarms)}", file=sys.stderr)

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
+from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts
 from autopilot.links.transports import UdpInTransport
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
@@ -70,19 +71,24 @@ class CompanionSettings(NamedTuple):
 class CompanionLink:
     """A `Link` to an ArduRover boat over any transport. ValueError where the settings cannot be.
 
+    `signing`: everything sent is signed, and nothing is heard that is not.
+
     Attributes:
         state: MAV_STATE in our heartbeat; whoever runs the loop keeps it honest.
         dropped: packets that the transport could not take.
     """
 
-    def __init__(self, transport: Transport, settings: CompanionSettings) -> None:
+    def __init__(self, transport: Transport, settings: CompanionSettings, signing: LinkSigning | None = None) -> None:
         self.name = transport.name
         self.state: int = dialect.MAV_STATE_STANDBY
         self.dropped = 0
         self._transport = transport
         self._settings = settings
-        self._codec = MavlinkCodec(settings.vehicle_system or 1, COMPONENT, transport.is_stream)
-        self._gcs_codec = MavlinkCodec(settings.gcs_system or DEFAULT_GCS, dialect.MAV_COMP_ID_MISSIONPLANNER)
+        self._signing = signing
+        self._codec = MavlinkCodec(settings.vehicle_system or 1, COMPONENT, transport.is_stream, signing)
+        self._gcs_codec = MavlinkCodec(
+            settings.gcs_system or DEFAULT_GCS, dialect.MAV_COMP_ID_MISSIONPLANNER, signing=signing
+        )
         self._steering_codec = self._gcs_codec if settings.as_gcs else self._codec
         self._output = SteeringOutput(settings.method, settings.rudder_at_full, settings.reversed)
         self._reader = VehicleReader(self._output, settings.attitude_rate_hz, settings.heading_latency)
@@ -227,7 +233,7 @@ class CompanionLink:
         self._transmit(now, message, self._codec)
 
     def _holds_our_vehicle(self, datagram: bytes) -> bool:
-        messages = MavlinkCodec().decode(datagram)
+        messages = MavlinkCodec(signing=self._signing and self._signing.observer()).decode(datagram)
         return any(message_id(message) == HEARTBEAT and self._is_ours(message) for message in messages)
 
     def _is_ours(self, message: Message) -> bool:

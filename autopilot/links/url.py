@@ -6,8 +6,9 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.mavlink_codec import is_mavlink
+from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
 from autopilot.links.nmea0183 import is_nmea
+from autopilot.links.signing import LinkSigning
 from autopilot.links.transports import (
     SerialTransport,
     TcpClientTransport,
@@ -112,6 +113,13 @@ def open_transport(url: LinkUrl | str) -> Transport:
     if link.medium == "tcp":
         return TcpClientTransport(link.text, link.host, link.port)
     return TcpServerTransport(link.text, link.host, link.port)
+
+
+def believe_signed(transport: Transport, signing: LinkSigning | None) -> None:
+    """Let nobody become the peer of a listening MAVLink transport who does not sign with our key, where we have one."""
+    if signing is not None and isinstance(transport, UdpInTransport):
+        observer = signing.observer()
+        transport.accepts = lambda datagram: bool(MavlinkCodec(signing=observer).decode(datagram))
 
 
 def _number(text: str, scheme: str, what: str, digits: str, low: int, high: int) -> int:

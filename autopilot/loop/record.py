@@ -21,7 +21,8 @@ import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.links.mavlink_codec import MAGIC_V2, MavlinkCodec, frame_length
+from autopilot.links.mavlink_codec import MavlinkCodec, frame_length
+from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
 from autopilot.loop.tick_codec import HEADER, TICK, VESSEL, decode_header, decode_tick, encode_header, encode_tick
 from autopilot.signals import HeadingSample, Tick
 
@@ -32,6 +33,7 @@ MOST_PIECES = 255
 PLOT_PERIOD = 0.1
 COMPONENT = 191
 FORMAT = 1
+SETUP_SIGNING = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 
 
 class Recorder:
@@ -52,7 +54,7 @@ class Recorder:
 
     def record(self, tick: Tick, packets: list[tuple[float, bytes]]) -> None:
         """Append one tick and the MAVLink packets that went with it. A full disk stops the log, not the boat."""
-        parts = [self._stamp(when) + packet for when, packet in packets]
+        parts = self._stamped(packets)
         if tick.now >= self._next_plot:
             self._next_plot = tick.now + PLOT_PERIOD
             parts.extend(self._plots(tick))
@@ -65,7 +67,7 @@ class Recorder:
 
     def keep_packets(self, packets: list[tuple[float, bytes]]) -> None:
         """Append MAVLink packets that belong to no tick."""
-        self._write(b"".join(self._stamp(when) + packet for when, packet in packets))
+        self._write(b"".join(self._stamped(packets)))
 
     def keep_vessel(self, text: str) -> None:
         """Append the vessel as it is from the next tick on."""
@@ -87,6 +89,14 @@ class Recorder:
             return
         if written < len(data):
             self.failed = "log stopped: disk full; free the disk and start a new log"
+
+    def _stamped(self, packets: list[tuple[float, bytes]]) -> list[bytes]:
+        """Nothing goes into a log that helps towards a signing key: no signatures, no message that carries one."""
+        return [
+            self._stamp(when) + without_signature(packet)
+            for when, packet in packets
+            if identity_of(packet) != SETUP_SIGNING
+        ]
 
     def _stamp(self, when: float) -> bytes:
         return struct.pack(">Q", int((when + self._offset) * 1.0e6))

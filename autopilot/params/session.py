@@ -13,7 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.url import open_transport, parse_url
+from autopilot.links.signing import Signing, hint_of
+from autopilot.links.url import believe_signed, open_transport, parse_url
 from autopilot.params.protocol import Target, is_from
 from autopilot.params.value_coding import BYTEWISE_AUTOPILOTS
 
@@ -124,16 +125,21 @@ class AskIdentity:
 class ParameterSession:
     """One vehicle on one link, for as long as parameters are exchanged. Use it as a context manager.
 
+    `signing`: everything sent is signed, and nothing is heard that is not.
+
     Raises InputError for a URL that is no MAVLink link, LinkError when it cannot be opened, when no heartbeat
     of a vehicle comes, or when the vehicle falls silent.
     """
 
-    def __init__(self, url: str, system: int | None = None) -> None:
+    def __init__(self, url: str, system: int | None = None, signing: Signing | None = None) -> None:
         link = parse_url(url)
         if link.protocol != "mavlink":
             raise InputError(f"link {url!r}: parameters travel over MAVLink; give a udpin, udpout, tcp or serial link.")
         self._transport: Transport = open_transport(link)
-        self._codec = MavlinkCodec(GROUND_STATION_SYSTEM, GROUND_STATION_COMPONENT, self._transport.is_stream)
+        ours = signing.link() if signing is not None else None
+        believe_signed(self._transport, ours)
+        self._signing = signing
+        self._codec = MavlinkCodec(GROUND_STATION_SYSTEM, GROUND_STATION_COMPONENT, self._transport.is_stream, ours)
         self._next_heartbeat = 0.0
         self._url = url
         try:
@@ -226,7 +232,7 @@ class ParameterSession:
         if not found:
             raise LinkError(
                 f"link {self._url!r}: no heartbeat of a vehicle within {HEARTBEAT_WAIT_S:g} s; check that it is "
-                "powered, that it sends to this port, and the baud rate."
+                f"powered, that it sends to this port, and the baud rate.{hint_of(self._signing)}"
             )
         if system is not None:
             raise LinkError(f"link {self._url!r}: no vehicle with system id {system}; heard: {ids}.")

@@ -85,13 +85,13 @@ class Console:
 
 
 @contextlib.contextmanager
-def running_boat(folder: Path, *serve: str) -> Iterator[Path]:
+def running_boat(folder: Path, *serve: str, more: tuple[str, ...] = ()) -> Iterator[Path]:
     """A boat with a serial compass, and the pilot that serves itself at `serve`; yields its vessel file."""
     vessel, line = patient_vessel(folder), folder / "compass"
     options = [option for url in serve for option in ("--serve", url)]
     boat = [sys.executable, "-m", "sitl", "serve", str(vessel), "--nmea", f"{line}:38400"]
     boat += ["--sentences", "HDG:10,ROT:10,RSA,VHW,RMC"]
-    pilot = [sys.executable, "-m", "autopilot", "run", str(vessel), "--link", f"nmea:{line}:38400", *options]
+    pilot = [sys.executable, "-m", "autopilot", "run", str(vessel), "--link", f"nmea:{line}:38400", *options, *more]
     with subprocess.Popen(boat, stdout=subprocess.PIPE, text=True) as simulated:
         assert simulated.stdout is not None
         assert simulated.stdout.readline().startswith("ready")
@@ -118,7 +118,7 @@ def expected_values(vessel: Path) -> dict[str, float]:
 
 @contextlib.contextmanager
 def mavproxy(folder: Path, master: str) -> Iterator[Console]:
-    command = [str(MAVPROXY), f"--master={master}", "--default-modules=mode,param,arm,misc,link,cmdlong"]
+    command = [str(MAVPROXY), f"--master={master}", "--default-modules=mode,param,arm,misc,link,cmdlong,signing"]
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -165,6 +165,25 @@ def test_mavproxy_reads_tunes_arms_and_steers(tmp_path: Path) -> None:
     assert steered and abs(steered[-1].state.heading - 0.698) < 0.05
     assert ticks[-1].mode is Mode.STANDBY
     assert replay(tmp_path / "run.tlog").identical, "with the gain that was changed on the way"
+
+
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+def test_mavproxy_with_its_own_signing_is_obeyed_and_without_it_is_not(tmp_path: Path) -> None:
+    port, key = free_port(), tmp_path / "signing.key"
+    key.write_text("correct-horse-battery-staple\n")
+    key.chmod(0o600)
+    with (
+        mavproxy(tmp_path, f"udpin:127.0.0.1:{port}") as console,
+        running_boat(tmp_path, f"udpout:127.0.0.1:{port}", more=("--signing-key", str(key))) as vessel,
+    ):
+        values = expected_values(vessel)
+        console.expect("refused: messages that are not signed with our key")
+        console.expect("Setup signing key", "arm throttle\nsigning key correct-horse-battery-staple")
+        console.expect(f"Received {len(values)} parameters", "param fetch")
+        assert "ARM_DISARM" not in console.said
+        console.expect("COMPONENT_ARM_DISARM: ACCEPTED", "arm throttle")
+    assert "refused: " in (tmp_path / "pilot.txt").read_text()
+    assert b"correct-horse" not in (tmp_path / "run.tlog").read_bytes()
 
 
 def tool(folder: Path, *arguments: str) -> dict[str, Any]:

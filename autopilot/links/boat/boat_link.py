@@ -12,7 +12,9 @@ from autopilot.links.boat.commands import ACCEPTED, DENIED, UNSUPPORTED, Command
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.boat.telemetry import RATES_HZ, Telemetry, mode_of, version
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
+from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts
+from autopilot.links.url import believe_signed
 from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample, Tick
 
 COMPONENT = 1
@@ -28,6 +30,8 @@ STATES = {
     Mode.FAILSAFE: dialect.MAV_STATE_CRITICAL,
 }
 SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL}
+REFUSAL_S = 60.0
+REFUSAL = "refused: messages that are not signed with our key"
 FILE_NAK = (129, 7)
 """MAVLink FTP: opcode NAK, error "unknown command"."""
 
@@ -35,23 +39,34 @@ FILE_NAK = (129, 7)
 class BoatLink:
     """One ground station's side: heartbeat, telemetry, parameters, commands, texts, under system `system`.
 
+    `signing`: everything sent is signed, and nothing is obeyed that is not.
+
     Attributes:
         dropped: packets that the transport could not take, and messages beyond what a turn heeds.
     """
 
-    def __init__(self, transport: Transport, commands: Commands, parameters: ParameterServer, system: int = 1) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        commands: Commands,
+        parameters: ParameterServer,
+        system: int = 1,
+        signing: LinkSigning | None = None,
+    ) -> None:
         self.name = transport.name
         self.dropped = 0
         self._transport = transport
         self._commands = commands
         self._parameters = parameters
-        self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream)
+        self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
+        believe_signed(transport, signing)
         self._telemetry = Telemetry()
         self._texts = StatusTexts()
         self._periods = {identity: 1.0 / rate for identity, rate in RATES_HZ.items()}
         self._due = dict.fromkeys(self._periods, -math.inf)
         self._next_heartbeat = -math.inf
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
+        self._next_refusal = -math.inf
         self._alarms: tuple[str, ...] = ()
         self._lost = ""
         self._replies = {
@@ -73,6 +88,7 @@ class BoatLink:
     def receive(self, now: float) -> list[Sample]:
         """Answer what has arrived by `now` [s]. Nothing comes from a ground station but word of its loss: an alarm."""
         heeded = 0
+        refused = self._codec.refused
         try:
             chunks = self._transport.receive() if not self._lost else []
         except LinkError as error:
@@ -88,6 +104,9 @@ class BoatLink:
                 reply = self._replies.get(message.get_type())
                 if reply is not None and self._is_for_us(message):
                     reply(now, message)
+        if self._codec.refused > refused and now >= self._next_refusal:
+            self._next_refusal = now + REFUSAL_S
+            self._texts.say(now, dialect.MAV_SEVERITY_WARNING, REFUSAL)
         return []
 
     def send(self, now: float, command: RudderCommand) -> None:

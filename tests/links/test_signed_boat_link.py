@@ -1,0 +1,119 @@
+"""The served boat with a signing key: what is not signed changes nothing, and says why once a minute."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.boat.boat_link import BoatLink
+from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.signing import CountingTimestamps, LinkSigning, Signing
+from autopilot.links.transports import UdpInTransport
+from autopilot.links.transports.memory import loopback_pair
+
+KEY = bytes(range(32))
+ARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
+TUNE = dialect.MAVLink_param_set_message(1, 1, b"GAIN", 3.0, 9)
+MODE = dialect.MAVLink_set_mode_message(1, 1, 15)
+BEAT = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
+
+
+class Store:
+    names = ("GAIN",)
+    value = 1.0
+
+    def get(self, name: str) -> float:
+        return self.value
+
+    def set(self, name: str, value: float) -> str:
+        self.value = value
+        return ""
+
+
+class Hand:
+    orders = 0
+
+    def engage(self, heading: float | None) -> None:
+        self.orders += 1
+
+    def turn_to(self, heading: float) -> None:
+        self.orders += 1
+
+    def stand_by(self) -> None:
+        self.orders += 1
+
+
+def signing(key: bytes = KEY) -> LinkSigning:
+    return Signing(key, CountingTimestamps(10**12)).link()
+
+
+def test_only_a_signed_station_arms_sets_and_changes_the_mode() -> None:
+    near, far = loopback_pair()
+    store, hand = Store(), Hand()
+    commands = Commands(hand, armed=False)
+    boat = BoatLink(near, commands, ParameterServer(store), signing=signing())
+    stations = {
+        "unsigned": MavlinkCodec(255, 190),
+        "wrong": MavlinkCodec(255, 190, signing=signing(bytes(32)[:-1] + b"\7")),
+        "right": MavlinkCodec(255, 190, signing=signing()),
+    }
+    reader, heard, now, recorded = MavlinkCodec(254, 1), [], 0.0, []
+
+    def turn() -> None:
+        nonlocal now
+        now += 1.0
+        boat.receive(now)
+        boat.keep(now)
+        heard.extend(message for data in far.receive() for message in reader.decode(data))
+
+    for name in ("unsigned", "wrong"):
+        for message in (ARM, TUNE, MODE) * 20:
+            far.send(stations[name].encode(message))
+        turn()
+    assert (commands.armed, store.value, hand.orders) == (False, 1.0, 0)
+    said = [message.text for message in heard if message.get_type() == "STATUSTEXT"]
+    assert said == ["refused: messages that are not signed with our key"]
+    assert {message.get_type() for message in heard} == {"HEARTBEAT", "STATUSTEXT"}
+    for message in (ARM, TUNE, MODE):
+        recorded.append(stations["right"].encode(message))
+        far.send(recorded[-1])
+        turn()
+    assert (commands.armed, store.value, hand.orders) == (True, 3.0, 1)
+    commands.armed, store.value = False, 1.0
+    for packet in recorded:
+        far.send(packet)
+    turn()
+    assert (commands.armed, store.value, hand.orders) == (False, 1.0, 1), "a recording of it does not"
+
+
+def served(transport: UdpInTransport, ours: LinkSigning) -> Any:
+    return BoatLink(transport, Commands(Hand(), False), ParameterServer(Store()), signing=ours)
+
+
+def companion(transport: UdpInTransport, ours: LinkSigning) -> Any:
+    return CompanionLink(transport, CompanionSettings(0.5), ours)
+
+
+@pytest.mark.parametrize("make", [served, companion])
+def test_who_does_not_sign_cannot_take_the_place_of_who_does(make: Any) -> None:
+    transport, ours = UdpInTransport("udpin:127.0.0.1:0", "127.0.0.1", 0), signing()
+    link = make(transport, ours)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as friend,
+    ):
+        for sender in (stranger, friend):
+            sender.connect(("127.0.0.1", transport.port))
+        stranger.send(MavlinkCodec(1, 1).encode(BEAT))
+        link.receive(0.1)
+        assert transport.peer is None and ours.signing.refused.total() == 1
+        friend.send(MavlinkCodec(1, 1, signing=signing()).encode(BEAT))
+        link.receive(0.2)
+        assert transport.peer == friend.getsockname()
+    link.close()
