@@ -39,6 +39,15 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--steady-turns", metavar="FILE", help="CSV of steady turns (rudder, yaw rate): gives n3")
     parser.add_argument("--gain-1-s", type=float, metavar="K", help="hold K [1/s] in the steady-turn stage")
     parser.add_argument("--model", choices=("norrbin", "nomoto"), default="norrbin", help="nomoto: n3 = 0")
+    parser.add_argument(
+        "--method",
+        default="output-error",
+        metavar="METHOD",
+        help="output-error (default), two-stage, ...; `--method list` says what each does",
+    )
+    parser.add_argument(
+        "--forgetting", type=float, default=1.0, metavar="F", help="forgetting of recursive least squares (default 1)"
+    )
     parser.add_argument("--reference-speed-m-s", type=float, metavar="U", help="default: mean speed of the LOGs")
     parser.add_argument("--course-unstable", action="store_true", help="n1 = -1: the boat will not go straight")
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
@@ -49,6 +58,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify, print, and write the vessel file; return the exit code."""
+    if arguments.method == "list":
+        print(_methods())
+        return int(ExitCode.OK)
     _check(arguments)
     from autopilot.cli import identify_report as report
 
@@ -68,7 +80,15 @@ def run(arguments: argparse.Namespace) -> int:
     return int(ExitCode.OK)
 
 
+def _methods() -> str:
+    from autopilot.identification.registry import METHODS
+
+    return "\n".join(f"{method.name:14} {method.summary}" for method in METHODS)
+
+
 def _check(arguments: argparse.Namespace) -> None:
+    if not 0.0 < arguments.forgetting <= 1.0:
+        raise InputError(f"--forgetting {arguments.forgetting:g}: a number above 0, at most 1, is allowed.")
     for name, value in (("--gain-1-s", arguments.gain_1_s), ("--reference-speed-m-s", arguments.reference_speed_m_s)):
         if value is not None and not 0.0 < value < float("inf"):
             raise InputError(f"{name} must be a positive number, got {value:g}.")
@@ -98,20 +118,23 @@ def _steady_turns(path: str) -> SteadyTurns:
 def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
     from autopilot.cli.identify_report import Result
     from autopilot.cli.progress import ProgressBar
-    from autopilot.identification.identify import identify
+    from autopilot.identification.methods import Question
+    from autopilot.identification.registry import method_named
     from autopilot.identification.two_stage import nomoto_stage
 
+    method = method_named(arguments.method)
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
     with ProgressBar("identifying") as bar:
-        found = identify(
-            fitted,
+        question = Question(
             arguments.model,
             arguments.reference_speed_m_s,
+            arguments.course_unstable,
             steady_turns=steady,
             gain=arguments.gain_1_s,
-            course_unstable=arguments.course_unstable,
+            forgetting=arguments.forgetting,
             progress=bar.show,
         )
+        found = method.identify(fitted, question)
     stage_one = nomoto_stage(fitted, found.model.reference_speed)
     predictions = [(run, "fit", found.foretell(run)) for run in fitted]
     predictions += [(run, "holdout", found.foretell(run)) for run in held_out]

@@ -95,8 +95,8 @@ def _parameter(quantity: Quantity, value: float | None, std: float | None) -> di
 
 
 def _notes(result: Result) -> list[str]:
-    """Return what was left out of the recordings, a sentence each."""
-    return [note for run, _, _ in result.predictions for note in run.notes]
+    """Return what was left out of the recordings and what the method has to say, a sentence each."""
+    return [*(note for run, _, _ in result.predictions for note in run.notes), *result.found.notes]
 
 
 def _run(run: Run, role: str, prediction: Prediction) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def as_text(result: Result) -> str:
             (
                 quantity.symbol,
                 f"{value:.5g}",
-                "held" if std is None else f"{std:.2g}",
+                _spread(quantity, std),
                 quantity.unit,
                 degrees,
                 "" if staged is None else f"{staged:.5g}",
@@ -151,6 +151,13 @@ def as_text(result: Result) -> str:
         *_notes(result),
     ]
     return "\n\n".join(parts)
+
+
+def _spread(quantity: Quantity, std: float | None) -> str:
+    if std is not None:
+        return f"{std:.2g}"
+    # some methods find K and T but no honest error of them
+    return "not given" if quantity.symbol in ("K", "T") else "held"
 
 
 def _run_rows(result: Result) -> list[tuple[str, ...]]:

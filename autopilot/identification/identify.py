@@ -69,10 +69,20 @@ class SteadyTurns(NamedTuple):
     speed: FloatArray | None = None
 
 
+class Convergence(NamedTuple):
+    """How a recursive method came to its estimate: time [s] from the beginning of the first run, shape (N,), and the
+    parameters called `names` at each, shape (N, len(names))."""
+
+    time: FloatArray
+    names: tuple[str, ...]
+    values: FloatArray
+
+
 class Identified(NamedTuple):
     """The model; standard errors by parameter name, None where not fitted; what the runs cannot tell, a sentence
-    by symbol; the residuals of rate and heading; n3 of the steady-turn stage where there was one; and what propeller
-    and wind add where the runs show it, with `plain`, the model that does without."""
+    by symbol; the residuals of rate and heading; n3 of the steady-turn stage where there was one; what propeller
+    and wind add where the runs show it, with `plain`, the model that does without; what else the method has to say,
+    a sentence each; and, from a recursive method, how it came there."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -81,6 +91,8 @@ class Identified(NamedTuple):
     steady: CubicDamping | None = None
     around: RaceAndWind | None = None
     plain: Norrbin | None = None
+    notes: tuple[str, ...] = ()
+    convergence: Convergence | None = None
 
     def foretell(self, run: Run) -> Prediction:
         """Return how well `run` is foretold, with propeller and wind where both model and run know them."""
@@ -121,11 +133,11 @@ def identify(
     rudder, or follows it backwards.
     """
     speed = mean_speed(runs) if reference_speed is None else reference_speed
-    _check_excitation(runs, speed)
+    check_excitation(runs, speed)
     fits = 1 if kind == "nomoto" else 3 if has_propeller(runs) or has_wind(runs) else 2
     steps = Steps(progress, total=1 + NOISE_ROUNDS * fits)
     start = starting_point(runs, speed)
-    _check_response(runs, start)
+    check_response(runs, start)
     steps.next()
     if course_unstable:
         unstable = unstable_starting_point(runs, start.model)
@@ -144,8 +156,8 @@ def identify(
 def _unstable(solution: Solution, runs: Sequence[Run]) -> Identified:
     if "n3" in solution.at_bound:
         raise InputError(
-            f"{_sources(runs)}: a course-unstable model (n1 = -1) does not fit: n3 ends at 0, and nothing would bound "
-            "its turning; leave --course-unstable out."
+            f"{sources_of(runs)}: a course-unstable model (n1 = -1) does not fit: n3 ends at 0, and nothing would "
+            "bound its turning; leave --course-unstable out."
         )
     return _identified(solution, {})
 
@@ -317,34 +329,37 @@ def _too_uncertain(solution: Solution) -> dict[str, str]:
     return reasons
 
 
-def _sources(runs: Sequence[Run]) -> str:
+def sources_of(runs: Sequence[Run]) -> str:
+    """Return where the runs came from, in words."""
     return ", ".join(run.source for run in runs)
 
 
-def _check_excitation(runs: Sequence[Run], speed: float) -> None:
+def check_excitation(runs: Sequence[Run], speed: float) -> None:
+    """Raise InputError where the rudder never moves or the boat makes no way at a mean `speed` [m/s]."""
     movement = max(float(np.ptp(segment.rudder)) for run in runs for segment in run.segments)
     if movement < LEAST_RUDDER_MOVEMENT_RAD:
         raise InputError(
-            f"{_sources(runs)}: the rudder never moves (by {np.degrees(movement):.2f} deg in all), so nothing can be "
+            f"{sources_of(runs)}: the rudder never moves (by {np.degrees(movement):.2f} deg in all), so nothing can be "
             "identified; record a zigzag."
         )
     if speed < LEAST_SPEED_M_S:
         raise InputError(
-            f"{_sources(runs)}: the boat makes no way (mean speed {speed:.3f} m/s), so its rudder has nothing to "
+            f"{sources_of(runs)}: the boat makes no way (mean speed {speed:.3f} m/s), so its rudder has nothing to "
             "steer with; check the speed column and its unit."
         )
 
 
-def _check_response(runs: Sequence[Run], start: StartingPoint) -> None:
+def check_response(runs: Sequence[Run], start: StartingPoint) -> None:
+    """Raise InputError where the motion does not follow the rudder, or follows it backwards."""
     if start.model.gain < 0.0 and start.explained > CLEARLY_BACKWARDS:
         raise InputError(
-            f"{_sources(runs)}: the boat turns against its rudder (K = {start.model.gain:.3g} 1/s explains "
+            f"{sources_of(runs)}: the boat turns against its rudder (K = {start.model.gain:.3g} 1/s explains "
             f"{100.0 * start.explained:.0f} % of the motion); rudder must be positive to starboard and heading "
             "clockwise: pass --reverse-rudder if the recorded rudder has the opposite sign."
         )
     if start.model.gain <= 0.0 or start.explained < LEAST_EXPLAINED:
         raise InputError(
-            f"{_sources(runs)}: the motion does not follow the rudder (it explains "
+            f"{sources_of(runs)}: the motion does not follow the rudder (it explains "
             f"{100.0 * max(start.explained, 0.0):.0f} % of it), so nothing can be identified; check that heading, "
             "yaw rate and rudder are the right columns and share one clock."
         )

@@ -48,10 +48,10 @@ def nomoto_stage(runs: Sequence[Run], reference_speed: float, forgetting: float 
     for run in runs:
         for segment in run.segments:
             phi, y = _equations(segment, reference_speed)
-            for row, value in zip(phi, y, strict=True):
-                state = rls_step(state, row, float(value), forgetting)
+            for row, value in zip(phi.tolist(), y.tolist(), strict=True):
+                state = rls_step(state, row, value, forgetting)
             count += y.size
-    gain, time_constant = (float(value) for value in state.theta)
+    gain, time_constant = state.theta
     return Nomoto(gain, time_constant, count) if gain > 0.0 and time_constant > 0.0 else None
 
 

@@ -1,0 +1,21 @@
+"""Every identification method there is, by name."""
+
+from __future__ import annotations
+
+from autopilot.errors import InputError
+from autopilot.identification.methods import Method
+from autopilot.identification.output_error_method import OutputErrorMethod
+from autopilot.identification.two_stage_method import TwoStageMethod
+
+METHODS: tuple[Method, ...] = (OutputErrorMethod(), TwoStageMethod())
+"""The one to use unless told otherwise comes first."""
+
+NAMES = tuple(method.name for method in METHODS)
+
+
+def method_named(name: str) -> Method:
+    """Return the method called `name`. Raises InputError."""
+    for method in METHODS:
+        if method.name == name:
+            return method
+    raise InputError(f"{name!r} is no identification method; there are {', '.join(NAMES)}.")

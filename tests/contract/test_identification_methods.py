@@ -1,0 +1,175 @@
+"""What every identification method owes its user, asked of each one in the registry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from autopilot.errors import InputError
+from autopilot.identification.identify import Identified
+from autopilot.identification.methods import PARAMETERS, Method, Question
+from autopilot.identification.registry import METHODS, NAMES, method_named
+from autopilot.identification.runs import FloatArray, Run, run_from_columns
+
+K, T, SPEED = 0.6, 2.0, 5.0
+NOMOTO = Question("nomoto", reference_speed=SPEED)
+
+RECURSIVE_SHARE = 0.08
+"""K and T of a clean record must come this close to the truth; recursive methods begin far off."""
+
+
+def zigzag(speed: float = SPEED, seconds: float = 40.0, angle: float = 0.25, gain: float = K) -> dict[str, FloatArray]:
+    """A zigzag of a linear boat at 10 Hz, Euler steps of 10 ms; K ~ U, T ~ 1/U about `SPEED`."""
+    dt, ratio = 0.01, speed / SPEED
+    rows = []
+    rate = heading = rudder = 0.0
+    order = angle
+    for i in range(int(seconds / dt)):
+        if i % 10 == 0:
+            rows.append((i * dt, heading, rate, rudder))
+        if heading * math.copysign(1.0, order) >= abs(angle):
+            order = -order
+        rudder += float(np.clip(order - rudder, -0.3 * dt, 0.3 * dt))
+        rate += dt * (gain * ratio * rudder - rate) / (T / ratio)
+        heading += dt * rate
+    table = np.array(rows)
+    names = ("time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad")
+    return {**{name: table[:, i] for i, name in enumerate(names)}, "speed_m_s": np.full(len(rows), speed)}
+
+
+def run_of(table: dict[str, Any], source: str = "zigzag.csv") -> Run:
+    return run_from_columns(source, table)
+
+
+@pytest.fixture(params=METHODS, ids=NAMES)
+def method(request: pytest.FixtureRequest) -> Method:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def clean() -> Run:
+    return run_of(zigzag())
+
+
+def identify(method: Method, runs: Sequence[Run], question: Question = NOMOTO) -> Identified:
+    return method.identify(runs, question)
+
+
+def test_names_are_unique_and_found_again() -> None:
+    assert len(set(NAMES)) == len(NAMES) == len(METHODS)
+    assert all(method_named(name).name == name and method_named(name).summary for name in NAMES)
+    with pytest.raises(InputError, match="no identification method; there are output-error"):
+        method_named("magic")
+
+
+def test_it_finds_a_linear_boat_and_foretells_it(method: Method, clean: Run) -> None:
+    found = identify(method, [clean])
+    assert found.model.gain == pytest.approx(K, rel=RECURSIVE_SHARE)
+    assert found.model.time_constant == pytest.approx(T, rel=RECURSIVE_SHARE)
+    assert found.model.n3 == 0.0
+    assert found.model.reference_speed == SPEED
+    r2 = found.foretell(clean).yaw_rate_r2
+    assert r2 is not None
+    assert r2 > 0.97
+
+
+def test_it_says_how_sure_it_is_of_each_parameter_or_that_it_does_not_know(method: Method, clean: Run) -> None:
+    found = identify(method, [clean])
+    assert set(PARAMETERS) <= set(found.standard_errors)
+    told = [error for error in found.standard_errors.values() if error is not None]
+    assert all(0.0 <= error < math.inf for error in told)
+    assert told or any("standard error" in note for note in found.notes), "neither an error nor a word on why not"
+
+
+def test_the_same_runs_give_the_same_model_and_are_left_alone(method: Method, clean: Run) -> None:
+    before = [array.copy() for array in clean.segments[0]]
+    first, second = identify(method, [clean]), identify(method, [clean])
+    assert first.model == second.model
+    for now, then in zip(clean.segments[0], before, strict=True):
+        np.testing.assert_array_equal(now, then)
+
+
+def test_port_mirrors_starboard(method: Method, clean: Run) -> None:
+    table = zigzag()
+    for name in ("heading_rad", "yaw_rate_rad_s", "rudder_rad"):
+        table[name] = -table[name]
+    straight, mirrored = identify(method, [clean]), identify(method, [run_of(table)])
+    assert mirrored.model.gain == pytest.approx(straight.model.gain, rel=0.02)
+    assert mirrored.model.time_constant == pytest.approx(straight.model.time_constant, rel=0.02)
+
+
+def test_parameters_are_stated_at_the_reference_speed(method: Method) -> None:
+    found = identify(method, [run_of(zigzag(speed=2.0 * SPEED))])
+    assert found.model.gain == pytest.approx(K, rel=RECURSIVE_SHARE)
+    assert found.model.time_constant == pytest.approx(T, rel=RECURSIVE_SHARE)
+
+
+def test_it_goes_by_rate_alone_and_by_heading_alone(method: Method) -> None:
+    for missing in ("heading_rad", "yaw_rate_rad_s"):
+        table = {name: values for name, values in zigzag().items() if name != missing}
+        found = identify(method, [run_of(table)])
+        assert found.model.gain == pytest.approx(K, rel=2.0 * RECURSIVE_SHARE), missing
+
+
+def test_blanks_gaps_and_several_runs_are_borne(method: Method) -> None:
+    table = zigzag()
+    table["heading_rad"][::7] = np.nan
+    table["yaw_rate_rad_s"][3::11] = np.nan
+    table["rudder_rad"][200:230] = np.nan
+    found = identify(method, [run_of(table, "one.csv"), run_of(zigzag(angle=0.2), "two.csv")])
+    assert found.model.gain == pytest.approx(K, rel=2.0 * RECURSIVE_SHARE)
+    assert found.model.time_constant == pytest.approx(T, rel=2.0 * RECURSIVE_SHARE)
+
+
+def test_a_rudder_of_the_wrong_sign_is_called_so(method: Method) -> None:
+    table = zigzag()
+    table["rudder_rad"] = -table["rudder_rad"]
+    with pytest.raises(InputError, match=r"zigzag\.csv: .*against its rudder.*--reverse-rudder"):
+        identify(method, [run_of(table)])
+
+
+def test_a_record_that_tells_nothing_is_refused(method: Method) -> None:
+    still = {**zigzag(), "rudder_rad": np.zeros(400)}
+    with pytest.raises(InputError, match="rudder never moves"):
+        identify(method, [run_of(still)])
+    adrift = {**zigzag(), "speed_m_s": np.zeros(400)}
+    with pytest.raises(InputError, match="no way"):
+        method.identify([run_of(adrift)], NOMOTO._replace(reference_speed=None))
+    random = np.random.default_rng(5)
+    elsewhere = {
+        **zigzag(),
+        "yaw_rate_rad_s": random.normal(size=400),
+        "heading_rad": np.cumsum(random.normal(size=400)) * 0.1,
+    }
+    with pytest.raises(InputError, match="does not follow the rudder"):
+        identify(method, [run_of(elsewhere)])
+
+
+def test_a_course_unstable_boat_is_found_or_refused_in_a_sentence(method: Method) -> None:
+    """T r' - r + 20 r^3 = K delta."""
+    dt, rows = 0.01, []
+    rate = heading = 0.0
+    order = 0.25
+    for i in range(8000):
+        if i % 10 == 0:
+            rows.append((i * dt, heading, rate, order))
+        if heading * math.copysign(1.0, order) >= 0.25:
+            order = -order
+        rate += dt * (K * order + rate - 20.0 * rate**3) / T
+        heading += dt * rate
+    table = np.array(rows)
+    names = ("time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad")
+    run = run_of({**{name: table[:, i] for i, name in enumerate(names)}, "speed_m_s": np.full(800, SPEED)})
+    question = Question(reference_speed=SPEED, course_unstable=True)
+    try:
+        found = method.identify([run], question)
+    except InputError as refused:
+        assert "course-unstable" in str(refused)
+        return
+    assert found.model.n1 == -1.0
+    assert found.model.gain == pytest.approx(K, rel=0.2)
+    assert found.model.n3 == pytest.approx(20.0, rel=0.3)
