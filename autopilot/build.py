@@ -163,9 +163,16 @@ def pilot_config(vessel: Vessel) -> PilotConfig:
         gear=gear_of(vessel),
         noise=noise_of(vessel),
         limits=limits_of(vessel),
-        failsafe=FailsafeAction(failsafe.heading_timeout_s, failsafe.action, failsafe.release_after_s, failsafe.resume),
+        failsafe=FailsafeAction(
+            failsafe.heading_timeout_s,
+            failsafe.action,
+            failsafe.release_after_s,
+            failsafe.resume,
+            failsafe.reengage_after_reboot,
+        ),
         rudder_share=vessel.guidance.rudder_share,
         turn_rate_max=_radians_or_unlimited(turn_rate),
+        rudder_is_ours=vessel.helm.method != "guided",
     )
 
 
@@ -269,6 +276,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
         heading_latency=vessel.sensors.heading_latency_s,
         vehicle_system=options.vehicle_system,
         as_gcs=options.as_gcs,
+        guided_speed_share=helm.guided_speed_share,
     )
     return CompanionLink(transport, settings, options.signing.link() if options.signing else None)
 

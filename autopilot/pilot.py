@@ -55,7 +55,8 @@ class HeadingLaw(Protocol):
 class PilotConfig(NamedTuple):
     """Everything the pilot knows of the boat; `build` makes it from a vessel file.
 
-    rudder_share [-] and turn_rate_max [rad/s] bound the planned turns.
+    rudder_share [-] and turn_rate_max [rad/s] bound the planned turns. rudder_is_ours: False where the other side
+    steers by itself to the reference heading, so that only what it reports says where the rudder is.
     """
 
     model: Norrbin
@@ -65,6 +66,7 @@ class PilotConfig(NamedTuple):
     failsafe: FailsafeAction
     rudder_share: float = 0.7
     turn_rate_max: float = math.inf
+    rudder_is_ours: bool = True
 
 
 class Pilot:
@@ -103,7 +105,8 @@ class Pilot:
         """
         if abs(self._told.angle) > config.limits.angle_max:
             raise ValueError("reconfigure: the rudder stands outside the new limits")
-        self.config, self.law = config, law
+        # who moves the rudder is settled when the links are opened
+        self.config, self.law = config._replace(rudder_is_ours=self.config.rudder_is_ours), law
         law.reset(self._told.angle)
         self.estimator.reconfigure(config.model, config.gear, config.noise)
         self.supervisor.reconfigure(Envelope(*config.limits), config.failsafe)
@@ -124,7 +127,7 @@ class Pilot:
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
         command = self.supervisor.check(now, order, previous, demand, limited, dt)
-        if command.engaged:
+        if command.engaged and self.config.rudder_is_ours:
             self.estimator.rudder.order(now, command.angle)
         self._told = command
         self._number += 1
@@ -152,7 +155,8 @@ class Pilot:
                 self.estimator.rudder.order(now, sample.angle)
 
     def _moved_by_others(self, sample: RudderSample) -> bool:
-        return sample.ordered and not self._told.engaged and is_rudder(sample.angle)
+        ours = self._told.engaged and self.config.rudder_is_ours
+        return sample.ordered and not ours and is_rudder(sample.angle)
 
     def _engage(self, now: float, state: NavState) -> NavState:
         """Take the helm without a bump: from the heading, rate and rudder that are."""

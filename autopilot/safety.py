@@ -7,6 +7,7 @@
     OVERRIDE, FAILSAFE  --order with a new serial-->                 ENGAGED
     OVERRIDE, FAILSAFE  --order STANDBY-->                           STANDBY
     FAILSAFE, heading lost --heading back for RESUME_AFTER, file says resume--> ENGAGED
+    OVERRIDE, FAILSAFE  --vehicle rebooted and ready again, file says so-->    ENGAGED
 
 The envelope check shares no code with the limits that the law obeys.
 """
@@ -16,9 +17,22 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.signals import AlarmSample, HelmSample, Mode, NavState, Order, OrderKind, RudderCommand
+from autopilot.signals import (
+    REBOOTED,
+    SILENT,
+    AlarmSample,
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    RudderCommand,
+    Tick,
+)
 
 RESUME_AFTER = 2.0
+REENGAGE_WITHIN = 120.0
+"""A vehicle that is ready this much later [s] than its reboot was noticed has been seen to by people."""
 ENVELOPE_SLACK = 1.0e-9
 
 WAITING_HEADING = "waiting for a heading: check that the compass or the vehicle sends one"
@@ -26,15 +40,25 @@ HEADING_LOST = "heading lost: steer by hand, check the compass and its link"
 NOT_FINITE = "a value was not finite: steer by hand, keep the log"
 ENVELOPE = "command outside its envelope: steer by hand, keep the log"
 OVERRIDDEN = "overridden"
+CANNOT_ENGAGE = "cannot engage"
+
+
+def waits_to_engage(tick: Tick) -> bool:
+    """Return whether an order to engage waits at `tick` for nothing but the helm."""
+    return tick.mode is not Mode.ENGAGED and any(alarm.startswith(CANNOT_ENGAGE) for alarm in tick.alarms)
 
 
 class FailsafeAction(NamedTuple):
-    """heading_timeout [s]; action release, amidships or hold; release_after [s]; resume by itself or not."""
+    """heading_timeout [s]; action release, amidships or hold; release_after [s]; resume by itself or not.
+
+    reengage: engage again by itself when the vehicle, having rebooted under us, is ready again.
+    """
 
     heading_timeout: float
     action: str
     release_after: float
     resume: bool
+    reengage: bool = False
 
 
 class Envelope(NamedTuple):
@@ -62,6 +86,8 @@ class Supervisor:
         self._helm: dict[str, HelmSample] = {}
         self._notes: dict[str, str] = {}
         self._heading_since: float | None = None
+        self._rebooted = False
+        self._reboot_time = -math.inf
 
     def reconfigure(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
         """Go on under other limits; mode and memory stay."""
@@ -70,6 +96,7 @@ class Supervisor:
     def hear(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
         self._helm[sample.source] = sample
+        self._rebooted = self._rebooted or sample.reason.startswith(REBOOTED)
 
     def note(self, sample: AlarmSample) -> None:
         """Take a link's word on what the skipper should know though steering goes on."""
@@ -82,6 +109,7 @@ class Supervisor:
         """Return the mode at `now` [s]: the table in the module's docstring."""
         trouble = self._trouble(state)
         self._watch_heading(now, trouble)
+        self._watch_reboot(now)
         taken = next((sample.reason for sample in self._helm.values() if not sample.available), None)
         if order.kind is OrderKind.STANDBY:
             self._enter(now, Mode.STANDBY, "")
@@ -93,7 +121,7 @@ class Supervisor:
                 self._enter(now, Mode.FAILSAFE, trouble, spend=order)
         elif order.serial != self._spent or self._may_resume(now):
             if taken is not None:
-                self.reason = f"cannot engage: {taken}"
+                self.reason = f"{CANNOT_ENGAGE}: {taken}"
             elif trouble:
                 self.reason = WAITING_HEADING if trouble == HEADING_LOST else trouble
             else:
@@ -142,21 +170,32 @@ class Supervisor:
     def _is_released(self, now: float) -> bool:
         return self._failsafe.action == "release" or now - self._since >= self._failsafe.release_after
 
+    def _watch_reboot(self, now: float) -> None:
+        """Note a reboot heard of, unless we stand by; in the tick that ends the engagement the mode is still the old."""
+        if self._rebooted and self.mode is not Mode.STANDBY:
+            self._reboot_time = now
+        self._rebooted = False
+
+    def _ended_by_reboot(self, now: float) -> bool:
+        """Return whether a reboot not long ago, or the silence that went with it, is what ended the engagement."""
+        causes = (HEADING_LOST, f"{OVERRIDDEN}: {REBOOTED}", f"{OVERRIDDEN}: {SILENT}")
+        return now - self._reboot_time < REENGAGE_WITHIN and self._cause.startswith(causes)
+
     def _may_resume(self, now: float) -> bool:
-        """Only a lost heading heals by itself: what else ended the engagement would end it again."""
-        return (
-            self.mode is Mode.FAILSAFE
-            and self._failsafe.resume
-            and self._cause == HEADING_LOST
-            and self._heading_since is not None
-            and now - self._heading_since >= RESUME_AFTER
-        )
+        """Only a lost heading and a reboot heal by themselves: what else ended the engagement would end it again."""
+        if self._heading_since is None or now - self._heading_since < RESUME_AFTER:
+            return False
+        if self._failsafe.reengage and self._ended_by_reboot(now):
+            return True
+        return self.mode is Mode.FAILSAFE and self._failsafe.resume and self._cause == HEADING_LOST
 
     def _enter(self, now: float, mode: Mode, reason: str, spend: Order | None = None) -> None:
         if spend is not None:
             self._spent = spend.serial
         if mode is not self.mode:
             self._since = now
+        if mode in (Mode.ENGAGED, Mode.STANDBY):
+            self._reboot_time = -math.inf
         self.mode = mode
         self.reason = self._cause = reason
 

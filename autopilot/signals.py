@@ -55,6 +55,11 @@ class RollSample(NamedTuple):
     source: str = ""
 
 
+REBOOTED = "the vehicle has rebooted"
+SILENT = "no heartbeat from the vehicle"
+"""Beginnings of a HelmSample's reason that no human stands behind."""
+
+
 class HelmSample(NamedTuple):
     """Whether the other side lets us steer: False with the reason when a human or the firmware has the helm."""
 

@@ -11,6 +11,7 @@ from enum import IntEnum
 
 from sitl.firmware_parameters import ParameterTable, default_parameters
 from sitl.firmware_setup import Setup, setup_of
+from sitl.guided import TIMEOUT_S, GuidedHelm, Target
 from sitl.radio import CHANNELS, STEERING_FULL, THROTTLE_FULL, Overrides, input_angle, output_pulse
 from sitl.world import Orders, World
 
@@ -44,6 +45,7 @@ class Firmware:
         self._setup = setup_of(self.parameters)
         self._setup_changes = self.parameters.changes
         self.overrides = Overrides()
+        self.guided = GuidedHelm()
         self.receiver = vehicle.receiver
         self.sticks = self._resting_sticks()
         self.notices: list[tuple[int, str]] = []
@@ -58,6 +60,7 @@ class Firmware:
         self.mode = FirmwareMode.INITIALISING
         self.armed = False
         self.overrides.clear()
+        self.guided.clear()
         self.channels = [0] * CHANNELS
         self.servos = [0] * CHANNELS
         self._has_heard_radio = False
@@ -96,11 +99,21 @@ class Firmware:
         return self._setup
 
     def set_mode(self, number: int) -> bool:
-        """Change the mode; False where the number is none of ours or the firmware is still starting."""
+        """Change the mode; False where the number is none of ours, the firmware is still starting, or, armed, it
+        knows no position and GUIDED needs one."""
         if self.mode is FirmwareMode.INITIALISING or number not in (0, 4, 15):
             return False
+        if number == FirmwareMode.GUIDED and self.armed and not self.has_position(self.world.time):
+            return False
+        if number != self.mode:
+            self.guided.clear()
         self.mode = FirmwareMode(number)
         return True
+
+    def guide(self, target: Target) -> None:
+        """Take a target for GUIDED mode; in any other it is ignored in silence, from whomever it comes."""
+        if self.mode is FirmwareMode.GUIDED:
+            self.guided.take(target)
 
     def set_armed(self, armed: bool) -> bool:
         """Arm or disarm; False while the firmware is still starting."""
@@ -127,10 +140,28 @@ class Firmware:
         is_manual = self.mode is FirmwareMode.MANUAL and self._radio_failed_since is None
         steering = input_angle(setup.steering_input, self._pulse(setup.steering_channel), STEERING_FULL)
         throttle = input_angle(setup.throttle_input, self._pulse(setup.throttle_channel), THROTTLE_FULL)
-        self.throttle = throttle if is_manual and self.armed else 0
-        self._drive_servos(setup, steering if is_manual else 0)
+        if self.mode is FirmwareMode.GUIDED:
+            stick = 0.0 if self._radio_failed_since is not None else throttle / THROTTLE_FULL
+            steering, throttle = self._follow_target(time, setup, stick)
+        elif not is_manual:
+            steering = throttle = 0
+        self.throttle = throttle if self.armed else 0
+        self._drive_servos(setup, steering)
         speed = self.world.cruise_speed * self.throttle / THROTTLE_FULL / CRUISE_SHARE
         return Orders(self._rudder_of_servo(), speed)
+
+    def _follow_target(self, time: float, setup: Setup, stick: float) -> tuple[int, int]:
+        """Steering and throttle of GUIDED mode, with the throttle stick at `stick` in -1..1."""
+        guided, gains = self.guided, setup.guided
+        if guided.has_expired(time):
+            self.notices.append((4, f"target not received last {TIMEOUT_S:.1f} secs, stopping"))
+        reading = self.world.sensors.latest(time)
+        if reading is None:
+            return 0, 0
+        steering = guided.steering(gains, time, reading.heading, reading.rate, self.world.boat.state.speed)
+        full = guided.fastest(gains)
+        throttle = guided.speed(gains, stick) / full if full > 0.0 else 0.0
+        return round(steering * STEERING_FULL), round(min(max(throttle, -1.0), 1.0) * THROTTLE_FULL)
 
     def _pulse(self, channel: int) -> int:
         return self.channels[channel - 1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sitl.firmware_parameters import ParameterTable
+from sitl.guided import GuidedGains, gains_of
 from sitl.radio import CHANNELS, Calibration
 
 OVERRIDE_ENABLE = 46
@@ -35,6 +36,7 @@ class Setup(NamedTuple):
     failsafe_time: float
     failsafe_holds: bool
     override_switch: int | None
+    guided: GuidedGains
 
 
 def setup_of(parameters: ParameterTable) -> Setup:
@@ -59,6 +61,7 @@ def setup_of(parameters: ParameterTable) -> Setup:
         override_switch=next(
             (n for n in range(1, CHANNELS + 1) if parameters[f"RC{n}_OPTION"] == OVERRIDE_ENABLE), None
         ),
+        guided=gains_of(parameters),
     )
 
 

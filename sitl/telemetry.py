@@ -133,6 +133,20 @@ def local_position(firmware: Firmware, time: float, reading: Reading) -> Any | N
     )
 
 
+def navigation(firmware: Firmware, time: float, reading: Reading) -> Any | None:
+    """NAV_CONTROLLER_OUTPUT: bearing steered in whole degrees, cut off towards zero, speed error in m/s.
+
+    Sent in the modes in which the firmware steers by itself.
+    """
+    if firmware.mode is not FirmwareMode.GUIDED:
+        return None
+    wanted = firmware.throttle / 100.0 * firmware.guided.fastest(firmware.setup.guided)
+    bearing = int(firmware.guided.bearing_deg())
+    return dialect.MAVLink_nav_controller_output_message(
+        0.0, 0.0, bearing, 0, 0, 0.0, wanted - firmware.world.boat.state.speed, 0.0
+    )
+
+
 def servo_outputs(firmware: Firmware, time: float, reading: Reading) -> Any:
     """SERVO_OUTPUT_RAW: pulse widths in us, 0 where no pulses go out."""
     return dialect.MAVLink_servo_output_raw_message(
@@ -218,6 +232,7 @@ BUILDERS: dict[int, Builder] = {
     dialect.MAVLINK_MSG_ID_VFR_HUD: vfr_hud,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw,
     dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: servo_outputs,
+    dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: navigation,
     dialect.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,

@@ -6,6 +6,7 @@ libraries/GCS_MAVLink/GCS_Common.cpp and Rover/GCS_MAVLink_Rover.cpp).
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Any
 
@@ -17,6 +18,7 @@ from sitl import radio
 from sitl.commands import ACCEPTED, FAILED, UNSUPPORTED, execute
 from sitl.firmware import Firmware
 from sitl.firmware_parameters import Parameter
+from sitl.guided import Target
 from sitl.streams import REQUESTS, Streams
 from sitl.telemetry import BUILDERS
 
@@ -46,6 +48,7 @@ class MavlinkVehicle:
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._on_override,
             dialect.MAVLINK_MSG_ID_MANUAL_CONTROL: self._on_manual_control,
+            dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_target,
             dialect.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
             dialect.MAVLINK_MSG_ID_COMMAND_INT: self._on_command_int,
@@ -152,6 +155,17 @@ class MavlinkVehicle:
         ):
             pulse = radio.RELEASED if value == INT16_MAX else radio.manual_control_pulse(calibration, value)
             self.firmware.overrides.put(channel, pulse, time)
+
+    def _on_attitude_target(self, message: Any, time: float) -> None:
+        """Obeyed from any system id, in GUIDED mode, with the thrust; a heading, or the turn rate if not masked."""
+        mask, values = message.type_mask, (*message.q, message.body_yaw_rate, message.thrust)
+        if mask & dialect.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or not all(math.isfinite(value) for value in values):
+            return
+        is_heading = bool(mask & dialect.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE)
+        w, x, y, z = message.q
+        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        thrust = min(max(message.thrust, -1.0), 1.0)
+        self.firmware.guide(Target(heading if is_heading else None, message.body_yaw_rate, thrust, time))
 
     def _on_set_mode(self, message: Any, time: float) -> None:
         is_custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

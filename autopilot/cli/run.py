@@ -6,9 +6,12 @@ import argparse
 import math
 import select
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import InputError
+
+if TYPE_CHECKING:
+    from autopilot.params.vessel import Vessel
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
@@ -27,6 +30,11 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--follow", choices=("plotter",), help="follow the chart plotter on the NMEA links (APB, RMB, XTE, HTC, HTD)"
     )
+    parser.add_argument(
+        "--steer",
+        choices=("rc_override", "manual_control", "guided"),
+        help="how to steer over MAVLink (default: the file's helm.method); guided: the firmware steers to our headings",
+    )
     parser.add_argument("--law", choices=("backstepping", "pid"), help="law to steer with (default: the file's)")
     parser.add_argument("--duration", type=float, metavar="S", help="stop after this time (default: run on)")
     parser.set_defaults(run=run)
@@ -34,6 +42,8 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
+    from dataclasses import replace
+
     from autopilot.build import limits_of
     from autopilot.cli.plotter_follow import FOLLOW_HELP, PlotterSkipper
     from autopilot.cli.serving import serving_of
@@ -48,6 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
     if not (math.isfinite(arguments.speedup) and arguments.speedup > 0.0):
         raise InputError(f"--speedup {arguments.speedup}: a number above 0 is allowed")
     vessel = load_vessel(arguments.vessel)
+    if arguments.steer is not None:
+        vessel = replace(vessel, helm=replace(vessel.helm, method=arguments.steer))
+    law = law_of_run(vessel, arguments.law)
     guide = PlotterGuide()
     skipper = PlotterSkipper(limits_of(vessel).angle_max, guide)
     if arguments.engage is not None:
@@ -74,8 +87,19 @@ def run(arguments: argparse.Namespace) -> int:
         skipper,
         watch,
         duration=math.inf if arguments.duration is None else arguments.duration,
-        law=arguments.law,
+        law=law,
         must_engage=must_engage,
         guide=guide,
         serving=serving_of(arguments, skipper, armed=must_engage),
     )
+
+
+def law_of_run(vessel: Vessel, law: str | None) -> str | None:
+    """Return the law to steer with: none of ours, and so no gains needed, where the firmware steers. InputError."""
+    from autopilot.build import TRIAL_LAW
+
+    if vessel.helm.method != "guided":
+        return law
+    if law is not None:
+        raise InputError(f"--law {law}: with --steer guided the firmware's own controller steers; leave --law out")
+    return TRIAL_LAW

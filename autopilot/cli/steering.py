@@ -18,7 +18,7 @@ from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
 from autopilot.errors import ExitCode, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import LinkError, Shows
+from autopilot.links.base import LinkError
 from autopilot.links.signing import Signing, hint_of
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.record import Recorder
@@ -147,11 +147,7 @@ def steer(
         raise
     status = StatusLine()
 
-    showing = [link for link in links if isinstance(link, Shows)]
-
     def after(tick: Tick) -> bool:
-        for link in showing:
-            link.show(tick)
         status.show(tick, recorder)
         return ending(tick) or watch(tick)
 

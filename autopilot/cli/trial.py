@@ -41,6 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.params.vessel_file import load_vessel
 
     vessel = load_vessel(arguments.vessel)
+    if vessel.helm.method == "guided":
+        raise InputError(f"{arguments.vessel}: helm.method guided moves no rudder; write rc_override for trials")
     script = _script(arguments, vessel.rudder.angle_max_deg)
     return steer(vessel, arguments, script, lambda tick: script.is_over, math.inf, law=TRIAL_LAW)
 

@@ -46,14 +46,14 @@ class SteeringOutput:
     """
 
     def __init__(
-        self, method: Literal["rc_override", "manual_control"], rudder_at_full: float, reversed_: bool
+        self, method: Literal["rc_override", "manual_control", "guided"], rudder_at_full: float, reversed_: bool
     ) -> None:
         if not 0.0 < rudder_at_full < math.inf:
             raise ValueError(f"rudder_at_full must be a positive angle in radians, got {rudder_at_full}")
         self.target = 0
         self.channel: SteeringChannel | None = None
         self.commanded_pulse = 0
-        self._by_pulse = method == "rc_override"
+        self._by_pulse = method != "manual_control"
         self._share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
         self._number = 0
         self._table: InputTable | None = None

@@ -10,8 +10,10 @@ import math
 from collections import deque
 
 from autopilot.links.vehicle_parameters import OVERRIDE_TIME, VehicleParameters
+from autopilot.signals import REBOOTED, SILENT
 
 MANUAL_MODE = 0
+GUIDED_MODE = 15
 MODE_NAMES = {
     0: "MANUAL",
     1: "ACRO",
@@ -46,20 +48,24 @@ STICK_MOVED_US = 150
 class HelmWatch:
     """Collects what the vehicle shows; `reason` gives the sentence, or nothing where the helm is ours.
 
+    Args:
+        guided: whether we steer by heading targets in GUIDED mode, rather than by the rudder in MANUAL.
+
     Attributes:
         obstacle: why this vehicle cannot be steered at all; empty where it can.
         misfit: why its steering parameters cannot be used; empty where they can.
         mode, armed, system_state, heartbeat_time: from the last heartbeat, -inf before the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, guided: bool = False) -> None:
+        self._guided = guided
         self.obstacle = "waiting for the heartbeat of a vehicle"
         self.misfit = ""
         self.mode = -1
         self.armed = False
         self.system_state = 0
         self.heartbeat_time = -math.inf
-        self._sent: deque[tuple[float, int]] = deque()
+        self._sent: deque[tuple[float, int | None]] = deque()
         self._agreed: dict[str, float] = {}
         self._report_time = -math.inf
         self._last_command = -math.inf
@@ -83,8 +89,8 @@ class HelmWatch:
         self.armed = armed
         self.system_state = system_state
 
-    def commanded(self, now: float, pulse: int) -> None:
-        """Take a command as it was sent: the input pulse [us] it asks for."""
+    def commanded(self, now: float, pulse: int | None) -> None:
+        """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for a heading."""
         sent = self._sent
         if not sent:
             self._agreed = {}
@@ -108,11 +114,14 @@ class HelmWatch:
 
     @property
     def recent_pulses(self) -> tuple[int, int] | None:
-        """Lowest and highest input pulse [us] commanded in the last `HISTORY_S`; None while we do not steer."""
-        if not self._sent:
-            return None
-        pulses = [pulse for _, pulse in self._sent]
-        return min(pulses), max(pulses)
+        """Lowest and highest input pulse [us] commanded in the last `HISTORY_S`; None while we command none."""
+        pulses = [pulse for _, pulse in self._sent if pulse is not None]
+        return (min(pulses), max(pulses)) if pulses else None
+
+    @property
+    def steering(self) -> bool:
+        """Whether we have commanded something that we have not released."""
+        return bool(self._sent)
 
     def seen(self, now: float, what: str, pulse: int, expected: tuple[int, int]) -> None:
         """Compare a reported `pulse` [us] with the range that the commands of late ask for.
@@ -120,14 +129,21 @@ class HelmWatch:
         `what` names the report in the sentence, such as "RC channel 1" or "servo 1".
         """
         low, high = min(expected) - PULSE_TOLERANCE_US, max(expected) + PULSE_TOLERANCE_US
+        self.judge(
+            now,
+            what,
+            low <= pulse <= high,
+            f"the rudder does not obey: {what} is at {pulse} us while {expected[1]} is commanded "
+            "(radio override switched off, or another ground station steers)",
+        )
+
+    def judge(self, now: float, what: str, agrees: bool, sentence: str) -> None:
+        """Take whether the report `what` agrees with what we command; `sentence` counts if it does not for long."""
         self._report_time = now
-        if low <= pulse <= high:
+        if agrees:
             self._agreed[what] = now
         elif now - self._agreed.setdefault(what, now) > DISOBEDIENCE_S:
-            self._disobeyed = (
-                f"the rudder does not obey: {what} is at {pulse} us while {expected[1]} is commanded "
-                "(radio override switched off, or another ground station steers)"
-            )
+            self._disobeyed = sentence
 
     def stick(self, number: int, pulse: int) -> None:
         """Take where a stick stands that does not steer: moved while we steer, it takes the helm."""
@@ -147,24 +163,25 @@ class HelmWatch:
             return self.obstacle
         silence = now - self.heartbeat_time
         if silence > HEARTBEAT_TIMEOUT_S:
-            return f"no heartbeat from the vehicle for {silence:.0f} s"
+            return f"{SILENT} for {silence:.0f} s"
         judged = (parameters.revision, system)
         if judged != self._judged:
             self._judged = judged
-            self._parameter_reason = _parameter_reason(parameters, system)
-        waiting = self._parameter_reason or self.misfit
+            self._parameter_reason = _parameter_reason(parameters, system, self._guided)
+        waiting = self._parameter_reason or ("" if self._guided else self.misfit)
         if waiting and self._rebooted:
-            return f"the vehicle has rebooted; {waiting}"
+            return f"{REBOOTED}; {waiting}"
         self._rebooted = False
         return waiting or self._state_reason() or self._obedience_reason(now)
 
     def _state_reason(self) -> str:
-        if self.mode != MANUAL_MODE:
+        needed, ours = (GUIDED_MODE, "heading targets") if self._guided else (MANUAL_MODE, "rudder commands")
+        if self.mode != needed:
             name = MODE_NAMES.get(self.mode, str(self.mode))
-            return f"the vehicle is in mode {name}, where rudder commands are not obeyed; switch it to MANUAL"
+            return f"the vehicle is in mode {name}, where {ours} are not obeyed; switch it to {MODE_NAMES[needed]}"
         if not self.armed:
             return "the vehicle is disarmed; arm it"
-        if self.switched_off:
+        if self.switched_off and not self._guided:
             return "the radio's switch for overrides is off; switch it on"
         return ""
 
@@ -174,13 +191,15 @@ class HelmWatch:
         if self._disobeyed:
             return self._disobeyed
         if self._sent and now - self._report_time > BLIND_S:
+            if self._guided:
+                return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"
             return "the vehicle reports neither RC_CHANNELS nor SERVO_OUTPUT_RAW, so nobody can see the rudder obey"
         return ""
 
 
-def _parameter_reason(parameters: VehicleParameters, system: int) -> str:
+def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) -> str:
     gcs = parameters.gcs_system
-    if gcs is not None and not parameters.obeys(system):
+    if gcs is not None and not parameters.obeys(system) and not guided:
         return f"the vehicle obeys only system id {gcs}; start with --as-gcs or set {parameters.gcs_name} to {system}"
     if parameters.gcs_impossible:
         return f"the vehicle's {parameters.gcs_name} is no system id; set it to 255"
@@ -191,6 +210,8 @@ def _parameter_reason(parameters: VehicleParameters, system: int) -> str:
                 f"the vehicle does not answer when asked for {unanswered}; check that both directions of the link work"
             )
         return "reading the vehicle's parameters"
+    if guided:
+        return ""
     if parameters.steering_input is None:
         return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
     if parameters.steering_servo is None:

@@ -13,17 +13,25 @@ from typing import Literal, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import LinkError, Transport
+from autopilot.links.companion_messages import (
+    AUTOPILOT_COMPONENT,
+    companion_heartbeat,
+    interval_request,
+    obstacle_of,
+    parameter_request,
+    station_heartbeat,
+)
 from autopilot.links.companion_output import SteeringOutput
+from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts
 from autopilot.links.transports import UdpInTransport
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
-from autopilot.signals import HelmSample, Mode, RudderCommand, Sample
+from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 
 COMPONENT = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
-AUTOPILOT_COMPONENT = 1
 DEFAULT_GCS = 255
 HEARTBEAT_S = 1.0
 SILENT_PEER_S = 5.0
@@ -43,14 +51,15 @@ SEVERITIES = {
     Mode.OVERRIDE: dialect.MAV_SEVERITY_WARNING,
     Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL,
 }
-BOATS = (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_TYPE_GROUND_ROVER)
 
 
 class CompanionSettings(NamedTuple):
     """How to steer one vehicle.
 
     rudder_at_full [rad]: rudder angle at full servo travel.  reversed: full positive steering is port.
-    method: RC_CHANNELS_OVERRIDE or MANUAL_CONTROL.  command_rate_hz: least rate at which commands are repeated.
+    method: RC_CHANNELS_OVERRIDE or MANUAL_CONTROL, or headings for the firmware's own controller (guided).
+    command_rate_hz: least rate at which commands are repeated.
+    guided_speed_share: thrust in each heading target, a share of the vehicle's default speed.
     attitude_rate_hz: rate asked of ATTITUDE.  heading_latency [s]: age of an attitude when the vehicle stamps it.
     vehicle_system: the system id to latch on to, None for the first autopilot heard.
     as_gcs: send steering from the ground station's id; gcs_system: that id, None for what the vehicle's
@@ -59,13 +68,14 @@ class CompanionSettings(NamedTuple):
 
     rudder_at_full: float
     reversed: bool = False
-    method: Literal["rc_override", "manual_control"] = "rc_override"
+    method: Literal["rc_override", "manual_control", "guided"] = "rc_override"
     command_rate_hz: float = 10.0
     attitude_rate_hz: float = 20.0
     heading_latency: float = 0.0
     vehicle_system: int | None = None
     as_gcs: bool = False
     gcs_system: int | None = None
+    guided_speed_share: float = 0.0
 
 
 class CompanionLink:
@@ -90,9 +100,12 @@ class CompanionLink:
             settings.gcs_system or DEFAULT_GCS, dialect.MAV_COMP_ID_MISSIONPLANNER, signing=signing
         )
         self._steering_codec = self._gcs_codec if settings.as_gcs else self._codec
+        guided = settings.method == "guided"
         self._output = SteeringOutput(settings.method, settings.rudder_at_full, settings.reversed)
-        self._reader = VehicleReader(self._output, settings.attitude_rate_hz, settings.heading_latency)
+        self._reader = VehicleReader(self._output, settings.attitude_rate_hz, settings.heading_latency, guided)
         self._watch, self._probe = self._reader.watch, self._reader.probe
+        self._guided = GuidedTargets(self._watch, settings.guided_speed_share) if guided else None
+        self._reader.guided = self._guided
         if isinstance(transport, UdpInTransport):
             # A ground station that also sends here must not take the vehicle's place.
             transport.accepts = self._holds_our_vehicle
@@ -106,6 +119,7 @@ class CompanionLink:
         self._judge_at = -math.inf
         self._may_prove = False
         self._alarms: tuple[str, ...] = ()
+        self._noted: dict[str, str] = {}
         self._start: float | None = None
 
     @property
@@ -148,14 +162,17 @@ class CompanionLink:
         if news or not self._watch.booted:
             self._judge_at = now + JUDGE_S
             self._judge_helm(now, samples)
+            self._note(now, "attitude rate", self._reader.streams.slow, samples)
+            if self._guided is not None:
+                self._note(now, "guided", self._guided.alarm, samples)
         return samples
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command; where it is not engaged or the helm is not ours, the release instead.
 
-        LinkError when the transport is gone.
+        LinkError when the transport is gone. A vehicle that steers itself is sent nothing here: see `show`.
         """
-        if self._probe.under_way:
+        if self._probe.under_way or self._guided is not None:
             return
         message = None
         if command.engaged and not self._reason:
@@ -168,6 +185,13 @@ class CompanionLink:
         if message is not None:
             self._transmit(now, message, self._steering_codec)
 
+    def show(self, tick: Tick) -> None:
+        """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""
+        if self._guided is not None:
+            target = self._guided.show(tick, self._may_prove)
+            if target is not None:
+                self._transmit(tick.now, target, self._steering_codec)
+
     def keep(self, now: float) -> None:
         """Send what falls due: heartbeats, repeated commands, stream and parameter requests, texts.
 
@@ -177,7 +201,7 @@ class CompanionLink:
             self._next_heartbeat = now + HEARTBEAT_S
             self._send_heartbeats(now)
         if self._vehicle:
-            due = self._probe.due(now) if self._may_prove else None
+            due = self._probe.due(now) if self._may_prove and self._guided is None else None
             if due is None and not self._probe.under_way:
                 due = self._output.repeat(now, self._settings.command_rate_hz)
             if due is not None:
@@ -248,50 +272,38 @@ class CompanionLink:
 
     def _latch(self, message: Message) -> None:
         self._vehicle = self._output.target = self._codec.system = message._header.srcSystem
-        self._watch.obstacle = _obstacle(message.autopilot, message.type)
+        self._watch.obstacle = obstacle_of(message.autopilot, message.type)
+        if self._guided is not None:
+            self._guided.target = self._vehicle
 
     def _judge_helm(self, now: float, samples: list[Sample]) -> None:
         if self._settings.as_gcs and self._settings.gcs_system is None:
             self._gcs_codec.system = self._reader.parameters.gcs_system or DEFAULT_GCS
         obstacle = self._watch.reason(now, self._reader.parameters, self._steering_codec.system)
+        proof = self._probe if self._guided is None else self._guided
         if self._watch.disobeyed or obstacle:
-            self._probe.reset()
+            proof.reset()
         self._may_prove = not obstacle
-        self._reason = obstacle or self._probe.reason
+        self._reason = obstacle or proof.reason
         if self._helm is None or self._helm.reason != self._reason:
             self._helm = HelmSample(now, not self._reason, self._reason, self.name)
             samples.insert(0, self._helm)
 
+    def _note(self, now: float, source: str, text: str, samples: list[Sample]) -> None:
+        if self._noted.get(source, "") != text:
+            self._noted[source] = text
+            samples.append(AlarmSample(now, text, f"{self.name} {source}"))
+
     def _send_heartbeats(self, now: float) -> None:
-        own = dialect.MAVLink_heartbeat_message(
-            dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, self.state, 3
-        )
-        self._transmit(now, own, self._codec)
+        self._transmit(now, companion_heartbeat(self.state), self._codec)
         if self._settings.as_gcs:
-            gcs = dialect.MAVLink_heartbeat_message(
-                dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
-            )
-            self._transmit(now, gcs, self._gcs_codec)
+            self._transmit(now, station_heartbeat(), self._gcs_codec)
 
     def _send_requests(self, now: float) -> None:
         for identity, interval_us in self._reader.streams.due(now):
-            request = dialect.MAVLink_command_long_message(
-                self._vehicle,
-                AUTOPILOT_COMPONENT,
-                dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
-                0,
-                identity,
-                interval_us,
-                0,
-                0,
-                0,
-                0,
-                0,
-            )
-            self._transmit(now, request, self._codec)
+            self._transmit(now, interval_request(self._vehicle, identity, interval_us), self._codec)
         for name in self._reader.parameters.due(now):
-            read = dialect.MAVLink_param_request_read_message(self._vehicle, AUTOPILOT_COMPONENT, name.encode(), -1)
-            self._transmit(now, read, self._codec)
+            self._transmit(now, parameter_request(self._vehicle, name), self._codec)
 
     def _transmit(self, now: float, message: Message, codec: MavlinkCodec) -> None:
         packet = codec.encode(message)
@@ -299,11 +311,3 @@ class CompanionLink:
             self._packets.append((now, packet))
         else:
             self.dropped += 1
-
-
-def _obstacle(autopilot: int, kind: int) -> str:
-    if autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
-        return "the vehicle does not run ArduPilot, whose steering input is the only one known so far; use ArduRover"
-    if kind not in BOATS:
-        return f"the vehicle is of MAV_TYPE {kind}, not a boat or rover; connect to the boat's flight controller"
-    return ""

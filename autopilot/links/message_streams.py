@@ -5,21 +5,34 @@ from __future__ import annotations
 CHECK_S = 2.0
 ENOUGH = 0.6
 """A stream below this share of its rate is asked for again: requests get lost, and ground stations change rates."""
+PATIENT_CHECKS = 3
+"""So many checks in a row may find the most wanted stream too slow before people are told."""
+SLOW = (
+    "headings (ATTITUDE) come at {rate:.0f} Hz though {wanted:.0f} Hz were asked for again and again: raise the link's "
+    "baud rate (SERIALn_BAUD), let ground stations ask for less (SRn_ parameters), or lower control.rate_hz"
+)
 
 
 class MessageStreams:
     """Counts what arrives and names what must be asked for.
 
     Args:
-        rates_hz: wanted rate by message id.
+        rates_hz: wanted rate by message id, the most wanted first.
     """
 
     def __init__(self, rates_hz: dict[int, float]) -> None:
         self._rates = dict(rates_hz)
         self.reset()
 
+    @property
+    def slow(self) -> str:
+        """The sentence about a first stream that stays slow however often it is asked for; '' where it does not."""
+        return self._slow
+
     def reset(self) -> None:
         """Ask for everything anew, as after a reboot."""
+        self._slow = ""
+        self._slow_checks = 0
         self._counts = dict.fromkeys(self._rates, 0)
         self._since: float | None = None
 
@@ -32,6 +45,8 @@ class MessageStreams:
         if self._since is not None and now - self._since < CHECK_S:
             return []
         first = self._since is None
+        if self._since is not None:
+            self._watch_first(now - self._since)
         needed = CHECK_S * ENOUGH
         wanted = [
             (identity, round(1.0e6 / rate))
@@ -41,3 +56,13 @@ class MessageStreams:
         self._since = now
         self._counts = dict.fromkeys(self._rates, 0)
         return wanted
+
+    def _watch_first(self, seconds: float) -> None:
+        identity, wanted = next(iter(self._rates.items()))
+        rate = self._counts[identity] / seconds
+        if rate >= wanted * ENOUGH:
+            self._slow, self._slow_checks = "", 0
+            return
+        self._slow_checks += 1
+        if self._slow_checks >= PATIENT_CHECKS and self._counts[identity]:
+            self._slow = SLOW.format(rate=rate, wanted=wanted)

@@ -7,6 +7,7 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.companion_output import SteeringOutput
+from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.helm_probe import HelmProbe
 from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.mavlink_codec import Message, message_id
@@ -34,6 +35,7 @@ HUD = dialect.MAVLINK_MSG_ID_VFR_HUD
 GPS = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
 SERVOS = dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
 CHANNELS = dialect.MAVLINK_MSG_ID_RC_CHANNELS
+NAVIGATION = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 PARAMETER = dialect.MAVLINK_MSG_ID_PARAM_VALUE
 
@@ -44,15 +46,23 @@ class VehicleReader:
     Args:
         output: learns the vehicle's steering parameters as they come.
         attitude_rate_hz: rate wanted of ATTITUDE.  heading_latency [s]: its age when the vehicle stamps it.
+        steers_itself: whether the vehicle is given headings rather than rudder angles.
+
+    Attributes:
+        guided: who hears the bearing that such a vehicle reports to steer.
     """
 
-    def __init__(self, output: SteeringOutput, attitude_rate_hz: float, heading_latency: float) -> None:
-        self.watch = HelmWatch()
+    def __init__(
+        self, output: SteeringOutput, attitude_rate_hz: float, heading_latency: float, steers_itself: bool = False
+    ) -> None:
+        self.watch = HelmWatch(steers_itself)
         self.probe = HelmProbe(output)
+        self.guided: GuidedTargets | None = None
         self.parameters = VehicleParameters()
-        self.streams = MessageStreams(
-            {ATTITUDE: attitude_rate_hz, SERVOS: 10.0, CHANNELS: 10.0, POSITION: 5.0, HUD: 2.0, GPS: 1.0}
-        )
+        rates_hz = {ATTITUDE: attitude_rate_hz, SERVOS: 10.0, CHANNELS: 10.0, POSITION: 5.0, HUD: 2.0, GPS: 1.0}
+        if steers_itself:
+            rates_hz[NAVIGATION] = 5.0
+        self.streams = MessageStreams(rates_hz)
         self._output = output
         self._latency = heading_latency
         self._clock = VehicleClock()
@@ -65,6 +75,7 @@ class VehicleReader:
             GPS: self._gps,
             SERVOS: self._servos,
             CHANNELS: self._channels,
+            NAVIGATION: self._navigation,
             HEARTBEAT: self._heartbeat,
             PARAMETER: self._parameter,
         }
@@ -138,9 +149,17 @@ class VehicleReader:
         for stick in self.parameters.free_sticks:
             self.watch.stick(stick, getattr(message, f"chan{stick}_raw"))
         pulse = getattr(message, f"chan{number}_raw")
+        if self.guided is not None:
+            self.watch.stick(number, pulse)  # nobody overrides it: it shows the hand
+            return
         self.probe.report(now, number, pulse)
         if recent is not None:
             self.watch.seen(now, f"RC channel {number}", pulse, recent)
+
+    def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
+        if self.guided is not None:
+            self.streams.count(NAVIGATION)
+            self.guided.report(now, math.radians(message.nav_bearing))
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.parameters.take(message.param_id, message.param_value):
@@ -167,3 +186,5 @@ class VehicleReader:
         self._output.forget()
         self.watch.rebooted()
         self.probe.reset()
+        if self.guided is not None:
+            self.guided.reset()

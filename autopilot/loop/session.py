@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
-from autopilot.links.base import Link
+from autopilot.links.base import Link, Shows
 from autopilot.loop.clock import Clock
 from autopilot.loop.record import Recorder
 from autopilot.loop.tick_codec import MOST_SAMPLES
@@ -56,6 +56,7 @@ class Session:
     ) -> None:
         self._pilot = pilot
         self._links = tuple(links)
+        self._showing = [link for link in links if isinstance(link, Shows)]
         self._clock = clock
         self._period = 1.0 / rate_hz
         self._orders = orders
@@ -129,6 +130,8 @@ class Session:
         try:
             for link in self._links:
                 link.send(now, tick.command)
+            for showing in self._showing:
+                showing.show(tick)
             for link in self._links:
                 link.tell(now, tick.mode, tick.alarms)
                 link.keep(now)

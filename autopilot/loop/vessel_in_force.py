@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from autopilot.build import law_of, pilot_config, verdict_of
+from autopilot.build import TRIAL_LAW, law_of, pilot_config, verdict_of
 from autopilot.errors import InputError, RefusedError
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import Vessel
@@ -85,8 +85,7 @@ class VesselInForce:
         return f"{name} counts from the next start on" if later else ""
 
     def _put_in_force(self, vessel: Vessel) -> None:
-        verdict = verdict_of(vessel, self._law)
-        if verdict.refusal:
+        if self._law != TRIAL_LAW and (verdict := verdict_of(vessel, self._law)).refusal:
             raise RefusedError(verdict.refusal)
         config = pilot_config(vessel)
         if abs(self._pilot.told.angle) > config.limits.angle_max:

@@ -138,6 +138,8 @@ class Failsafe:
     release_after_s: Annotated[float, Bounds(0.0, 600.0, "action held this long, then the rudder is released")] = 10.0
     resume: bool = False
     """Engage again by itself when the heading is back: only where the skipper has said so."""
+    reengage_after_reboot: bool = False
+    """Engage again by itself when a flight controller that rebooted is ready again, armed and in the mode to steer."""
     source: str = ""
     date: str = ""
 
@@ -146,10 +148,14 @@ class Failsafe:
 class Helm:
     """How rudder commands reach a MAVLink flight controller."""
 
-    method: Literal["rc_override", "manual_control"] = "rc_override"
+    method: Literal["rc_override", "manual_control", "guided"] = "rc_override"
+    """guided: the firmware steers by itself to the headings it is given; the other two move the rudder."""
     rate_hz: Annotated[float, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
     rudder_at_full_pwm_deg: Annotated[float, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None = None
     reversed: bool = False
+    guided_speed_share: Annotated[float, Bounds(0.0, 1.0, "guided: thrust as a share of WP_SPEED; 0: the stick's")] = (
+        0.0
+    )
     source: str = ""
     date: str = ""
 

@@ -40,6 +40,8 @@ NAMES = {
     "sensors.heading_latency_s": "SNS_HDG_LATENCY",
     "control.backstepping.gamma_1_s2": "BS_GAMMA",
     "failsafe.heading_timeout_s": "FS_HDG_TIMEOUT",
+    "failsafe.reengage_after_reboot": "FS_REENGAGE",
+    "helm.guided_speed_share": "HELM_GUIDED_SPD",
 }
 """Names that the rule would spoil."""
 
