@@ -36,6 +36,8 @@ LONGEST_STEP = 0.5
 """A longer silence between ticks [s] counts as this much for limits and reference."""
 REPLAN = math.radians(20.0)
 """Carried off this far [rad] from the planned turn, the boat is led back by a turn planned from where it is."""
+REPLAN_GUIDED = math.radians(90.0)
+"""A firmware that steers by itself turns in its own time: it is only never led the wrong way round."""
 SPEED_CHANGE = 0.02
 """Turn limits are worked out anew when the speed has changed by this share."""
 
@@ -181,7 +183,8 @@ class Pilot:
             return Reference(state.heading, state.rate, 0.0)
         model = self.estimator.model
         target = self._order_heading
-        if abs(shortest_turn(self._boat.heading, state.heading)) > REPLAN:
+        replan = REPLAN if self.config.rudder_is_ours else REPLAN_GUIDED
+        if abs(shortest_turn(self._boat.heading, state.heading)) > replan:
             self._boat = self._virtual(state)
         self._boat = turn_step(model, self._limits_at(model), self._boat, target, dt)
         return reference_of(model, self._boat)

@@ -171,7 +171,7 @@ class Supervisor:
         return self._failsafe.action == "release" or now - self._since >= self._failsafe.release_after
 
     def _watch_reboot(self, now: float) -> None:
-        """Note a reboot heard of, unless we stand by; in the tick that ends the engagement the mode is still the old."""
+        """Note a reboot heard of, unless we stand by; in the tick that ends the engagement the old mode is still on."""
         if self._rebooted and self.mode is not Mode.STANDBY:
             self._reboot_time = now
         self._rebooted = False

@@ -118,6 +118,8 @@ class MavlinkVehicle:
         """Messages with a target are for us when it names us or everybody; our own echo is not."""
         if message.get_srcSystem() == self.codec.system and message.get_srcComponent() == self.codec.component:
             return False
+        if self.firmware.parameters["SYSID_ENFORCE"] and not self._is_from_station(message):
+            return False
         system = getattr(message, "target_system", getattr(message, "target", 0))
         component = getattr(message, "target_component", 0)
         return system in (0, self.codec.system) and component in (0, self.codec.component)

@@ -43,14 +43,16 @@ SEEN_REPORTS = 2
 PATIENCE_S = 2.5
 RETRY_S = 4.0
 REPORT_TIMEOUT_S = 3.0
-FAR_OFF = math.radians(12.0)
-FAR_OFF_S = 10.0
+FAR_OFF = math.radians(20.0)
+PROGRESS = math.radians(2.0)
+PROGRESS_S = 15.0
+"""A boat that is far off her ordered heading comes nearer by this much in this time."""
 
 UNPROVEN = "checking that the vehicle takes heading targets"
 UNFIT = "the firmware steers (guided): only headings can be ordered, no rudder angles"
 NOT_REPORTED = "waiting for the vehicle to report the bearing it steers (NAV_CONTROLLER_OUTPUT)"
 LAGGING = (
-    "the vehicle takes our headings but stays more than 12 deg off: check that it makes way (throttle stick, "
+    "the vehicle takes our headings but does not turn: check that it makes way (throttle stick, "
     "helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, ATC_STR_ANG_P)"
 )
 
@@ -85,7 +87,7 @@ class GuidedTargets:
         self._seen = 0
         self._sent: deque[tuple[float, float]] = deque()
         self._last: float | None = None
-        self._off_since: float | None = None
+        self._nearest: tuple[float, float] | None = None
         self.alarm = ""
 
     @property
@@ -151,7 +153,8 @@ class GuidedTargets:
             there = abs(shortest_turn(self._bearing[1], heading)) < TOLD_APART
             self._proof = heading + ASIDE if there else heading
             self._began, self._seen, self._passed = now, 0, False
-            self._refusal = UNPROVEN
+            # what the last try found stays said while the next is under way
+            self._refusal = UNPROVEN if self._refusal == NOT_REPORTED else self._refusal
         return self._proof
 
     def _judge_proof(self, now: float, bearing: float) -> None:
@@ -162,20 +165,19 @@ class GuidedTargets:
         elif now - self._began > PATIENCE_S:
             refusal = (
                 f"the vehicle does not take our heading targets: it steers {compass_deg(bearing):.0f} deg while "
-                f"{compass_deg(self._proof):.0f} is sent; stop what else guides it, and set SYSID_ENFORCE to 0 or "
-                "start with --as-gcs"
+                f"{compass_deg(self._proof):.0f} is sent; stop what else guides it"
             )
             self.reset()
             self._refusal, self._next_try = refusal, now + RETRY_S
 
     def _watch_course(self, tick: Tick) -> None:
         """A vehicle without way on takes every target and turns to none."""
-        off = tick.mode is Mode.ENGAGED and abs(shortest_turn(tick.reference.heading, tick.state.heading)) > FAR_OFF
-        if not off:
-            self._off_since, self.alarm = None, ""
-        elif self._off_since is None:
-            self._off_since = tick.now
-        elif tick.now - self._off_since > FAR_OFF_S:
+        error = abs(shortest_turn(tick.order.heading, tick.state.heading)) if tick.mode is Mode.ENGAGED else 0.0
+        if not error > FAR_OFF:
+            self._nearest, self.alarm = None, ""
+        elif self._nearest is None or error < self._nearest[1] - PROGRESS or error > self._nearest[1] + FAR_OFF:
+            self._nearest, self.alarm = (tick.now, error), ""
+        elif tick.now - self._nearest[0] > PROGRESS_S:
             self.alarm = LAGGING
 
     def _message(self, now: float, heading: float) -> Message:

@@ -31,6 +31,7 @@ MODE_NAMES = {
     16: "INITIALISING",
 }
 """ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
+HEARTBEAT_S = 1.0
 HEARTBEAT_TIMEOUT_S = 3.0
 DISOBEDIENCE_S = 1.0
 """The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
@@ -190,7 +191,9 @@ class HelmWatch:
             self._disobeyed = ""
         if self._disobeyed:
             return self._disobeyed
-        if self._sent and now - self._report_time > BLIND_S:
+        # where the heartbeats stay away too, silence is the better word
+        talks = self.heartbeat_time > self._report_time + HEARTBEAT_S
+        if self._sent and talks and now - self._report_time > BLIND_S:
             if self._guided:
                 return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"
             return "the vehicle reports neither RC_CHANNELS nor SERVO_OUTPUT_RAW, so nobody can see the rudder obey"
@@ -207,7 +210,8 @@ def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) 
         unanswered = ", ".join(parameters.unanswered[:5])
         if unanswered:
             return (
-                f"the vehicle does not answer when asked for {unanswered}; check that both directions of the link work"
+                f"the vehicle does not answer when asked for {unanswered}; check that both directions of the link "
+                "work, and start with --as-gcs if its SYSID_ENFORCE is 1"
             )
         return "reading the vehicle's parameters"
     if guided:

@@ -1,0 +1,164 @@
+"""Pilot, companion link and simulated flight controller in lockstep on one clock, over a line that may be bad."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from random import Random
+from typing import Any
+
+from autopilot.build import build_pilot
+from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.transports import LoopbackTransport, loopback_pair
+from autopilot.loop.session import Session
+from autopilot.params.vessel import Vessel
+from autopilot.signals import Mode, Order, OrderKind, Tick
+from sitl.firmware import Firmware
+from sitl.scenario import load_scenario
+from sitl.wire_mavlink import MavlinkVehicle
+from sitl.world import World
+
+STEP = 0.025
+Hook = Callable[["Lockstep"], None]
+
+
+class BadLine:
+    """What happens to datagrams on one way: each is lost, doubled, delayed, split, joined to the next, or cut short."""
+
+    def __init__(
+        self, seed: int = 0, loss: float = 0.0, double: float = 0.0, delay: float = 0.0, **cuts: float
+    ) -> None:
+        self._random = Random(seed)
+        self._loss, self._double, self._delay = loss, double, delay
+        self._split, self._join, self._cut = (cuts.pop(name, 0.0) for name in ("split", "join", "cut"))
+        assert not cuts, f"unknown: {cuts}"
+        self._under_way: list[tuple[float, int, bytes]] = []
+        self._joined = b""
+        self._number = 0
+        self.lost = self.damaged = 0
+
+    def put(self, now: float, data: bytes) -> None:
+        """Send a datagram at `now` [s]."""
+        chance = self._random.random
+        if chance() < self._loss:
+            self.lost += 1
+            return
+        if chance() < self._cut:
+            self.damaged += 1
+            data = data[: self._random.randrange(1, len(data))]
+        if chance() < self._join:
+            self._joined += data
+            return
+        data, self._joined = self._joined + data, b""
+        pieces = [data]
+        if len(data) > 1 and chance() < self._split:
+            place = self._random.randrange(1, len(data))
+            pieces = [data[:place], data[place:]]
+            self.damaged += 1
+        for piece in pieces * (2 if chance() < self._double else 1):
+            self._number += 1
+            self._under_way.append((now + self._delay * chance(), self._number, piece))
+
+    def take(self, now: float) -> list[bytes]:
+        """Return what arrives by `now` [s]; what was delayed less overtakes."""
+        arrived = sorted(each for each in self._under_way if each[0] <= now)
+        self._under_way = [each for each in self._under_way if each[0] > now]
+        return [data for _, _, data in arrived]
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.time = 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def wait(self, descriptors: Iterable[int], until: float) -> None:
+        raise AssertionError("lockstep never waits")
+
+
+class Lockstep:
+    """`run` moves all on together. `order` may be changed at any time; `ticks` keeps every tick.
+
+    hooks: called each step, before the vehicle; to put strange datagrams on the line use `inject`.
+    """
+
+    def __init__(
+        self,
+        vessel: Vessel,
+        *,
+        law: str | None = None,
+        settings: dict[str, Any] | None = None,
+        parameters: dict[str, float] | None = None,
+        vehicle: dict[str, Any] | None = None,
+        lines: Sequence[BadLine] = (),
+        is_stream: bool = False,
+    ) -> None:
+        scenario = load_scenario("calm")
+        scenario = dataclasses.replace(scenario, vehicle=dataclasses.replace(scenario.vehicle, **(vehicle or {})))
+        self.world = World(vessel, scenario)
+        self.firmware = Firmware(self.world)
+        for name, value in (parameters or {}).items():
+            assert self.firmware.parameters.set(name, value) is not None, name
+        self.vehicle = MavlinkVehicle(self.firmware, is_stream)
+        near, self.far = loopback_pair("line")
+        near.is_stream = is_stream
+        self.near: LoopbackTransport = near
+        self.up, self.down = lines or (BadLine(), BadLine())
+        full = math.radians(vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg)
+        chosen = {"method": vessel.helm.method, "as_gcs": vessel.helm.method != "guided", **(settings or {})}
+        self.link = CompanionLink(near, CompanionSettings(full, **chosen))
+        self.order = Order()
+        self.clock = _Clock()
+        self.ticks: deque[Tick] = deque()
+        self.hooks: list[Hook] = []
+        self.sent: list[tuple[float, Any]] = []
+        self.pilot = build_pilot(vessel, law)
+        self.session = Session(self.pilot, [self.link], self.clock, 20.0, lambda now, tick: self.order)
+
+    @property
+    def now(self) -> float:
+        return self.clock.time
+
+    @property
+    def tick(self) -> Tick:
+        return self.ticks[-1]
+
+    def engage(self, heading_deg: float) -> None:
+        self.order = Order(OrderKind.HEADING, math.radians(heading_deg), serial=self.order.serial + 1)
+
+    def inject(self, data: bytes) -> None:
+        """Put bytes in front of the companion, as if somebody else had sent them."""
+        self.far.send(data)
+
+    def run(self, seconds: float, until: Callable[[Tick], bool] | None = None) -> bool:
+        """Move on; return whether `until` came true of a tick."""
+        for _ in range(round(seconds / STEP)):
+            self.clock.time = now = round(self.clock.time + STEP, 9)
+            for hook in self.hooks:
+                hook(self)
+            self.carry(now)
+            if self.session.poll(now):
+                assert self.session.tick is not None
+                self.ticks.append(self.session.tick)
+                if until is not None and until(self.session.tick):
+                    return True
+        return False
+
+    def carry(self, now: float) -> None:
+        """Let both sides' datagrams travel."""
+        for data in self.far.receive():
+            self.up.put(now, data)
+        for data in self.up.take(now):
+            self.vehicle.receive(now, data)
+        self.vehicle.advance(now)
+        for data in self.vehicle.transmit(now):
+            self.down.put(now, data)
+        for data in self.down.take(now):
+            self.far.send(data)
+
+    def engaged(self, tick: Tick) -> bool:
+        """For `until`."""
+        return tick.mode is Mode.ENGAGED
