@@ -301,9 +301,9 @@ class CompanionLink:
 
     def _send_requests(self, now: float) -> None:
         for identity, interval_us in self._reader.streams.due(now):
-            self._transmit(now, interval_request(self._vehicle, identity, interval_us), self._codec)
+            self._transmit(now, interval_request(self._vehicle, identity, interval_us), self._steering_codec)
         for name in self._reader.parameters.due(now):
-            self._transmit(now, parameter_request(self._vehicle, name), self._codec)
+            self._transmit(now, parameter_request(self._vehicle, name), self._steering_codec)
 
     def _transmit(self, now: float, message: Message, codec: MavlinkCodec) -> None:
         packet = codec.encode(message)
