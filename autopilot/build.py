@@ -14,6 +14,8 @@ from autopilot.errors import RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.track import TrackSettings
+from autopilot.guidance.turn import turn_limits
 from autopilot.limits import RudderLimits
 from autopilot.links.base import Link, LinkError
 from autopilot.links.believed_link import BelievedLink
@@ -173,6 +175,22 @@ def pilot_config(vessel: Vessel) -> PilotConfig:
         rudder_share=vessel.guidance.rudder_share,
         turn_rate_max=_radians_or_unlimited(turn_rate),
         rudder_is_ours=vessel.helm.method != "guided",
+    )
+
+
+def track_settings_of(vessel: Vessel) -> TrackSettings:
+    """Return how the vessel follows a route. Its turning circle hardly depends on the speed: K grows with it."""
+    guidance, model = vessel.guidance, model_of(vessel)
+    limits = limits_of(vessel)
+    turn_rate = _radians_or_unlimited(guidance.turn_rate_max_deg_s)
+    turn = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, turn_rate)
+    onset = model.time_constant + 0.5 * turn.rudder_max / turn.rudder_rate
+    return TrackSettings(
+        lookahead=guidance.lookahead_s,
+        radius=guidance.waypoint_radius_m,
+        turn_radius=model.reference_speed / turn.rate_max,
+        turn_reach=model.reference_speed * onset,
+        alarm_distance=guidance.off_track_alarm_m,
     )
 
 

@@ -1,11 +1,7 @@
 """Steering by a chart plotter: its track and cross-track error, or its heading to steer, to a course. Pure.
 
-    psi_d = chi - atan((y + sigma y_i)/Delta),   y_i' = Delta y/(Delta^2 + (y + sigma y_i)^2)
-
-chi is the track's bearing, y the cross-track error, positive where the boat is to starboard of the track, Delta the
-look-ahead distance. The integral y_i takes out the drift of current and leeway, and cannot wind up far off the track.
-Source: Borhaug, Pavlov and Pettersen 2008, "Integral LOS control for path following of underactuated marine surface
-vessels in the presence of constant ocean currents", eq. (7).
+The course leads along the plotter's track by line of sight (`guidance/line_of_sight.py`), with its bearing and its
+cross-track error.
 
 A plotter that switches to its next waypoint tells the new bearing and the new error in sentences of their own, and for
 a moment the two do not belong together: the boat would turn to the wrong side. So a leg that differs from the one
@@ -18,16 +14,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, shortest_turn, wrap
+from autopilot.angles import compass_deg, shortest_turn
+from autopilot.guidance.line_of_sight import LOOKAHEAD_LEAST, LOOKAHEAD_S, line_of_sight
 
 TIMEOUT_S = 8.0
 """A plotter sends once a second or two; silent for this long it leads nobody any more."""
-LOOKAHEAD_S = 10.0
-LOOKAHEAD_LEAST = 15.0
 STEPS_IN_LOOKAHEAD = 6.0
 """Delta is at least this many steps of the plotter's last digit (0.01 nm is 18.5 m), or each step would be a turn."""
-DRIFT_SHARE = 0.3
-"""sigma [m/s] as a share of the speed: how fast the integral works. `_drift` is sigma y_i [m]."""
 SAME_BEARING = math.radians(3.0)
 TURN_MOST = math.radians(100.0)
 DT_MOST = 2.0
@@ -174,11 +167,8 @@ class PlotterGuide:
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:
         ahead = max(LOOKAHEAD_LEAST, LOOKAHEAD_S * abs(speed), STEPS_IN_LOOKAHEAD * leg.step)
-        bent = leg.cross_track + self._drift
-        self._drift += DRIFT_SHARE * abs(speed) * dt * ahead * leg.cross_track / (ahead * ahead + bent * bent)
-        # beyond a look-ahead distance it would be a course across the track, not a correction for drift
-        self._drift = min(max(self._drift, -ahead), ahead)
-        return wrap(leg.track - math.atan2(leg.cross_track + self._drift, ahead))
+        course, self._drift = line_of_sight(leg.track, leg.cross_track, self._drift, ahead, speed, dt)
+        return course
 
 
 def _goal(message: PlotterLeg | PlotterHeading) -> float:

@@ -39,6 +39,8 @@ NAMES = {
     "sensors.heading_noise_deg": "SNS_HDG_NOISE",
     "sensors.heading_latency_s": "SNS_HDG_LATENCY",
     "control.backstepping.gamma_1_s2": "BS_GAMMA",
+    "guidance.waypoint_radius_m": "GUI_WP_RADIUS",
+    "guidance.off_track_alarm_m": "GUI_XTRACK_ALARM",
     "failsafe.heading_timeout_s": "FS_HDG_TIMEOUT",
     "failsafe.reengage_after_reboot": "FS_REENGAGE",
     "helm.guided_speed_share": "HELM_GUIDED_SPD",

@@ -1,0 +1,205 @@
+"""Following a route of waypoints by line of sight: the course to steer, when the next leg begins, what is wrong. Pure.
+
+A leg is the rhumb line between two waypoints; the first one begins where the boat is when following begins. A waypoint
+is passed inside its circle, at the place where the turn into the next leg has to begin (R tan(turn/2) before it, R the
+radius the boat turns with), or at the line through it across the leg. At the end of the route the last leg's course is
+held, corrected for the drift that was learned. Without a position the course steered last is held.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from autopilot.angles import compass_deg, shortest_turn, wrap
+from autopilot.guidance.fix import Fix
+from autopilot.guidance.line_of_sight import LOOKAHEAD_LEAST, LOOKAHEAD_S, line_of_sight
+from autopilot.guidance.rhumb import Place, bearing_and_distance, offset
+from autopilot.signals import PositionSample
+
+DT_MOST = 2.0
+SHORTEST_LEG = 1.0
+"""A leg shorter than this [m] has no bearing: its end counts as reached."""
+WHEEL_OVER_MOST = 2.0
+"""A turn is begun no further before its waypoint than this many turning radii."""
+ALARM_OFF = 0.8
+"""The cross-track alarm ends inside this share of its limit."""
+
+
+class Waypoint(NamedTuple):
+    """A place [rad] to be passed within `radius` [m]; nan: within the radius of the settings, or with the turn."""
+
+    latitude: float
+    longitude: float
+    radius: float = math.nan
+
+    @property
+    def place(self) -> Place:
+        """Where it lies."""
+        return Place(self.latitude, self.longitude)
+
+
+class TrackSettings(NamedTuple):
+    """lookahead [s] of way; radius [m] within which a waypoint is reached; turn_radius [m] of the boat at work, and
+    turn_reach [m] that she goes before she turns; alarm_distance [m] off the track; position_timeout [s] after which a
+    lost position is an alarm."""
+
+    lookahead: float = LOOKAHEAD_S
+    radius: float = 10.0
+    turn_radius: float = 0.0
+    turn_reach: float = 0.0
+    alarm_distance: float = 50.0
+    position_timeout: float = 5.0
+
+
+class Leg(NamedTuple):
+    """The leg as seen from the boat: bearing [rad], cross_track [m] positive with the boat to starboard, remaining [m]
+    to the line across its end, distance [m] to its end, length [m]."""
+
+    bearing: float
+    cross_track: float
+    remaining: float
+    distance: float
+    length: float
+
+
+class TrackGuide:
+    """Leads along a route. Memory: the leg, the newest position, the integral.
+
+    Attributes:
+        following: whether it leads.  route: the waypoints.  target: the one the present leg ends at.
+        is_complete: the last one has been passed.  passed: how many have been passed since `follow`, and
+        last_passed which one was the last of them.  leg: as steered now, None without a position or after the end.
+        alarm: what the skipper must know, empty when all is well.
+    """
+
+    def __init__(self, settings: TrackSettings = TrackSettings()) -> None:  # noqa: B008 - a tuple, never changed
+        self.settings = settings
+        self.fix = Fix()
+        self.route: tuple[Waypoint, ...] = ()
+        self.target = 0
+        self.passed = 0
+        self.last_passed = 0
+        self._speed = 0.0
+        self._now: float | None = None
+        self.leave()
+
+    def follow(self, route: Sequence[Waypoint], target: int = 0) -> None:
+        """Begin to lead along `route`, from where the boat is to the waypoint `target`. Raises ValueError."""
+        if not 0 <= target < len(route):
+            raise ValueError(f"track: there is no waypoint {target} in a route of {len(route)}")
+        self.leave()
+        self.route, self.target = tuple(route), target
+        self.following = True
+
+    def leave(self) -> None:
+        """Lead no longer."""
+        self.following = self.is_complete = self._is_off = False
+        self.alarm = ""
+        self.leg: Leg | None = None
+        self._start: Place | None = None
+        self._held: float | None = None
+        self._drift = 0.0
+        self._began: float | None = None
+
+    def take(self, sample: PositionSample) -> None:
+        """Take where the boat is."""
+        self.fix.take(sample, self._speed)
+
+    def course(self, now: float, heading: float, speed: float) -> float:
+        """Return the course [rad] to steer at `now` [s], with the boat on `heading` [rad] at `speed` [m/s]."""
+        dt = 0.0 if self._now is None else min(max(now - self._now, 0.0), DT_MOST)
+        self._now, self._speed = now, speed
+        if self._began is None:
+            self._began = now
+        self.leg = None
+        if self.following and not self.is_complete and self.fix.is_fresh(now):
+            self._start = self._start or self.fix.place
+            self._held = self._along(now, heading, speed, dt)
+        elif self._held is None:
+            self._held = heading
+        self.alarm = self._reason(now)
+        return self._held
+
+    def look_ahead(self, speed: float) -> float:
+        """Return Delta [m] at `speed` [m/s]."""
+        settings = self.settings
+        return max(LOOKAHEAD_LEAST, settings.lookahead * abs(speed), settings.turn_radius)
+
+    def _along(self, now: float, heading: float, speed: float, dt: float) -> float:
+        """Return the course along the leg, and go on to the next one where this one's end is reached."""
+        before = self._held if self._held is not None else heading
+        ahead = self.look_ahead(speed)
+        age = self.fix.age(now)
+        # since its position was measured the boat has gone by its heading, and across by the current that was learned
+        gone = (speed * age * math.cos(heading), speed * age * math.sin(heading))
+        aside = speed * age * self._drift / math.hypot(ahead, self._drift)
+        leg = self._leg_seen(gone, aside, before)
+        if self._is_reached(leg):
+            self.last_passed, self.passed = self.target, self.passed + 1
+            if self.target + 1 == len(self.route):
+                self.is_complete = True
+                return wrap(leg.bearing - math.atan2(self._drift, ahead))
+            old = leg.bearing
+            self._start, self.target = self.route[self.target].place, self.target + 1
+            leg = self._leg_seen(gone, aside, old)
+            # of the current, what was learned across the old leg is known, and that much of it lies across the new one
+            self._drift *= math.cos(shortest_turn(old, leg.bearing))
+        self.leg = leg
+        course, self._drift = line_of_sight(leg.bearing, leg.cross_track, self._drift, ahead, speed, dt)
+        return course
+
+    def _leg_seen(self, gone: tuple[float, float], aside: float, bearing: float) -> Leg:
+        """Return the leg from the boat, `gone` and `aside` [m] from its fix; `bearing` [rad] for a leg of no length."""
+        origin = self.fix.place
+        start_north, start_east = offset(origin, self._start or origin)
+        end_north, end_east = offset(origin, self.route[self.target].place)
+        length = math.hypot(end_north - start_north, end_east - start_east)
+        if length >= SHORTEST_LEG:
+            bearing = math.atan2(end_east - start_east, end_north - start_north)
+        north, east = math.cos(bearing), math.sin(bearing)
+        to_north, to_east = end_north - gone[0], end_east - gone[1]
+        return Leg(
+            bearing=bearing,
+            cross_track=to_north * east - to_east * north + aside,
+            remaining=to_north * north + to_east * east,
+            distance=math.hypot(to_north, to_east),
+            length=length,
+        )
+
+    def _is_reached(self, leg: Leg) -> bool:
+        own = self.route[self.target].radius
+        radius = own if own > 0.0 else self.settings.radius
+        if leg.length < SHORTEST_LEG or leg.distance <= radius or leg.remaining <= 0.0:
+            return True
+        return not own > 0.0 and leg.remaining <= self._wheel_over(leg)
+
+    def _wheel_over(self, leg: Leg) -> float:
+        """Return how far [m] before the waypoint the turn into the next leg has to begin; 0 at the last one."""
+        if self.target + 1 == len(self.route):
+            return 0.0
+        bearing, length = bearing_and_distance(self.route[self.target].place, self.route[self.target + 1].place)
+        turn = abs(shortest_turn(leg.bearing, bearing))
+        settings = self.settings
+        tangent = math.tan(min(0.5 * turn, 1.5))
+        way = settings.turn_radius * min(tangent, WHEEL_OVER_MOST) + settings.turn_reach * min(tangent, 1.0)
+        return min(way, 0.5 * length, 0.5 * leg.length)
+
+    def _reason(self, now: float) -> str:
+        held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
+        if self.is_complete:
+            return f"the route has ended: {held}; give a heading, another route, or take the helm"
+        if not self.following:
+            return ""
+        if self.leg is None:
+            since = max(self._began or 0.0, self.fix.newest.time if self.fix.newest is not None else -math.inf)
+            if now - since <= self.settings.position_timeout:
+                return self.alarm
+            return f"position lost, the route is not followed: {held}; check the GPS and its link"
+        limit = self.settings.alarm_distance
+        self._is_off = abs(self.leg.cross_track) > (ALARM_OFF * limit if self._is_off else limit)
+        if not self._is_off:
+            return ""
+        side = "starboard" if self.leg.cross_track > 0.0 else "port"
+        return f"more than {limit:g} m to {side} of the track: check the current, the rudder and the speed"
