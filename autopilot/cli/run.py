@@ -45,11 +45,13 @@ def run(arguments: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from autopilot.build import limits_of
-    from autopilot.cli.plotter_follow import FOLLOW_HELP, PlotterSkipper
+    from autopilot.cli.plotter_follow import FOLLOW_HELP
+    from autopilot.cli.route_skipper import RouteSkipper
     from autopilot.cli.serving import serving_of
     from autopilot.cli.skipper import HELP, heading_of
     from autopilot.cli.steering import steer
     from autopilot.guidance.plotter import PlotterGuide
+    from autopilot.guidance.track import TrackGuide
     from autopilot.params.vessel_file import load_vessel
     from autopilot.signals import Tick
 
@@ -62,7 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
         vessel = replace(vessel, helm=replace(vessel.helm, method=arguments.steer))
     law = law_of_run(vessel, arguments.law)
     guide = PlotterGuide()
-    skipper = PlotterSkipper(limits_of(vessel).angle_max, guide)
+    track = TrackGuide()
+    skipper = RouteSkipper(limits_of(vessel).angle_max, guide, track)
     if arguments.engage is not None:
         skipper.engage(None if arguments.engage == "present" else heading_of(arguments.engage))
     if arguments.follow is not None:
@@ -90,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         law=law,
         must_engage=must_engage,
         guide=guide,
-        serving=serving_of(arguments, skipper, armed=must_engage),
+        serving=serving_of(arguments, skipper, track, armed=must_engage),
     )
 
 

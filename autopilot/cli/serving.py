@@ -8,10 +8,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
+from autopilot.build import track_settings_of
 from autopilot.errors import InputError
+from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import Link
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands, Helmsman
+from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_items
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
@@ -24,11 +28,15 @@ SYSTEM_MAX = 255
 
 
 class Serving(NamedTuple):
-    """What `--serve` asks for: where, under which system id, and who carries out what is ordered there."""
+    """What `--serve` asks for: where, under which system id, and who carries out what is ordered there.
+
+    `track` leads the helmsman along routes.
+    """
 
     urls: tuple[str, ...]
     system: int
     helmsman: Helmsman
+    track: TrackGuide
     armed: bool
 
 
@@ -44,18 +52,18 @@ def add_serving_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--system", type=int, default=1, metavar="ID", help="our system id for --serve (default 1)")
 
 
-def serving_of(arguments: argparse.Namespace, helmsman: Helmsman, armed: bool) -> Serving:
+def serving_of(arguments: argparse.Namespace, helmsman: Helmsman, track: TrackGuide, armed: bool) -> Serving:
     """Return what the options ask for. Raises InputError."""
     if not 1 <= arguments.system <= SYSTEM_MAX:
         raise InputError(f"--system {arguments.system}: a system id from 1 to {SYSTEM_MAX} is allowed")
     for url in arguments.serve:
         if parse_url(url).protocol != "mavlink":
             raise InputError(f"--serve {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")
-    return Serving(tuple(arguments.serve), arguments.system, helmsman, armed)
+    return Serving(tuple(arguments.serve), arguments.system, helmsman, track, armed)
 
 
 class BackgroundSaver:
-    """Saves files from a thread of its own: flushing to a memory card takes longer than a tick."""
+    """Saves files from a thread of its own: flushing to a memory card takes longer than a tick. Call it to save."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="save")
@@ -72,7 +80,7 @@ class BackgroundSaver:
 def _complain(done: Future[None]) -> None:
     error = done.exception()
     if error is not None:
-        print(f"changed parameters are not kept: {error}", file=sys.stderr)
+        print(f"a change is not kept: {error}", file=sys.stderr)
 
 
 def open_boat_links(
@@ -86,7 +94,8 @@ def open_boat_links(
 ) -> tuple[list[Link], VesselInForce]:
     """Return the opened links to ground stations, and the vessel that is tuned over them. Raises LinkError."""
     in_force = VesselInForce(vessel, pilot, law, tuned_file(vessel_path), saver)
-    commands = Commands(serving.helmsman, serving.armed)
+    serving.track.settings = track_settings_of(vessel)
+    commands = Commands(serving.helmsman, serving.armed, _mission(serving.track, vessel_path, saver))
     links: list[Link] = []
     try:
         for url in serving.urls:
@@ -98,3 +107,27 @@ def open_boat_links(
             link.close()
         raise
     return links, in_force
+
+
+def mission_file(vessel_path: str) -> Path:
+    """Return the file in which the route is kept: boat.yaml, boat.mission.waypoints."""
+    path = Path(vessel_path)
+    return path.with_name(f"{path.stem}.mission.waypoints")
+
+
+def _mission(track: TrackGuide, vessel_path: str, saver: BackgroundSaver) -> Mission:
+    """Return the route as an earlier run has left it; it is followed only when that is ordered."""
+    path = mission_file(vessel_path)
+
+    def keep(items: tuple[MissionItem, ...]) -> None:
+        saver(path, dump_items(items))
+
+    items: tuple[MissionItem, ...] = ()
+    if path.exists():
+        try:
+            items = parse_items(path.read_text(), str(path))
+        except (InputError, OSError, UnicodeDecodeError) as error:
+            print(f"the route of an earlier run is not used: {error}", file=sys.stderr)
+    if items:
+        print(f"route of {len(items)} waypoints from {path}; followed when mode AUTO is set")
+    return Mission(track, items, keep)

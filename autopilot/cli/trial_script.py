@@ -41,17 +41,26 @@ class TrialScript:
         self._steps = tuple(steps)
         self._index = 0
         self._since: float | None = None
+        self._now = 0.0
         self.is_over = False
         self.is_complete = False
         self.begun_at: list[float] = []
 
     @property
     def progress(self) -> float:
-        """Share of the script that has been sailed, 0 to 1, in whole steps."""
-        return 1.0 if self.is_over else self._index / len(self._steps)
+        """Share of the script that has been sailed, 0 to 1."""
+        if self.is_over or self._since is None:
+            return 1.0 if self.is_over else 0.0
+        share = (self._now - self._since) / self._steps[self._index].duration
+        return (self._index + min(share, 1.0)) / len(self._steps)
+
+    def stop(self) -> None:
+        """End the script where it is."""
+        self.is_over = True
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
         """Return the order at `now` [s]."""
+        self._now = now
         if tick is not None and tick.mode is Mode.ENGAGED:
             if self._since is None:
                 self._begin(now)

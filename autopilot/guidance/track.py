@@ -28,7 +28,7 @@ ALARM_OFF = 0.8
 
 
 class Waypoint(NamedTuple):
-    """A place [rad] to be passed within `radius` [m]; nan: within the radius of the settings, or with the turn."""
+    """A place [rad] that is reached within `radius` [m]; nan: within the radius of the settings."""
 
     latitude: float
     longitude: float
@@ -55,12 +55,13 @@ class TrackSettings(NamedTuple):
 
 class Leg(NamedTuple):
     """The leg as seen from the boat: bearing [rad], cross_track [m] positive with the boat to starboard, remaining [m]
-    to the line across its end, distance [m] to its end, length [m]."""
+    to the line across its end, distance [m] and bearing `target` [rad] of its end, length [m]."""
 
     bearing: float
     cross_track: float
     remaining: float
     distance: float
+    target: float
     length: float
 
 
@@ -81,17 +82,22 @@ class TrackGuide:
         self.target = 0
         self.passed = 0
         self.last_passed = 0
+        self._ending = ""
         self._speed = 0.0
         self._now: float | None = None
         self.leave()
 
-    def follow(self, route: Sequence[Waypoint], target: int = 0) -> None:
-        """Begin to lead along `route`, from where the boat is to the waypoint `target`. Raises ValueError."""
+    def follow(self, route: Sequence[Waypoint], target: int = 0, ending: str = "the route has ended") -> None:
+        """Begin to lead along `route`, from where the boat is to the waypoint `target`; `ending` is said at its end.
+
+        ValueError where there is no such waypoint.
+        """
         if not 0 <= target < len(route):
             raise ValueError(f"track: there is no waypoint {target} in a route of {len(route)}")
         self.leave()
         self.route, self.target = tuple(route), target
         self.following = True
+        self._ending = ending
 
     def leave(self) -> None:
         """Lead no longer."""
@@ -165,15 +171,16 @@ class TrackGuide:
             cross_track=to_north * east - to_east * north + aside,
             remaining=to_north * north + to_east * east,
             distance=math.hypot(to_north, to_east),
+            target=math.atan2(to_east, to_north),
             length=length,
         )
 
     def _is_reached(self, leg: Leg) -> bool:
         own = self.route[self.target].radius
         radius = own if own > 0.0 else self.settings.radius
-        if leg.length < SHORTEST_LEG or leg.distance <= radius or leg.remaining <= 0.0:
+        if leg.length < SHORTEST_LEG or leg.distance <= radius:
             return True
-        return not own > 0.0 and leg.remaining <= self._wheel_over(leg)
+        return leg.remaining <= self._wheel_over(leg)
 
     def _wheel_over(self, leg: Leg) -> float:
         """Return how far [m] before the waypoint the turn into the next leg has to begin; 0 at the last one."""
@@ -189,7 +196,7 @@ class TrackGuide:
     def _reason(self, now: float) -> str:
         held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
         if self.is_complete:
-            return f"the route has ended: {held}; give a heading, another route, or take the helm"
+            return f"{self._ending}: {held}; give a heading or take the helm"
         if not self.following:
             return ""
         if self.leg is None:

@@ -88,9 +88,13 @@ def test_a_current_is_taken_out_and_what_is_known_of_it_serves_the_next_leg(curr
     assert abs(sum(offs[-300:]) / 300.0) < 0.5
 
 
-def test_a_wide_turn_is_begun_before_the_waypoint_and_not_at_one_with_a_radius_of_its_own() -> None:
-    for radius, least, most in ((math.nan, 20.0, 30.0), (5.0, 0.0, 5.1)):
-        boat = Boat(following(waypoint(300, 0, radius), waypoint(300, 300), turn_radius=25.0))
+def test_a_wide_turn_is_begun_before_the_waypoint_and_a_wide_circle_counts() -> None:
+    for radius, turn_radius, least, most in (
+        (math.nan, 25.0, 24.0, 26.0),
+        (5.0, 0.0, 4.0, 5.1),
+        (60.0, 25.0, 59.0, 61.0),
+    ):
+        boat = Boat(following(waypoint(300, 0, radius), waypoint(300, 300), turn_radius=turn_radius))
         while boat.guide.target == 0:
             boat.sail(0.1)
         assert least <= 300.0 - boat.north <= most

@@ -11,9 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.cli.trial_script import TrialScript, turning, zigzag
+from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import LinkError
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
@@ -66,6 +69,22 @@ class Hand:
     def stand_by(self) -> None:
         self.orders.append(("stand by", None))
 
+    def hand_to_track(self) -> None:
+        self.orders.append(("track", None))
+
+    def zigzag(self, rudder: float, heading_change: float, duration: float) -> TrialScript:
+        self.orders.append(("zigzag", rudder))
+        self.trial = TrialScript([zigzag(rudder, heading_change, duration)])
+        return self.trial
+
+    def turning(self, rudder: float, duration: float) -> TrialScript:
+        self.orders.append(("turning", rudder))
+        self.trial = TrialScript([turning(rudder, duration)])
+        return self.trial
+
+    def end_trial(self) -> None:
+        self.trial.stop()
+
 
 def tick(mode: Mode = Mode.STANDBY, now: float = 0.0, heading: float = 1.0) -> Tick:
     order = Order(OrderKind.HEADING, 0.5, serial=1) if mode is Mode.ENGAGED else Order()
@@ -79,7 +98,10 @@ class Bench:
     def __init__(self, armed: bool = False) -> None:
         near, self.far = loopback_pair()
         self.hand, self.store = Hand(), Store()
-        self.link = BoatLink(near, Commands(self.hand, armed), ParameterServer(self.store), system=7)
+        self.guide = TrackGuide()
+        self.mission = Mission(self.guide)
+        self.commands = Commands(self.hand, armed, self.mission)
+        self.link = BoatLink(near, self.commands, ParameterServer(self.store), system=7)
         self.station = MavlinkCodec(255, 190)
         self.now = 0.0
 
@@ -204,7 +226,7 @@ def test_headings_are_changed_only_while_one_is_steered(
 
 def test_what_is_unknown_is_unsupported_and_what_is_for_others_is_theirs() -> None:
     bench = Bench(armed=True)
-    for command in (dialect.MAV_CMD_DO_REPOSITION, dialect.MAV_CMD_NAV_TAKEOFF, 65535):
+    for command in (dialect.MAV_CMD_DO_PARACHUTE, dialect.MAV_CMD_NAV_TAKEOFF, 65535):
         assert bench.command(command) == dialect.MAV_RESULT_UNSUPPORTED
     assert bench.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, system=9) is None
     assert bench.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == 0

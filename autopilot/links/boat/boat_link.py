@@ -8,7 +8,8 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.boat.commands import ACCEPTED, DENIED, UNSUPPORTED, Commands
+from autopilot.links.boat.commands import ACCEPTED, DENIED, IN_PROGRESS, UNSUPPORTED, Commands, LongCommand
+from autopilot.links.boat.mission_server import MissionServer
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.boat.telemetry import RATES_HZ, Telemetry, mode_of, version
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
@@ -20,6 +21,8 @@ from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample, Tick
 COMPONENT = 1
 HEARTBEAT_S = 1.0
 FASTEST_HZ = 50.0
+PROGRESS_S = 1.0
+TRACK_SOURCE = "track"
 MESSAGES_PER_TURN = 100
 """Messages heeded in one turn of the loop; what a flood brings beyond them is dropped."""
 PACKETS_KEPT = 5000
@@ -60,7 +63,13 @@ class BoatLink:
         self._parameters = parameters
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
         believe_signed(transport, signing)
-        self._telemetry = Telemetry()
+        self._mission = commands.mission
+        self._missions = MissionServer(commands.mission)
+        self._telemetry = Telemetry(commands.mission)
+        self._long: tuple[LongCommand, tuple[int, int]] | None = None
+        self._next_progress = -math.inf
+        self._passed = 0
+        self._track_alarm = ""
         self._texts = StatusTexts()
         self._periods = {identity: 1.0 / rate for identity, rate in RATES_HZ.items()}
         self._due = dict.fromkeys(self._periods, -math.inf)
@@ -74,7 +83,8 @@ class BoatLink:
             "COMMAND_INT": self._command_int,
             "SET_MODE": self._set_mode,
             "TIMESYNC": self._timesync,
-            "MISSION_REQUEST_LIST": self._mission_list,
+            "COMMAND_CANCEL": self._command_cancel,
+            **dict.fromkeys(self._missions.kinds, self._mission_message),
             "FILE_TRANSFER_PROTOCOL": self._file_transfer,
             "PARAM_REQUEST_LIST": self._parameter,
             "PARAM_REQUEST_READ": self._parameter,
@@ -86,7 +96,7 @@ class BoatLink:
         return -1 if self._lost else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
-        """Answer what has arrived by `now` [s]. Nothing comes from a ground station but word of its loss: an alarm."""
+        """Answer what has arrived by `now` [s]. Samples are alarms: of the route's guide, or of a lost station."""
         heeded = 0
         refused = self._codec.refused
         try:
@@ -107,7 +117,7 @@ class BoatLink:
         if self._codec.refused > refused and now >= self._next_refusal:
             self._next_refusal = now + REFUSAL_S
             self._texts.say(now, dialect.MAV_SEVERITY_WARNING, REFUSAL)
-        return []
+        return self._track_alarms(now)
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing: the rudder is elsewhere."""
@@ -119,6 +129,7 @@ class BoatLink:
     def show(self, tick: Tick) -> None:
         """Send the telemetry that falls due with `tick`."""
         self._telemetry.take(tick)
+        self._show_passed(tick.now)
         for identity, due in self._due.items():
             if tick.now >= due:
                 period = self._periods[identity]
@@ -139,8 +150,10 @@ class BoatLink:
             self._next_heartbeat = now + HEARTBEAT_S
             tick = self._telemetry.tick
             self._heartbeat(now, STATES[tick.mode] if tick is not None else dialect.MAV_STATE_BOOT)
-        for message in (*self._parameters.due(), *self._texts.due(now)):
+        self._show_progress(now)
+        for message in (*self._parameters.due(), *self._missions.due(now), *self._texts.due(now)):
             self._transmit(now, message)
+        self._say_of_mission(now)
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return and forget the raw packets of both directions since the last call."""
@@ -159,7 +172,7 @@ class BoatLink:
         flags |= dialect.MAV_MODE_FLAG_AUTO_ENABLED if engaged else dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
         if engaged or self._commands.armed:
             flags |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
-        mode = mode_of(tick) if tick is not None else 0
+        mode = mode_of(tick, self._mission.is_followed) if tick is not None else 0
         message = dialect.MAVLink_heartbeat_message(
             dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, flags, mode, state, 3
         )
@@ -182,7 +195,8 @@ class BoatLink:
 
     def _command_int(self, now: float, message: Message) -> None:
         first = tuple(float(getattr(message, f"param{number}")) for number in range(1, 5))
-        self._command(now, message, (*first, float(message.x), float(message.y), float(message.z)))
+        scale = 1.0e-7 if message.command == dialect.MAV_CMD_DO_REPOSITION else 1.0
+        self._command(now, message, (*first, message.x * scale, message.y * scale, float(message.z)))
 
     def _command(self, now: float, message: Message, parameters: tuple[float, ...]) -> None:
         answers: list[Message] = []
@@ -199,7 +213,11 @@ class BoatLink:
             if self._commands.refusal:
                 self._texts.say(now, dialect.MAV_SEVERITY_WARNING, self._commands.refusal)
         sender = (message.get_srcSystem(), message.get_srcComponent())
-        self._transmit(now, dialect.MAVLink_command_ack_message(command, result, 0, 0, *sender))
+        progress = 0
+        if result == IN_PROGRESS and self._commands.running is not None:
+            self._long, self._next_progress = (self._commands.running, sender), now + PROGRESS_S
+            progress = _percent(self._commands.running)
+        self._transmit(now, dialect.MAVLink_command_ack_message(command, result, progress, 0, *sender))
         for answer in answers:
             self._transmit(now, answer)
 
@@ -233,9 +251,54 @@ class BoatLink:
         if message.tc1 == 0:
             self._transmit(now, dialect.MAVLink_timesync_message(int(now * 1.0e9), message.ts1))
 
-    def _mission_list(self, now: float, message: Message) -> None:
+    def _command_cancel(self, now: float, message: Message) -> None:
         sender = (message.get_srcSystem(), message.get_srcComponent())
-        self._transmit(now, dialect.MAVLink_mission_count_message(*sender, 0, message.mission_type))
+        if self._commands.cancel(message.command) and (self._long is None or self._long[1] != sender):
+            ack = dialect.MAVLink_command_ack_message(message.command, dialect.MAV_RESULT_CANCELLED, 0, 0, *sender)
+            self._transmit(now, ack)
+        self._show_progress(now)
+
+    def _show_progress(self, now: float) -> None:
+        """Say how far a command is that takes a while, and how it ended."""
+        if self._long is None:
+            return
+        (running, sender), result = self._long, IN_PROGRESS
+        if running.run.is_over:
+            self._long = None
+            result = ACCEPTED if running.run.is_complete else dialect.MAV_RESULT_FAILED
+            result = dialect.MAV_RESULT_CANCELLED if running.is_cancelled else result
+        elif now < self._next_progress:
+            return
+        self._next_progress = now + PROGRESS_S
+        ack = dialect.MAVLink_command_ack_message(running.command, result, _percent(running), 0, *sender)
+        self._transmit(now, ack)
+
+    def _mission_message(self, now: float, message: Message) -> None:
+        for answer in self._missions.take(now, message):
+            self._transmit(now, answer)
+        self._say_of_mission(now)
+
+    def _say_of_mission(self, now: float) -> None:
+        if self._missions.said:
+            self._texts.say(now, dialect.MAV_SEVERITY_NOTICE, self._missions.said)
+            self._missions.said = ""
+
+    def _show_passed(self, now: float) -> None:
+        """Tell of a waypoint that has been passed."""
+        guide = self._mission.guide
+        if guide.passed != self._passed:
+            self._passed = guide.passed
+            if self._mission.is_followed:
+                self._transmit(now, dialect.MAVLink_mission_item_reached_message(guide.last_passed))
+                self._transmit(now, self._mission.message())
+
+    def _track_alarms(self, now: float) -> list[Sample]:
+        """Return word of what the route's guide has to say, and of its end: the pilot carries it on as an alarm."""
+        alarm = self._mission.guide.alarm
+        if alarm == self._track_alarm:
+            return []
+        self._track_alarm = alarm
+        return [AlarmSample(now, alarm, TRACK_SOURCE)]
 
     def _file_transfer(self, now: float, message: Message) -> None:
         """Refuse: there are no files, and who asks falls back on plain messages."""
@@ -259,6 +322,10 @@ class BoatLink:
             return not self._lost and self._transport.send(packet)
         except LinkError:
             return False
+
+
+def _percent(running: LongCommand) -> int:
+    return round(100.0 * running.run.progress)
 
 
 def _whole(value: float) -> int:

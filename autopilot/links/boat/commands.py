@@ -9,15 +9,35 @@ from typing import Protocol
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
-from autopilot.links.boat.telemetry import HEADING, MANUAL
+from autopilot.errors import InputError
+from autopilot.guidance.track import Waypoint
+from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.telemetry import HEADING, MANUAL, TRACK, TRIAL
 from autopilot.signals import Mode, OrderKind, Tick
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 UNSUPPORTED = int(dialect.MAV_RESULT_UNSUPPORTED)
+IN_PROGRESS = int(dialect.MAV_RESULT_IN_PROGRESS)
 COUNTERCLOCKWISE = -1.0
 RAW_HEADING, COURSE_OVER_GROUND = 1, 0
+ZIGZAG, TURNING = int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)
+"""USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
+USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s]."""
+NO_POSITION = "no position: check the GPS and its link"
+LATITUDE_MOST_DEG = 85.0
+
+
+class Run(Protocol):
+    """Something that takes a while; progress from 0 to 1."""
+
+    is_over: bool
+    is_complete: bool
+
+    @property
+    def progress(self) -> float:
+        """Share that is done."""
 
 
 class Helmsman(Protocol):
@@ -32,20 +52,47 @@ class Helmsman(Protocol):
     def stand_by(self) -> None:
         """Give the rudder back."""
 
+    def hand_to_track(self) -> None:
+        """Let the track guide lead, engaging on the present heading where none is steered yet."""
+
+    def zigzag(self, rudder: float, heading_change: float, duration: float) -> Run:
+        """Begin a zigzag; angles [rad], time [s]. Raises InputError."""
+
+    def turning(self, rudder: float, duration: float) -> Run:
+        """Begin a turn at a held rudder [rad]. Raises InputError."""
+
+    def end_trial(self) -> None:
+        """End a trial before its time, and go back to the heading that was steered before."""
+
+
+class LongCommand:
+    """A command that is being carried out."""
+
+    def __init__(self, command: int, parameters: tuple[float, ...], run: Run) -> None:
+        self.command, self.parameters, self.run = command, parameters, run
+        self.is_cancelled = False
+
 
 class Commands:
     """Carries commands out. `armed`: a ground station, or `run --engage`, has said that the pilot may engage."""
 
-    def __init__(self, helmsman: Helmsman, armed: bool) -> None:
+    def __init__(self, helmsman: Helmsman, armed: bool, mission: Mission) -> None:
         self._helmsman = helmsman
+        self.mission = mission
         self.armed = armed
         self.refusal = ""
         """Why the last command was refused, for people."""
+        self.running: LongCommand | None = None
         self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
             int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
             int(dialect.MAV_CMD_CONDITION_YAW): self._yaw,
             int(dialect.MAV_CMD_GUIDED_CHANGE_HEADING): self._change_heading,
+            int(dialect.MAV_CMD_DO_REPOSITION): self._reposition,
+            int(dialect.MAV_CMD_MISSION_START): self._start_mission,
+            int(dialect.MAV_CMD_DO_SET_MISSION_CURRENT): self._set_current,
+            ZIGZAG: self._zigzag,
+            TURNING: self._turning,
         }
 
     def execute(self, command: int, parameters: tuple[float, ...], tick: Tick | None) -> int:
@@ -60,13 +107,110 @@ class Commands:
         if mode == MANUAL:
             self._helmsman.stand_by()
             return ACCEPTED
-        if mode != HEADING:
-            return self._refuse(DENIED, f"mode {mode} is not known: MANUAL ({MANUAL}) and GUIDED ({HEADING}) are")
+        if mode == TRIAL:
+            return self._refuse(DENIED, "a trial is begun by its command: MAV_CMD_USER_1 or USER_2")
+        if mode not in (HEADING, TRACK):
+            known = f"MANUAL ({MANUAL}), GUIDED ({HEADING}) and AUTO ({TRACK})"
+            return self._refuse(DENIED, f"mode {mode} is not known: {known} are")
         if not self.armed:
             return self._refuse(REJECTED, "arm first")
-        if not _steers(tick):
+        if mode == TRACK:
+            return self._follow_mission(tick)
+        if tick is None or not _steers(tick):
             self._helmsman.engage(None)
+        elif self.mission.is_followed:
+            self._helmsman.turn_to(tick.order.heading)
         return ACCEPTED
+
+    def cancel(self, command: int) -> bool:
+        """End a command that is being carried out; return whether there is one."""
+        running = self.running
+        if running is None or running.run.is_over or running.command != command:
+            return False
+        running.is_cancelled = True
+        self._helmsman.end_trial()
+        return True
+
+    def _follow_mission(self, tick: Tick | None) -> int:
+        mission = self.mission
+        if mission.is_followed and tick is not None and _steers(tick):
+            return ACCEPTED
+        if not mission.items:
+            return self._refuse(REJECTED, "there is no route: upload one first")
+        if mission.state == dialect.MISSION_STATE_COMPLETE:
+            return self._refuse(REJECTED, "the route has been followed to its end: choose a waypoint to go on with")
+        if not self._has_position(tick):
+            return self._refuse(REJECTED, NO_POSITION)
+        self._helmsman.hand_to_track()
+        mission.follow()
+        return ACCEPTED
+
+    def _start_mission(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        first, last = parameters[:2]
+        if last not in (0.0, len(self.mission.items) - 1.0) or not math.isfinite(first):
+            return self._refuse(DENIED, "a route is followed to its end: set the last item to 0")
+        if not self.armed:
+            return self._refuse(REJECTED, "arm first")
+        if not self.mission.set_current(int(first)):
+            return self._refuse(DENIED, f"there is no waypoint {first:g} in a route of {len(self.mission.items)}")
+        return self._follow_mission(tick)
+
+    def _set_current(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        number = parameters[0]
+        if number == -1.0:
+            number = float(self.mission.current)
+        if not (math.isfinite(number) and number == int(number) and self.mission.set_current(int(number))):
+            return self._refuse(DENIED, f"there is no waypoint {number:g} in a route of {len(self.mission.items)}")
+        return ACCEPTED
+
+    def _reposition(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        speed, flags, radius, _, latitude_deg, longitude_deg, _ = parameters
+        if speed > 0.0:
+            return self._refuse(UNSUPPORTED, "the speed is not ours to set: leave it at -1")
+        if not (abs(latitude_deg) <= LATITUDE_MOST_DEG and abs(longitude_deg) <= 180.0):
+            return self._refuse(DENIED, "give a latitude of up to 85 and a longitude of up to 180 degrees")
+        if not self._has_position(tick):
+            return self._refuse(REJECTED, NO_POSITION)
+        changes_mode = math.isfinite(flags) and int(flags) & dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+        if tick is None or not _steers(tick):
+            if not changes_mode or not self.armed:
+                return self._refuse(REJECTED, "not engaged: arm, and set mode GUIDED or the flag that changes it")
+        elif self.mission.is_followed and not changes_mode:
+            return self._refuse(REJECTED, "a route is followed: set mode GUIDED first, or the flag that changes it")
+        within = radius if math.isfinite(radius) and radius > 0.0 else math.nan
+        self._helmsman.hand_to_track()
+        place = Waypoint(math.radians(latitude_deg), math.radians(longitude_deg), within)
+        self.mission.guide.follow([place], ending="the place has been reached")
+        return ACCEPTED
+
+    def _zigzag(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        rudder_deg, change_deg, duration = parameters[:3]
+
+        def begin() -> Run:
+            return self._helmsman.zigzag(math.radians(rudder_deg), math.radians(change_deg), duration)
+
+        return self._begin(ZIGZAG, parameters[:3], begin)
+
+    def _turning(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        rudder_deg, duration = parameters[:2]
+        return self._begin(TURNING, parameters[:2], lambda: self._helmsman.turning(math.radians(rudder_deg), duration))
+
+    def _begin(self, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:
+        running = self.running
+        if running is not None and not running.run.is_over:
+            if (running.command, running.parameters) == (command, parameters):
+                return IN_PROGRESS
+            return self._refuse(REJECTED, "a trial is being sailed: cancel it first")
+        if not self.armed:
+            return self._refuse(REJECTED, "arm first")
+        try:
+            self.running = LongCommand(command, parameters, begin())
+        except InputError as error:
+            return self._refuse(DENIED, str(error))
+        return IN_PROGRESS
+
+    def _has_position(self, tick: Tick | None) -> bool:
+        return tick is not None and self.mission.guide.fix.is_fresh(tick.now)
 
     def _arm(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         if parameters[0] not in (0.0, 1.0):
@@ -104,7 +248,7 @@ class Commands:
         return self._steer(tick, math.radians(heading_deg))
 
     def _steer(self, tick: Tick | None, heading: float) -> int:
-        if not _steers(tick):
+        if tick is None or not _steers(tick):
             return self._refuse(REJECTED, "not engaged: arm and set mode GUIDED first")
         self._helmsman.turn_to(wrap(heading))
         return ACCEPTED
@@ -114,5 +258,5 @@ class Commands:
         return result
 
 
-def _steers(tick: Tick | None) -> bool:
-    return tick is not None and tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
+def _steers(tick: Tick) -> bool:
+    return tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING

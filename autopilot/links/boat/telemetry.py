@@ -1,6 +1,7 @@
 """What a ground station is told of the boat: standard messages made from a tick. Pure.
 
-ATTITUDE, GLOBAL_POSITION_INT, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered, in degrees),
+ATTITUDE, GLOBAL_POSITION_INT, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered or of the
+waypoint, in degrees; distance to it; cross-track error, positive to starboard of the track), MISSION_CURRENT,
 SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias.
 """
 
@@ -12,20 +13,24 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import compass_deg
+from autopilot.links.boat.mission import Mission
 from autopilot.links.mavlink_codec import Message
 from autopilot.signals import Mode, OrderKind, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0
+FURTHEST = 65535
 POSITION_FRESH_S = 5.0
 VERSION = (0 << 24) | (2 << 16) | (0 << 8) | dialect.FIRMWARE_VERSION_TYPE_DEV
 CAPABILITIES = (
     dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
     | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | dialect.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | dialect.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
 )
 COMPASS = dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
-MANUAL, HEADING, TRIAL = 0, 15, 3
-"""Our custom modes, numbered as the ArduRover modes nearest to them (MANUAL, GUIDED, STEERING), because ground
+MANUAL, HEADING, TRACK, TRIAL = 0, 15, 10, 3
+"""Our custom modes, numbered as the ArduRover modes nearest to them (MANUAL, GUIDED, AUTO, STEERING), because ground
 stations name the modes of every surface boat by that list."""
 RATES_HZ = {
     dialect.MAVLINK_MSG_ID_ATTITUDE: 4.0,
@@ -33,23 +38,27 @@ RATES_HZ = {
     dialect.MAVLINK_MSG_ID_VFR_HUD: 2.0,
     dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: 2.0,
     dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: 2.0,
+    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 0.5,
 }
 """Unasked; SET_MESSAGE_INTERVAL changes them."""
 
 
-def mode_of(tick: Tick) -> int:
+def mode_of(tick: Tick, follows_route: bool = False) -> int:
     """Return our custom mode: who steers, and what to."""
     if tick.mode is not Mode.ENGAGED:
         return MANUAL
-    return HEADING if tick.order.kind is OrderKind.HEADING else TRIAL
+    if tick.order.kind is not OrderKind.HEADING:
+        return TRIAL
+    return TRACK if follows_route else HEADING
 
 
 class Telemetry:
     """Makes each message from the newest tick; `start` [s] of the loop's clock is our boot."""
 
-    def __init__(self) -> None:
+    def __init__(self, mission: Mission) -> None:
+        self._mission = mission
         self._start: float | None = None
         self._roll: RollSample | None = None
         self._position: PositionSample | None = None
@@ -60,6 +69,7 @@ class Telemetry:
             dialect.MAVLINK_MSG_ID_VFR_HUD: self._hud,
             dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self._navigation,
             dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._rudder,
+            dialect.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _: [self._mission.message()],
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._status,
             dialect.MAVLINK_MSG_ID_SYSTEM_TIME: self._time,
             dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda _: [version()],
@@ -126,9 +136,13 @@ class Telemetry:
     def _navigation(self, tick: Tick) -> list[Message]:
         if tick.mode is not Mode.ENGAGED:
             return []
-        order = tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
-        bearings = (_signed_deg(tick.reference.heading), _signed_deg(order))
-        return [dialect.MAVLink_nav_controller_output_message(0.0, 0.0, *bearings, 0, 0.0, 0.0, 0.0)]
+        target = tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
+        distance, cross_track = 0, 0.0
+        leg = self._mission.guide.leg
+        if leg is not None and self._mission.guide.following:
+            target, distance, cross_track = leg.target, min(round(leg.distance), FURTHEST), leg.cross_track
+        bearings = (_signed_deg(tick.reference.heading), _signed_deg(target))
+        return [dialect.MAVLink_nav_controller_output_message(0.0, 0.0, *bearings, distance, 0.0, 0.0, cross_track)]
 
     def _rudder(self, tick: Tick) -> list[Message]:
         values = {

@@ -1,0 +1,154 @@
+"""The skipper who can also hand the course to a route, or the rudder to a trial; any other order takes them back.
+
+The guide moves the heading that is ordered, it gives no orders of its own: a route never engages the pilot, and an
+override ends the following of it for good.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.cli.plotter_follow import PlotterSkipper
+from autopilot.cli.trial_script import Step, TrialScript, turning, zigzag
+from autopilot.errors import InputError
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.track import TrackGuide
+from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick
+
+BEGIN_PATIENCE_S = 5.0
+"""A trial that has not begun after this time [s] is not sailed: the pilot cannot engage."""
+ANGLE_LEAST, CHANGE_MOST = math.radians(1.0), math.radians(90.0)
+DURATION_MOST_S = 3600.0
+
+
+class RouteSkipper(PlotterSkipper):
+    """A `PlotterSkipper` whose heading orders come from `track` while it follows, and who sails trials."""
+
+    def __init__(self, rudder_max: float, plotter: PlotterGuide, track: TrackGuide) -> None:
+        super().__init__(rudder_max, plotter)
+        self.track = track
+        self._tick: Tick | None = None
+        self._has_led = False
+        self._script: TrialScript | None = None
+        self._script_since: float | None = None
+        self._before = Order()
+
+    def __call__(self, now: float, tick: Tick | None) -> Order:
+        """Return the order at `now`."""
+        self._tick = tick
+        if tick is not None:
+            for sample in tick.samples:
+                if isinstance(sample, PositionSample):
+                    self.track.take(sample)
+        if self._script is not None:
+            return self._sail(now, tick, self._script)
+        order = super().__call__(now, tick)
+        if not self.track.following or tick is None:
+            return order
+        if tick.mode is Mode.OVERRIDE and self._has_led:
+            # who has taken the helm keeps it: nothing of the route is left when the pilot is engaged again
+            self.track.leave()
+        elif tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING and not self._adopt:
+            self._has_led = True
+            # the same serial: a route must not engage the pilot anew after an override
+            self._order = order._replace(heading=self.track.course(now, tick.state.heading, tick.state.speed))
+        return self._order
+
+    def engage(self, heading: float | None) -> None:
+        """Order a heading [rad] or the present one; nobody else leads."""
+        self._take_back()
+        super().engage(heading)
+
+    def give(self, order: Order) -> None:
+        """Order something else; nobody else leads."""
+        self._take_back()
+        super().give(order)
+
+    def turn_to(self, heading: float) -> None:
+        """Change the heading [rad] ordered; nobody else leads."""
+        self.end_trial()
+        self.track.leave()
+        super().turn_to(heading)
+
+    def follow(self) -> None:
+        """Follow the plotter."""
+        self._take_back()
+        super().follow()
+
+    def type_line(self, line: str) -> str:
+        """Act on a typed line and return what to answer. Raises InputError."""
+        answer = super().type_line(line)
+        if line.strip()[:1] in ("+", "-"):
+            self.track.leave()
+        return answer
+
+    def hand_to_track(self) -> None:
+        """Let the track guide lead, engaging on the present heading where none is steered yet."""
+        tick = self._tick
+        if tick is not None and tick.mode is Mode.ENGAGED and self._order.kind is OrderKind.HEADING:
+            self._take_back()
+            self._guide.leave()
+        else:
+            self.engage(None)
+        self._has_led = False
+
+    def zigzag(self, rudder: float, heading_change: float, duration: float) -> TrialScript:
+        """Begin a zigzag; angles [rad], time [s]. Raises InputError."""
+        _check("rudder", rudder, ANGLE_LEAST, self._rudder_max)
+        _check("change of heading", heading_change, ANGLE_LEAST, CHANGE_MOST)
+        return self._begin(zigzag(rudder, heading_change, duration))
+
+    def turning(self, rudder: float, duration: float) -> TrialScript:
+        """Begin a turn at a held rudder [rad]. Raises InputError."""
+        _check("rudder", rudder, -self._rudder_max, self._rudder_max)
+        return self._begin(turning(rudder, duration))
+
+    def end_trial(self) -> None:
+        """End a trial before its time, and go back to what was steered before."""
+        if self._script is not None:
+            self._script.stop()
+            self._go_back(self._tick)
+
+    def _begin(self, step: Step) -> TrialScript:
+        if not 1.0 <= step.duration <= DURATION_MOST_S:
+            raise InputError(f"a trial of {step.duration:g} s: 1 to {DURATION_MOST_S:g} s are allowed")
+        tick, order = self._tick, self._order
+        steered = tick is not None and tick.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING
+        self.give(step.order)
+        self._before = order if steered else Order()
+        self._script = TrialScript([step])
+        self._script_since = None
+        return self._script
+
+    def _sail(self, now: float, tick: Tick | None, script: TrialScript) -> Order:
+        order = script(now, tick)
+        if self._script_since is None:
+            self._script_since = now
+        if not script.begun_at and now - self._script_since > BEGIN_PATIENCE_S:
+            script.stop()
+        if script.is_over:
+            self._go_back(tick)
+            return self._order
+        return order._replace(serial=self._order.serial)
+
+    def _go_back(self, tick: Tick | None) -> None:
+        """After a trial: steer what was steered before it, or give the rudder back; the same intended action."""
+        self._script = None
+        back = self._before
+        if back.kind is OrderKind.STANDBY and tick is not None and tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE):
+            # standing by would take back what the skipper has to hear
+            back = Order(OrderKind.HEADING, math.nan)
+        self._order = back._replace(serial=self._order.serial)
+        self._adopt = back.kind is OrderKind.HEADING and not math.isfinite(back.heading)
+
+    def _take_back(self) -> None:
+        self.track.leave()
+        if self._script is not None:
+            self._script.stop()
+            self._script = None
+
+
+def _check(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        limits = f"{math.degrees(low):.0f} to {math.degrees(high):.0f}"
+        raise InputError(f"{name} {math.degrees(value):.3g} deg: {limits} are allowed")

@@ -1,0 +1,179 @@
+"""The skipper with a route and with trials, on the whole pilot and a boat: who has the helm, and who gets it back."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from boats import BOATS, vessel_of
+from plant import Plant
+
+from autopilot.angles import shortest_turn
+from autopilot.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
+from autopilot.cli.route_skipper import RouteSkipper
+from autopilot.errors import InputError
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.track import TrackGuide, Waypoint
+from autopilot.signals import HelmSample, Mode, OrderKind, PositionSample, Sample, SpeedSample, Tick
+
+M_PER_RAD = 6.3781e6
+SPEED = BOATS["lanxin"].speed
+
+
+class Sea:
+    """The pilot and its boat, the skipper under test, a GPS that can be lost, a helm that can be taken."""
+
+    def __init__(self) -> None:
+        vessel = vessel_of(BOATS["lanxin"])
+        self.pilot, self.box = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel))
+        self.track = TrackGuide(track_settings_of(vessel))
+        self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), self.track)
+        self.north = self.east = 0.0
+        self.tick: Tick | None = None
+        self.route = [self.place(0.0, 200.0), self.place(400.0, 200.0)]
+
+    def place(self, north: float, east: float) -> Waypoint:
+        return Waypoint(0.5 + north / M_PER_RAD, 0.2 + east / M_PER_RAD / math.cos(0.5))
+
+    def sail(self, seconds: float, gps: bool = True, helm: HelmSample | None = None) -> Tick:
+        extra: list[Sample] = [] if helm is None else [helm._replace(time=self.box.time)]
+        for step in range(round(seconds / 0.05)):
+            samples = [*self.box.sense(), SpeedSample(self.box.time, SPEED), *extra]
+            extra = []
+            if gps and step % 10 == 0:
+                samples.append(PositionSample(self.box.time, *self.place(self.north, self.east).place))
+            now = self.box.time
+            self.tick = self.pilot.step(now, tuple(samples), self.skipper(now, self.tick))
+            self.box.step(self.tick.command.angle if self.tick.command.engaged else 0.0, 0.05)
+            self.north += 0.05 * SPEED * math.cos(self.box.heading)
+            self.east += 0.05 * SPEED * math.sin(self.box.heading)
+        assert self.tick is not None
+        return self.tick
+
+    def follow(self) -> None:
+        self.skipper.hand_to_track()
+        self.track.follow(self.route)
+
+
+TAKEN = HelmSample(0.0, False, "stick moved", "rc")
+FREE = HelmSample(0.0, True, "", "rc")
+
+
+def test_a_route_that_is_there_engages_nothing() -> None:
+    sea = Sea()
+    sea.track.follow(sea.route)
+    assert sea.sail(5.0).mode is Mode.STANDBY
+
+
+def test_it_engages_on_the_present_heading_and_sails_the_route_to_its_end() -> None:
+    sea = Sea()
+    sea.sail(1.0)
+    sea.follow()
+    first = sea.sail(0.1)
+    assert first.mode is Mode.ENGAGED and abs(first.command.angle) < 0.1
+    tick = sea.sail(170.0)
+    assert sea.track.is_complete and sea.track.passed == 2
+    assert tick.order.serial == 1 and abs(shortest_turn(0.0, tick.state.heading)) < math.radians(3.0)
+    assert abs(sea.east - 200.0) < 3.0
+
+
+def test_who_takes_the_helm_keeps_it_and_the_route_is_over() -> None:
+    sea = Sea()
+    sea.follow()
+    sea.sail(5.0)
+    assert sea.sail(2.0, helm=TAKEN).mode is Mode.OVERRIDE
+    assert not sea.track.following
+    assert sea.sail(20.0, helm=FREE).mode is Mode.OVERRIDE
+    sea.skipper.engage(None)
+    heading = sea.box.heading
+    assert sea.sail(20.0).mode is Mode.ENGAGED
+    assert abs(shortest_turn(heading, sea.box.heading)) < math.radians(1.0), "engaged again, it is the heading held"
+    sea.follow()
+    sea.sail(20.0)
+    assert sea.track.following and abs(shortest_turn(heading, sea.box.heading)) > math.radians(20.0)
+
+
+def test_a_lost_position_does_not_lose_the_heading() -> None:
+    sea = Sea()
+    sea.follow()
+    course = sea.sail(20.0).order.heading
+    tick = sea.sail(60.0, gps=False)
+    assert tick.mode is Mode.ENGAGED
+    assert abs(shortest_turn(course, tick.state.heading)) < math.radians(2.0)
+    assert "position lost" in sea.track.alarm
+
+
+@pytest.mark.parametrize("line", ["+10", "e 90", "r 5", "s"])
+def test_what_the_skipper_types_ends_the_route(line: str) -> None:
+    sea = Sea()
+    sea.follow()
+    sea.sail(10.0)
+    before = sea.sail(0.1).order.heading
+    sea.skipper.type_line(line)
+    tick = sea.sail(5.0)
+    assert not sea.track.following
+    if line == "+10":
+        assert tick.order.heading == pytest.approx(before + math.radians(10.0))
+    else:
+        assert tick.mode is (Mode.STANDBY if line == "s" else Mode.ENGAGED)
+
+
+def test_a_trial_goes_back_to_the_heading_that_was_steered() -> None:
+    sea = Sea()
+    sea.skipper.engage(0.5)
+    sea.sail(10.0)
+    trial = sea.skipper.zigzag(math.radians(10.0), math.radians(10.0), 20.0)
+    assert sea.sail(10.0).order.kind is OrderKind.ZIGZAG
+    assert 0.4 < trial.progress < 0.6
+    tick = sea.sail(30.0)
+    assert trial.is_over and trial.is_complete
+    assert (tick.mode, tick.order.kind) == (Mode.ENGAGED, OrderKind.HEADING)
+    assert abs(tick.state.heading - 0.5) < math.radians(1.0)
+
+
+def test_a_trial_from_standby_gives_the_rudder_back_and_one_that_cannot_begin_is_over() -> None:
+    sea = Sea()
+    sea.sail(1.0)
+    trial = sea.skipper.turning(math.radians(-10.0), 5.0)
+    assert sea.sail(3.0).command.angle < -0.1
+    assert sea.sail(5.0).mode is Mode.STANDBY and trial.is_complete
+    sea.sail(1.0, helm=TAKEN)
+    trial = sea.skipper.turning(math.radians(-10.0), 5.0)
+    tick = sea.sail(10.0)
+    assert trial.is_over and not trial.is_complete and tick.mode is not Mode.ENGAGED
+    assert sea.sail(10.0, helm=FREE).mode is not Mode.ENGAGED, "the helm is free again: too late"
+
+
+def test_an_override_ends_a_trial_and_stays() -> None:
+    sea = Sea()
+    sea.sail(1.0)
+    trial = sea.skipper.turning(math.radians(10.0), 50.0)
+    sea.sail(3.0)
+    sea.sail(1.0, helm=TAKEN)
+    assert trial.is_over and not trial.is_complete
+    tick = sea.sail(10.0, helm=FREE)
+    assert tick.mode is Mode.OVERRIDE and "stick moved" in tick.alarms[0]
+
+
+def test_a_trial_that_is_ended_or_turned_away_from_holds_no_rudder() -> None:
+    sea = Sea()
+    sea.skipper.engage(0.0)
+    sea.sail(2.0)
+    for ends in (sea.skipper.end_trial, lambda: sea.skipper.turn_to(0.0), lambda: sea.skipper.engage(0.0)):
+        trial = sea.skipper.turning(math.radians(10.0), 50.0)
+        sea.sail(2.0)
+        ends()
+        tick = sea.sail(20.0)
+        assert trial.is_over and not trial.is_complete
+        assert (tick.order.kind, tick.mode) == (OrderKind.HEADING, Mode.ENGAGED)
+        assert abs(tick.state.heading) < math.radians(1.0)
+
+
+@pytest.mark.parametrize(
+    ("rudder_deg", "change_deg", "seconds"), [(90, 10, 20), (10, 95, 20), (10, 10, 0), (0, 10, 20)]
+)
+def test_trials_outside_their_limits_are_refused(rudder_deg: float, change_deg: float, seconds: float) -> None:
+    sea = Sea()
+    with pytest.raises(InputError, match="allowed"):
+        sea.skipper.zigzag(math.radians(rudder_deg), math.radians(change_deg), seconds)
+    assert sea.sail(1.0).mode is Mode.STANDBY
