@@ -120,6 +120,7 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
     from autopilot.cli.progress import ProgressBar
     from autopilot.identification.methods import Question
     from autopilot.identification.registry import method_named
+    from autopilot.identification.residual_tests import residual_tests
     from autopilot.identification.two_stage import nomoto_stage
 
     method = method_named(arguments.method)
@@ -138,7 +139,8 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
     stage_one = nomoto_stage(fitted, found.model.reference_speed)
     predictions = [(run, "fit", found.foretell(run)) for run in fitted]
     predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
-    return Result(arguments.model, found, stage_one, predictions)
+    tests = residual_tests(fitted, found.model, found.around)
+    return Result(arguments.model, found, stage_one, predictions, tests)
 
 
 def _load(paths: list[str], arguments: argparse.Namespace) -> list[Run]:

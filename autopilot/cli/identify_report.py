@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from autopilot.identification.identify import Identified, SteadyTurns
 from autopilot.identification.prediction import Prediction
+from autopilot.identification.residual_tests import ResidualTest
 from autopilot.identification.runs import Run
 from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
 
@@ -49,6 +50,7 @@ class Result(NamedTuple):
     found: Identified
     stage_one: Nomoto | None
     predictions: Sequence[tuple[Run, str, Prediction]]
+    residual_tests: Sequence[ResidualTest] = ()
 
 
 def as_json(result: Result) -> str:
@@ -70,6 +72,7 @@ def as_json(result: Result) -> str:
         "residuals": {
             "yaw_rate_rms_rad_s": _finite(found.noise[0].size),
             "heading_rms_rad": _finite(found.noise[1].size),
+            "tests": [_residual_test(test) for test in result.residual_tests],
         },
     }
     return json.dumps(document, indent=2, allow_nan=False)
@@ -107,6 +110,20 @@ def _run(run: Run, role: str, prediction: Prediction) -> dict[str, Any]:
         "yaw_rate_r2": prediction.yaw_rate_r2,
         "heading_rms_deg": None if prediction.heading_rms is None else math.degrees(prediction.heading_rms),
         "segments": len(run.segments),
+    }
+
+
+def _residual_test(test: ResidualTest) -> dict[str, Any]:
+    return {
+        "signal": test.signal,
+        "is_white": test.is_white,
+        "whiteness_p": test.whiteness,
+        "lag_one_correlation": test.lag_one,
+        "memory_s": test.memory,
+        "follows_rudder": test.follows_rudder,
+        "rudder_correlation": test.rudder,
+        "rudder_lag_s": test.rudder_lag,
+        "rudder_correlation_by_chance": test.by_chance,
     }
 
 
@@ -148,6 +165,7 @@ def as_text(result: Result) -> str:
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if found.around else ""),
         _table(_run_rows(result)),
         *found.unidentifiable.values(),
+        *(" ".join(test.sentences()) for test in result.residual_tests),
         *_notes(result),
     ]
     return "\n\n".join(parts)

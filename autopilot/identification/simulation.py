@@ -23,6 +23,9 @@ from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, wind_accel
 RATE_BOUND_RAD_S = 100.0
 """Simulated rates are held inside this, so that a model which runs away gives a large number, not inf or nan."""
 
+SLOPE_BOUND = 1.0e8
+"""Derivatives of a model that runs away are held inside this, in units of rad/s and rad by the parameter's."""
+
 NEWTON_ROUNDS = 20
 """Rounds after which the recurrence is stepped through one by one: a model that runs away does not settle."""
 SETTLED = 1.0e-12
@@ -177,12 +180,19 @@ def slopes(
     result = []
     for other, beside_it in shifted:
         moved, moved_advance = _runge_kutta(_drive(other, forcing, beside_it), start)
-        rate = _recurrence(memory, (moved - ahead) / by, np.zeros(forcing.first.size), forcing)
-        result.append(
-            Trajectory(rate, _turned((moved_advance - advance) / by + turning * rate[forcing.begin], forcing))
-        )
-    rate = _recurrence(memory, np.zeros(start.size), np.ones(forcing.first.size), forcing)
-    return [*result, Trajectory(rate, _turned(turning * rate[forcing.begin], forcing))]
+        rate = _finite(_recurrence(memory, (moved - ahead) / by, np.zeros(forcing.first.size), forcing))
+        result.append(_derivative(rate, (moved_advance - advance) / by + turning * rate[forcing.begin], forcing))
+    rate = _finite(_recurrence(memory, np.zeros(start.size), np.ones(forcing.first.size), forcing))
+    return [*result, _derivative(rate, turning * rate[forcing.begin], forcing)]
+
+
+def _derivative(rate: FloatArray, advance: FloatArray, forcing: Forcing) -> Trajectory:
+    return Trajectory(rate, _finite(_turned(_finite(advance), forcing)))
+
+
+def _finite(slope: FloatArray) -> FloatArray:
+    """Return derivatives held inside the bound: one that overflowed says as much as a large one."""
+    return np.fmax(np.fmin(slope, SLOPE_BOUND), -SLOPE_BOUND)
 
 
 class _Drive(NamedTuple):

@@ -67,6 +67,10 @@ def test_a_model_that_runs_away_is_held_inside_the_bound() -> None:
     assert np.isfinite(away.rate).all()
     assert np.isfinite(away.turned).all()
     assert float(np.max(np.abs(away.rate))) == simulation.RATE_BOUND_RAD_S
+    model = Norrbin(1.0, 0.5, n1=-1.0, reference_speed=5.0)
+    for derivative in slopes(model, steps, away, [(model._replace(gain=1.000001), None)], 1.0e-6):
+        assert np.isfinite(derivative.rate).all()
+        assert np.isfinite(derivative.turned).all()
 
 
 @pytest.mark.parametrize("around", [None, RaceAndWind(0.5, 8.0, 2.0e-4, 1.0e-4)])

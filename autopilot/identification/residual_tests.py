@@ -1,0 +1,140 @@
+"""What the residuals of a fit still say: whether they are white, and whether the rudder is still in them.
+
+White residuals are the instruments' noise, and the model explains all the rest. Residuals that remember come from
+gusts or from what the model leaves out; residuals that follow the rudder come from the model. Source: Ljung and Box
+1978 for whiteness; Ljung 1999, section 16.6, for the correlation with the input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from autopilot.identification.prediction import simulate_run
+from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.race_and_wind import RaceAndWind
+
+WHITENESS_LAGS = 20
+RUDDER_LAGS = 40
+REACH_TIME_CONSTANTS = 5.0
+"""The rudder is looked for in the residuals this many time constants later."""
+SURE = 0.01
+"""Probability below which chance is not believed."""
+QUANTILE = 2.58
+"""Normal deviate that chance exceeds in `SURE` of all cases."""
+NOTEWORTHY = 0.1
+"""A correlation with the rudder smaller than this changes no prediction that matters, however sure it is."""
+
+
+class ResidualTest(NamedTuple):
+    """Of yaw rate or heading (`signal`): Ljung and Box's probability of residuals as correlated as these if they were
+    white; `memory` [s] after which their correlation is below chance; and their largest correlation with the rudder,
+    `rudder_lag` [s] before, beside what chance would give at most."""
+
+    signal: str
+    whiteness: float
+    lag_one: float
+    memory: float
+    rudder: float
+    rudder_lag: float
+    by_chance: float
+
+    @property
+    def is_white(self) -> bool:
+        """Return whether chance explains the residuals' correlation."""
+        return self.whiteness > SURE
+
+    @property
+    def follows_rudder(self) -> bool:
+        """Return whether the rudder is in the residuals, more than chance would and enough to matter."""
+        return abs(self.rudder) > max(self.by_chance, NOTEWORTHY)
+
+    def sentences(self) -> list[str]:
+        """Return what this means for whoever uses the model."""
+        if self.is_white:
+            said = [f"The residuals of the {self.signal} are white: noise of the instruments explains them."]
+        else:
+            said = [
+                f"The residuals of the {self.signal} remember {self.memory:.3g} s: gusts, or what the model leaves "
+                "out; the standard errors allow for it."
+            ]
+        if self.follows_rudder:
+            said.append(
+                f"They follow the rudder of {self.rudder_lag:.3g} s before (correlation {self.rudder:+.2f}, chance "
+                f"gives {self.by_chance:.2f}): the model misses part of what the rudder does; look at the rudder's lag "
+                "and calibration, at the speed column, and add propeller and wind where they are recorded."
+            )
+        return said
+
+
+def residual_tests(runs: Sequence[Run], model: Norrbin, around: RaceAndWind | None = None) -> list[ResidualTest]:
+    """Return the tests of yaw rate and heading, of those that were measured, over all runs together."""
+    segments = [segment for run in runs for segment in run.segments]
+    simulated = [values for run in runs for values in simulate_run(model, run, around)]
+    spacing = float(np.median(np.concatenate([np.diff(segment.time) for segment in segments])))
+    result = []
+    for column, signal in enumerate(("yaw rate", "heading")):
+        measured = [segment.rate if column == 0 else segment.heading for segment in segments]
+        residuals = [_centred(m - s[:, column]) for m, s in zip(measured, simulated, strict=True)]
+        if sum(int(np.count_nonzero(np.isfinite(e))) for e in residuals) > 2 * WHITENESS_LAGS:
+            result.append(_test(signal, residuals, segments, spacing, model.time_constant))
+    return result
+
+
+def _test(
+    signal: str, residuals: list[FloatArray], segments: list[Segment], spacing: float, time_constant: float
+) -> ResidualTest:
+    longest = min(max(segment.time.size for segment in segments) - 1, 2000)
+    own = np.array([_correlation(residuals, residuals, lag) for lag in range(1, longest + 1)])
+    N = sum(int(np.count_nonzero(np.isfinite(e))) for e in residuals)
+    first = own[:WHITENESS_LAGS]
+    box = N * (N + 2.0) * float(np.sum(first**2 / (N - np.arange(1, first.size + 1))))
+    chance = QUANTILE / np.sqrt(N)
+    below = np.flatnonzero(np.abs(own) < chance)
+    memory = (float(below[0]) if below.size else float(longest)) * spacing
+    rudders = [_centred(segment.rudder) for segment in segments]
+    step = max(1, round(REACH_TIME_CONSTANTS * time_constant / RUDDER_LAGS / spacing))
+    lags = [lag for lag in range(0, step * RUDDER_LAGS, step) if lag < longest] or [0]
+    crossed = np.array([_correlation(rudders, residuals, lag) for lag in lags])
+    remembered = int(below[0]) if below.size else longest
+    rudder_own = np.array([_correlation(rudders, rudders, lag) for lag in range(1, remembered + 1)])
+    # two signals that both remember are alike by chance more often than white ones
+    spread = np.sqrt(max(1.0 + 2.0 * float(np.sum(own[:remembered] * rudder_own)), 1.0) / N)
+    # the largest of many is larger by chance than one of them
+    quantile = float(norm.isf(SURE / 2.0 / len(lags)))
+    at = int(np.argmax(np.abs(crossed)))
+    return ResidualTest(
+        signal,
+        float(chi2.sf(box, first.size)),
+        float(own[0]),
+        memory,
+        float(crossed[at]),
+        lags[at] * spacing,
+        float(quantile * spread),
+    )
+
+
+def _centred(values: FloatArray) -> FloatArray:
+    return np.asarray(values - np.nanmean(values)) if np.isfinite(values).any() else values
+
+
+def _correlation(earlier: Sequence[FloatArray], later: Sequence[FloatArray], lag: int) -> float:
+    """Return the correlation of `later` with `earlier` a number of samples before, over all segments."""
+    together = count = 0.0
+    for before, after in zip(earlier, later, strict=True):
+        if lag < after.size:
+            products = before[: before.size - lag] * after[lag:]
+            known = np.isfinite(products)
+            together += float(np.sum(products[known]))
+            count += float(np.count_nonzero(known))
+    power = _power(earlier) * _power(later)
+    return together / count / float(np.sqrt(power)) if count and power > 0.0 else 0.0
+
+
+def _power(signals: Sequence[FloatArray]) -> float:
+    known = np.concatenate([values[np.isfinite(values)] for values in signals])
+    return float(np.mean(known**2)) if known.size else 0.0

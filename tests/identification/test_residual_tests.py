@@ -1,0 +1,58 @@
+"""Whiteness and the rudder's trace in the residuals, on boats whose residuals are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from zigzag_trials import LANXIN, noisy, run_of, zigzag
+
+from autopilot.identification.residual_tests import ResidualTest, residual_tests
+from autopilot.models.norrbin import Norrbin
+
+TRUTH = Norrbin(LANXIN["K"], LANXIN["T"], LANXIN["n3"], reference_speed=5.0)
+TABLE = zigzag(np.radians(15.0), 60.0, 0.1)
+
+
+def of_rate(table: dict[str, np.ndarray], model: Norrbin = TRUTH) -> ResidualTest:
+    return residual_tests([run_of(table)], model)[0]
+
+
+def test_the_true_model_leaves_white_residuals() -> None:
+    """At a level of 1 % two of twenty would be rare: what is white is called white."""
+    verdicts = [of_rate(noisy(TABLE, 0.002, 0.0, seed)) for seed in range(20)]
+    assert sum(not test.is_white for test in verdicts) <= 2
+    assert not any(test.follows_rudder for test in verdicts)
+    assert "white" in verdicts[0].sentences()[0]
+
+
+def test_gusts_are_remembered_but_do_not_follow_the_rudder() -> None:
+    gusty = zigzag(np.radians(15.0), 240.0, 0.1, gust=0.03, gust_memory=2.0, seed=3)
+    test = of_rate(noisy(gusty, 0.001, 0.001, 3))
+    assert not test.is_white
+    assert 0.5 < test.memory < 20.0
+    assert not test.follows_rudder
+
+
+def test_a_gain_that_is_wrong_leaves_the_rudder_in_the_residuals() -> None:
+    test = of_rate(noisy(TABLE, 0.002, 0.002, 5), TRUTH._replace(gain=0.8 * LANXIN["K"]))
+    assert test.follows_rudder
+    assert test.rudder > 0.5
+    assert test.rudder_lag < 1.0
+    assert any("misses part of what the rudder does" in sentence for sentence in test.sentences())
+
+
+def test_only_what_was_measured_is_tested() -> None:
+    heading_only = {key: values for key, values in noisy(TABLE, 0.0, 0.003, 1).items() if key != "yaw_rate_rad_s"}
+    assert [test.signal for test in residual_tests([run_of(heading_only)], TRUTH)] == ["heading"]
+    short = {key: values[:12] for key, values in TABLE.items()}
+    assert residual_tests([run_of(short)], TRUTH) == []
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.5])
+def test_blanks_do_not_disturb(missing: float) -> None:
+    table = {key: values.copy() for key, values in noisy(TABLE, 0.002, 0.0, 7).items()}
+    blank = np.random.default_rng(8).random(table["time_s"].size) < missing
+    table["yaw_rate_rad_s"][blank] = np.nan
+    test = of_rate(table)
+    assert np.isfinite([test.whiteness, test.memory, test.rudder, test.by_chance]).all()
+    assert test.is_white
