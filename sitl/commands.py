@@ -16,6 +16,8 @@ Parameters = tuple[float, ...]
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 FAILED = int(dialect.MAV_RESULT_FAILED)
+FORCED_REBOOT = 20190226.0
+"""MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, parameter 6 (libraries/GCS_MAVLink/GCS_Common.cpp)."""
 UNSUPPORTED = int(dialect.MAV_RESULT_UNSUPPORTED)
 
 
@@ -75,7 +77,8 @@ def _request_capabilities(vehicle: MavlinkVehicle, time: float, parameters: Para
 
 
 def _reboot(vehicle: MavlinkVehicle, time: float, parameters: Parameters) -> int:
-    if parameters[0] != 1.0 or vehicle.firmware.armed:
+    """Refused while armed, unless parameter 6 forces it."""
+    if parameters[0] != 1.0 or (vehicle.firmware.armed and parameters[5] != FORCED_REBOOT):
         return DENIED
     vehicle.reboots_at = time
     return ACCEPTED

@@ -17,6 +17,8 @@ from sitl.world import Orders, World
 
 SWITCH_LOW_US = 1200
 """Below this an auxiliary switch is in its low position."""
+MODE_SWITCH_S = 1.0
+"""So long after the start the radio's mode switch is read, and whatever mode was set in between is overwritten."""
 CRUISE_SHARE = 0.5
 """Throttle at which the boat runs at its cruise speed (CRUISE_THROTTLE)."""
 
@@ -57,6 +59,7 @@ class Firmware:
     def _boot(self, time: float, boot_s: float) -> None:
         self.boot_time = time
         self._ready_time = time + boot_s
+        self._switch_time = self._ready_time + MODE_SWITCH_S if boot_s > 0.0 and self.receiver else math.inf
         self.mode = FirmwareMode.INITIALISING
         self.armed = False
         self.overrides.clear()
@@ -134,6 +137,9 @@ class Firmware:
             if time < self._ready_time:
                 return Orders(0.0, 0.0)
             self._become_ready()
+        if time >= self._switch_time:
+            self._switch_time = math.inf
+            self.set_mode(self._wanted_mode)
         setup = self.setup
         self._read_radio(time, setup)
         self._check_station(time, setup)

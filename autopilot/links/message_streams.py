@@ -64,5 +64,6 @@ class MessageStreams:
             self._slow, self._slow_checks = "", 0
             return
         self._slow_checks += 1
-        if self._slow_checks >= PATIENT_CHECKS and self._counts[identity]:
+        # said once: a rate that wavers is no news
+        if self._slow_checks >= PATIENT_CHECKS and self._counts[identity] and not self._slow:
             self._slow = SLOW.format(rate=rate, wanted=wanted)

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.transports import UdpInTransport, UdpOutTransport, loopback_pair
-from autopilot.signals import HeadingSample, HelmSample, RudderCommand, RudderSample, SpeedSample
+from autopilot.signals import AlarmSample, HeadingSample, HelmSample, RudderCommand, RudderSample, SpeedSample
 
 FULL = math.radians(30.0)
 PARAMETERS = {
@@ -460,3 +460,39 @@ def test_a_listening_link_passes_over_a_ground_station_and_follows_a_vehicle_tha
     assert listening.peer == moved._socket.getsockname(), "a restarted vehicle sends from another port"
     for end in (link, station, vehicle, moved):
         end.close()
+
+
+def alarms(samples: list) -> list[AlarmSample]:
+    return [sample for sample in samples if isinstance(sample, AlarmSample)]
+
+
+def test_headings_that_stay_slow_though_asked_for_are_an_alarm_with_what_to_do() -> None:
+    bench = ready()
+    attitude = bench.rover.attitude
+    asked = bench.rover.intervals
+    number = 0
+
+    def seldom() -> None:
+        nonlocal number
+        number += 1
+        if number % 5 == 0:
+            attitude()
+
+    bench.rover.attitude = seldom
+    asked.clear()
+    assert not alarms(bench.run(4.0)), "a request may get lost: it is asked again first"
+    assert dialect.MAVLINK_MSG_ID_ATTITUDE in asked
+    (alarm,) = alarms(bench.run(5.0))
+    assert alarm.text.startswith("headings (ATTITUDE) come at 4 Hz though 20 Hz were asked for")
+    for way_out in ("SERIALn_BAUD", "SRn_", "control.rate_hz"):
+        assert way_out in alarm.text
+    assert bench.helm.available, "steering goes on"
+    bench.rover.attitude = attitude
+    (over,) = alarms(bench.run(5.0))
+    assert (over.text, over.source) == ("", alarm.source)
+
+
+def test_no_headings_at_all_and_a_reboot_are_said_otherwise() -> None:
+    bench = ready()
+    bench.rover.attitude = lambda: None
+    assert not alarms(bench.run(10.0)), "the fail-safe says it"
