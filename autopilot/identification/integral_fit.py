@@ -1,0 +1,274 @@
+"""K, T, n3 and n0 from the integrated equation of all windows together, recursively and in constant memory.
+
+Least squares over the windows (zeta = phi, the terms themselves) is biased: the yaw rate on the equation's right side
+is measured too, and its noise lowers every estimate, the more so the less n3 can be told from K. So as soon as K and T
+are known well enough to simulate a boat with, each equation is multiplied by instruments in place of its own terms: the
+same integrals of a boat that is simulated beside, under the recorded rudder and with the present estimate, whose motion
+knows nothing of the noise (the refined instrumental variable of Young, 1976). The sums
+
+    R = sum zeta phi'/s^2,   f = sum zeta (y - phi' theta_0)/s^2,   theta = theta_0 + (R + Lambda)^-1 f
+
+fade with what is excited only, so that straight running forgets nothing. Lambda holds theta near the model it began
+with as far as the windows say nothing; s is the error that an equation is expected to have.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.identification.integral_window import BLOCKS, Integrals, IntegralWindow
+from autopilot.models.norrbin import Norrbin, at_speed_ratio, rate_step
+
+NAMES = ("gain", "time_constant", "n3", "n0")
+
+WINDOW_TIME_CONSTANTS, WINDOW_SHORTEST_S, WINDOW_LONGEST_S = 4.0, 3.0, 120.0
+"""A window is this many time constants long, within these limits."""
+
+CAUTION = 1.5
+"""The first windows are that much shorter: where the first T is too long, it takes no long window to find out."""
+
+EXPECTED_ERROR_RAD = math.radians(0.1)
+"""s, for weighing the windows against the first model."""
+
+LEAST_ERROR_RAD = math.radians(0.02)
+"""For the standard errors, the equations' error is taken to be at least this."""
+
+TRIM_RAD = math.radians(3.0)
+"""n0 is expected to be worth a rudder of this size."""
+
+CUBIC_SHARE = 0.3
+"""n3 is expected to be so large that it makes this share of the damping at the typical rate, or as large as it was."""
+
+MODELLED_WITHIN = 4.0
+"""The simulated boat's K and T stay within this factor of the first ones: it must not run away with a bad estimate."""
+
+RATE_BOUND_RAD_S = 3.0
+RATE_MEMORY = 200
+ENOUGH = 2 * BLOCKS
+"""Windows before which no standard error is believed."""
+
+LED = 0.1
+"""The simulated boat's motion serves from when K and T are known to this share; until then the measured one does."""
+
+REFIT, REFIT_FACTOR = 0.25, 1.6
+"""Windows are fitted anew when K and T are known to this share and the length is off by this factor."""
+"""Windows over which the typical rate is taken."""
+
+
+class FitSettings(NamedTuple):
+    """length L [s] of the window, None: fitted to T.  memory [s] of excited sailing after which the past has faded to
+    a third.  rudder_range [rad]: windows in which the rudder moves less are left out.  longest_gap [s] between
+    samples.  bound: K and T stay within this factor of the model it begins with.  cubic: whether n3 is estimated."""
+
+    length: float | None = None
+    memory: float = 300.0
+    rudder_range: float = math.radians(4.0)
+    longest_gap: float = 2.0
+    bound: float = 10.0
+    cubic: bool = True
+
+
+def window_length(time_constant: float) -> float:
+    """Return a length [s] for the windows of a boat with T = `time_constant` [s]."""
+    return min(max(WINDOW_TIME_CONSTANTS * time_constant, WINDOW_SHORTEST_S), WINDOW_LONGEST_S)
+
+
+class IntegralFit:
+    """The recursive estimate; feed it with `update`, read `model` and `standard_errors`.
+
+    `first` is the model it begins with and is held to where nothing is learnt; n1, n2 = 0 and the reference speed are
+    its own. `simulated` is a model good enough to simulate from the beginning, where there is one. Raises ValueError
+    for a first model with n2.
+    """
+
+    def __init__(
+        self,
+        first: Norrbin,
+        settings: FitSettings = FitSettings(),  # noqa: B008 - immutable
+        simulated: Norrbin | None = None,
+    ) -> None:
+        if first.n2:
+            raise ValueError("the integral method knows no n2")
+        self.first, self.settings = first, settings
+        length = settings.length or window_length(first.time_constant / CAUTION)
+        self._open_windows(length)
+        self.model = simulated or first
+        self.windows = 0
+        self._at = -math.inf
+        self._rate = self._heading = 0.0
+        self._rudder, self._measured = 0.0, math.nan
+        size = len(NAMES)
+        self._R: NDArray[np.float64] = np.zeros((size, size))
+        self._S: NDArray[np.float64] = np.zeros((size, size))
+        self._f: NDArray[np.float64] = np.zeros(size)
+        self._moments: NDArray[np.float64] = np.zeros((2, size + 1, size + 1))
+        self._last: NDArray[np.float64] = np.zeros(size + 1)
+        self._counted = 0.0
+        self._rate_square = 0.0
+        self._led = simulated is not None
+
+    @property
+    def length(self) -> float:
+        """L [s] of the window."""
+        return self._window.length
+
+    def update(
+        self, time: float, rudder: float, ratio: float, heading: float | None = None, rate: float | None = None
+    ) -> Integrals | None:
+        """Take what is known at `time` [s], as `IntegralWindow.update` does; return the window whose equation was
+        added, None where there was none or it tells nothing."""
+        self._simulate(time, rudder, ratio, heading, rate)
+        window = self._window.update(time, rudder, ratio, heading, rate)
+        if heading is None and rate is None:
+            self._beside.update(time, rudder, ratio)
+            return None
+        beside = self._beside.update(time, rudder, ratio, self._heading, self._rate)
+        if window is None or beside is None or window.rudder_range < self.settings.rudder_range:
+            return None
+        self._add(window, beside)
+        return window
+
+    def _simulate(self, time: float, rudder: float, ratio: float, heading: float | None, rate: float | None) -> None:
+        """Carry the boat beside on to `time` [s]; where the samples begin anew, it begins with the measured rate."""
+        dt = time - self._at
+        if dt > self.settings.longest_gap:
+            self._rate = 0.0 if rate is None or not math.isfinite(rate) else rate
+            self._measured = math.nan
+        elif dt > 0.0 and math.isfinite(rudder):
+            model = at_speed_ratio(self._modelled(), max(ratio, 0.05))
+            steps = math.ceil(dt / (0.5 * model.time_constant))
+            for step in range(steps):
+                angle = self._rudder + (rudder - self._rudder) * (step + 0.5) / steps
+                before = self._rate
+                moved = rate_step(model, before, angle, dt / steps)
+                self._rate = min(max(moved, -RATE_BOUND_RAD_S), RATE_BOUND_RAD_S)
+                self._heading += 0.5 * dt / steps * (before + self._rate)
+            self._lead_back(dt, heading, rate)
+        self._at = max(time, self._at)
+        self._rudder = rudder if math.isfinite(rudder) else self._rudder
+        self._measured = math.nan if heading is None else heading
+
+    def _lead_back(self, dt: float, heading: float | None, rate: float | None) -> None:
+        """A course-unstable boat left to itself would soon turn the other way than the real one."""
+        if self.first.n1 > 0.0:
+            return
+        share = min(dt / (2.0 * self.length), 1.0)
+        if rate is not None and math.isfinite(rate):
+            self._rate += share * (rate - self._rate)
+        elif heading is not None and math.isfinite(heading - self._measured):
+            turned = math.remainder(heading - self._measured, 2.0 * math.pi)
+            self._rate += share * (turned / dt - self._rate)
+
+    def _modelled(self) -> Norrbin:
+        first, model = self.first, self.model
+        return model._replace(
+            gain=_within(model.gain, first.gain, MODELLED_WITHIN),
+            time_constant=_within(model.time_constant, first.time_constant, MODELLED_WITHIN),
+        )
+
+    def _add(self, window: Integrals, beside: Integrals) -> None:
+        regressors, instruments = _terms(window), _terms(beside)
+        first = _values(self.first)
+        missing = self.first.n1 * window.turned - float(regressors @ first)
+        if not self._led:
+            instruments = regressors
+        self._count(np.array([self.first.n1 * window.turned, *regressors]))
+        weighted = instruments / EXPECTED_ERROR_RAD**2
+        self._R = self._fading * self._R + np.outer(weighted, regressors)
+        self._S = self._fading * self._S + np.outer(weighted, instruments)
+        self._f = self._fading * self._f + weighted * missing
+        self.windows += 1
+        self._rate_square += (window.rate_square - self._rate_square) / min(self.windows, RATE_MEMORY)
+        self._solve(first)
+        if self.windows < ENOUGH:
+            return
+        errors = self.standard_errors()
+        self._led = self._led or self._is_settled(errors, LED)
+        if self.settings.length is None and self._is_settled(errors, REFIT):
+            self._refit_window()
+
+    def _is_settled(self, errors: dict[str, float], share: float) -> bool:
+        return all(errors[name] < share * getattr(self.model, name) for name in ("gain", "time_constant"))
+
+    def _refit_window(self) -> None:
+        """Go on with windows fitted to the T that was found; what has been added stays true."""
+        length = window_length(self.model.time_constant)
+        if not 1.0 / REFIT_FACTOR < length / self.length < REFIT_FACTOR:
+            self._open_windows(length)
+
+    def _open_windows(self, length: float) -> None:
+        gap = self.settings.longest_gap
+        self._window = IntegralWindow(length, BLOCKS, gap, from_mean=True)
+        self._beside = IntegralWindow(length, BLOCKS, gap, from_mean=True)
+        self._fading = math.exp(-length / BLOCKS / self.settings.memory)
+
+    def _solve(self, first: NDArray[np.float64]) -> None:
+        spread = self._spread()
+        whole = spread[:, None] * self._R * spread + np.eye(len(NAMES))
+        try:
+            step = np.linalg.solve(whole, spread * self._f)
+        except np.linalg.LinAlgError:
+            return
+        gain, time_constant, n3, n0 = (first + spread * step).tolist()
+        if not math.isfinite(gain + time_constant + n3 + n0):
+            return
+        bound = self.settings.bound
+        self.model = self.first._replace(
+            gain=_within(gain, self.first.gain, bound),
+            time_constant=_within(time_constant, self.first.time_constant, bound),
+            n3=max(n3, 0.0),
+            n0=n0,
+        )
+
+    def _spread(self) -> NDArray[np.float64]:
+        """Return how far from the first model each parameter is expected, one standard deviation."""
+        first, square = self.first, max(self._rate_square, 1.0e-12)
+        n3 = max(first.n3, CUBIC_SHARE / square) if self.settings.cubic else 0.0
+        return np.array([first.gain, first.time_constant, n3, first.gain * TRIM_RAD])
+
+    def standard_errors(self) -> dict[str, float]:
+        """Return the standard errors of what is estimated, by the parameters' names.
+
+        The expectation that the parameters lie near the first model counts as knowledge, so that nothing known is one
+        standard deviation of that: the parameter itself. Neighbouring equations whose errors are alike count less.
+        """
+        spread = self._spread()
+        inverse = np.linalg.pinv(spread[:, None] * self._R * spread + np.eye(len(NAMES)))
+        scores = spread[:, None] * self._S * spread * self._error_square() + np.eye(len(NAMES))
+        errors = spread * np.sqrt(np.maximum(np.diag(inverse @ scores @ inverse.T), 0.0))
+        return {name: float(error) for name, error in zip(NAMES, errors, strict=True) if error > 0.0}
+
+    def _count(self, equation: NDArray[np.float64]) -> None:
+        """Keep the second moments of the equations, and of neighbours: their errors follow from these for any theta."""
+        self._moments[0] = self._fading * self._moments[0] + np.outer(equation, equation)
+        self._moments[1] = self._fading * self._moments[1] + np.outer(equation, self._last)
+        self._counted = self._fading * self._counted + 1.0
+        self._last = equation
+
+    def _error_square(self) -> float:
+        """Return the equations' mean square error in units of the expected one, raised where neighbours are alike."""
+        if self._counted <= len(NAMES):
+            return 1.0
+        contrast = np.array([1.0, *-_values(self.model)])
+        square = float(contrast @ self._moments[0] @ contrast) / (self._counted - len(NAMES))
+        square = max(square, LEAST_ERROR_RAD**2)
+        alike = float(contrast @ self._moments[1] @ contrast) / (square * self._counted)
+        alike = min(max(alike, 0.0), 0.95)
+        return square / EXPECTED_ERROR_RAD**2 * (1.0 + alike) / (1.0 - alike)
+
+
+def _terms(window: Integrals) -> NDArray[np.float64]:
+    """Return what K, T, n3 and n0 are multiplied by."""
+    return np.array([window.driven, -window.rate_change, -window.cubed, -window.elapsed])
+
+
+def _values(model: Norrbin) -> NDArray[np.float64]:
+    return np.array([model.gain, model.time_constant, model.n3, model.n0])
+
+
+def _within(value: float, first: float, factor: float) -> float:
+    return min(max(value, first / factor), first * factor)
