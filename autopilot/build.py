@@ -10,14 +10,14 @@ from typing import NamedTuple
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.design import LoopGains, Verdict, judge, linear_gains_backstepping, linear_gains_pid
 from autopilot.control.pid import PidGains, PidLaw
-from autopilot.errors import RefusedError
+from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.turn import turn_limits
 from autopilot.limits import RudderLimits
-from autopilot.links.base import Link, LinkError
+from autopilot.links.base import Link
 from autopilot.links.believed_link import BelievedLink
 from autopilot.links.drives.base import Drive, DriveSettings
 from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
@@ -27,6 +27,8 @@ from autopilot.links.drives.pypilot_motor import PypilotMotor
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
+from autopilot.links.router import Router
+from autopilot.links.router_links import ForwardLink, RoutedTransport, budget_for
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.signing import Signing
 from autopilot.links.url import LinkUrl, open_transport, parse_url
@@ -264,16 +266,18 @@ class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
     `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
+    `forward`: URLs of ground stations that see the flight controller through us.
     """
 
     as_gcs: bool = False
     vehicle_system: int | None = None
     guide: PlotterGuide | None = None
     signing: Signing | None = None
+    forward: tuple[str, ...] = ()
 
 
-def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
-    """Return the opened link of a URL, set up for the vessel. Raises LinkError."""
+def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | None = None) -> Link:
+    """Return the opened link of a URL, set up for the vessel and tapped for `router`. Raises LinkError."""
     parsed = parse_url(url)
     if parsed.protocol == "n2k":
         return N2kLink(parsed.text, open_bus(parsed.text, parsed.host, parsed.path), n2k_settings_of(vessel, parsed))
@@ -296,20 +300,50 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions) -> Link:
         as_gcs=options.as_gcs,
         guided_speed_share=helm.guided_speed_share,
     )
-    return CompanionLink(transport, settings, options.signing.link() if options.signing else None)
+    signing = options.signing.link() if options.signing else None
+    if router is not None:
+        transport = RoutedTransport(transport, router, signing)
+    return CompanionLink(transport, settings, signing)
+
+
+def build_forward_links(urls: Sequence[str], options: LinkOptions, router: Router) -> list[Link]:
+    """Return the opened links of `options.forward` to ground stations behind us; `urls` are those to the boat.
+
+    Raises InputError where there is nothing to forward, LinkError where one cannot be opened.
+    """
+    bauds = [url.baud for url in map(parse_url, urls) if url.protocol == "mavlink"]
+    if not bauds:
+        raise InputError("--forward passes MAVLink on, and no --link brings any; add the flight controller's link")
+    budget = budget_for(min((baud for baud in bauds if baud), default=0))
+    links: list[Link] = []
+    try:
+        for url in options.forward:
+            if parse_url(url).protocol != "mavlink":
+                raise InputError(
+                    f"--forward {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550"
+                )
+            signing = options.signing.link() if options.signing else None
+            links.append(ForwardLink(open_transport(url), router, budget, signing))
+    except BaseException:
+        for link in links:
+            link.close()
+        raise
+    return links
 
 
 def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008
     """Return the links of all `urls`, opened; where one fails the others are closed again. Raises LinkError."""
     links: list[Link] = []
+    router = Router() if options.forward else None
     try:
         for url in urls:
-            links.append(build_link(vessel, url, options))  # noqa: PERF401 - what is open must be closed on error
-    except LinkError:
+            links.append(build_link(vessel, url, options, router))  # noqa: PERF401 - what is open must be closed on error
+        behind = build_forward_links(urls, options, router) if router is not None else []
+    except BaseException:
         for link in links:
             link.close()
         raise
     if len(urls) == 1 and parse_url(urls[0]).protocol == "mavlink" and not vessel.sensors.priority:
-        return links  # one vehicle with one compass: nothing to choose
+        return [*links, *behind]  # one vehicle with one compass: nothing to choose
     priority = SourcePriority(priority_of(vessel))
-    return [BelievedLink(link, priority) for link in links]
+    return [*(BelievedLink(link, priority) for link in links), *behind]

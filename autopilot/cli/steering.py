@@ -48,6 +48,13 @@ def add_steering_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--as-gcs", action="store_true", help="send steering with the ground station's id, which ArduPilot obeys"
     )
+    parser.add_argument(
+        "--forward",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="let a ground station at this MAVLink link see and command the flight controller through us; repeatable",
+    )
     add_signing_option(parser)
     parser.add_argument("--vehicle-system", type=int, metavar="ID", help="MAVLink system id of the vehicle")
     parser.add_argument(
@@ -127,7 +134,7 @@ def steer(
     clock = MonotonicClock(arguments.speedup)
     signing = signing_of(arguments)
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
-    options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing)
+    options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward))
     links = build_links(vessel, arguments.link, options)
     recorder = None
     saver = BackgroundSaver()

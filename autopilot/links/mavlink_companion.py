@@ -26,7 +26,7 @@ from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts
-from autopilot.links.transports import UdpInTransport
+from autopilot.links.url import let_in
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 
@@ -106,9 +106,8 @@ class CompanionLink:
         self._watch, self._probe = self._reader.watch, self._reader.probe
         self._guided = GuidedTargets(self._watch, settings.guided_speed_share) if guided else None
         self._reader.guided = self._guided
-        if isinstance(transport, UdpInTransport):
-            # A ground station that also sends here must not take the vehicle's place.
-            transport.accepts = self._holds_our_vehicle
+        # A ground station that also sends here must not take the vehicle's place.
+        let_in(transport, self._holds_our_vehicle)
         self._texts = StatusTexts()
         self._vehicle = 0
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)

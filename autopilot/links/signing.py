@@ -21,6 +21,8 @@ MINUTE = 6_000_000
 """A stream not heard before may be this far behind what has been seen."""
 KEY_SIZE = 32
 MOST_STREAMS = 1024
+FIRST_LINK = 64
+"""Ground stations number their links from 0: one that shares our system id must not share our streams."""
 TIMESTAMP_MAX = (1 << 48) - 1
 UNSIGNED_IDS = frozenset({int(dialect.MAVLINK_MSG_ID_RADIO_STATUS)})
 """Taken without a signature: a telemetry radio puts it into the stream itself and has no key."""
@@ -86,7 +88,7 @@ class Signing:
     def link(self) -> LinkSigning:
         """Return the signing of one more link, with a link id of its own."""
         self._links += 1
-        return LinkSigning(self, (self._links - 1) & 0xFF)
+        return LinkSigning(self, (FIRST_LINK + self._links - 1) & 0xFF)
 
     @property
     def summary(self) -> str:

@@ -12,6 +12,7 @@ import hashlib
 import os
 import re
 import stat
+import sys
 import tempfile
 import threading
 import time
@@ -138,16 +139,22 @@ class TimestampBlocks:
         self.complaint = ""
         self._fresh = (start, start + BLOCK)
 
-    def keep_renewing(self) -> None:
-        """Take blocks from a thread of its own from now on: flushing to a memory card takes longer than a tick."""
-        threading.Thread(target=self._renewing, name="signing timestamps", daemon=True).start()
+    def keep_renewing(self, complain: Callable[[str], None]) -> None:
+        """Take blocks from a thread of its own from now on: flushing to a memory card takes longer than a tick.
 
-    def _renewing(self) -> None:
+        `complain` is told once when the disk begins to fail.
+        """
+        threading.Thread(target=self._renewing, args=(complain,), name="signing timestamps", daemon=True).start()
+
+    def _renewing(self, complain: Callable[[str], None]) -> None:
         while True:
             if self._wanted.wait(RENEWAL_S) and self.complaint:
                 time.sleep(1.0)  # a broken disk is not asked without end
             self._wanted.clear()
+            before = self.complaint
             self.renew()
+            if self.complaint and not before:
+                complain(self.complaint)
 
     def _reserved(self) -> int:
         try:
@@ -163,10 +170,13 @@ class TimestampBlocks:
 
 
 def open_signing(path: str | Path) -> Signing:
-    """Return signing with the key in a file, its timestamps kept beside it. Raises InputError."""
+    """Return signing with the key in a file, its timestamps kept beside it. Raises InputError.
+
+    A disk that fails later is told on the terminal.
+    """
     key = read_key(path)
     blocks = TimestampBlocks(path)
-    blocks.keep_renewing()
+    blocks.keep_renewing(lambda complaint: print(complaint, file=sys.stderr))
     return Signing(key, blocks)
 
 

@@ -117,9 +117,16 @@ def open_transport(url: LinkUrl | str) -> Transport:
 
 def believe_signed(transport: Transport, signing: LinkSigning | None) -> None:
     """Let nobody become the peer of a listening MAVLink transport who does not sign with our key, where we have one."""
-    if signing is not None and isinstance(transport, UdpInTransport):
+    if signing is not None:
         observer = signing.observer()
-        transport.accepts = lambda datagram: bool(MavlinkCodec(signing=observer).decode(datagram))
+        let_in(transport, lambda datagram: bool(MavlinkCodec(signing=observer).decode(datagram)))
+
+
+def let_in(transport: Transport, accepts: Callable[[bytes], bool]) -> None:
+    """Let only the sender of a datagram that `accepts` takes become the peer of a listening transport."""
+    listening = getattr(transport, "inside", transport)
+    if isinstance(listening, UdpInTransport):
+        listening.accepts = accepts
 
 
 def _number(text: str, scheme: str, what: str, digits: str, low: int, high: int) -> int:

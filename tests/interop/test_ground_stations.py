@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from two_processes import free_port, patient_vessel
+from two_processes import free_port, patient_vessel, simulator
 
 from autopilot.loop.record import read_log
 from autopilot.loop.replay import replay
@@ -117,8 +117,8 @@ def expected_values(vessel: Path) -> dict[str, float]:
 
 
 @contextlib.contextmanager
-def mavproxy(folder: Path, master: str) -> Iterator[Console]:
-    command = [str(MAVPROXY), f"--master={master}", "--default-modules=mode,param,arm,misc,link,cmdlong,signing"]
+def mavproxy(folder: Path, master: str, *more: str) -> Iterator[Console]:
+    command = [str(MAVPROXY), f"--master={master}", *more, "--default-modules=mode,param,arm,misc,link,cmdlong,signing"]
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -184,6 +184,28 @@ def test_mavproxy_with_its_own_signing_is_obeyed_and_without_it_is_not(tmp_path:
         console.expect("COMPONENT_ARM_DISARM: ACCEPTED", "arm throttle")
     assert "refused: " in (tmp_path / "pilot.txt").read_text()
     assert b"correct-horse" not in (tmp_path / "run.tlog").read_bytes()
+
+
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+def test_mavproxy_behind_us_sees_the_flight_controller_and_its_parameters(tmp_path: Path) -> None:
+    port, behind = free_port(), free_port()
+    vessel = patient_vessel(tmp_path)
+    pilot = [sys.executable, "-m", "autopilot", "run", str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--as-gcs"]
+    pilot += ["--forward", f"udpout:127.0.0.1:{behind}", "--engage", "present", "--log", str(tmp_path / "run.tlog")]
+    with (
+        simulator(1, "--mavlink", f"udpout:127.0.0.1:{port}"),
+        mavproxy(tmp_path, f"udpin:127.0.0.1:{behind}", "--source-system=250") as console,
+        subprocess.Popen(pilot, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as steering,
+    ):
+        console.expect(r"Received \d+ parameters")
+        console.expect(r"SYSID_MYGCS +255", "param show SYSID_MYGCS")
+        console.expect(r"RC_OVERRIDE_TIME +2\.5", "param set RC_OVERRIDE_TIME 2.5\nparam show RC_OVERRIDE_TIME")
+        console.expect("yaw :", "status ATTITUDE")
+        console.expect("Mode HOLD", "mode HOLD")
+        steering.terminate()
+        assert steering.wait(20) == 0
+    modes = [tick.mode for tick in read_log(tmp_path / "run.tlog").ticks]
+    assert Mode.ENGAGED in modes and modes[-1] is Mode.OVERRIDE, "and its change of mode takes the helm"
 
 
 def tool(folder: Path, *arguments: str) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
+import time
 from pathlib import Path
 
 import pytest
@@ -137,8 +138,14 @@ def test_a_disk_that_fails_meanwhile_is_told_and_stops_nothing(key: Path, monkey
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(signing_key, "_write_durably", full)
-    blocks.renew()
-    assert "No space left on device" in blocks.complaint
+    told: list[str] = []
+    blocks.keep_renewing(told.append)
+    blocks._wanted.set()
+    for _ in range(200):
+        if told:
+            break
+        time.sleep(0.02)
+    assert "No space left on device" in told[0] and told[0] == blocks.complaint
     assert blocks.next() == first + 1
     with pytest.raises(InputError, match=r"cannot be kept in .*signing.key.timestamp \(No space left"):
         TimestampBlocks(key)

@@ -1,0 +1,178 @@
+"""The router's ends: the flight controller's transport with a tap on it, and links to ground stations behind us."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.mavlink_codec import is_mavlink
+from autopilot.links.mavlink_frames import Framer, source_of
+from autopilot.links.router import OWN_COMPONENT, Router
+from autopilot.links.signing import LinkSigning
+from autopilot.links.url import believe_signed
+from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample
+
+FRAMES_PER_TURN = 200
+"""Frames of one ground station passed on in one turn of the loop; what a flood brings beyond them is dropped."""
+NETWORK_BYTES_S = 200_000.0
+BURST_S = 0.5
+LINE_SHARE = 0.5
+"""Of a serial line to the flight controller, for all ground stations together: our steering needs the rest."""
+BITS_A_BYTE = 10
+PACKETS_KEPT = 5000
+
+
+class Budget:
+    """Bytes that may be passed on: `rate` bytes a second, saved up for half a second at most."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate = rate
+        self._left = rate * BURST_S
+        self._since = -math.inf
+
+    def spend(self, now: float, size: int) -> bool:
+        """Return whether `size` bytes may pass at `now` [s], and take them off."""
+        gained = (now - self._since) * self._rate if now > self._since else 0.0
+        self._left = min(self._left + gained, self._rate * BURST_S)
+        self._since = now
+        if size > self._left:
+            return False
+        self._left -= size
+        return True
+
+
+def budget_for(baud: int) -> Budget:
+    """Return what ground stations may send to a flight controller on a line of `baud`, 0 for a network."""
+    return Budget(LINE_SHARE * baud / BITS_A_BYTE if baud else NETWORK_BYTES_S)
+
+
+class RoutedTransport:
+    """A flight controller's transport that shows the router what comes in and what we send ourselves.
+
+    signing: what is not signed with our key is not passed on.
+    """
+
+    def __init__(self, inside: Transport, router: Router, signing: LinkSigning | None = None) -> None:
+        self.inside = inside
+        self.name = inside.name
+        self.is_stream = inside.is_stream
+        self._router = router
+        self._framer = Framer(inside.is_stream)
+        # an observer: whoever reads the transport judges the same frames again
+        self._judge = signing.observer() if signing is not None else None
+        self._number = router.join(self._forwarded, has_vehicle=True)
+
+    def fileno(self) -> int:
+        """Return the descriptor of the transport inside."""
+        return self.inside.fileno()
+
+    def receive(self) -> list[bytes]:
+        """Return what waits, unchanged; the router has seen it. Raises LinkError."""
+        chunks = self.inside.receive()
+        for chunk in chunks:
+            for frame in self._framer.frames(chunk):
+                if self._judge is None or not self._judge.refuses(frame):
+                    self._router.take(self._number, frame)
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Send a packet of our own; what is for everybody the router shows to ground stations. Raises LinkError."""
+        sent = self.inside.send(data)
+        if source_of(data).component == OWN_COMPONENT:
+            self._router.show_own(self._number, data)
+        return sent
+
+    def _forwarded(self, frame: bytes) -> bool:
+        """A broken line is told by the next `receive` or `send`, not to the ground station's link."""
+        try:
+            return self.inside.send(frame)
+        except LinkError:
+            return False
+
+    def forget_peer(self) -> None:
+        """Pass on."""
+        self.inside.forget_peer()
+
+    def close(self) -> None:
+        """Pass on."""
+        self.inside.close()
+
+
+class ForwardLink:
+    """A `Link` to a ground station that sees the flight controller through us. It brings no samples, moves no rudder.
+
+    budget: shared by all such links of a flight controller.
+
+    Attributes:
+        dropped: frames beyond what a turn or the budget allows.
+    """
+
+    def __init__(
+        self, transport: Transport, router: Router, budget: Budget, signing: LinkSigning | None = None
+    ) -> None:
+        self.name = transport.name
+        self.dropped = 0
+        self._transport = transport
+        self._router = router
+        self._budget = budget
+        self._signing = signing
+        self._framer = Framer(transport.is_stream)
+        self._number = router.join(self._sent)
+        self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
+        self._lost = ""
+        believe_signed(transport, signing)
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return -1 if self._lost else self._transport.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a lost ground station: an alarm."""
+        self._router.now = now
+        if self._lost:
+            return []
+        try:
+            chunks = self._transport.receive()
+        except LinkError as error:
+            self._lost = f"forwarding to a ground station ended, steering goes on: {error}"
+            return [AlarmSample(now, self._lost, self.name)]
+        taken = 0
+        for chunk in chunks:
+            for frame in self._framer.frames(chunk):
+                taken += 1
+                if taken > FRAMES_PER_TURN or not self._budget.spend(now, len(frame)):
+                    self.dropped += 1
+                elif self._signing is None or not self._signing.refuses(frame):
+                    if is_mavlink(frame):  # the log's readers know no other messages
+                        self._packets.append((now, frame))
+                    self._router.take(self._number, frame)
+        return []
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Do nothing: the rudder is elsewhere."""
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+        """Do nothing: what is wrong goes out as STATUSTEXT over the flight controller's link, which is shown here."""
+
+    def keep(self, now: float) -> None:
+        """Do nothing: what we say goes out over the flight controller's link."""
+
+    def release(self, now: float) -> None:
+        """Do nothing."""
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return and forget the frames that came from the ground station since the last call."""
+        packets = list(self._packets)
+        self._packets.clear()
+        return packets
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._transport.close()
+
+    def _sent(self, frame: bytes) -> bool:
+        try:
+            return not self._lost and self._transport.send(frame)
+        except LinkError:
+            return False

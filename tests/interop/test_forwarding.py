@@ -1,0 +1,97 @@
+"""A ground station behind the pilot sees the flight controller through us and reads its parameters while we steer."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from two_processes import free_port, patient_vessel, simulator
+
+from autopilot.loop.record import read_log
+from autopilot.signals import Mode
+
+SPEEDUP = 2
+STATION = """
+import json, sys, time
+from pymavlink import mavutil
+link = mavutil.mavlink_connection(sys.argv[1], source_system=250, source_component=190)
+if len(sys.argv) > 2:
+    link.setup_signing(bytes.fromhex(sys.argv[2]))
+link.target_system = link.target_component = 1
+senders, values, count, asked, beat, until = set(), {}, None, 0.0, 0.0, time.monotonic() + 40
+while time.monotonic() < until and (count is None or len(values) < count or (1, 191) not in senders):
+    now = time.monotonic()
+    if now > beat:
+        link.mav.heartbeat_send(6, 8, 0, 0, 4)
+        beat = now + 1
+    if now > asked and (1, 1) in senders:
+        if count is None:
+            link.mav.param_request_list_send(1, 1)
+        else:
+            for index in [i for i in range(count) if i not in values][:20]:
+                link.mav.param_request_read_send(1, 1, b"", index)
+        asked = now + 2
+    message = link.recv_match(blocking=True, timeout=0.2)
+    if message is None:
+        continue
+    senders.add((message.get_srcSystem(), message.get_srcComponent()))
+    if message.get_type() == "PARAM_VALUE" and message.param_index < message.param_count:
+        values[message.param_index] = message.param_id
+        count = message.param_count
+heading = link.recv_match(type="ATTITUDE", blocking=True, timeout=10)
+print(json.dumps({"senders": sorted(senders), "count": count, "got": len(values), "heading": heading is not None}))
+"""
+
+
+def run_command(vessel: Path, port: int, forward: str, log: Path, *more: str) -> list[str]:
+    command = [sys.executable, "-m", "autopilot", "run", str(vessel), "--link", f"udpin:127.0.0.1:{port}", "--as-gcs"]
+    command += ["--forward", forward, "--engage", "60", "--speedup", str(SPEEDUP), "--log", str(log)]
+    return [*command, *more]
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_mavutil_behind_us_reads_every_parameter_of_the_vehicle_while_we_steer(tmp_path: Path, signed: bool) -> None:
+    vessel, port, behind, log = patient_vessel(tmp_path), free_port(), free_port(), tmp_path / "run.tlog"
+    key = tmp_path / "signing.key"
+    key.write_text("ab" * 32)
+    key.chmod(0o600)
+    ours, theirs = (["--signing-key", str(key)], ["ab" * 32]) if signed else ([], [])
+    command = run_command(vessel, port, f"udpin:127.0.0.1:{behind}", log, *ours)
+    station = [sys.executable, "-W", "ignore", "-c", STATION, f"udpout:127.0.0.1:{behind}", *theirs]
+    with (
+        simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", *ours),
+        subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as pilot,
+    ):
+        done = subprocess.run(
+            station, capture_output=True, text=True, timeout=80, check=False, env={**os.environ, "MAVLINK20": "1"}
+        )
+        pilot.terminate()
+        _, err = pilot.communicate(timeout=20)
+    assert (pilot.returncode, err) == (0, "")
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout.strip().splitlines()[-1])
+    assert seen["count"] > 50 and seen["got"] == seen["count"]
+    assert seen["senders"] == [[1, 1], [1, 191]] and seen["heading"]
+    modes = [tick.mode for tick in read_log(log).ticks]
+    engaged = modes.index(Mode.ENGAGED)
+    assert set(modes[engaged:]) == {Mode.ENGAGED}, "nothing took the helm or stopped the steering meanwhile"
+
+
+@pytest.mark.parametrize(
+    ("link", "forward", "sentence"),
+    [
+        ("nmea-udp:127.0.0.1:0", "udpout:127.0.0.1:14550", "--forward passes MAVLink on, and no --link brings any"),
+        ("udpin:127.0.0.1:0", "nmea-udpout:127.0.0.1:10110", "--forward nmea-udpout:127.0.0.1:10110: ground stations"),
+    ],
+)
+def test_what_cannot_be_forwarded_is_refused_in_a_sentence(
+    tmp_path: Path, link: str, forward: str, sentence: str
+) -> None:
+    command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", link, "--forward", forward]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False, stdin=subprocess.DEVNULL)
+    assert done.returncode == 2 and done.stderr.startswith(f"autopilot: {sentence}"), done.stderr
+    assert len(done.stderr.splitlines()) == 1

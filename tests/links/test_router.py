@@ -1,0 +1,359 @@
+"""Forwarding: byte for byte, where the addresses say, never back, never in circles, never more than the line bears."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink_frames import EVERYBODY, Address, Framer, source_of, target_of
+from autopilot.links.router import MOST_ADDRESSES, REMEMBERED, Router
+from autopilot.links.router_links import FRAMES_PER_TURN, Budget, ForwardLink, RoutedTransport, budget_for
+from autopilot.links.signing import CountingTimestamps, Signing
+from autopilot.links.transports import TcpServerTransport, UdpOutTransport
+from autopilot.links.transports.memory import loopback_pair
+from autopilot.signals import AlarmSample
+
+BEAT = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
+STATION_BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+ATTITUDE = dialect.MAVLink_attitude_message(1, 0.5, 0.0, 0.25, 0.0, 0.0, 0.0)
+
+
+def speaker(system: int, component: int) -> dialect.MAVLink:
+    return dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+
+
+def packed(message: Any, who: dialect.MAVLink, version_1: bool = False) -> bytes:
+    frame = bytes(message.pack(who, force_mavlink1=version_1))
+    who.seq = (who.seq + 1) & 0xFF
+    return frame
+
+
+def unknown(system: int, component: int, identity: int = 54321, sequence: int = 0) -> bytes:
+    """A frame of a message that our dialect does not have; its checksum cannot be known either."""
+    payload = b"\1\2\3\4\5"
+    header = bytes([0xFD, len(payload), 0, 0, sequence, system, component]) + identity.to_bytes(3, "little")
+    return header + payload + b"\xaa\x55"
+
+
+def command(system: int, component: int) -> Any:
+    return dialect.MAVLink_command_long_message(system, component, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+
+
+class Net:
+    """A router with a flight controller (0) and ground stations (1, 2, ...); `got` holds what each was sent."""
+
+    def __init__(self, stations: int = 2) -> None:
+        self.router = Router()
+        self.got: list[list[bytes]] = [[] for _ in range(stations + 1)]
+        for number, box in enumerate(self.got):
+            assert self.router.join(lambda frame, box=box: box.append(frame) or True, number == 0) == number
+
+    def take(self, endpoint: int, frame: bytes) -> list[int]:
+        for box in self.got:
+            box.clear()
+        self.router.take(endpoint, frame)
+        assert all(box in ([], [frame]) for box in self.got), "unchanged, and once"
+        return [number for number, box in enumerate(self.got) if box]
+
+
+@pytest.mark.parametrize("name", ["COMMAND_LONG", "PARAM_SET", "MISSION_COUNT", "FILE_TRANSFER_PROTOCOL", "SET_MODE"])
+def test_a_target_is_read_as_pymavlink_reads_it(name: str) -> None:
+    kind = next(kind for kind in dialect.mavlink_map.values() if kind.msgname == name)
+    fields = {
+        field: 42 if field == "target_system" else 7 if field == "target_component" else 0 for field in kind.fieldnames
+    }
+    for field, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
+        if length:
+            fields[field] = b"x" if "PARAM" in name else [0] * length
+    for version_1 in (False, True):
+        frame = packed(kind(**fields), speaker(9, 8), version_1)
+        assert target_of(frame) == Address(42, 7 if "target_component" in kind.fieldnames else 0)
+        assert source_of(frame) == Address(9, 8)
+
+
+def test_every_message_of_the_dialect_says_whom_it_is_for() -> None:
+    for kind in dialect.mavlink_map.values():
+        payload = bytearray(kind.unpacker.size)
+        frame = bytes([0xFD, len(payload), 0, 0, 0, 1, 1]) + kind.id.to_bytes(3, "little") + bytes(payload) + b"\0\0"
+        assert target_of(frame) == EVERYBODY
+
+
+def test_what_is_for_everybody_goes_everywhere_but_back() -> None:
+    net, vehicle, station = Net(), speaker(1, 1), speaker(255, 190)
+    assert net.take(0, packed(BEAT, vehicle)) == [1, 2]
+    assert net.take(0, packed(ATTITUDE, vehicle)) == [1, 2]
+    assert net.take(1, packed(STATION_BEAT, station)) == [0, 2]
+    assert net.take(0, unknown(1, 1)) == [1, 2]
+    assert net.take(2, packed(STATION_BEAT, speaker(254, 1), version_1=True)) == [0, 1]
+
+
+def test_what_has_an_address_goes_where_it_was_heard() -> None:
+    net, vehicle, camera, one, two = Net(), speaker(1, 1), speaker(1, 100), speaker(255, 190), speaker(254, 190)
+    for endpoint, who in ((0, vehicle), (0, camera), (1, one), (2, two)):
+        net.take(endpoint, packed(BEAT, who))
+    assert net.take(1, packed(command(1, 1), one)) == [0]
+    assert net.take(1, packed(command(1, 0), one)) == [0]
+    assert net.take(1, packed(command(1, 100), one)) == [0]
+    assert net.take(1, packed(command(1, 57), one)) == [0], "an unknown component of a known system"
+    assert net.take(0, packed(dialect.MAVLink_command_ack_message(400, 0, 0, 0, 254, 190), vehicle)) == [2]
+    assert net.take(1, packed(command(254, 190), one)) == [2], "from station to station"
+    assert net.take(1, packed(command(33, 1), one)) == []
+    assert net.take(0, packed(command(1, 1), vehicle)) == [], "its own address: never back"
+    assert net.router.counts["for nobody we know"] == 2
+
+
+def test_radios_and_keys_are_not_passed_on() -> None:
+    net = Net()
+    radio = dialect.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7)
+    key = dialect.MAVLink_setup_signing_message(1, 1, bytes(32), 0)
+    assert net.take(0, packed(radio, speaker(51, 68))) == []
+    net.take(0, packed(BEAT, speaker(1, 1)))
+    assert net.take(1, packed(key, speaker(255, 190))) == []
+    assert net.router.counts["not for other links"] == 2
+
+
+def test_nobody_behind_us_speaks_for_the_vehicle_or_for_us() -> None:
+    net, vehicle = Net(), speaker(1, 1)
+    net.take(0, packed(BEAT, vehicle))
+    net.router.show_own(0, packed(BEAT, speaker(1, 191)))
+    assert net.take(1, packed(ATTITUDE, speaker(1, 1))) == []
+    assert net.take(1, packed(ATTITUDE, speaker(1, 191))) == []
+    assert net.router.counts["pretended to be the vehicle or us"] == 2
+    net.take(0, packed(BEAT, speaker(255, 190)))  # a ground station on the vehicle's own radio
+    assert net.take(1, packed(STATION_BEAT, speaker(255, 190))) == [0, 2]
+
+
+def test_two_routers_in_a_ring_send_nothing_round_twice() -> None:
+    """Two stations are joined by a cable of their own: what goes out at one comes in at the other."""
+    router, sent = Router(), {0: 0, 1: 0, 2: 0}
+
+    def cable(number: int, other: int) -> Any:
+        def send(frame: bytes) -> bool:
+            sent[number] += 1
+            assert sum(sent.values()) < 100
+            router.take(other, frame)
+            return True
+
+        return send
+
+    def vehicle(frame: bytes) -> bool:
+        sent[0] += 1
+        return True
+
+    router.join(vehicle, True)
+    router.join(cable(1, 2))
+    router.join(cable(2, 1))
+    router.take(0, packed(BEAT, speaker(1, 1)))
+    router.take(0, unknown(1, 1))
+    router.take(1, packed(STATION_BEAT, speaker(255, 190)))
+    assert sent == {0: 1, 1: 2, 2: 3}
+    assert sum(router.counts.values()) < 20
+
+
+def test_a_sender_that_does_not_count_its_packets_is_no_loop() -> None:
+    net = Net()
+    frame = packed(STATION_BEAT, speaker(255, 190))
+    for now, passed in ((0.0, [0, 2]), (0.1, []), (1.0, [0, 2])):
+        net.router.now = now
+        assert net.take(1, frame) == passed
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 255), st.integers(0, 255)), max_size=50))
+def test_memory_stays_bounded(arrivals) -> None:
+    net = Net()
+    for _ in range(3):
+        for endpoint, system, component in arrivals:
+            net.take(endpoint, packed(BEAT, speaker(system, component)))
+    for number in range(3 * MOST_ADDRESSES):
+        net.take(1, unknown(number % 250 + 1, 77, sequence=number % 256))
+    assert all(len(heard) <= MOST_ADDRESSES for heard in net.router._heard.values())
+    assert len(net.router._recent) == len(net.router._order) <= REMEMBERED
+
+
+def stream() -> tuple[list[bytes], bytes]:
+    vehicle = speaker(1, 1)
+    signer = speaker(1, 1)
+    signer.signing.secret_key, signer.signing.sign_outgoing, signer.signing.timestamp = bytes(range(32)), True, 5
+    frames = [
+        packed(BEAT, vehicle),
+        unknown(1, 1),
+        packed(ATTITUDE, vehicle, version_1=True),
+        packed(ATTITUDE, signer),
+        unknown(1, 1, identity=0xFFFFFE),
+        packed(ATTITUDE, vehicle),
+    ]
+    return frames, b"".join(frames)
+
+
+@given(st.integers(1, 90))
+def test_a_stream_split_anywhere_is_cut_into_the_same_frames(size: int) -> None:
+    frames, data = stream()
+    framer = Framer(is_stream=True)
+    assert [f for start in range(0, len(data), size) for f in framer.frames(data[start : start + size])] == frames
+
+
+def test_a_datagram_is_cut_too_and_borrows_nothing() -> None:
+    frames, data = stream()
+    framer = Framer()
+    assert framer.frames(data) == frames
+    assert framer.frames(frames[0][:-2]) == [] and framer.frames(frames[1]) == [frames[1]]
+    damaged = bytearray(frames[0])
+    damaged[-1] ^= 1
+    assert framer.frames(bytes(damaged) + frames[0]) == [frames[0]]
+    assert framer.frames(b"noise" + frames[1]) == [], "an unknown message behind noise is not believed"
+
+
+@given(st.binary(max_size=600), st.booleans())
+def test_noise_never_raises_and_is_not_kept(noise: bytes, is_stream: bool) -> None:
+    framer = Framer(is_stream)
+    for _ in range(3):
+        framer.frames(noise)
+        assert len(framer._rest) <= 280
+
+
+def rig(budget: Budget | None = None, signing: Signing | None = None) -> tuple[Any, ...]:
+    """A companion link and a link to a ground station behind it, each with its far end."""
+    near, vehicle = loopback_pair()
+    behind, station = loopback_pair()
+    router = Router()
+    ours = signing.link() if signing else None
+    companion = CompanionLink(RoutedTransport(near, router, ours), CompanionSettings(0.5), ours)
+    forward = ForwardLink(behind, router, budget or budget_for(0), signing.link() if signing else None)
+    return companion, vehicle, forward, station
+
+
+def kinds(transport: Any) -> list[str]:
+    return [speaker(0, 0).decode(bytearray(frame)).get_type() for frame in transport.receive()]
+
+
+def test_a_station_sees_vehicle_and_companion_and_its_words_arrive_unchanged() -> None:
+    companion, vehicle, forward, station = rig()
+    frames = [packed(BEAT, one := speaker(1, 1)), packed(ATTITUDE, one), unknown(1, 1)]
+    for frame in frames:
+        vehicle.send(frame)
+    companion.receive(0.1)
+    assert companion.vehicle_system == 1
+    assert station.receive() == frames
+    companion.keep(0.2)
+    companion.say(0.2, 4, "hello")
+    companion.keep(0.3)
+    assert sorted(kinds(station)) == ["HEARTBEAT", "STATUSTEXT"]
+    vehicle.receive()
+    words = [packed(command(1, 1), gcs := speaker(255, 190)), unknown(255, 190), packed(STATION_BEAT, gcs)]
+    for word in words:
+        station.send(word)
+    assert forward.receive(0.4) == []
+    assert vehicle.receive() == words
+    assert [packet for _, packet in forward.take_packets()] == [words[0], words[2]], "what the log can hold"
+    assert companion.receive(0.5) == [] and companion.vehicle_system == 1
+
+
+def test_what_we_send_as_a_ground_station_and_to_the_vehicle_alone_stays_there() -> None:
+    near, vehicle = loopback_pair()
+    behind, station = loopback_pair()
+    router = Router()
+    companion = CompanionLink(RoutedTransport(near, router), CompanionSettings(0.5, as_gcs=True))
+    ForwardLink(behind, router, budget_for(0))
+    vehicle.send(packed(BEAT, speaker(1, 1)))
+    for tick in range(40):
+        companion.receive(0.1 * tick)
+        companion.keep(0.1 * tick)
+    sent = [speaker(0, 0).decode(bytearray(frame)) for frame in vehicle.receive()]
+    assert {m.get_type() for m in sent} > {"HEARTBEAT", "COMMAND_LONG"}
+    assert {m.get_srcSystem() for m in sent} == {1, 255}
+    seen = [speaker(0, 0).decode(bytearray(frame)) for frame in station.receive()]
+    assert {(m.get_type(), m.get_srcSystem(), m.get_srcComponent()) for m in seen} == {
+        ("HEARTBEAT", 1, 1),
+        ("HEARTBEAT", 1, 191),
+    }
+
+
+def test_a_flood_takes_no_more_of_a_serial_line_than_its_share() -> None:
+    _, vehicle, forward, station = rig(budget_for(57600))
+    gcs = speaker(255, 190)
+    passed = 0
+    for tick in range(100):
+        for _ in range(50):
+            station.send(unknown(255, 190, identity=60000 + tick, sequence=gcs.seq))
+            gcs.seq = (gcs.seq + 1) & 0xFF
+        forward.receive(0.05 * tick)
+        passed += sum(map(len, vehicle.receive()))
+    assert 0.95 * 2880.0 * 5.0 < passed < 1.05 * 2880.0 * 5.5
+    assert forward.dropped > 3000
+    _, vehicle, forward, station = rig()
+    for number in range(3 * FRAMES_PER_TURN):
+        station.send(unknown(255, 190, identity=60000 + number))
+    forward.receive(0.0)
+    assert len(vehicle.receive()) == FRAMES_PER_TURN and forward.dropped == 2 * FRAMES_PER_TURN
+
+
+def test_with_a_key_nothing_unsigned_passes_either_way_and_what_is_signed_passes_unchanged() -> None:
+    key = bytes(range(32))
+    companion, vehicle, forward, station = rig(signing=Signing(key, CountingTimestamps(10**12)))
+    boat, gcs = speaker(1, 1), speaker(255, 190)
+    vehicle.send(packed(BEAT, boat))
+    station.send(packed(command(1, 1), gcs))
+    companion.receive(0.1)
+    forward.receive(0.1)
+    assert station.receive() == [] and vehicle.receive() == [] and companion.vehicle_system is None
+    for who in (boat, gcs):
+        who.signing.secret_key, who.signing.sign_outgoing, who.signing.timestamp = key, True, 10**12
+    beat, word = packed(BEAT, boat), packed(command(1, 1), gcs)
+    vehicle.send(beat)
+    companion.receive(0.2)
+    assert companion.vehicle_system == 1 and station.receive() == [beat]
+    station.send(word)
+    forward.receive(0.3)
+    assert vehicle.receive() == [word]
+    station.send(word)
+    forward.receive(0.4)
+    assert vehicle.receive() == [], "a recording is not passed on again"
+
+
+def test_a_dead_and_a_slow_station_hold_nothing_up() -> None:
+    near, vehicle = loopback_pair()
+    router = Router()
+    companion = CompanionLink(RoutedTransport(near, router), CompanionSettings(0.5))
+    slow = TcpServerTransport("tcpin:127.0.0.1:0", "127.0.0.1", 0)
+    slow._listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unheard:
+        unheard.bind(("127.0.0.1", 0))
+        nobody = unheard.getsockname()[1]
+    dead = UdpOutTransport("udpout:dead", "127.0.0.1", nobody)
+    links = [ForwardLink(transport, router, budget_for(0)) for transport in (slow, dead)]
+    behind, station = loopback_pair()
+    links.append(ForwardLink(behind, router, budget_for(0)))
+    with socket.create_connection(("127.0.0.1", slow.port)) as lazy:
+        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        boat, samples, heard = speaker(1, 1), 0, 0
+        vehicle.send(packed(BEAT, boat))
+        for tick in range(6000):
+            for number in range(20):
+                vehicle.send(packed(dialect.MAVLink_attitude_message(20 * tick + number, 0, 0, 0, 0, 0, 0), boat))
+            samples += len(companion.receive(0.01 * tick))
+            heard += len(station.receive())
+            if router.counts["dropped: endpoint full or away"] > 10 * tick + 2000:
+                break
+        for link in links:
+            assert link.receive(1.0) == []
+    assert tick < 5999, "more is dropped than the dead one drops: the slow one's buffer has filled"
+    assert heard == 20 * (tick + 1) + 1 and samples > 0
+    for link in links:
+        link.close()
+
+
+def test_a_station_that_is_gone_is_an_alarm_once_and_the_others_go_on() -> None:
+    companion, vehicle, forward, station = rig()
+    station.close()
+    (alarm,) = forward.receive(0.1)
+    assert isinstance(alarm, AlarmSample) and "steering goes on" in alarm.text
+    assert forward.receive(0.2) == [] and forward.fileno() == -1
+    vehicle.send(packed(BEAT, speaker(1, 1)))
+    companion.receive(0.3)
+    assert companion.vehicle_system == 1
