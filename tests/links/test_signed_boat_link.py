@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.guidance.track import TrackGuide
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
@@ -56,7 +58,7 @@ def signing(key: bytes = KEY) -> LinkSigning:
 def test_only_a_signed_station_arms_sets_and_changes_the_mode() -> None:
     near, far = loopback_pair()
     store, hand = Store(), Hand()
-    commands = Commands(hand, armed=False)
+    commands = Commands(hand, armed=False, mission=Mission(TrackGuide()))
     boat = BoatLink(near, commands, ParameterServer(store), signing=signing())
     stations = {
         "unsigned": MavlinkCodec(255, 190),
@@ -93,7 +95,7 @@ def test_only_a_signed_station_arms_sets_and_changes_the_mode() -> None:
 
 
 def served(transport: UdpInTransport, ours: LinkSigning) -> Any:
-    return BoatLink(transport, Commands(Hand(), False), ParameterServer(Store()), signing=ours)
+    return BoatLink(transport, Commands(Hand(), False, Mission(TrackGuide())), ParameterServer(Store()), signing=ours)
 
 
 def companion(transport: UdpInTransport, ours: LinkSigning) -> Any:
