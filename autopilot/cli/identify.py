@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Fits Norrbin's model  T r' + n3 r^3 + n1 r + n0 = K delta,  K ~ U, T ~ 1/U, n3 ~ 1/U^2,  to all LOG files together,
-and foretells every LOG and every --holdout LOG from its rudder and speed alone. A LOG is a CSV table or a .tlog.
+and foretells every LOG and every --holdout LOG from its rudder and speed alone. A LOG is of any kind that
+`autopilot log` reads: .tlog, .BIN, .ulg, NMEA text, CSV.
 """
 
 COLUMNS_HELP = """\
@@ -26,6 +27,8 @@ Heading or yaw rate may be absent. Where the table calls them otherwise, MAP.yam
 
 def add_parser(subparsers: Any) -> None:
     """Add the `identify` subcommand."""
+    from autopilot.cli.log_options import add_log_options
+
     parser = subparsers.add_parser(
         "identify",
         help="a boat's model from recordings of rudder, speed and motion",
@@ -33,9 +36,8 @@ def add_parser(subparsers: Any) -> None:
         epilog=COLUMNS_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("logs", nargs="*", metavar="LOG", help="recordings to fit, CSV or .tlog")
+    parser.add_argument("logs", nargs="*", metavar="LOG", help="logs to fit; of what kinds, `autopilot log -h` says")
     parser.add_argument("--holdout", nargs="+", default=[], metavar="LOG", help="recordings to foretell, not to fit")
-    parser.add_argument("--columns", metavar="MAP.yaml", help="how the CSV tables call their columns")
     parser.add_argument("--steady-turns", metavar="FILE", help="CSV of steady turns (rudder, yaw rate): gives n3")
     parser.add_argument("--gain-1-s", type=float, metavar="K", help="hold K [1/s] in the steady-turn stage")
     parser.add_argument("--model", choices=("norrbin", "nomoto"), default="norrbin", help="nomoto: n3 = 0")
@@ -53,6 +55,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
     parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
     parser.add_argument("--json", action="store_true", help="print JSON")
+    add_log_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -144,8 +147,8 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
 
 
 def _load(paths: list[str], arguments: argparse.Namespace) -> list[Run]:
-    from autopilot.loop.csv_log import load_column_map
+    from autopilot.cli.log_options import log_options
     from autopilot.loop.recordings import load_run
 
-    column_map = load_column_map(arguments.columns) if arguments.columns else None
-    return [load_run(path, column_map, arguments.reverse_rudder) for path in paths]
+    options = log_options(arguments)
+    return [load_run(path, None, arguments.reverse_rudder, options) for path in paths]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from autopilot.errors import ExitCode, InputError, RefusedError
 
-SUBCOMMANDS = ("run", "trial", "identify", "gains", "params", "replay", "demo")
+SUBCOMMANDS = ("run", "trial", "identify", "log", "gains", "params", "replay", "demo")
 
 EXIT_CODES = """exit codes:
   0  done as asked

@@ -42,6 +42,8 @@ COLUMNS: dict[str, Column] = {
     "propeller_rps": Column("propeller_rps", 1.0),
     "wind_speed_m_s": Column("wind_speed_m_s", 1.0),
     "wind_direction_rad": Column("wind_direction_rad", 1.0),
+    "latitude_deg": Column("latitude_rad", math.pi / 180.0),
+    "longitude_deg": Column("longitude_rad", math.pi / 180.0),
 }
 
 Need = Sequence[Sequence[str]]

@@ -16,15 +16,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MavlinkCodec, frame_length
 from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
 from autopilot.loop.tick_codec import HEADER, TICK, VESSEL, decode_header, decode_tick, encode_header, encode_tick
-from autopilot.signals import HeadingSample, Tick
+from autopilot.signals import Tick
 
 PAYLOAD_TYPE = 0x8E52
 """TUNNEL payload type of our records: above 32767, where the MAVLink standard leaves them to everybody."""
@@ -179,34 +177,6 @@ def read_logs(path: Path) -> list[Log]:
 def read_log(path: Path) -> Log:
     """Return the first log in a file. Raises InputError where there is none."""
     return read_logs(path)[0]
-
-
-def read_table(path: Path) -> dict[str, npt.NDArray[np.float64]]:
-    """Return the first log in a file as columns for identification, a row for each heading, by measurement time.
-
-    time_s, heading_rad, yaw_rate_rad_s (nan where not measured), rudder_rad (fed back, or from the
-    steering-gear model), speed_m_s. Raises InputError.
-    """
-    ticks = read_log(path).ticks
-    rows = sorted(
-        {
-            sample.time: (sample.heading, math.nan if sample.rate is None else sample.rate)
-            for tick in ticks
-            for sample in tick.samples
-            if isinstance(sample, HeadingSample)
-        }.items()
-    )
-    if len(rows) < 2:
-        raise InputError(f"{path}: holds {len(rows)} headings; two at least are needed")
-    times = np.array([time for time, _ in rows])
-    ticked = np.array([tick.now for tick in ticks])
-    return {
-        "time_s": times,
-        "heading_rad": np.array([heading for _, (heading, _) in rows]),
-        "yaw_rate_rad_s": np.array([rate for _, (_, rate) in rows]),
-        "rudder_rad": np.interp(times, ticked, [tick.state.rudder for tick in ticks]),
-        "speed_m_s": np.interp(times, ticked, [tick.state.speed for tick in ticks]),
-    }
 
 
 def _records(path: Path) -> Iterator[bytes]:

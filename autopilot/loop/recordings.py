@@ -1,33 +1,61 @@
-"""Recordings of any kind as runs for the identification: our own .tlog files, and CSV tables."""
+"""Logs of any kind as runs for the identification, several of one run merged."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from autopilot.errors import InputError
 from autopilot.identification.runs import Run, run_from_columns
 from autopilot.loop.csv_log import RUN_NEEDS, read_csv
+from autopilot.loop.logs.merge import merged, sources_of
+from autopilot.loop.logs.reading import Kind, ReadOptions, bytes_of, kind_of, read_recording
+from autopilot.loop.logs.rudder import RudderSettings
+from autopilot.loop.logs.series import FloatArray, Recording
+from autopilot.loop.logs.table import table_of
 
-TLOG_SUFFIXES = (".tlog",)
+
+class LogOptions(NamedTuple):
+    """How to read logs, and where the rudder comes from."""
+
+    reading: ReadOptions = ReadOptions()
+    rudder: RudderSettings = RudderSettings()
 
 
-def load_run(path: str, column_map: Mapping[str, str] | None = None, reverse_rudder: bool = False) -> Run:
-    """Return the recording at `path`, a MAVLink .tlog or a CSV table with the columns of `column_map`.
+def load_recording(text: str, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
+    """Return the log `text`, or the logs of one run merged: FILE+FILE@SECONDS. Raises InputError."""
+    sources = sources_of(text)
+    return merged([read_recording(source.path, options) for source in sources], [source.offset for source in sources])
 
-    reverse_rudder: the recorded rudder is positive to port. Raises InputError where the file cannot be used.
+
+def load_run(
+    text: str,
+    column_map: Mapping[str, str] | None = None,
+    reverse_rudder: bool = False,
+    options: LogOptions = LogOptions(),  # noqa: B008 - immutable
+) -> Run:
+    """Return the run in the log `text`, or in several logs of it: FILE+FILE@SECONDS.
+
+    column_map: what CSV tables call their columns. reverse_rudder: the recorded rudder is positive to port. Raises
+    InputError where a file cannot be used.
     """
-    table = _table(path, column_map)
+    reading = options.reading._replace(columns=column_map or options.reading.columns)
+    table, notes = _table(text, reading, options.rudder)
     if reverse_rudder:
         table = {**table, "rudder_rad": -table["rudder_rad"]}
-    return run_from_columns(path, table)
+    run = run_from_columns(text, table)
+    return run._replace(notes=(*notes, *run.notes))
 
 
-def _table(path: str, column_map: Mapping[str, str] | None) -> Mapping[str, NDArray[np.float64]]:
-    if Path(path).suffix.lower() in TLOG_SUFFIXES:
-        from autopilot.loop.record import read_table
-
-        return {name: np.asarray(values, dtype=np.float64) for name, values in read_table(Path(path)).items()}
-    return read_csv(path, column_map, RUN_NEEDS)
+def _table(text: str, reading: ReadOptions, rudder: RudderSettings) -> tuple[Mapping[str, FloatArray], tuple[str, ...]]:
+    sources = sources_of(text)
+    if len(sources) == 1 and kind_of(text, bytes_of(text)) is Kind.TABLE:
+        return read_csv(text, reading.columns, RUN_NEEDS), ()
+    recording = load_recording(text, reading)
+    table, uses = table_of(recording, rudder)
+    if "rudder_rad" not in table:
+        hint = next((note for note in recording.notes if "servo" in note), "")
+        raise InputError(hint or f"{text}: holds no rudder; the rudder's angle, its servo or its orders are needed.")
+    how = uses["rudder_rad"]
+    told = (f"{text}: the rudder is {how}.",) if how.startswith(("as", "by")) else ()
+    return table, (*recording.notes, *told)

@@ -15,7 +15,10 @@ from autopilot.build import build_pilot, gear_of, model_of
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
 from autopilot.loop.clock import ManualClock
-from autopilot.loop.record import Recorder, read_log, read_logs, read_packets, read_table
+from autopilot.loop.logs.own_log import read_own
+from autopilot.loop.logs.rudder import RudderSettings
+from autopilot.loop.logs.table import table_of
+from autopilot.loop.record import Recorder, read_log, read_logs, read_packets
 from autopilot.loop.replay import replay
 from autopilot.loop.session import Session
 from autopilot.loop.tick_codec import decode_tick, encode_tick
@@ -212,7 +215,8 @@ def test_the_session_notices_silence() -> None:
 
 def test_a_log_is_a_table_for_identification(tmp_path: Path) -> None:
     sail_logged(tmp_path / "a.tlog", BoatLink(), 5.0)
-    table = read_table(tmp_path / "a.tlog")
+    table, uses = table_of(read_own(str(tmp_path / "a.tlog")), RudderSettings())
+    assert uses["rudder_rad"].startswith("the pilot's estimate")
     assert set(table) == {"time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad", "speed_m_s"}
     assert all(len(column) == len(table["time_s"]) > 50 for column in table.values())
     assert (table["time_s"][1:] > table["time_s"][:-1]).all()

@@ -1,0 +1,118 @@
+"""`autopilot log`: what a log of any kind holds, and the same as a CSV table."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from autopilot.errors import ExitCode, InputError
+
+if TYPE_CHECKING:
+    from autopilot.loop.logs.info import LogInfo
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the `log` subcommand with its actions."""
+    from autopilot.cli.log_options import KINDS_HELP, add_log_options
+
+    parser = subparsers.add_parser("log", help="what a log holds, and the same as a CSV table", description=KINDS_HELP)
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    info = actions.add_parser("info", help="duration, sources, rates, gaps, and what identification can use")
+    info.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
+    info.add_argument("--json", action="store_true", help="print JSON")
+    table = actions.add_parser("csv", help="write it as a CSV table that `identify` reads")
+    table.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
+    table.add_argument("--out", metavar="FILE.csv", required=True, help="the table to write")
+    for action in (info, table):
+        add_log_options(action)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the log and do what was asked; return the exit code."""
+    from autopilot.cli.log_options import log_options
+    from autopilot.loop.recordings import load_recording
+
+    options = log_options(arguments)
+    recording = load_recording(arguments.log, options.reading)
+    if arguments.action == "csv":
+        from autopilot.loop.logs.table import table_of
+
+        table = table_of(recording, options.rudder)
+        for note in recording.notes:
+            print(note)
+        rows = write_csv(Path(arguments.out), table.columns, table.uses, arguments.log)
+        print(f"Wrote {rows} rows to {arguments.out}.")
+        return int(ExitCode.OK)
+    from autopilot.loop.logs.info import info_of
+
+    info = info_of(recording, options.rudder)
+    print(as_json(info) if arguments.json else as_text(info))
+    return int(ExitCode.OK)
+
+
+def write_csv(path: Path, columns: dict[str, Any], uses: dict[str, str], source: str) -> int:
+    """Write a table's columns, positions in degrees, and where they come from; return the rows. Raises InputError."""
+    names = list(columns)
+    lines = [f"# from {source}"] + [f"# {name}: {uses[name]}" for name in names if name in uses]
+    shown = [name.replace("tude_rad", "tude_deg") for name in names]
+    lines.append(",".join(shown))
+    values = [
+        columns[old] if old == new else columns[old] * (180.0 / math.pi) for old, new in zip(names, shown, strict=True)
+    ]
+    for row in zip(*(column.tolist() for column in values), strict=True):
+        lines.append(",".join("" if value != value else f"{value:.10g}" for value in row))  # noqa: PERF401
+    try:
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}; give another place with --out.") from error
+    return len(lines) - len(uses) - 2
+
+
+def as_json(info: LogInfo) -> str:
+    """Return the information as JSON; SI units and radians."""
+    found = {**info._asdict(), "series": [series._asdict() for series in info.series], "notes": list(info.notes)}
+    return json.dumps(found, indent=2)
+
+
+def as_text(info: LogInfo) -> str:
+    """Return the information as a table for people."""
+    lines = [f"{info.source}: {info.kind}, {info.duration:.1f} s{_date(info.began)}", ""]
+    heads = f"{'samples':>8s} {'Hz':>6s} {'from s':>8s} {'to s':>8s} {'gaps':>5s} {'longest s':>9s}  range"
+    lines.append(f"{'quantity':18s} {'source':38s} {heads}")
+    for series in info.series:
+        name, factor = _shown(series.quantity)
+        lines.append(
+            f"{name:18s} {series.source:38s} {series.samples:8d} {series.rate_hz:6.1f} {series.begins:8.1f} "
+            f"{series.ends:8.1f} {series.gaps:5d} {series.longest_gap:9.2f}  "
+            f"{series.low * factor:.4g} to {series.high * factor:.4g}"
+        )
+    lines.append("")
+    if info.missing:
+        lines.append(f"Identification cannot use it: {info.missing}")
+    else:
+        runs = "one stretch" if info.segments == 1 else f"{info.segments} stretches"
+        lines.append(f"Identification can use {info.usable:.1f} s in {runs}:")
+    lines += [f"  {_shown(column)[0].rsplit(' ', 1)[0]}: {source}" for column, source in info.uses.items()]
+    return "\n".join(lines + [f"- {note}" for note in info.notes])
+
+
+def _date(began: float | None) -> str:
+    if began is None:
+        return ""
+    return f", begun {datetime.fromtimestamp(began, UTC).strftime('%Y-%m-%d %H:%M:%S')} UTC"
+
+
+def _shown(quantity: str) -> tuple[str, float]:
+    """Return a quantity's name with the unit it is shown in, and the factor to it."""
+    for ending, unit in (("_rad_s", "deg/s"), ("_rad", "deg")):
+        if quantity.endswith(ending):
+            return f"{quantity.removesuffix(ending).replace('_', ' ')} {unit}", 180.0 / math.pi
+    for ending, unit in (("_m_s", "m/s"), ("_rps", "1/s")):
+        if quantity.endswith(ending):
+            return f"{quantity.removesuffix(ending).replace('_', ' ')} {unit}", 1.0
+    return f"{quantity.replace('_', ' ')} -", 1.0

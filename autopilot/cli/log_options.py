@@ -1,0 +1,71 @@
+"""The options of every command that reads logs, and what they make of the vessel file."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from autopilot.errors import InputError
+
+if TYPE_CHECKING:
+    from autopilot.loop.recordings import LogOptions
+
+KINDS_HELP = """\
+a LOG is a .tlog (any MAVLink vehicle, or our own), an ArduPilot .BIN, a PX4 .ulg (extra `ulog`), NMEA 0183 sentences in
+text, or a CSV table, known by its content. Several logs of one run: FILE+FILE, or FILE+FILE@SECONDS where the second
+begins so much later than the first; without @ the offset is found from how the boat turned, or from the dates.
+"""
+
+
+def add_log_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how to read logs and where the rudder comes from."""
+    group = parser.add_argument_group("reading logs")
+    group.add_argument("--columns", metavar="MAP.yaml", help="how CSV tables call their columns")
+    group.add_argument("--system", type=int, metavar="ID", help="MAVLink system to read (default: most attitudes)")
+    group.add_argument("--vessel", metavar="VESSEL.yaml", help="its steering gear moves a rudder known by orders only")
+    group.add_argument(
+        "--rudder",
+        choices=("auto", "measured", "commands", "servo"),
+        default="auto",
+        help="where the rudder comes from",
+    )
+    group.add_argument(
+        "--rudder-at-full-deg", type=float, metavar="DEG", help="rudder at full steering (default: the vessel file's)"
+    )
+    group.add_argument(
+        "--servo", metavar="N:MIN:TRIM:MAX", help="the steering servo, where no parameter in the log says it"
+    )
+    group.add_argument(
+        "--variation-deg", type=float, metavar="DEG", help="magnetic variation, east positive, for NMEA compasses"
+    )
+
+
+def log_options(arguments: argparse.Namespace) -> LogOptions:
+    """Return the options as the readers take them. Raises InputError."""
+    from autopilot.build import gear_of
+    from autopilot.loop.csv_log import load_column_map
+    from autopilot.loop.logs.reading import ReadOptions
+    from autopilot.loop.logs.rudder import RudderSettings
+    from autopilot.loop.logs.servo import servo_from_text
+    from autopilot.loop.recordings import LogOptions
+    from autopilot.params.vessel_file import load_vessel
+
+    variation = arguments.variation_deg
+    if variation is not None and not -180.0 <= variation <= 180.0:
+        raise InputError(f"--variation-deg {variation:g}: allowed is -180 to 180")
+    vessel = load_vessel(arguments.vessel) if arguments.vessel else None
+    full = arguments.rudder_at_full_deg
+    if full is not None and not 1.0 <= abs(full) <= 90.0:
+        raise InputError(f"--rudder-at-full-deg {full:g}: allowed is 1 to 90, negative where the servo is reversed")
+    if full is None and vessel is not None:
+        full = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
+        full = -full if vessel.helm.reversed else full
+    reading = ReadOptions(
+        load_column_map(arguments.columns) if arguments.columns else None,
+        arguments.system,
+        servo_from_text(arguments.servo) if arguments.servo else None,
+        None if variation is None else math.radians(variation),
+    )
+    gear = None if vessel is None else gear_of(vessel)
+    return LogOptions(reading, RudderSettings(arguments.rudder, None if full is None else math.radians(full), gear))

@@ -1,0 +1,299 @@
+"""Logs of other programs: what is read is what was sailed, and what is damaged is said or refused in one sentence."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boat_recordings import (
+    EPOCH,
+    FULL,
+    Boat,
+    ardupilot_parameters,
+    dataflash,
+    pulses,
+    tlog,
+    tlog_events,
+    zigzag_boat,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink import DFReader, mavutil
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.cli.main import main
+from autopilot.errors import InputError
+from autopilot.identification.identify import identify
+from autopilot.loop.logs.reading import ReadOptions, read_recording
+from autopilot.loop.logs.rudder import RudderSettings, rudder_of
+from autopilot.loop.logs.series import HEADING, RATE, SHARE, SPEED, Recording
+from autopilot.loop.logs.servo import servo_from_text
+from autopilot.loop.recordings import LogOptions, load_run
+from autopilot.models.steering_gear import SteeringGear
+
+BOAT = zigzag_boat()
+GEAR = SteeringGear(angle_max=FULL, rate_max=math.radians(5.0))
+WITH_GEAR = LogOptions(rudder=RudderSettings(at_full=FULL, gear=GEAR))
+
+
+def written(folder: Path, data: bytes, name: str) -> str:
+    path = folder / name
+    path.write_bytes(data)
+    return str(path)
+
+
+def assert_sailed(recording: Recording, boat: Boat, tolerance: float) -> None:
+    """Heading, rate and steering lie on the boat's, each at its own time."""
+    for quantity, truth in ((HEADING, boat.heading), (RATE, boat.rate), (SHARE, boat.order / FULL)):
+        series = recording.best(quantity)
+        assert series is not None
+        values = np.unwrap(series.values) if quantity == HEADING else series.values
+        expected = np.interp(series.time, boat.time, truth)
+        turns = math.tau * round((expected[0] - values[0]) / math.tau)
+        late = series.time > 6.0
+        # an order that changes between two samples of the simulation is off for that long
+        wrong = np.abs(values - expected + turns * (quantity == HEADING)) > tolerance
+        assert np.mean(wrong[late]) < 0.01
+
+
+@pytest.mark.parametrize("v1", [False, True])
+def test_a_telemetry_log_reads_as_sailed_whatever_the_radio_delays(tmp_path: Path, v1: bool) -> None:
+    path = written(tmp_path, tlog(tlog_events(BOAT), jitter=0.4, v1=v1), "trial.tlog")
+    recording = read_recording(path)
+    assert recording.notes == ()
+    assert recording.began == pytest.approx(EPOCH, abs=0.5)
+    assert_sailed(recording, BOAT, 0.004)
+    speed = recording.best(SPEED)
+    assert speed is not None
+    assert speed.source == "GLOBAL_POSITION_INT"
+    np.testing.assert_allclose(speed.values, 3.0, atol=0.01)
+
+
+def test_mavutil_reads_the_same_attitudes(tmp_path: Path) -> None:
+    path = written(tmp_path, tlog(tlog_events(BOAT), jitter=0.4), "trial.tlog")
+    peer = mavutil.mavlink_connection(path)
+    found = []
+    while (message := peer.recv_match(type="ATTITUDE")) is not None:
+        found.append((message.time_boot_ms * 1.0e-3, message.yaw))
+    peer.close()
+    series = read_recording(path).of(HEADING)[0]
+    np.testing.assert_allclose(series.values, [yaw for _, yaw in found])
+    np.testing.assert_allclose(np.diff(series.time), np.diff([boot for boot, _ in found]), atol=1e-9)
+
+
+def test_dfreader_reads_the_same_dataflash(tmp_path: Path) -> None:
+    path = written(tmp_path, dataflash(BOAT), "trial.BIN")
+    peer = DFReader.DFReader_binary(path)
+    yaws, rates, servos = [], [], []
+    while (message := peer.recv_msg()) is not None:
+        if message.get_type() == "ATT":
+            yaws.append(message.Yaw)
+        elif message.get_type() == "STER":
+            rates.append(message.TurnRate)
+        elif message.get_type() == "RCOU":
+            servos.append(message.C3)
+    peer.close()
+    recording = read_recording(path)
+    np.testing.assert_allclose(np.degrees(recording.of(HEADING)[0].values), yaws)
+    np.testing.assert_allclose(np.degrees(recording.of(RATE)[0].values), rates, rtol=1e-6)
+    np.testing.assert_array_equal(pulses(recording.of(SHARE)[0].values * FULL), servos)
+    assert recording.began == pytest.approx(315_964_800 + 2400 * 604_800 + 100 - 18, abs=0.01)
+
+
+def test_a_dataflash_log_reads_as_sailed(tmp_path: Path) -> None:
+    recording = read_recording(written(tmp_path, dataflash(BOAT), "trial.BIN"))
+    assert recording.notes == ()
+    assert_sailed(recording, BOAT, 0.004)
+    speed = recording.best(SPEED)
+    assert speed is not None
+    assert set(speed.values) == {3.0}, "the second receiver's speed stays out"
+
+
+@pytest.mark.parametrize("kind", ["tlog", "BIN"])
+def test_the_boat_is_identified_from_a_servo_log_through_the_steering_gear(tmp_path: Path, kind: str) -> None:
+    data = tlog(tlog_events(BOAT), jitter=0.2) if kind == "tlog" else dataflash(BOAT)
+    run = load_run(written(tmp_path, data, f"trial.{kind}"), options=WITH_GEAR)
+    assert any("through the steering gear of the vessel file" in note for note in run.notes)
+    model = identify([run], "nomoto").model
+    assert model.gain == pytest.approx(0.2, rel=0.02)
+    assert model.time_constant == pytest.approx(5.0, rel=0.03)
+
+
+def test_without_the_steering_gear_the_same_log_gives_a_slower_boat_and_says_what_was_assumed(tmp_path: Path) -> None:
+    path = written(tmp_path, tlog(tlog_events(BOAT)), "trial.tlog")
+    run = load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL)))
+    assert any("taken to stand where it was told" in note for note in run.notes)
+    assert identify([run], "nomoto").model.time_constant > 5.5
+
+
+def test_a_reversed_servo_is_turned_round_by_its_parameter(tmp_path: Path) -> None:
+    values = ardupilot_parameters(is_reversed=True)
+    path = written(tmp_path, tlog(tlog_events(BOAT, parameters=values)), "trial.tlog")
+    share = read_recording(path).of(SHARE)[0]
+    straight = read_recording(written(tmp_path, tlog(tlog_events(BOAT)), "b.tlog")).of(SHARE)[0]
+    np.testing.assert_allclose(share.values, -straight.values)
+
+
+def test_a_px4_vehicle_tells_its_servo_bytewise(tmp_path: Path) -> None:
+    def bytewise(value: int) -> float:
+        return float(struct.unpack("<f", struct.pack("<i", value))[0])
+
+    parameters = {"PWM_MAIN_FUNC3": 201, "PWM_MAIN_MIN3": 1000, "PWM_MAIN_MAX3": 2000, "PWM_MAIN_REV": 0b100}
+
+    def events() -> object:
+        yield 0.0, dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, 12, 129, 0, 4, 3)
+        for name, value in parameters.items():
+            kind = dialect.MAV_PARAM_TYPE_INT32
+            yield 0.0, dialect.MAVLink_param_value_message(name.encode(), bytewise(value), kind, 4, 0)
+        yield from (event for event in tlog_events(BOAT, parameters={}) if event[1].get_type() != "HEARTBEAT")
+
+    share = read_recording(written(tmp_path, tlog(events()), "px4.tlog")).of(SHARE)[0]  # type: ignore[arg-type]
+    expected = -(pulses(np.interp(share.time, BOAT.time, BOAT.order)) - 1500.0) / 500.0
+    assert np.mean(np.abs(share.values - expected) > 1.0e-9) < 0.01
+
+
+def test_a_servo_that_no_parameter_names_is_asked_for(tmp_path: Path) -> None:
+    path = written(tmp_path, tlog(tlog_events(BOAT, parameters={})), "trial.tlog")
+    with pytest.raises(InputError, match=r"no parameter in the log says which servo steers.*--servo"):
+        load_run(path)
+    servo = servo_from_text("3:1120:1480:1910")
+    run = load_run(path, options=WITH_GEAR._replace(reading=ReadOptions(servo=servo)))
+    assert identify([run], "nomoto").model.gain == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_share_needs_the_angle_at_full_steering(tmp_path: Path) -> None:
+    path = written(tmp_path, tlog(tlog_events(BOAT)), "trial.tlog")
+    with pytest.raises(InputError, match="give --vessel FILE, or the angle at full steering with --rudder-at-full-deg"):
+        load_run(path)
+    with pytest.raises(InputError, match="--rudder measured: the log holds none; it has servo"):
+        rudder_of(read_recording(path), RudderSettings("measured"))
+
+
+def test_a_reboot_goes_on_behind_what_was_before(tmp_path: Path) -> None:
+    first = tlog(tlog_events(zigzag_boat(40.0), boot=500.0))
+    second = tlog(tlog_events(zigzag_boat(30.0), boot=3.0), began=EPOCH + 60.0)
+    heading = read_recording(written(tmp_path, first + second, "trial.tlog")).of(HEADING)[0]
+    assert heading.time[-1] == pytest.approx(90.0, abs=0.2)
+    assert heading.longest_gap == pytest.approx(20.0, abs=0.2)
+
+
+def test_of_several_vehicles_the_most_talkative_or_the_chosen_one_is_read(tmp_path: Path) -> None:
+    mine, other = tlog(tlog_events(BOAT), system=7), tlog(tlog_events(zigzag_boat(30.0)), system=2)
+    path = written(tmp_path, other + mine, "fleet.tlog")
+    recording = read_recording(path)
+    assert recording.of(HEADING)[0].time[-1] == pytest.approx(120.0, abs=0.2)
+    assert any("system 7 is read; it has attitudes of 2 too" in note for note in recording.notes)
+    chosen = read_recording(path, ReadOptions(system=2))
+    assert chosen.of(HEADING)[0].time[-1] == pytest.approx(30.0, abs=0.2)
+    with pytest.raises(InputError, match=r"no ATTITUDE of system 9; it has them of 2, 7\."):
+        read_recording(path, ReadOptions(system=9))
+
+
+def test_messages_that_nobody_knows_are_stepped_over(tmp_path: Path) -> None:
+    unknown = struct.pack(">Q", int(EPOCH * 1e6)) + b"\xfd\x03\x00\x00\x00\x01\x01\xff\xfe\xfd" + b"abc" + b"\x00\x00"
+    data = tlog(tlog_events(zigzag_boat(20.0)))
+    half = data.index(struct.pack(">Q", round((EPOCH + 10.0) * 1e6)))
+    recording = read_recording(written(tmp_path, data[:half] + unknown * 5 + data[half:], "new.tlog"))
+    assert recording.notes == ()
+    assert recording.of(HEADING)[0].longest_gap < 0.11
+
+
+@pytest.mark.parametrize("kind", ["tlog", "BIN"])
+def test_damage_in_the_middle_is_left_out_and_told(tmp_path: Path, kind: str) -> None:
+    data = bytearray(tlog(tlog_events(BOAT)) if kind == "tlog" else dataflash(BOAT))
+    middle = len(data) // 2
+    data[middle : middle + 300] = np.random.default_rng(2).bytes(300)
+    recording = read_recording(written(tmp_path, bytes(data), f"hurt.{kind}"))
+    assert len(recording.notes) == 1
+    assert "damaged and left out" in recording.notes[0]
+    assert recording.of(HEADING)[0].longest_gap < 2.0
+    assert_sailed(recording, BOAT, 0.004)
+
+
+@pytest.mark.parametrize("kind", ["tlog", "BIN"])
+def test_a_torn_end_is_left_out_and_told(tmp_path: Path, kind: str) -> None:
+    data = tlog(tlog_events(BOAT)) if kind == "tlog" else dataflash(BOAT)
+    recording = read_recording(written(tmp_path, data[:-5], f"torn.{kind}"))
+    assert "torn" in recording.notes[0]
+    assert_sailed(recording, BOAT, 0.004)
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"", "is empty"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "no log of a kind known here"),
+        (b"\x1f\x8b\x08\x00rest", r"is packed \(gzip\)"),
+        (b"PK\x03\x04rest", r"is packed \(zip\)"),
+        (dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3).pack(dialect.MAVLink(None)) * 9, "without time stamps"),
+        (tlog(iter([(0.0, dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))])), "holds no ATTITUDE of any vehicle"),
+        (b"\xa3\x95\x80", "holds no ATT"),
+        (b"\xa3\x95\x80" + bytes(86), "does not agree with itself|holds no ATT"),
+        (b"\xa3\x95" + np.random.default_rng(0).bytes(4000), "belong to no message"),
+        (struct.pack(">Q", int(EPOCH * 1e6)) + b"\xfd" + np.random.default_rng(0).bytes(4000), "belong to no MAVLink"),
+    ],
+)
+def test_what_is_no_log_is_one_sentence(tmp_path: Path, data: bytes, sentence: str) -> None:
+    path = written(tmp_path, data, "odd.bin")
+    with pytest.raises(InputError, match=sentence) as refusal:
+        read_recording(path)
+    assert str(refusal.value).startswith(path)
+    assert "\n" not in str(refusal.value)
+
+
+SHORT = {"tlog": tlog(tlog_events(zigzag_boat(8.0))), "BIN": dataflash(zigzag_boat(8.0))}
+
+
+@given(
+    kind=st.sampled_from(["tlog", "BIN"]),
+    cut=st.tuples(st.integers(0, 20000), st.integers(1, 20000)),
+    noise=st.binary(max_size=60),
+)
+def test_no_damage_raises_anything_but_a_sentence(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, cut: tuple[int, int], noise: bytes
+) -> None:
+    whole = SHORT[kind]
+    start, length = cut[0] % len(whole), cut[1]
+    path = written(tmp_path_factory.getbasetemp(), whole[:start] + noise + whole[start + length :], f"fuzz.{kind}")
+    try:
+        recording = read_recording(path)
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert all(np.isfinite(series.values).all() for series in recording.series)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "3", "3:1:2", "3:1900:1500:1100", "x:1100:1500:1900", "17:1100:1500:1900", "3:0:5:9"]
+)
+def test_a_servo_that_cannot_be_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"--servo|steering servo"):
+        servo_from_text(text)
+
+
+def test_info_tells_people_and_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = written(tmp_path, tlog(tlog_events(BOAT)), "trial.tlog")
+    assert main(["log", "info", path, "--rudder-at-full-deg", "30"]) == 0
+    told = capsys.readouterr().out
+    assert "MAVLink telemetry log, 120.0 s" in told
+    assert "Identification can use 11" in told or "Identification can use 120" in told
+    assert "SERVO_OUTPUT_RAW servo 3" in told
+    assert main(["log", "info", path, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert "--rudder-at-full-deg" in found["missing"]
+    attitude = next(s for s in found["series"] if s["quantity"] == "heading_rad")
+    assert attitude["rate_hz"] == pytest.approx(10.0, rel=0.01)
+
+
+def test_a_log_as_csv_identifies_to_the_same_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = written(tmp_path, dataflash(BOAT), "trial.BIN"), tmp_path / "trial.csv"
+    assert main(["log", "csv", path, "--rudder-at-full-deg", "30", "--out", str(out)]) == 0
+    assert "Wrote 1201 rows" in capsys.readouterr().out
+    direct = identify([load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL)))], "nomoto").model
+    table = identify([load_run(str(out))], "nomoto").model
+    assert table.gain == pytest.approx(direct.gain, rel=1e-6)
+    assert table.time_constant == pytest.approx(direct.time_constant, rel=1e-6)
