@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MAGIC_V2
+from autopilot.links.signing import MAGIC_V2
 from autopilot.loop.logs.series import (
     HEADING,
     LATITUDE,

@@ -16,7 +16,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.links.mavlink_codec import MAGIC_V2, MavlinkCodec, Message
+from autopilot.links.mavlink_codec import MavlinkCodec, Message
+from autopilot.links.signing import MAGIC_V2
 from autopilot.loop.logs.series import (
     HEADING,
     LATITUDE,
