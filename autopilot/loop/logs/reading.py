@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from autopilot.errors import InputError
-from autopilot.links.signing import MAGIC_V1, MAGIC_V2
+from autopilot.links.mavlink_codec import MAGIC_V1
+from autopilot.links.signing import MAGIC_V2
 from autopilot.loop.csv_log import COLUMNS, read_csv
 from autopilot.loop.logs.dataflash import HEAD
 from autopilot.loop.logs.dataflash_log import read_dataflash

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from autopilot.links.mavlink_codec import next_magic
-from autopilot.links.signing import MAGIC_V1, MAGIC_V2, SIGNED
+from autopilot.links.mavlink_codec import MAGIC_V1, next_magic
+from autopilot.links.signing import MAGIC_V2, SIGNED
 
 STAMP = 8
 YEARS_US = (315_532_800_000_000, 4_102_444_800_000_000)
