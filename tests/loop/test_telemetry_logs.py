@@ -238,7 +238,7 @@ def test_a_torn_end_is_left_out_and_told(tmp_path: Path, kind: str) -> None:
     ],
 )
 def test_what_is_no_log_is_one_sentence(tmp_path: Path, data: bytes, sentence: str) -> None:
-    path = written(tmp_path, data, "odd.bin")
+    path = written(tmp_path, data, "odd.log")
     with pytest.raises(InputError, match=sentence) as refusal:
         read_recording(path)
     assert str(refusal.value).startswith(path)

@@ -13,10 +13,12 @@ from autopilot.links.signing import MAGIC_V2
 from autopilot.loop.csv_log import COLUMNS, read_csv
 from autopilot.loop.logs.dataflash import HEAD
 from autopilot.loop.logs.dataflash_log import read_dataflash
+from autopilot.loop.logs.nmea_text import is_nmea_text, read_nmea
 from autopilot.loop.logs.own_log import is_own, read_own
 from autopilot.loop.logs.series import Recording, from_zero, series_of
 from autopilot.loop.logs.servo import Servo
 from autopilot.loop.logs.tlog import read_tlog
+from autopilot.loop.logs.ulog import read_ulog
 
 KINDS = "a .tlog, an ArduPilot .BIN, a PX4 .ulg, NMEA sentences in text, a CSV table"
 ULOG = b"ULog\x01\x12\x35"
@@ -29,6 +31,8 @@ class Kind(Enum):
     DATAFLASH = "ArduPilot DataFlash log"
     OWN = "Norrbin log"
     TLOG = "MAVLink telemetry log"
+    ULOG = "PX4 log"
+    NMEA = "NMEA 0183 sentences"
     TABLE = "CSV table"
 
 
@@ -54,6 +58,10 @@ def read_recording(path: str, options: ReadOptions = ReadOptions()) -> Recording
             return read_own(path)
         case Kind.TLOG:
             return read_tlog(path, data, options.system, options.servo)
+        case Kind.ULOG:
+            return read_ulog(path, data, options.servo)
+        case Kind.NMEA:
+            return read_nmea(path, data, options.variation)
         case Kind.TABLE:
             return _read_table(path, options.columns)
 
@@ -64,6 +72,9 @@ def kind_of(path: str, data: bytes) -> Kind:
         return Kind.DATAFLASH
     if is_tlog(data):
         return Kind.OWN if is_own(data) else Kind.TLOG
+    if data.startswith(ULOG):
+        return Kind.ULOG
+    _check_promise(path)
     for beginning, name in PACKED.items():
         if data.startswith(beginning):
             raise InputError(f"{path}: is packed ({name}); unpack it first.")
@@ -71,7 +82,18 @@ def kind_of(path: str, data: bytes) -> Kind:
         raise InputError(f"{path}: is a MAVLink stream without time stamps; record it as .tlog.")
     if b"\0" in data[:4096]:
         raise InputError(f"{path}: is no log of a kind known here, or its beginning is lost; readable are {KINDS}.")
-    return Kind.TABLE
+    return Kind.NMEA if is_nmea_text(data) else Kind.TABLE
+
+
+def _check_promise(path: str) -> None:
+    """Raise InputError where a name promises a kind that the content has turned out not to be."""
+    match Path(path).suffix.lower():
+        case ".tlog":
+            raise InputError(f"{path}: no MAVLink packet at byte 8: this is not a .tlog, or it is damaged there")
+        case ".bin":
+            raise InputError(f"{path}: does not begin with a DataFlash message (A3 95): this is no .BIN of ArduPilot")
+        case ".ulg":
+            raise InputError(f"{path}: does not begin as a PX4 log does: this is no .ulg, or it is damaged there")
 
 
 def is_tlog(data: bytes) -> bool:
@@ -91,7 +113,7 @@ def bytes_of(path: str) -> bytes:
     try:
         data = Path(path).read_bytes()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; check the name and the rights.") from error
+        raise InputError(f"{path}: {error.strerror}; give a log that exists and can be read") from error
     if not data:
         raise InputError(f"{path}: is empty; a log is needed: {KINDS}.")
     return data
