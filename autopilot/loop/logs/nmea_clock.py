@@ -7,7 +7,6 @@ lies between two marks is spread evenly by its place in the file: right to withi
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
