@@ -1,0 +1,125 @@
+"""Parameters found by filters: the state of the model, with its parameters appended as states that stay as they are.
+
+One description of the problem serves four answers, so that they can be held against each other: the extended Kalman
+filter, the feedback particle filter, the batch fit that minimises whitened prediction errors over the whole record, and
+the Cramer-Rao bound that none of them can beat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from autopilot.filters.feedback_particle import fpf_belief, fpf_predict, fpf_start, fpf_update
+from autopilot.filters.kalman import Gaussian, ekf_predict, ekf_update
+from autopilot.filters.midpoint import Drift, FloatArray, Observe
+from autopilot.filters.particle_gains import Gain
+
+UNIDENTIFIED = 0.8
+"""A parameter of which more than this share of the prior standard deviation is left has not been identified."""
+
+
+class Case(NamedTuple):
+    """What is to be identified: p parameters `names`, the last p of the d components of the state.
+
+    drift, observe, noise (d, q), R (m, m) as in the filters; substeps of the midpoint rule between samples; prior: the
+    belief about state and parameters before the record.
+    """
+
+    names: tuple[str, ...]
+    drift: Drift
+    observe: Observe
+    noise: FloatArray
+    R: FloatArray
+    prior: Gaussian
+    substeps: int = 1
+
+    @property
+    def states(self) -> int:
+        """How many components of the state are not parameters."""
+        return self.prior.mean.size - len(self.names)
+
+    @property
+    def prior_deviation(self) -> FloatArray:
+        """Standard deviations of the parameters before the record, shape (p,)."""
+        return np.asarray(np.sqrt(np.diag(self.prior.covariance)[self.states :]))
+
+
+class Steps(NamedTuple):
+    """A record: for each of n steps its length dt, shape (n,), the inputs held over it, and what was measured at its
+    end, shape (n, m), nan where nothing was."""
+
+    dt: FloatArray
+    inputs: Sequence[Any]
+    measured: FloatArray
+
+
+class Found(NamedTuple):
+    """Parameters after each step with their standard deviations, shape (n, p), and the parameters' covariance at the
+    end, shape (p, p)."""
+
+    names: tuple[str, ...]
+    estimate: FloatArray
+    deviation: FloatArray
+    covariance: FloatArray
+
+    def at_end(self) -> dict[str, float]:
+        """Return the last estimate by name."""
+        return {name: float(value) for name, value in zip(self.names, self.estimate[-1], strict=True)}
+
+
+def by_kalman_filter(case: Case, steps: Steps) -> Found:
+    """Return the extended Kalman filter's estimates."""
+    belief, beliefs = case.prior, []
+    for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
+        belief = ekf_predict(belief, case.drift, inputs, case.noise, float(dt), case.substeps)
+        belief = ekf_update(belief, case.observe, z, case.R).belief
+        beliefs.append(belief)
+    return _found(case, beliefs)
+
+
+def by_particle_filter(
+    case: Case, steps: Steps, count: int, random: np.random.Generator, gain: Gain | None = None
+) -> Found:
+    """Return the feedback particle filter's estimates with `count` particles; gain: constant by default."""
+    particles, beliefs = fpf_start(case.prior, count, random), []
+    for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
+        particles = fpf_predict(particles, case.drift, inputs, case.noise, float(dt), random, case.substeps)
+        particles = fpf_update(particles, case.observe, z, case.R, gain)
+        beliefs.append(fpf_belief(particles))
+    return _found(case, beliefs)
+
+
+def information_bound(case: Case, steps: Steps, truth: FloatArray) -> FloatArray:
+    """Return the Cramer-Rao bound of the parameters' covariance, prior included, shape (p, p).
+
+    truth: state and parameters at the begin of every step and at the end of the last, shape (n + 1, d). The covariance
+    recursion of the Kalman filter, linearised where the ship really was (Taylor 1979; Tichavsky et al. 1998).
+    """
+    P = case.prior.covariance
+    for k, (dt, inputs) in enumerate(zip(steps.dt, steps.inputs, strict=True)):
+        moved = ekf_predict(Gaussian(truth[k], P), case.drift, inputs, case.noise, float(dt), case.substeps)
+        P = ekf_update(Gaussian(truth[k + 1], moved.covariance), case.observe, steps.measured[k], case.R)[0].covariance
+    return np.asarray(P[case.states :, case.states :])
+
+
+def unidentified(case: Case, deviation: FloatArray) -> tuple[str, ...]:
+    """Return the parameters of which the record tells next to nothing: more than `UNIDENTIFIED` of the prior standard
+    deviation is left in `deviation`, shape (p,)."""
+    left = deviation / case.prior_deviation
+    return tuple(name for name, share in zip(case.names, left, strict=True) if share > UNIDENTIFIED)
+
+
+def normalised_error(found: Found, truth: FloatArray) -> float:
+    """Return e' P^-1 e / p at the end: 1 on average where a filter knows how wrong it is, more where it is too sure."""
+    error = found.estimate[-1] - truth
+    return float(error @ np.linalg.solve(found.covariance, error)) / error.size
+
+
+def _found(case: Case, beliefs: Sequence[Gaussian]) -> Found:
+    p = slice(case.states, None)
+    estimate = np.array([belief.mean[p] for belief in beliefs])
+    deviation = np.sqrt(np.array([np.diag(belief.covariance)[p] for belief in beliefs]))
+    return Found(case.names, estimate, deviation, beliefs[-1].covariance[p, p])
