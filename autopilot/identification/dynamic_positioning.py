@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.filters.kalman import Gaussian
-from autopilot.filters.midpoint import Drift, FloatArray, midpoint_step
+from autopilot.filters.midpoint import FloatArray, midpoint_step
 from autopilot.identification.recursive import Case, Steps
 from autopilot.models.dynamic_positioning import (
     Hull,
@@ -25,10 +25,8 @@ from autopilot.models.dynamic_positioning import (
     sway_yaw_shown,
 )
 
-START_POSITION_M = 1.0e-3
-START_HEADING_RAD = 1.0e-5
-START_SPEED = 1.0e-6
-"""The trial begins at rest at the origin; these standard deviations (speeds: bis) say so without dividing by zero."""
+START_SPEED_M_S = 0.01
+"""A trial begins at rest, to within this standard deviation, and where the first position was measured."""
 
 TRUTH_SUBSTEPS = 10
 """The simulated ship is integrated with steps this much shorter than the samples, noise in each."""
@@ -57,7 +55,7 @@ class Trial(NamedTuple):
 def surge_case(hull: Hull, prior: SurgeParameters, deviation: Sequence[float], noise: Noise | None = None) -> Case:
     """Return the case of surge: Xu, k1, k2 believed to be `prior` with standard deviations `deviation`."""
     noise = noise or Noise()
-    spread = (START_POSITION_M / hull.length, START_SPEED, *deviation)
+    spread = (noise.position / hull.length, _rest(hull), *deviation)
     root = np.zeros((5, 1))
     root[1, 0] = _kick(hull, noise.surge) / hull.surge_mass
     R = np.array([[(noise.position / hull.length) ** 2]])
@@ -67,7 +65,8 @@ def surge_case(hull: Hull, prior: SurgeParameters, deviation: Sequence[float], n
 def sway_yaw_case(hull: Hull, prior: SwayYawParameters, deviation: Sequence[float], noise: Noise | None = None) -> Case:
     """Return the case of sway and yaw: k3 and D believed to be `prior` with standard deviations `deviation`."""
     noise = noise or Noise()
-    spread = (START_POSITION_M / hull.length, START_HEADING_RAD, START_SPEED, START_SPEED, *deviation)
+    rest = (hull.sway_mass * _rest(hull), hull.yaw_mass * _rest(hull))
+    spread = (noise.position / hull.length, noise.heading, *rest, *deviation)
     root = np.zeros((9, 2))
     root[2, 0], root[3, 1] = _kick(hull, noise.sway), _kick(hull, noise.yaw)
     R = np.diag([(noise.position / hull.length) ** 2, noise.heading**2])
@@ -112,6 +111,10 @@ def _drives(hull: Hull, thrust: FloatArray) -> list[SurgeDrive] | list[SwayYawDr
 
 def _belief(states: int, prior: Sequence[float], spread: Sequence[float]) -> Gaussian:
     return Gaussian(np.concatenate([np.zeros(states), prior]), np.diag(np.square(spread)))
+
+
+def _rest(hull: Hull) -> float:
+    return START_SPEED_M_S / hull.speed_unit
 
 
 def _kick(hull: Hull, noise: float) -> float:

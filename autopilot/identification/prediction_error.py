@@ -56,8 +56,9 @@ def by_prediction_errors(case: Case, steps: Steps) -> BatchFit:
         return np.vstack([(up - down).T / (2.0 * SLOPE_SHARE), root * scale])
 
     found = least_squares(residual, np.zeros(theta.size), jac=slope, method="lm", xtol=1.0e-5, ftol=1.0e-7)
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * np.outer(scale, scale)
-    return BatchFit(case.names, theta + scale * found.x, covariance)
+    J = np.asarray(found.jac, dtype=np.float64)
+    covariance = np.linalg.inv(J.T @ J) * np.outer(scale, scale)
+    return BatchFit(case.names, theta + scale * np.asarray(found.x), np.asarray(covariance))
 
 
 def _innovations(case: Case, steps: Steps, thetas: FloatArray) -> FloatArray:
@@ -74,18 +75,16 @@ def _innovations(case: Case, steps: Steps, thetas: FloatArray) -> FloatArray:
     return errors.reshape(B, -1)
 
 
-def _predicted(
-    case: Case, mean: FloatArray, P: FloatArray, inputs: object, dt: float
-) -> tuple[FloatArray, FloatArray]:
+def _predicted(case: Case, mean: FloatArray, P: FloatArray, inputs: object, dt: float) -> tuple[FloatArray, FloatArray]:
     B, first, q = mean.shape[0], case.states, case.noise.shape[1]
     points, nudge = _around(mean, P)
     states = np.concatenate([points, np.repeat(mean[:, None], 2 * q, axis=1)], axis=1)
     kicks = np.zeros_like(states)
     kicks[:, 1 + 2 * first :] = np.concatenate([case.noise.T, -case.noise.T]) * np.sqrt(dt)
     d = mean.shape[1]
-    moved = midpoint_step(
-        case.drift, inputs, states.reshape(-1, d), dt, kicks.reshape(-1, d), case.substeps
-    ).reshape(B, -1, d)[:, :, :first]
+    moved = midpoint_step(case.drift, inputs, states.reshape(-1, d), dt, kicks.reshape(-1, d), case.substeps).reshape(
+        B, -1, d
+    )[:, :, :first]
     slope = (moved[:, 1 : 1 + first] - moved[:, 1 + first : 1 + 2 * first]) / (2.0 * nudge[:, :, None])
     root = 0.5 * (moved[:, 1 + 2 * first : 1 + 2 * first + q] - moved[:, 1 + 2 * first + q :])
     # slope and root hold their columns as rows here

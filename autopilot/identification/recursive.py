@@ -115,7 +115,7 @@ def unidentified(case: Case, deviation: FloatArray) -> tuple[str, ...]:
 def normalised_error(found: Found, truth: FloatArray) -> float:
     """Return e' P^-1 e / p at the end: 1 on average where a filter knows how wrong it is, more where it is too sure."""
     error = found.estimate[-1] - truth
-    return float(error @ np.linalg.solve(found.covariance, error)) / error.size
+    return float(error @ np.linalg.solve(found.covariance, error) / error.size)
 
 
 def _found(case: Case, beliefs: Sequence[Gaussian]) -> Found:

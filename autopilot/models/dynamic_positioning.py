@@ -9,7 +9,7 @@ ship's own m, and so forces by m g. k is 1 where a thruster gives what it is tol
 
 Source: Zheng et al. 2019, eqs (1)-(5), (12), (13), with X_u u where (12) prints X_u mu. Table 1 lists entries of D,
 positive; it has no units, and in no standard scaling do all five numbers of D belong to one ship: in this one Nr
-would make the yaw time constant 18 900 s. `TABLE_1` is as published, `REALISTIC` beside it has D that turns in a minute.
+would make the yaw time constant 18 900 s. `TABLE_1` is as published; `REALISTIC` beside it steadies within a minute.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class SurgeDrive(NamedTuple):
 
 
 class SwayYawDrive(NamedTuple):
-    """What drives sway and yaw, bis: the thrust, its lever, and the inverse of M as v = a h2 + b h6, r = b h2 + c h6."""
+    """What drives sway and yaw, bis: the thrust, its lever, and the inverse of M: v = a h2 + b h6, r = b h2 + c h6."""
 
     F3: float
     lever: float

@@ -1,0 +1,138 @@
+"""Zheng et al. 2019 over again: four methods on simulated trials of the dredger, beside the bound none can beat.
+
+    python benchmarks/zheng2019_dynamic_positioning.py [--seeds 20] [--first-seed 0] [--scenarios S2 S4] [--json]
+
+Each seed draws another prior, another sea and another measurement noise. Printed: the median error, root mean square
+errors over the Cramer-Rao bound, how sure each filter was of itself, and how soon it was near. A minute or two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.filters.midpoint import FloatArray
+from autopilot.filters.particle_gains import ConstantGain
+from autopilot.identification.dynamic_positioning import trial_steps
+from autopilot.identification.dynamic_positioning_scenarios import SCENARIOS, Scenario, simulate_scenario
+from autopilot.identification.prediction_error import by_prediction_errors
+from autopilot.identification.recursive import (
+    by_kalman_filter,
+    by_particle_filter,
+    information_bound,
+    normalised_error,
+    unidentified,
+)
+from autopilot.models.dynamic_positioning import DREDGER
+
+PARTICLES = 500
+NEAR = 0.05
+EARLY_STEP = 140
+
+
+class Seed(NamedTuple):
+    """One trial's outcome. Errors and bound are shares of the truth, shape (p,); track: of every step, (n, p)."""
+
+    errors: dict[str, FloatArray]
+    tracks: dict[str, FloatArray]
+    bound: FloatArray
+    surprise: dict[str, float]
+    unidentified: dict[str, tuple[str, ...]]
+
+
+def run_seed(scenario: Scenario, seed: int) -> Seed:
+    """Simulate one trial and identify it every way."""
+    random = np.random.default_rng(seed)
+    case, trial, states = simulate_scenario(scenario, random)
+    truth, steps = np.array(scenario.truth), trial_steps(DREDGER, trial)
+    filters = {
+        "EKF": by_kalman_filter(case, steps),
+        "FPF": by_particle_filter(case, steps, PARTICLES, random, ConstantGain()),
+    }
+    batch = by_prediction_errors(case, steps)
+    bound = np.sqrt(np.diag(information_bound(case, steps, states)))
+    size = np.abs(truth)
+    errors = {name: (found.estimate[-1] - truth) / size for name, found in filters.items()}
+    left = {name: unidentified(case, found.deviation[-1]) for name, found in filters.items()}
+    return Seed(
+        errors={**errors, "batch": (batch.estimate - truth) / size},
+        tracks={name: np.abs(found.estimate - truth) / size for name, found in filters.items()},
+        bound=bound / size,
+        surprise={name: normalised_error(found, truth) for name, found in filters.items()},
+        unidentified={**left, "batch": unidentified(case, np.sqrt(np.diag(batch.covariance)))},
+    )
+
+
+def summary(scenario: Scenario, seeds: list[Seed]) -> dict[str, object]:
+    """Return the table of one scenario, in per cent of the truth."""
+    names = scenario.truth._fields
+    bound = np.sqrt(np.mean([seed.bound**2 for seed in seeds], axis=0))
+    rows: dict[str, object] = {"bound": dict(zip(names, 67.45 * bound, strict=True))}
+    for method in ("EKF", "FPF", "batch"):
+        errors = np.array([seed.errors[method] for seed in seeds])
+        rms = np.sqrt(np.mean(errors**2, axis=0))
+        row: dict[str, object] = {
+            "median": dict(zip(names, 100.0 * np.median(np.abs(errors), axis=0), strict=True)),
+            "rms over bound": dict(zip(names, rms / bound, strict=True)),
+            "cannot be identified": {name: sum(name in seed.unidentified[method] for seed in seeds) for name in names},
+        }
+        if method in seeds[0].surprise:
+            tracks = np.median([seed.tracks[method] for seed in seeds], axis=0)
+            row["normalised error"] = float(np.mean([seed.surprise[method] for seed in seeds]))
+            row["median at step 140"] = dict(zip(names, 100.0 * tracks[EARLY_STEP - 1], strict=True))
+            far = [np.flatnonzero(tracks[:, i] > NEAR) for i in range(len(names))]
+            row["within 5 % from step"] = {
+                name: None if steps.size and steps[-1] == len(tracks) - 1 else int(steps[-1]) + 2 if steps.size else 1
+                for name, steps in zip(names, far, strict=True)
+            }
+        rows[method] = row
+    return rows
+
+
+def as_text(scenario: Scenario, rows: dict[str, object], count: int) -> str:
+    """Return the table as it stands in docs/zheng2019.md."""
+    names = scenario.truth._fields
+    lines = [f"{scenario.name}: {scenario.summary}; {count} seeds", f"{'':34}" + "".join(f"{n:>9}" for n in names)]
+
+    def line(label: str, values: dict[str, float | None], form: str) -> None:
+        cells = ["never" if values[n] is None else format(values[n], form) for n in names]
+        lines.append(f"{label:34}" + "".join(f"{cell:>9}" for cell in cells))
+
+    line("bound, median error of it [%]", rows["bound"], ".3f")  # type: ignore[arg-type]
+    forms = {"median": ".3f", "rms over bound": ".2f", "median at step 140": ".2f"}
+    units = {"median": "median error [%]", "median at step 140": "median error at step 140 [%]"}
+    for method in ("EKF", "FPF", "batch"):
+        row = rows[method]
+        assert isinstance(row, dict)
+        for key, values in row.items():
+            if isinstance(values, dict):
+                line(f"{method}: {units.get(key, key)}", values, forms.get(key, "d"))
+            else:
+                lines.append(f"{method + ': normalised error':34}{values:9.2f}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20, metavar="N")
+    parser.add_argument("--first-seed", type=int, default=0, metavar="S")
+    parser.add_argument("--scenarios", nargs="+", choices=list(SCENARIOS), default=list(SCENARIOS))
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    results = {}
+    for name in arguments.scenarios:
+        scenario = SCENARIOS[name]
+        seeds = [run_seed(scenario, arguments.first_seed + k) for k in range(arguments.seeds)]
+        results[name] = summary(scenario, seeds)
+        if not arguments.json:
+            print(as_text(scenario, results[name], arguments.seeds), end="\n\n", flush=True)
+    if arguments.json:
+        print(json.dumps(results, indent=2))
+
+
+if __name__ == "__main__":
+    main()
