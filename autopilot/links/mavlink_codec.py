@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.extra_messages import EXTRA_MESSAGES
 from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning
 
 Message: TypeAlias = Any
@@ -25,7 +26,7 @@ FRAME_MAX = 280
 HEADER = struct.Struct("<BBBBBBBHB")
 """Magic, payload length, incompatibility and compatibility flags, sequence, system, component, id (16 + 8 bits)."""
 
-_known = dialect.mavlink_map
+_known: dict[int, type[Any]] = {**EXTRA_MESSAGES, **dialect.mavlink_map}
 
 
 def message_id(message: Message) -> int:
@@ -153,10 +154,15 @@ class MavlinkCodec:
         return True
 
     def _decode_frame(self, frame: bytes) -> Message | None:
-        if frame[0] == MAGIC_V2:
-            layout = _layout_of(frame[7] | frame[8] << 8 | frame[9] << 16)
+        is_new = frame[0] == MAGIC_V2
+        identity = frame[7] | frame[8] << 8 | frame[9] << 16 if is_new else frame[5]
+        if is_new:
+            layout = _layout_of(identity)
             if layout is not None:
                 return _decode_plain(frame, layout, -2 if frame[2] == 0 else -2 - SIGNATURE)
+        if identity not in dialect.mavlink_map:
+            # pymavlink would accept what it does not know, whatever its checksum
+            return None
         try:
             return self._mavlink.decode(bytearray(frame))
         except dialect.MAVError:

@@ -5,55 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from boats import BOATS, vessel_of
-from plant import Plant
+from boat_at_sea import Sea
 
 from autopilot.angles import shortest_turn
-from autopilot.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
-from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.errors import InputError
-from autopilot.guidance.plotter import PlotterGuide
-from autopilot.guidance.track import TrackGuide, Waypoint
-from autopilot.signals import HelmSample, Mode, OrderKind, PositionSample, Sample, SpeedSample, Tick
-
-M_PER_RAD = 6.3781e6
-SPEED = BOATS["lanxin"].speed
-
-
-class Sea:
-    """The pilot and its boat, the skipper under test, a GPS that can be lost, a helm that can be taken."""
-
-    def __init__(self) -> None:
-        vessel = vessel_of(BOATS["lanxin"])
-        self.pilot, self.box = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel))
-        self.track = TrackGuide(track_settings_of(vessel))
-        self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), self.track)
-        self.north = self.east = 0.0
-        self.tick: Tick | None = None
-        self.route = [self.place(0.0, 200.0), self.place(400.0, 200.0)]
-
-    def place(self, north: float, east: float) -> Waypoint:
-        return Waypoint(0.5 + north / M_PER_RAD, 0.2 + east / M_PER_RAD / math.cos(0.5))
-
-    def sail(self, seconds: float, gps: bool = True, helm: HelmSample | None = None) -> Tick:
-        extra: list[Sample] = [] if helm is None else [helm._replace(time=self.box.time)]
-        for step in range(round(seconds / 0.05)):
-            samples = [*self.box.sense(), SpeedSample(self.box.time, SPEED), *extra]
-            extra = []
-            if gps and step % 10 == 0:
-                samples.append(PositionSample(self.box.time, *self.place(self.north, self.east).place))
-            now = self.box.time
-            self.tick = self.pilot.step(now, tuple(samples), self.skipper(now, self.tick))
-            self.box.step(self.tick.command.angle if self.tick.command.engaged else 0.0, 0.05)
-            self.north += 0.05 * SPEED * math.cos(self.box.heading)
-            self.east += 0.05 * SPEED * math.sin(self.box.heading)
-        assert self.tick is not None
-        return self.tick
-
-    def follow(self) -> None:
-        self.skipper.hand_to_track()
-        self.track.follow(self.route)
-
+from autopilot.signals import HelmSample, Mode, OrderKind
 
 TAKEN = HelmSample(0.0, False, "stick moved", "rc")
 FREE = HelmSample(0.0, True, "", "rc")

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.extra_messages import EXTRA_MESSAGES, CommandCancel
 from autopilot.links.mavlink_codec import FRAME_MAX, MavlinkCodec, is_mavlink
 
 
@@ -196,3 +197,27 @@ def test_empty_chunks_are_nothing(is_stream) -> None:
     codec = MavlinkCodec(is_stream=is_stream)
     assert codec.decode(b"") == []
     assert codec.bad == 0
+
+
+@pytest.mark.parametrize("version", [0xFD, 0xFE])
+def test_messages_beyond_the_dialect_need_their_checksum_too(version: int) -> None:
+    cancel = CommandCancel(1, 1, 31010)
+    (read,) = MavlinkCodec().decode(MavlinkCodec().encode(cancel))
+    assert (read.get_type(), read.target_system, read.target_component, read.command) == ("COMMAND_CANCEL", 1, 1, 31010)
+    for identity in EXTRA_MESSAGES:
+        head = bytes([version, 4]) + (bytes([0, 0, 0, 1, 1]) if version == 0xFD else bytes([0, 1, 1]))
+        frame = head + identity.to_bytes(3, "little")[: 3 if version == 0xFD else 1] + b"abcd" + b"\0\0"
+        assert MavlinkCodec().decode(frame) == []
+
+
+def test_messages_beyond_the_dialect_are_as_their_checksum_says() -> None:
+    """CRC_EXTRA by the serialization guide's rule: names and types in the order on the wire."""
+    for kind in EXTRA_MESSAGES.values():
+        text = kind.msgname + " "
+        for name in kind.ordered_fieldnames:
+            place = kind.fieldnames.index(name)
+            text += f"{kind.fieldtypes[place]} {name} "
+            if kind.array_lengths[place]:
+                text += chr(kind.array_lengths[place])
+        crc = dialect.x25crc(text.encode()).crc
+        assert (crc & 0xFF) ^ (crc >> 8) == kind.crc_extra, kind.msgname

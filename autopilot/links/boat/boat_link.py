@@ -8,10 +8,12 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.boat.commands import ACCEPTED, DENIED, IN_PROGRESS, UNSUPPORTED, Commands, LongCommand
+from autopilot.links.boat.commands import ACCEPTED, CANCELLED, DENIED, IN_PROGRESS, UNSUPPORTED, Commands, LongCommand
 from autopilot.links.boat.mission_server import MissionServer
+from autopilot.links.boat.modes import available_modes
 from autopilot.links.boat.parameter_server import ParameterServer
-from autopilot.links.boat.telemetry import RATES_HZ, Telemetry, mode_of, version
+from autopilot.links.boat.telemetry import RATES_HZ, Telemetry, version
+from autopilot.links.extra_messages import AvailableModes
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts
@@ -172,7 +174,7 @@ class BoatLink:
         flags |= dialect.MAV_MODE_FLAG_AUTO_ENABLED if engaged else dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
         if engaged or self._commands.armed:
             flags |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
-        mode = mode_of(tick, self._mission.is_followed) if tick is not None else 0
+        mode = self._telemetry.mode(tick) if tick is not None else 0
         message = dialect.MAVLink_heartbeat_message(
             dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, flags, mode, state, 3
         )
@@ -202,7 +204,7 @@ class BoatLink:
         answers: list[Message] = []
         command = message.command
         if command == dialect.MAV_CMD_REQUEST_MESSAGE:
-            answers = self._telemetry.make(_whole(parameters[0])) or self._version(parameters[0])
+            answers = self._requested(_whole(parameters[0]), parameters[1])
             result = ACCEPTED if answers else UNSUPPORTED
         elif command == dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
             answers, result = [version()], ACCEPTED
@@ -221,8 +223,12 @@ class BoatLink:
         for answer in answers:
             self._transmit(now, answer)
 
-    def _version(self, identity: float) -> list[Message]:
-        return [version()] if identity == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION else []
+    def _requested(self, identity: int, detail: float) -> list[Message]:
+        if identity == AvailableModes.id:
+            return list(available_modes(detail))
+        if identity == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            return [version()]
+        return self._telemetry.make(identity)
 
     def _set_interval(self, identity: int, interval_us: float) -> int:
         if not self._telemetry.knows(identity):
@@ -254,7 +260,7 @@ class BoatLink:
     def _command_cancel(self, now: float, message: Message) -> None:
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if self._commands.cancel(message.command) and (self._long is None or self._long[1] != sender):
-            ack = dialect.MAVLink_command_ack_message(message.command, dialect.MAV_RESULT_CANCELLED, 0, 0, *sender)
+            ack = dialect.MAVLink_command_ack_message(message.command, CANCELLED, 0, 0, *sender)
             self._transmit(now, ack)
         self._show_progress(now)
 
@@ -266,7 +272,7 @@ class BoatLink:
         if running.run.is_over:
             self._long = None
             result = ACCEPTED if running.run.is_complete else dialect.MAV_RESULT_FAILED
-            result = dialect.MAV_RESULT_CANCELLED if running.is_cancelled else result
+            result = CANCELLED if running.is_cancelled else result
         elif now < self._next_progress:
             return
         self._next_progress = now + PROGRESS_S

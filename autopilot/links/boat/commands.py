@@ -12,7 +12,7 @@ from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.guidance.track import Waypoint
 from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.telemetry import HEADING, MANUAL, TRACK, TRIAL
+from autopilot.links.boat.modes import HEADING, MANUAL, MISSION, TRACK, TRIAL
 from autopilot.signals import Mode, OrderKind, Tick
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
@@ -20,8 +20,12 @@ REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 UNSUPPORTED = int(dialect.MAV_RESULT_UNSUPPORTED)
 IN_PROGRESS = int(dialect.MAV_RESULT_IN_PROGRESS)
+CANCELLED = 6
+"""MAV_RESULT_CANCELLED, which the dialect does not have."""
 COUNTERCLOCKWISE = -1.0
 RAW_HEADING, COURSE_OVER_GROUND = 1, 0
+SET_STANDARD_MODE = 262
+"""MAV_CMD_DO_SET_STANDARD_MODE, which the dialect does not have."""
 ZIGZAG, TURNING = int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)
 """USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s]."""
@@ -86,6 +90,7 @@ class Commands:
         self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
             int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
+            SET_STANDARD_MODE: self._set_standard_mode,
             int(dialect.MAV_CMD_CONDITION_YAW): self._yaw,
             int(dialect.MAV_CMD_GUIDED_CHANGE_HEADING): self._change_heading,
             int(dialect.MAV_CMD_DO_REPOSITION): self._reposition,
@@ -227,6 +232,9 @@ class Commands:
         if not int(base) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return UNSUPPORTED
         return self.set_mode(int(custom), tick)
+
+    def _set_standard_mode(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        return self.set_mode(TRACK, tick) if parameters[0] == MISSION else UNSUPPORTED
 
     def _yaw(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         angle_deg, _, direction, relative = parameters[:4]

@@ -2,7 +2,7 @@
 
 ATTITUDE, GLOBAL_POSITION_INT, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered or of the
 waypoint, in degrees; distance to it; cross-track error, positive to starboard of the track), MISSION_CURRENT,
-SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias.
+CURRENT_MODE, SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import compass_deg
 from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.modes import current_mode, mode_of
+from autopilot.links.extra_messages import CurrentMode
 from autopilot.links.mavlink_codec import Message
-from autopilot.signals import Mode, OrderKind, PositionSample, RollSample, Tick
+from autopilot.signals import Mode, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0
 FURTHEST = 65535
@@ -29,9 +31,6 @@ CAPABILITIES = (
     | dialect.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
 )
 COMPASS = dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
-MANUAL, HEADING, TRACK, TRIAL = 0, 15, 10, 3
-"""Our custom modes, numbered as the ArduRover modes nearest to them (MANUAL, GUIDED, AUTO, STEERING), because ground
-stations name the modes of every surface boat by that list."""
 RATES_HZ = {
     dialect.MAVLINK_MSG_ID_ATTITUDE: 4.0,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
@@ -39,19 +38,11 @@ RATES_HZ = {
     dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: 2.0,
     dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: 2.0,
     dialect.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    CurrentMode.id: 0.5,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 0.5,
 }
 """Unasked; SET_MESSAGE_INTERVAL changes them."""
-
-
-def mode_of(tick: Tick, follows_route: bool = False) -> int:
-    """Return our custom mode: who steers, and what to."""
-    if tick.mode is not Mode.ENGAGED:
-        return MANUAL
-    if tick.order.kind is not OrderKind.HEADING:
-        return TRIAL
-    return TRACK if follows_route else HEADING
 
 
 class Telemetry:
@@ -70,6 +61,7 @@ class Telemetry:
             dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self._navigation,
             dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._rudder,
             dialect.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _: [self._mission.message()],
+            CurrentMode.id: lambda tick: [current_mode(self.mode(tick))],
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._status,
             dialect.MAVLINK_MSG_ID_SYSTEM_TIME: self._time,
             dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda _: [version()],
@@ -85,6 +77,10 @@ class Telemetry:
                 self._roll = sample
             elif isinstance(sample, PositionSample):
                 self._position = sample
+
+    def mode(self, tick: Tick) -> int:
+        """Return our custom mode."""
+        return mode_of(tick, self._mission.is_followed)
 
     def knows(self, identity: int) -> bool:
         """Return whether a message can be made."""

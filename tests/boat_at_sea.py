@@ -1,0 +1,139 @@
+"""The whole pilot on a boat with a GPS, its skipper, and the link that ground stations see it over."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from boats import BOATS, vessel_of
+from plant import Plant
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
+from autopilot.cli.route_skipper import RouteSkipper
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.track import TrackGuide, Waypoint
+from autopilot.links.base import Transport
+from autopilot.links.boat.boat_link import BoatLink
+from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.transports import loopback_pair
+from autopilot.signals import HelmSample, PositionSample, Sample, SpeedSample, Tick
+
+M_PER_RAD = 6.3781e6
+SPEED = BOATS["lanxin"].speed
+LATITUDE, LONGITUDE = 0.5, 0.2
+STEP = 0.05
+
+
+class NoParameters:
+    """A parameter store with nothing in it."""
+
+    names: tuple[str, ...] = ()
+
+    def get(self, name: str) -> float:
+        raise KeyError(name)
+
+    def set(self, name: str, value: float) -> str:
+        raise KeyError(name)
+
+
+def place(north: float, east: float) -> Waypoint:
+    """A waypoint so many metres from where the boat begins."""
+    return Waypoint(LATITUDE + north / M_PER_RAD, LONGITUDE + east / M_PER_RAD / math.cos(LATITUDE))
+
+
+class Sea:
+    """The pilot and its boat, the skipper under test, a GPS that can be lost, a helm that can be taken."""
+
+    def __init__(self) -> None:
+        vessel = vessel_of(BOATS["lanxin"])
+        self.pilot, self.box = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel))
+        self.track = TrackGuide(track_settings_of(vessel))
+        self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), self.track)
+        self.north = self.east = 0.0
+        self.current = (0.0, 0.0)
+        self.tick: Tick | None = None
+        self.route = [place(0.0, 200.0), place(400.0, 200.0)]
+        self.links: list[BoatLink] = []
+        self.ticks: list[Tick] = []
+
+    def sail(self, seconds: float, gps: bool = True, helm: HelmSample | None = None) -> Tick:
+        extra: list[Sample] = [] if helm is None else [helm._replace(time=self.box.time)]
+        for step in range(round(seconds / STEP)):
+            now = self.box.time
+            samples = [*self.box.sense(), SpeedSample(now, SPEED), *extra]
+            extra = []
+            if gps and step % 10 == 0:
+                samples.append(PositionSample(now, *place(self.north, self.east).place))
+            for link in self.links:
+                samples.extend(link.receive(now))
+            self.tick = self.pilot.step(now, tuple(samples), self.skipper(now, self.tick))
+            self.ticks.append(self.tick)
+            for link in self.links:
+                link.tell(now, self.tick.mode, self.tick.alarms)
+                link.keep(now)
+                link.show(self.tick)
+            self.box.step(self.tick.command.angle if self.tick.command.engaged else 0.0, STEP)
+            self.north += STEP * (SPEED * math.cos(self.box.heading) + self.current[0])
+            self.east += STEP * (SPEED * math.sin(self.box.heading) + self.current[1])
+        assert self.tick is not None
+        return self.tick
+
+    def follow(self) -> None:
+        self.skipper.hand_to_track()
+        self.track.follow(self.route)
+
+
+class ServedBoat(Sea):
+    """The same, seen by ground stations over `transport`, or by `station` over a loopback."""
+
+    def __init__(self, transport: Transport | None = None, armed: bool = False) -> None:
+        super().__init__()
+        near, self.far = loopback_pair()
+        self.mission = Mission(self.track)
+        self.commands = Commands(self.skipper, armed, self.mission)
+        self.links = [BoatLink(transport or near, self.commands, ParameterServer(NoParameters()))]
+        self.station = MavlinkCodec(255, 190)
+        self.heard: list[Any] = []
+
+    def ask(self, message: Any, seconds: float = 0.1) -> list[Any]:
+        """Send a message from the station and return what it hears in the next seconds; all of it is in `heard`."""
+        self.far.send(self.station.encode(message))
+        return self.listen(seconds)
+
+    def listen(self, seconds: float, **options: Any) -> list[Any]:
+        self.sail(seconds, **options)
+        new = [message for data in self.far.receive() for message in self.station.decode(data)]
+        self.heard.extend(new)
+        return new
+
+    def command(self, command: int, *values: float, place_of: Waypoint | None = None) -> int:
+        """Send a command and return the result of its acknowledgement; `place_of` makes it a COMMAND_INT."""
+        parameters = [*values, *[0.0] * (7 - len(values))]
+        message: Any = dialect.MAVLink_command_long_message(1, 1, command, 0, *parameters)
+        if place_of is not None:
+            where = (e7(place_of.latitude), e7(place_of.longitude), 0.0)
+            message = dialect.MAVLink_command_int_message(1, 1, 6, command, 0, 0, *parameters[:4], *where)
+        (ack,) = only(self.ask(message), "COMMAND_ACK")
+        assert ack.command == command
+        return int(ack.result)
+
+
+def e7(angle: float) -> int:
+    return round(math.degrees(angle) * 1.0e7)
+
+
+def only(messages: list[Any], kind: str) -> list[Any]:
+    return [message for message in messages if message.get_type() == kind]
+
+
+def item(number: int, waypoint: Waypoint, command: int = 16, frame: int = 6, hold: float = 0.0) -> Any:
+    """Return a MISSION_ITEM_INT for our boat."""
+    radius = waypoint.radius if math.isfinite(waypoint.radius) else 0.0
+    where = (e7(waypoint.latitude), e7(waypoint.longitude), 0.0)
+    return dialect.MAVLink_mission_item_int_message(
+        1, 1, number, frame, command, 0, 1, hold, radius, 0.0, math.nan, *where
+    )

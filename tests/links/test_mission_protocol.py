@@ -1,0 +1,275 @@
+"""Missions over MAVLink: upload, download and refusals, on a good link and on a bad one, and by another's program."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+from boat_at_sea import ServedBoat, item, only, place
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink import mavutil, mavwp
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.errors import InputError
+from autopilot.guidance.track import TrackGuide, Waypoint
+from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_items
+from autopilot.links.boat.mission_server import AGAIN_S, TRIES, MissionServer
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.url import open_transport
+
+ROUTE = [place(0.0, 200.0), place(400.0, 200.0), Waypoint(*place(400.0, 0.0).place, 25.0)]
+
+
+class Peers:
+    """The server alone, and a ground station's codec; what is said is decoded from real bytes."""
+
+    def __init__(self) -> None:
+        self.mission = Mission(TrackGuide())
+        self.server = MissionServer(self.mission)
+        self.now = 0.0
+
+    def say(self, message: Any, system: int = 255) -> list[Any]:
+        (received,) = MavlinkCodec().decode(MavlinkCodec(system, 190).encode(message))
+        return self.server.take(self.now, received)
+
+    def upload(self, items: list[Any], system: int = 255) -> Any:
+        answers = self.say(dialect.MAVLink_mission_count_message(1, 1, len(items)), system)
+        for message in items:
+            (wanted,) = answers
+            assert (wanted.get_type(), wanted.seq) == ("MISSION_REQUEST_INT", message.seq)
+            assert (wanted.target_system, wanted.target_component) == (system, 190)
+            answers = self.say(message, system)
+            if answers[0].get_type() == "MISSION_ACK":
+                break
+        return answers[0]
+
+
+def items_of(route: list[Waypoint]) -> list[Any]:
+    return [item(number, waypoint) for number, waypoint in enumerate(route)]
+
+
+def test_what_is_uploaded_is_downloaded_item_by_item() -> None:
+    peers = Peers()
+    assert peers.upload(items_of(ROUTE)).type == dialect.MAV_MISSION_ACCEPTED
+    assert peers.server.said == "route of 3 waypoints taken"
+    (count,) = peers.say(dialect.MAVLink_mission_request_list_message(1, 1))
+    assert count.count == 3
+    for number, sent in enumerate(items_of(ROUTE)):
+        (got,) = peers.say(dialect.MAVLink_mission_request_int_message(1, 1, number))
+        for name in ("seq", "frame", "command", "param1", "param2", "x", "y", "z", "autocontinue"):
+            assert getattr(got, name) == getattr(sent, name)
+        assert got.current == (number == 0)
+        (old,) = peers.say(dialect.MAVLink_mission_request_message(1, 1, number))
+        assert old.get_type() == "MISSION_ITEM" and old.x == pytest.approx(sent.x * 1e-7, abs=1e-5)
+    (ack,) = peers.say(dialect.MAVLink_mission_request_int_message(1, 1, 3))
+    assert ack.type == dialect.MAV_MISSION_INVALID_SEQUENCE
+    radius = [waypoint.radius for waypoint in peers.mission.route]
+    assert math.isnan(radius[0]) and radius[2] == 25.0
+
+
+@pytest.mark.parametrize(
+    ("bad", "result", "says"),
+    [
+        (item(1, ROUTE[0], command=21), dialect.MAV_MISSION_UNSUPPORTED, "item 1 is NAV_LAND: only NAV_WAYPOINT"),
+        (item(1, ROUTE[0], command=177), dialect.MAV_MISSION_UNSUPPORTED, "item 1 is DO_JUMP"),
+        (item(1, ROUTE[0], command=64999), dialect.MAV_MISSION_UNSUPPORTED, "item 1 is 64999"),
+        (item(1, ROUTE[0], frame=1), dialect.MAV_MISSION_UNSUPPORTED_FRAME, "item 1 is in frame 1"),
+        (item(1, ROUTE[0], hold=10.0), dialect.MAV_MISSION_INVALID_PARAM1, "item 1 waits 10 s"),
+        (item(1, Waypoint(1.5, 0.0)), dialect.MAV_MISSION_INVALID_PARAM5_X, "item 1: latitude 85.9437"),
+        (item(1, Waypoint(0.0, 3.2)), dialect.MAV_MISSION_INVALID_PARAM6_Y, "item 1: longitude 183.346"),
+        (item(1, Waypoint(0.0, 0.0)), dialect.MAV_MISSION_INVALID_PARAM5_X, "item 1 lies at 0 N 0 E"),
+    ],
+)
+def test_a_route_that_cannot_be_followed_is_refused_whole_and_named(bad: Any, result: int, says: str) -> None:
+    peers = Peers()
+    peers.upload(items_of(ROUTE[:1]))
+    before = peers.mission.items
+    assert peers.upload([item(0, ROUTE[1]), bad, item(2, ROUTE[2])]).type == result
+    assert peers.server.said.startswith(f"route refused: {says}") and peers.server.said.endswith(
+        "the old route is kept"
+    )
+    assert peers.mission.items == before
+    assert peers.server.due(100.0) == []
+
+
+def test_an_item_that_does_not_come_is_asked_for_again_and_then_given_up() -> None:
+    peers = Peers()
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    peers.say(item(0, ROUTE[0]))
+    asked = []
+    for _ in range(1000):
+        peers.now += 0.05
+        asked.extend((peers.now, message) for message in peers.server.due(peers.now))
+    assert [message.get_type() for _, message in asked] == ["MISSION_REQUEST_INT"] * (TRIES - 1) + ["MISSION_ACK"]
+    assert asked[-1][0] == pytest.approx(TRIES * AGAIN_S, abs=0.5)
+    assert asked[-1][1].type == dialect.MAV_MISSION_OPERATION_CANCELLED
+    assert peers.mission.items == () and peers.mission.uploader is None
+
+
+def test_one_uploads_at_a_time_and_its_last_item_may_be_repeated() -> None:
+    peers = Peers()
+    other = MissionServer(peers.mission)
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    (ack,) = peers.say(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
+    assert ack.type == dialect.MAV_MISSION_DENIED
+    (count,) = MavlinkCodec().decode(MavlinkCodec(253, 190).encode(dialect.MAVLink_mission_count_message(1, 1, 1)))
+    assert other.take(0.0, count)[0].type == dialect.MAV_MISSION_DENIED
+    assert peers.say(item(0, ROUTE[0]), system=254) == []
+    assert peers.say(item(1, ROUTE[1]))[0].seq == 0, "the one that is missing is asked for again"
+    peers.say(item(0, ROUTE[0]))
+    assert peers.say(item(0, ROUTE[0])) == []
+    for _ in range(3):
+        assert peers.say(item(1, ROUTE[1]))[0].type == dialect.MAV_MISSION_ACCEPTED
+    assert other.take(0.0, count)[0].get_type() == "MISSION_REQUEST_INT"
+
+
+def test_other_lists_are_empty_parts_are_refused_and_clearing_clears() -> None:
+    peers = Peers()
+    peers.upload(items_of(ROUTE))
+    fence = dialect.MAV_MISSION_TYPE_FENCE
+    assert peers.say(dialect.MAVLink_mission_request_list_message(1, 1, fence))[0].count == 0
+    assert peers.say(dialect.MAVLink_mission_count_message(1, 1, 2, fence))[0].type == dialect.MAV_MISSION_UNSUPPORTED
+    (part,) = peers.say(dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1))
+    assert part.type == dialect.MAV_MISSION_UNSUPPORTED
+    assert peers.say(dialect.MAVLink_mission_count_message(1, 1, 501))[0].type == dialect.MAV_MISSION_NO_SPACE
+    assert peers.say(dialect.MAVLink_mission_clear_all_message(1, 1, fence))[0].mission_type == fence
+    assert len(peers.mission.items) == 3
+    assert peers.say(dialect.MAVLink_mission_clear_all_message(1, 1))[0].type == dialect.MAV_MISSION_ACCEPTED
+    assert peers.mission.items == () and peers.mission.message().mission_state == dialect.MISSION_STATE_NO_MISSION
+
+
+class BadLink:
+    """One direction of a link on which packets are lost, doubled and overtake each other."""
+
+    def __init__(self, random: Random, loss: float) -> None:
+        self.random, self.loss = random, loss
+        self.held: list[Any] = []
+
+    def carry(self, messages: list[Any]) -> list[Any]:
+        out, random = [], self.random
+        for message in [*self.held, *messages]:
+            if random.random() >= self.loss:
+                out.extend([message] * (2 if random.random() < 0.1 else 1))
+        self.held = [out.pop()] if out and random.random() < 0.1 else []
+        random.shuffle(out)
+        return out
+
+
+def sent_over(peers: Peers, up: BadLink, down: BadLink, items: list[Any]) -> int | None:
+    """Upload as the protocol's text says a station does; return the result it was told, None for none."""
+    newest: Any = dialect.MAVLink_mission_count_message(1, 1, len(items))
+    saying, since, tries = [newest], 0.0, 0
+    while tries < 12:
+        peers.now += 0.1
+        answers = [answer for message in up.carry(saying) for answer in peers.say(message)]
+        saying = []
+        for answer in down.carry(answers + peers.server.due(peers.now)):
+            if answer.get_type() == "MISSION_ACK":
+                return int(answer.type)
+            if answer.get_type() == "MISSION_REQUEST_INT":
+                newest, since, tries = items[answer.seq], peers.now, 0
+                saying.append(newest)
+        if not saying and peers.now - since > 1.5:
+            since, tries = peers.now, tries + 1
+            saying.append(newest)
+    return None
+
+
+@given(st.integers(0, 2**32), st.sampled_from([0.05, 0.3]), st.integers(1, 8))
+@settings(max_examples=60, deadline=None)
+def test_over_a_bad_link_the_route_is_the_new_one_or_the_old_one_and_the_sender_knows(
+    seed: int, loss: float, count: int
+) -> None:
+    random, peers = Random(seed), Peers()
+    peers.upload(items_of(ROUTE[:1]))
+    old = peers.mission.items
+    new = items_of([place(random.uniform(-900, 900), 50.0 * number) for number in range(count)])
+    result = sent_over(peers, BadLink(random, loss), BadLink(random, loss), new)
+    taken = peers.mission.items != old
+    if taken:
+        assert [(kept.x, kept.y) for kept in peers.mission.items] == [(sent.x, sent.y) for sent in new]
+    if result is not None:
+        assert taken == (result == dialect.MAV_MISSION_ACCEPTED)
+    if loss < 0.1:
+        assert result == dialect.MAV_MISSION_ACCEPTED
+
+
+@given(st.lists(st.builds(Waypoint, st.floats(-1.4, 1.4), st.floats(-3.1, 3.1), st.floats(0.0, 5000.0)), max_size=9))
+def test_a_kept_route_reads_back_and_pymavlink_reads_it_too(tmp_path_factory: Any, route: list[Waypoint]) -> None:
+    items = tuple(
+        MissionItem(3, 16, (0.0, point.radius, 0.0, math.nan), round(math.degrees(point[0]) * 1e7) or 1,
+                    round(math.degrees(point[1]) * 1e7), 0.0)
+        for point in route
+    )  # fmt: skip
+    text = dump_items(items)
+    assert repr(parse_items(text, "boat")) == repr(items)
+    path: Path = tmp_path_factory.mktemp("route") / "way.txt"
+    path.write_text(text)
+    loader = mavwp.MAVWPLoader()
+    assert loader.load(str(path)) == len(items)
+    for number, kept in enumerate(items):
+        assert loader.wp(number).x == pytest.approx(kept.x * 1e-7, abs=1e-7)
+        assert loader.wp(number).param2 == pytest.approx(kept.parameters[1])
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "line 1 must be"),
+        ("QGC WPL 110\n0 0 3 16 0 0 0 0 1 2 0", "line 2: holds 11 values, 12 are needed"),
+        ("QGC WPL 110\n0 0 3 16 0 0 0 0 x 2 0 1", "line 2: holds a value that is not a number"),
+        ("QGC WPL 110\n0 0 3 21 0 0 0 0 1 2 0 1", "line 2: item 0 is NAV_LAND"),
+        ("QGC WPL 110\n0 0 3 16 0 0 0 0 nan 2 0 1", "line 2: item 0: latitude 180"),
+        ("QGC WPL 110\n0 0 3 16 inf 0 0 0 1 2 0 1", "line 2: item 0 waits inf s"),
+    ],
+)
+def test_a_damaged_file_is_named_with_its_line(text: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        parse_items(text, "boat.mission.waypoints")
+
+
+def test_pymavlink_uploads_and_downloads_a_route_over_udp() -> None:
+    """An independent station: mavutil's connection and mavwp's waypoints, with real datagrams."""
+    station = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=250, source_component=190)
+    port = station.port.getsockname()[1]
+    boat = ServedBoat(open_transport(f"udpout:127.0.0.1:{port}"))
+
+    def hear(*kinds: str) -> Any:
+        for _ in range(200):
+            boat.sail(0.05)
+            message = station.recv_match(type=list(kinds))
+            if message is not None:
+                return message
+        raise AssertionError(f"no {kinds}")
+
+    try:
+        beat = hear("HEARTBEAT")
+        assert (beat.type, beat.get_srcSystem()) == (mavutil.mavlink.MAV_TYPE_SURFACE_BOAT, 1)
+        loader = mavwp.MAVWPLoader(1, 1)
+        for waypoint in ROUTE:
+            loader.add_latlonalt(math.degrees(waypoint.latitude), math.degrees(waypoint.longitude), 0.0)
+        station.target_system, station.target_component = 1, 1
+        station.waypoint_count_send(loader.count())
+        for _ in range(loader.count()):
+            wanted = hear("MISSION_REQUEST", "MISSION_REQUEST_INT")
+            station.mav.send(loader.wp(wanted.seq))
+        assert hear("MISSION_ACK").type == mavutil.mavlink.MAV_MISSION_ACCEPTED
+        station.waypoint_request_list_send()
+        assert hear("MISSION_COUNT").count == 3
+        for number in range(3):
+            station.waypoint_request_send(number)
+            got = hear("MISSION_ITEM", "MISSION_ITEM_INT")
+            sent = loader.wp(number)
+            assert got.seq == number and got.x == pytest.approx(sent.x, abs=2e-5 if isinstance(got.x, float) else 200)
+        station.waypoint_clear_all_send()
+        assert hear("MISSION_ACK").type == mavutil.mavlink.MAV_MISSION_ACCEPTED
+        assert boat.mission.items == ()
+    finally:
+        station.close()
+        boat.links[0].close()
+    assert not only(boat.heard, "BAD_DATA")
