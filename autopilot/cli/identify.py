@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
+    from autopilot.cli.identify_report import Result
     from autopilot.identification.identify import SteadyTurns
     from autopilot.identification.runs import Run
 
@@ -54,6 +56,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--course-unstable", action="store_true", help="n1 = -1: the boat will not go straight")
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
     parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
+    parser.add_argument("--report", metavar="FILE.html", help="write figures and tables into one page")
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_log_options(parser)
     parser.set_defaults(run=run)
@@ -65,6 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(_methods())
         return int(ExitCode.OK)
     _check(arguments)
+    if arguments.report:
+        from autopilot.report import require_extra
+
+        require_extra("by leaving out --report")
     from autopilot.cli import identify_report as report
 
     steady = _steady_turns(arguments.steady_turns) if arguments.steady_turns else None
@@ -77,9 +84,13 @@ def run(arguments: argparse.Namespace) -> int:
         from autopilot.cli.identify_vessel import write_vessel
 
         write_vessel(arguments.out, result)
+    if arguments.report:
+        _write_report(arguments, result, steady)
     print(report.as_json(result) if arguments.json else report.as_text(result))
     if arguments.out and not arguments.json:
         print(f"\nWrote the model to {arguments.out}.")
+    if arguments.report and not arguments.json:
+        print(f"\nWrote the report to {arguments.report}.")
     return int(ExitCode.OK)
 
 
@@ -105,7 +116,7 @@ def _check(arguments: argparse.Namespace) -> None:
         raise InputError("identify needs a LOG, or --steady-turns FILE with --gain-1-s K.")
     if arguments.gain_1_s is None:
         raise InputError("--steady-turns without a LOG needs --gain-1-s K: steady turns tell n3 only for a known K.")
-    for name in ("holdout", "out"):
+    for name in ("holdout", "out", "report"):
         if getattr(arguments, name):
             raise InputError(f"--{name} needs a LOG to fit: steady turns alone give no time constant.")
 
@@ -144,6 +155,45 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
     predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
     tests = residual_tests(fitted, found.model, found.around)
     return Result(arguments.model, found, stage_one, predictions, tests)
+
+
+def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyTurns | None) -> None:
+    """Write the page; the recursive methods run once more beside, for how they converged."""
+    from autopilot.cli.progress import ProgressBar
+    from autopilot.identification.methods import Question
+    from autopilot.identification.registry import METHODS
+    from autopilot.params.saving import save_text
+    from autopilot.report.identification import Findings, identification_page
+
+    fitted = [run for run, role, _ in result.predictions if role == "fit"]
+    convergence = {}
+    with ProgressBar("reporting") as bar:
+        for number, method in enumerate(METHODS):
+            bar.show(number, len(METHODS))
+            try:
+                found = result.found
+                if method.name != arguments.method:
+                    found = method.identify(fitted, Question(arguments.model, found.model.reference_speed))
+            except InputError:
+                continue  # a method that these runs do not suit has nothing to show
+            if found.convergence is not None:
+                convergence[method.name] = found.convergence
+    findings = Findings(arguments.method, result.found, result.predictions, result.residual_tests, steady, convergence)
+    save_text(arguments.report, identification_page(findings, _command(arguments)))
+
+
+def _command(arguments: argparse.Namespace) -> str:
+    """Return the command that makes the report's numbers again."""
+    words = ["autopilot", "identify", *arguments.logs]
+    if arguments.holdout:
+        words += ["--holdout", *arguments.holdout]
+    for name in ("columns", "steady_turns", "gain_1_s", "reference_speed_m_s"):
+        value = getattr(arguments, name)
+        words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
+    words += [
+        f"--{name.replace('_', '-')}" for name in ("course_unstable", "reverse_rudder") if getattr(arguments, name)
+    ]
+    return shlex.join([*words, "--model", arguments.model, "--method", arguments.method])
 
 
 def _load(paths: list[str], arguments: argparse.Namespace) -> list[Run]:

@@ -10,7 +10,7 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.identification.noise import Noise
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, solve
-from autopilot.identification.prediction import Prediction, predict
+from autopilot.identification.prediction import Prediction, predict, simulate_run
 from autopilot.identification.residuals import typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind
 from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
@@ -82,7 +82,8 @@ class Identified(NamedTuple):
     """The model; standard errors by parameter name, None where not fitted; what the runs cannot tell, a sentence
     by symbol; the residuals of rate and heading; n3 of the steady-turn stage where there was one; what propeller
     and wind add where the runs show it, with `plain`, the model that does without; what else the method has to say,
-    a sentence each; and, from a recursive method, how it came there."""
+    a sentence each; from a recursive method, how it came there; and the covariance, shape (F, F), of the parameters
+    called `free` where the method knows it."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -93,14 +94,23 @@ class Identified(NamedTuple):
     plain: Norrbin | None = None
     notes: tuple[str, ...] = ()
     convergence: Convergence | None = None
+    free: tuple[str, ...] = ()
+    covariance: FloatArray | None = None
 
     def foretell(self, run: Run) -> Prediction:
         """Return how well `run` is foretold, with propeller and wind where both model and run know them."""
+        return predict(*self._known_to(run))
+
+    def simulated(self, run: Run) -> list[FloatArray]:
+        """Return the motion foretold for `run`, per segment rate [rad/s] and heading [rad] of shape (N, 2)."""
+        return simulate_run(*self._known_to(run))
+
+    def _known_to(self, run: Run) -> tuple[Norrbin, Run, RaceAndWind | None]:
         if self.around is None or self.plain is None:
-            return predict(self.model, run)
+            return self.model, run, None
         lacks_race = self.around.race > 0.0 and not has_propeller([run])
         lacks_wind = (self.around.wind_beam or self.around.wind_quarter) and not has_wind([run])
-        return predict(self.plain, run) if lacks_race or lacks_wind else predict(self.model, run, self.around)
+        return (self.plain, run, None) if lacks_race or lacks_wind else (self.model, run, self.around)
 
 
 def mean_speed(runs: Sequence[Run]) -> float:
@@ -298,7 +308,14 @@ def mean_propeller(runs: Sequence[Run]) -> float:
 def _identified(solution: Solution, reasons: dict[str, str]) -> Identified:
     names = ("gain", "time_constant", "n3", "n1", "n0")
     errors = {name: solution.standard_error(name) for name in names}
-    return Identified(solution.model, errors, {**reasons, **_too_uncertain(solution)}, solution.noise)
+    return Identified(
+        solution.model,
+        errors,
+        {**reasons, **_too_uncertain(solution)},
+        solution.noise,
+        free=solution.free,
+        covariance=solution.covariance,
+    )
 
 
 def _why_no_cubic(solution: Solution) -> str:

@@ -16,12 +16,17 @@ SIZE = (9.0, 2.6)
 
 
 class Line(NamedTuple):
-    """A curve: its name, times [s] and values, in the unit of its panel; `wanted` ones are grey and dashed."""
+    """A curve: its name, times [s] and values, in the unit of its panel; `wanted` ones are grey and dashed.
+
+    dots: single values, not joined. beside: half the width of a band around the curve.
+    """
 
     name: str
     time: FloatArray
     values: FloatArray
     wanted: bool = False
+    dots: bool = False
+    beside: FloatArray | None = None
 
 
 class Panel(NamedTuple):
@@ -31,8 +36,8 @@ class Panel(NamedTuple):
     lines: Sequence[Line]
 
 
-def time_figure(panels: Sequence[Panel]) -> str:
-    """Return panels above each other, sharing the time axis, as SVG."""
+def time_figure(panels: Sequence[Panel], abscissa: str = "time [s]") -> str:
+    """Return panels above each other, sharing the time axis or another `abscissa`, as SVG."""
     import matplotlib as mpl
 
     mpl.use("svg")
@@ -44,7 +49,7 @@ def time_figure(panels: Sequence[Panel]) -> str:
         )
         for axis, panel in zip(axes[:, 0], panels, strict=True):
             _draw(axis, panel)
-        axes[-1, 0].set_xlabel("time [s]")
+        axes[-1, 0].set_xlabel(abscissa)
         text = _svg_of(figure)
         pyplot.close(figure)
     return text
@@ -55,8 +60,14 @@ def _draw(axis: Any, panel: Panel) -> None:
     for line in panel.lines:
         if line.wanted:
             axis.plot(line.time, line.values, color=WANTED, linestyle="--", linewidth=1.2, label=line.name)
+        elif line.dots:
+            axis.plot(line.time, line.values, ".", color=next(colours), markersize=5, label=line.name)
         else:
-            axis.plot(line.time, line.values, color=next(colours), linewidth=1.2, label=line.name)
+            colour = next(colours)
+            axis.plot(line.time, line.values, color=colour, linewidth=1.2, label=line.name)
+            if line.beside is not None:
+                low, high = line.values - line.beside, line.values + line.beside
+                axis.fill_between(line.time, low, high, color=colour, alpha=0.18, linewidth=0.0)
     axis.set_ylabel(panel.label)
     axis.grid(True, color="#e3e6ea", linewidth=0.6)
     axis.spines[["top", "right"]].set_visible(False)
