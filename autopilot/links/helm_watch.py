@@ -32,9 +32,14 @@ MODE_NAMES = {
 }
 """ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
 HEARTBEAT_S = 1.0
-HEARTBEAT_TIMEOUT_S = 3.0
+SILENCE_S = 3.0
+"""Nothing at all from the vehicle for this long ends our right to steer."""
+HEARTBEAT_TIMEOUT_S = 8.0
+"""Heartbeats get lost one by one on a bad line; without any for this long nobody knows the mode."""
 DISOBEDIENCE_S = 1.0
 """The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
+AGREEMENT_WEIGHT = 0.5
+"""Reports that agree make good half as much: a rudder that follows somebody else every other time is found out too."""
 BLIND_S = 3.0
 """Steering without any report of the rudder is ended after this."""
 FORGIVEN_S = 2.0
@@ -56,6 +61,7 @@ class HelmWatch:
         obstacle: why this vehicle cannot be steered at all; empty where it can.
         misfit: why its steering parameters cannot be used; empty where they can.
         mode, armed, system_state, heartbeat_time: from the last heartbeat, -inf before the first.
+        heard_time: when the vehicle last sent anything.
     """
 
     def __init__(self, guided: bool = False) -> None:
@@ -65,10 +71,10 @@ class HelmWatch:
         self.mode = -1
         self.armed = False
         self.system_state = 0
-        self.heartbeat_time = -math.inf
+        self.heartbeat_time = self.heard_time = -math.inf
         self._sent: deque[tuple[float, int | None]] = deque()
-        self._agreed: dict[str, float] = {}
-        self._report_time = -math.inf
+        self._doubts: dict[str, tuple[float, float]] = {}
+        self._began = self._report_time = -math.inf
         self._last_command = -math.inf
         self._disobeyed = ""
         self._sticks: dict[int, int] = {}
@@ -94,8 +100,8 @@ class HelmWatch:
         """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for a heading."""
         sent = self._sent
         if not sent:
-            self._agreed = {}
-            self._report_time = now
+            self._doubts = {}
+            self._began = self._report_time = now
         self._last_command = now
         sent.append((now, pulse))
         while now - sent[0][0] > HISTORY_S:
@@ -141,9 +147,11 @@ class HelmWatch:
     def judge(self, now: float, what: str, agrees: bool, sentence: str) -> None:
         """Take whether the report `what` agrees with what we command; `sentence` counts if it does not for long."""
         self._report_time = now
-        if agrees:
-            self._agreed[what] = now
-        elif now - self._agreed.setdefault(what, now) > DISOBEDIENCE_S:
+        last, doubt = self._doubts.get(what, (self._began, 0.0))
+        passed = min(now - last, DISOBEDIENCE_S)
+        doubt = max(doubt - AGREEMENT_WEIGHT * passed, 0.0) if agrees else doubt + passed
+        self._doubts[what] = (now, doubt)
+        if doubt > DISOBEDIENCE_S:
             self._disobeyed = sentence
 
     def stick(self, number: int, pulse: int) -> None:
@@ -163,7 +171,7 @@ class HelmWatch:
         if self.obstacle:
             return self.obstacle
         silence = now - self.heartbeat_time
-        if silence > HEARTBEAT_TIMEOUT_S:
+        if silence > HEARTBEAT_TIMEOUT_S or now - self.heard_time > SILENCE_S:
             return f"{SILENT} for {silence:.0f} s"
         judged = (parameters.revision, system)
         if judged != self._judged:
@@ -192,7 +200,7 @@ class HelmWatch:
         if self._disobeyed:
             return self._disobeyed
         # where the heartbeats stay away too, silence is the better word
-        talks = self.heartbeat_time > self._report_time + HEARTBEAT_S
+        talks = self.heard_time > self._report_time + HEARTBEAT_S
         if self._sent and talks and now - self._report_time > BLIND_S:
             if self._guided:
                 return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"

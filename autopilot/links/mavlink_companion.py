@@ -35,7 +35,7 @@ COMPONENT = 191
 DEFAULT_GCS = 255
 HEARTBEAT_S = 1.0
 SILENT_PEER_S = 5.0
-"""A sender without a vehicle's heartbeat for this long gives up its place on a link that listens."""
+"""A sender without a word of the vehicle for this long gives up its place on a link that listens."""
 JUDGE_S = 0.05
 """Silence is judged this often; all else when the message comes that may change our right to steer."""
 PACKETS_KEPT = 20000
@@ -142,7 +142,7 @@ class CompanionLink:
         with every heartbeat of the vehicle.
         """
         samples: list[Sample] = []
-        heard = self._watch.heartbeat_time
+        heard, beat = self._watch.heard_time, self._watch.heartbeat_time
         news = now >= self._judge_at
         for data in self._transport.receive():
             for message in self._codec.decode(data):
@@ -155,8 +155,9 @@ class CompanionLink:
                     self._latch(message)
                     self._reader.take(now, message, samples)
                     news = True
-        if self._watch.heartbeat_time != heard:
+        if self._watch.heard_time != heard:
             self._peer_heard = now
+        if self._watch.heartbeat_time != beat:
             self._helm = None
         if news or not self._watch.booted:
             self._judge_at = now + JUDGE_S
@@ -283,7 +284,7 @@ class CompanionLink:
         if self._watch.disobeyed or obstacle:
             proof.reset()
         self._may_prove = not obstacle
-        self._reason = obstacle or proof.reason
+        self._reason = obstacle or proof.reason or self._reader.streams.waiting
         if self._helm is None or self._helm.reason != self._reason:
             self._helm = HelmSample(now, not self._reason, self._reason, self.name)
             samples.insert(0, self._helm)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+FIRST_CHECK_S = 0.7
 CHECK_S = 2.0
 ENOUGH = 0.6
 """A stream below this share of its rate is asked for again: requests get lost, and ground stations change rates."""
 PATIENT_CHECKS = 3
 """So many checks in a row may find the most wanted stream too slow before people are told."""
+WAITING = "waiting for headings (ATTITUDE) at the rate asked for"
 SLOW = (
     "headings (ATTITUDE) come at {rate:.0f} Hz though {wanted:.0f} Hz were asked for again and again: raise the link's "
     "baud rate (SERIALn_BAUD), let ground stations ask for less (SRn_ parameters), or lower control.rate_hz"
@@ -25,6 +27,11 @@ class MessageStreams:
         self.reset()
 
     @property
+    def waiting(self) -> str:
+        """The sentence about a first stream that has not come at its rate yet; '' once it has, or will not."""
+        return "" if self._settled else WAITING
+
+    @property
     def slow(self) -> str:
         """The sentence about a first stream that stays slow however often it is asked for; '' where it does not."""
         return self._slow
@@ -33,8 +40,10 @@ class MessageStreams:
         """Ask for everything anew, as after a reboot."""
         self._slow = ""
         self._slow_checks = 0
+        self._settled = False
         self._counts = dict.fromkeys(self._rates, 0)
         self._since: float | None = None
+        self._checked = False
 
     def count(self, message_id: int) -> None:
         """Note that a message of a wanted id has come."""
@@ -42,12 +51,14 @@ class MessageStreams:
 
     def due(self, now: float) -> list[tuple[int, int]]:
         """Return (message id, interval [us]) of the streams to ask for at `now` [s]."""
-        if self._since is not None and now - self._since < CHECK_S:
+        passed = 0.0 if self._since is None else now - self._since
+        if self._since is not None and passed < (CHECK_S if self._checked else FIRST_CHECK_S):
             return []
         first = self._since is None
-        if self._since is not None:
-            self._watch_first(now - self._since)
-        needed = CHECK_S * ENOUGH
+        if not first:
+            self._checked = True
+            self._watch_first(passed)
+        needed = passed * ENOUGH
         wanted = [
             (identity, round(1.0e6 / rate))
             for identity, rate in self._rates.items()
@@ -61,9 +72,10 @@ class MessageStreams:
         identity, wanted = next(iter(self._rates.items()))
         rate = self._counts[identity] / seconds
         if rate >= wanted * ENOUGH:
-            self._slow, self._slow_checks = "", 0
+            self._slow, self._slow_checks, self._settled = "", 0, True
             return
         self._slow_checks += 1
         # said once: a rate that wavers is no news
         if self._slow_checks >= PATIENT_CHECKS and self._counts[identity] and not self._slow:
             self._slow = SLOW.format(rate=rate, wanted=wanted)
+            self._settled = True

@@ -82,6 +82,7 @@ class VehicleReader:
 
     def take(self, now: float, message: Message, samples: list[Sample]) -> None:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
+        self.watch.heard_time = now
         handler = self._handlers.get(message_id(message))
         if handler is not None:
             handler(now, message, samples)
