@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import astuple
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.design import LoopGains, Verdict, judge, linear_gains_backstepping, linear_gains_pid
@@ -38,6 +38,9 @@ from autopilot.params.vessel import Vessel
 from autopilot.pilot import HeadingLaw, Pilot, PilotConfig
 from autopilot.safety import FailsafeAction
 from autopilot.signals import NavState, Reference
+
+if TYPE_CHECKING:
+    from autopilot.identification.learning import Learner
 
 DISTURBANCE = math.radians(2.0)
 DISTURBANCE_TIME = 0.5
@@ -151,11 +154,24 @@ def verdict_of(vessel: Vessel, name: str | None = None) -> Verdict:
     )
 
 
-def build_pilot(vessel: Vessel, law: str | None = None) -> Pilot:
-    """Return the pilot of a vessel. Raises RefusedError where its gains must not be engaged on its rudder."""
+def build_pilot(vessel: Vessel, law: str | None = None, *, learns: bool = False) -> Pilot:
+    """Return the pilot of a vessel, one that learns its model where asked for.
+
+    Raises RefusedError where its gains must not be engaged on its rudder.
+    """
     if law != TRIAL_LAW and (verdict := verdict_of(vessel, law)).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {verdict.refusal}")
-    return Pilot(pilot_config(vessel), law_of(vessel, law))
+    config = pilot_config(vessel)
+    return Pilot(config, law_of(vessel, law), learner_of(vessel) if learns else None)
+
+
+def learner_of(vessel: Vessel) -> Learner:
+    """Return what learns the vessel's model while it sails. Raises RefusedError for a model with n2."""
+    from autopilot.identification.learning import Learner
+
+    if vessel.model.n2_s_rad:
+        raise RefusedError(f"vessel {vessel.name!r}: --learn knows no model.n2_s_rad; set it to 0 or leave --learn out")
+    return Learner(model_of(vessel))
 
 
 def pilot_config(vessel: Vessel) -> PilotConfig:

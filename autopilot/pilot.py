@@ -7,7 +7,7 @@ the same commands, bit for bit.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from autopilot.angles import shortest_turn
 from autopilot.estimation.estimator import Estimator, is_rudder
@@ -31,6 +31,10 @@ from autopilot.signals import (
     Sample,
     Tick,
 )
+
+if TYPE_CHECKING:
+    # learning brings numpy along, which a pilot that does not learn need not load
+    from autopilot.identification.learning import Learner
 
 LONGEST_STEP = 0.5
 """A longer silence between ticks [s] counts as this much for limits and reference."""
@@ -74,9 +78,10 @@ class PilotConfig(NamedTuple):
 class Pilot:
     """The brain as one object: estimator, guidance, law, limits and supervisor, each with its small memory."""
 
-    def __init__(self, config: PilotConfig, law: HeadingLaw) -> None:
+    def __init__(self, config: PilotConfig, law: HeadingLaw, learner: Learner | None = None) -> None:
         self.config = config
         self.law = law
+        self.learner = learner
         self.estimator = Estimator(config.model, config.gear, config.noise)
         self.supervisor = Supervisor(Envelope(*config.limits), config.failsafe)
         self.reset()
@@ -113,6 +118,14 @@ class Pilot:
         self.estimator.reconfigure(config.model, config.gear, config.noise)
         self.supervisor.reconfigure(Envelope(*config.limits), config.failsafe)
         self._turn_limits = None
+        if self.learner is not None and config.model != self.learner.present:
+            self.learner.begin(config.model)
+
+    def learn(self, tick: Tick) -> None:
+        """Learn from a tick in the slack after it, where there is a learner. No command ever depends on it: what it
+        proposes counts when it is adopted, by `reconfigure`."""
+        if self.learner is not None:
+            self.learner.learn(tick, steered=tick.command.engaged and self.config.rudder_is_ours)
 
     def step(self, now: float, samples: tuple[Sample, ...], order: Order) -> Tick:
         """Return the tick at `now` [s]: what the samples say, what the order asks, what the rudder is told."""

@@ -140,6 +140,7 @@ class Session:
             packets = self._packets()
             if self._recorder is not None:
                 self._recorder.record(tick, packets)
+        self._pilot.learn(tick)
 
     def _keep_last_packets(self, recorder: Recorder) -> None:
         recorder.keep_packets(self._packets())
