@@ -36,6 +36,11 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="how to steer over MAVLink (default: the file's helm.method); guided: the firmware steers to our headings",
     )
     parser.add_argument("--law", choices=("backstepping", "pid"), help="law to steer with (default: the file's)")
+    parser.add_argument(
+        "--learn",
+        action="store_true",
+        help="learn the boat's model while steering; type learn, adopt, revert on a terminal",
+    )
     parser.add_argument("--duration", type=float, metavar="S", help="stop after this time (default: run on)")
     parser.set_defaults(run=run)
 
@@ -45,6 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from autopilot.build import limits_of
+    from autopilot.cli.learning_desk import LEARN_HELP, LearningDesk
     from autopilot.cli.plotter_follow import FOLLOW_HELP
     from autopilot.cli.route_skipper import RouteSkipper
     from autopilot.cli.serving import serving_of
@@ -72,14 +78,16 @@ def run(arguments: argparse.Namespace) -> int:
         skipper.follow()
     must_engage = arguments.engage is not None or arguments.follow is not None
     listens = sys.stdin is not None and sys.stdin.isatty()
+    desk = LearningDesk() if arguments.learn else None
     if listens:
-        print(f"{HELP}  {FOLLOW_HELP}")
+        print(f"{HELP}  {FOLLOW_HELP}" + (f"  {LEARN_HELP}" if desk is not None else ""))
 
     def watch(tick: Tick) -> bool:
         if listens and select.select([sys.stdin], (), (), 0.0)[0]:
             line = sys.stdin.readline()
             try:
-                print(skipper.type_line(line) if line else "")
+                answer = desk.type_line(line) if desk is not None else None
+                print(answer if answer is not None else skipper.type_line(line) if line else "")
             except InputError as error:
                 print(error)
         return skipper.quit
@@ -94,6 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
         must_engage=must_engage,
         guide=guide,
         serving=serving_of(arguments, skipper, track, armed=must_engage),
+        desk=desk,
     )
 
 

@@ -19,10 +19,8 @@ from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_it
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
-from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
+from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.params.saving import save_text
-from autopilot.params.vessel import Vessel
-from autopilot.pilot import Pilot
 
 SYSTEM_MAX = 255
 
@@ -85,16 +83,13 @@ def _complain(done: Future[None]) -> None:
 
 def open_boat_links(
     serving: Serving,
-    vessel: Vessel,
+    in_force: VesselInForce,
     vessel_path: str,
-    pilot: Pilot,
-    law: str | None,
     saver: BackgroundSaver,
     signing: Signing | None = None,
-) -> tuple[list[Link], VesselInForce]:
-    """Return the opened links to ground stations, and the vessel that is tuned over them. Raises LinkError."""
-    in_force = VesselInForce(vessel, pilot, law, tuned_file(vessel_path), saver)
-    serving.track.settings = track_settings_of(vessel)
+) -> list[Link]:
+    """Return the opened links to ground stations, over which the vessel in force is tuned. Raises LinkError."""
+    serving.track.settings = track_settings_of(in_force.vessel)
     commands = Commands(serving.helmsman, serving.armed, _mission(serving.track, vessel_path, saver))
     links: list[Link] = []
     try:
@@ -106,7 +101,7 @@ def open_boat_links(
         for link in links:
             link.close()
         raise
-    return links, in_force
+    return links
 
 
 def mission_file(vessel_path: str) -> Path:

@@ -14,6 +14,7 @@ from types import FrameType
 from autopilot import __version__
 from autopilot.angles import compass_deg
 from autopilot.build import LinkOptions, build_links, build_pilot
+from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
 from autopilot.errors import ExitCode, RefusedError
@@ -23,7 +24,7 @@ from autopilot.links.signing import Signing, hint_of
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.record import Recorder
 from autopilot.loop.session import Orders, Session
-from autopilot.loop.vessel_in_force import VesselInForce
+from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import dump_vessel
 from autopilot.signals import Mode, OrderKind, Tick
@@ -128,9 +129,10 @@ def steer(
     must_engage: bool = True,
     guide: PlotterGuide | None = None,
     serving: Serving | None = None,
+    desk: LearningDesk | None = None,
 ) -> int:
     """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released."""
-    pilot = build_pilot(vessel, law)
+    pilot = build_pilot(vessel, law, learns=desk is not None)
     clock = MonotonicClock(arguments.speedup)
     signing = signing_of(arguments)
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
@@ -138,16 +140,16 @@ def steer(
     links = build_links(vessel, arguments.link, options)
     recorder = None
     saver = BackgroundSaver()
+    in_force = VesselInForce(vessel, pilot, law, tuned_file(arguments.vessel), saver)
+    is_tuned = desk is not None or (serving is not None and bool(serving.urls))
     try:
         if serving is not None and serving.urls:
-            boat_links, in_force = open_boat_links(serving, vessel, arguments.vessel, pilot, law, saver, signing)
-            links = [*links, *boat_links]
+            links = [*links, *open_boat_links(serving, in_force, arguments.vessel, saver, signing)]
+        if is_tuned:
             print(_which_file(arguments.vessel, in_force))
-        if arguments.log is not None:
-            header = {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": law}
-            recorder = Recorder(arguments.log, header, clock.now())
-            if serving is not None and serving.urls:
-                in_force.log = recorder
+        if desk is not None:
+            desk.attach(pilot, in_force)
+        in_force.log = recorder = _open_log(arguments.log, vessel, law, clock.now())
     except Exception:
         for link in links:
             link.close()
@@ -156,6 +158,8 @@ def steer(
 
     def after(tick: Tick) -> bool:
         status.show(tick, recorder)
+        if desk is not None and (news := desk.news(tick)):
+            status.say(news)
         return ending(tick) or watch(tick)
 
     def stop(_number: int, _frame: FrameType | None) -> None:
@@ -181,11 +185,18 @@ def steer(
     return int(ExitCode.OK)
 
 
+def _open_log(path: Path | None, vessel: Vessel, law: str | None, now: float) -> Recorder | None:
+    """Return the log at `path`, None where there is to be none. Raises InputError."""
+    if path is None:
+        return None
+    return Recorder(path, {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": law}, now)
+
+
 def _which_file(vessel_path: str, in_force: VesselInForce) -> str:
     """Say which file is in force, and where changes go."""
     kept = in_force.saved_as
     older = f"; changes of an earlier run are in {kept}: start with that file to use them" if kept.exists() else ""
-    return f"in force: {vessel_path}; parameters changed over MAVLink are kept in {kept}{older}"
+    return f"in force: {vessel_path}; what is changed while it runs is kept in {kept}{older}"
 
 
 def _quiet_collector() -> None:
@@ -217,6 +228,10 @@ class StatusLine:
         """Leave the line."""
         if self._live:
             print("\r\033[K", end="", flush=True)
+
+    def say(self, text: str) -> None:
+        """Print a text above the line."""
+        self._print_line(text)
 
     def _print_line(self, line: str) -> None:
         print(f"\r{line}\033[K" if self._live else line, flush=True)

@@ -84,6 +84,19 @@ class VesselInForce:
             return f"{name} changed, but not kept: {error}"
         return f"{name} counts from the next start on" if later else ""
 
+    def adopt(self, vessel: Vessel) -> str:
+        """Put all of `vessel` in force and keep it; return '' or that it could not be kept.
+
+        Raises RefusedError where its gains must not be engaged, or the rudder stands outside its limits.
+        """
+        self._put_in_force(vessel)
+        self.vessel = vessel
+        try:
+            self._save(self.saved_as, dump_vessel(vessel))
+        except InputError as error:
+            return f"in force, but not kept: {error}"
+        return ""
+
     def _put_in_force(self, vessel: Vessel) -> None:
         if self._law != TRIAL_LAW and (verdict := verdict_of(vessel, self._law)).refusal:
             raise RefusedError(verdict.refusal)

@@ -1,0 +1,179 @@
+"""`run --learn`: what was learnt is shown, and adopted or taken back only when the skipper says so."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from autopilot.cli.gains import designed
+from autopilot.errors import InputError, RefusedError
+from autopilot.loop.vessel_in_force import VesselInForce
+from autopilot.models.norrbin import Norrbin
+from autopilot.params.vessel import StandardErrors, Vessel
+from autopilot.pilot import Pilot
+from autopilot.signals import Tick
+
+if TYPE_CHECKING:
+    from autopilot.identification.learning import Learner, Proposal
+
+LEARN_HELP = "learn: what was learnt  adopt: steer with it  revert: take it back"
+
+LOOK_PERIOD = 2.0
+"""Seconds between looks at the learner for something to tell."""
+
+
+class LearningDesk:
+    """Between the skipper's terminal and a pilot that learns. `attach` it to the pilot before it is used."""
+
+    def __init__(self) -> None:
+        self._learner: Learner | None = None
+        self._in_force: VesselInForce | None = None
+        self._before: list[Vessel] = []
+        self._looked = -math.inf
+        self._told: tuple[Norrbin, bool] | None = None
+
+    def attach(self, pilot: Pilot, in_force: VesselInForce) -> None:
+        """Serve this pilot and its vessel in force."""
+        self._learner, self._in_force = pilot.learner, in_force
+
+    def news(self, tick: Tick) -> str:
+        """Return what the skipper should know unasked: a model put forward, or one that has proved itself; else ''."""
+        if self._learner is None or tick.now - self._looked < LOOK_PERIOD:
+            return ""
+        self._looked = tick.now
+        proposal = self._learner.proposal()
+        now = None if proposal is None else (proposal.model, proposal.is_proved)
+        if proposal is None or now == self._told:
+            return ""
+        self._told = now
+        what = "learnt" if not proposal.is_proved else "learnt and proved (type adopt)"
+        return f"{what}: {_numbers(proposal)}; {_check(proposal)}"
+
+    def type_line(self, line: str) -> str | None:
+        """Act on a typed line; return the answer, None where the line is not for this desk. Raises InputError."""
+        word = line.strip()
+        if word == "learn":
+            return self._report()
+        if word == "adopt":
+            return self.adopt()
+        if word == "revert":
+            return self.revert()
+        return None
+
+    def adopt(self) -> str:
+        """Put the proved model in force, with gains designed for it, and say what changed.
+
+        Raises InputError where there is nothing to adopt, it has not proved itself, or no gains serve it.
+        """
+        learner, in_force = self._attached()
+        proposal = learner.proposal()
+        if proposal is None:
+            raise InputError(f"nothing to adopt yet: {_progress(learner)}")
+        if not proposal.is_proved:
+            raise InputError(f"not adopted: it must foretell better than the present model first; {_check(proposal)}")
+        before = in_force.vessel
+        try:
+            after = designed(with_learnt(before, proposal))
+            kept = in_force.adopt(after)
+        except RefusedError as error:
+            raise InputError(f"not adopted: {error}") from error
+        self._before.append(before)
+        self._told = None
+        return "; ".join(filter(None, ["adopted", _changes(before, after), kept]))
+
+    def revert(self) -> str:
+        """Put back in force what was before the latest adoption. Raises InputError where there is none."""
+        _, in_force = self._attached()
+        if not self._before:
+            raise InputError("nothing to revert: no model has been adopted in this run")
+        present, before = in_force.vessel, self._before[-1]
+        # what was tuned since stays tuned; model and gains go back
+        after = replace(present, model=before.model, control=before.control)
+        try:
+            kept = in_force.adopt(after)
+        except RefusedError as error:
+            raise InputError(f"not reverted: {error}") from error
+        self._before.pop()
+        return "; ".join(filter(None, ["reverted", _changes(present, after), kept]))
+
+    def _attached(self) -> tuple[Learner, VesselInForce]:
+        if self._learner is None or self._in_force is None:
+            raise InputError("nothing is learnt in this run: start with --learn")
+        return self._learner, self._in_force
+
+    def _report(self) -> str:
+        learner, _ = self._attached()
+        proposal = learner.proposal()
+        lines = [f"put forward: {_numbers(proposal)}; {_check(proposal)}"] if proposal else [_progress(learner)]
+        for name, model in (
+            ("in force", learner.present),
+            ("now", learner.estimate),
+            ("recursion as published", learner.recursion),
+            ("least squares", learner.least_squares),
+        ):
+            lines.append(f"  {name:24} K {model.gain:.4g} 1/s  T {model.time_constant:.4g} s  n3 {model.n3:.4g}")
+        return "\n".join(lines)
+
+
+def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:
+    """Return the vessel with the proposed model."""
+    model, errors = proposal.model, proposal.standard_errors
+    return replace(
+        vessel,
+        model=replace(
+            vessel.model,
+            K_1_s=_rounded(model.gain),
+            T_s=_rounded(model.time_constant),
+            n3_s2_rad2=_rounded(model.n3),
+            n0_rad_s=_rounded(model.n0),
+            standard_errors=StandardErrors(
+                K_1_s=_rounded(errors["gain"]),
+                T_s=_rounded(errors["time_constant"]),
+                n3_s2_rad2=_rounded(errors["n3"]),
+                n0_rad_s=_rounded(errors["n0"]),
+            ),
+            source="learnt while sailing, integral method",
+            date=datetime.date.today().isoformat(),
+            log=(),
+        ),
+    )
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def _numbers(proposal: Proposal) -> str:
+    model, errors = proposal.model, proposal.standard_errors
+    return (
+        f"K {model.gain:.3g} +- {errors['gain']:.1g} 1/s, T {model.time_constant:.3g} +- "
+        f"{errors['time_constant']:.1g} s, n3 {model.n3:.3g} +- {errors['n3']:.1g} s^2/rad^2 "
+        f"from {proposal.windows} windows"
+    )
+
+
+def _check(proposal: Proposal) -> str:
+    if proposal.stretches == 0:
+        return "no manoeuvre since to prove it by; turn or zigzag"
+    return (
+        f"heading {proposal.ahead:.0f} s ahead off by {math.degrees(proposal.proposed_error):.2g} deg rms, with the "
+        f"present model {math.degrees(proposal.present_error):.2g} deg, on {proposal.stretches} stretches since"
+    )
+
+
+def _progress(learner: Learner) -> str:
+    return (
+        f"{learner.windows} windows have told something, and K and T are not known to 10 % yet; windows tell where the "
+        "rudder moves by 4 deg or more: turn or zigzag"
+    )
+
+
+def _changes(before: Vessel, after: Vessel) -> str:
+    old, new = before.model, after.model
+    text = f"K {old.K_1_s:.4g} -> {new.K_1_s:.4g} 1/s, T {old.T_s:.4g} -> {new.T_s:.4g} s"
+    was, now = before.control.backstepping, after.control.backstepping
+    if was is not None and now is not None:
+        text += f", gains k1 {was.k1_1_s:.3g} -> {now.k1_1_s:.3g}, k2 {was.k2_1_s:.3g} -> {now.k2_1_s:.3g} 1/s"
+    return text

@@ -1,0 +1,298 @@
+"""Learning while sailing: it finds the boat, proves what it found, and moves no rudder until it is adopted."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plant import Plant
+
+from autopilot.build import build_pilot, gear_of, learner_of, model_of
+from autopilot.cli.gains import designed
+from autopilot.cli.learning_desk import LearningDesk, with_learnt
+from autopilot.errors import InputError, RefusedError
+from autopilot.identification.foretelling import Foretelling, Outcome
+from autopilot.loop.clock import ManualClock
+from autopilot.loop.record import Recorder, read_log
+from autopilot.loop.replay import replay
+from autopilot.loop.session import Session
+from autopilot.loop.vessel_in_force import VesselInForce
+from autopilot.models.norrbin import Norrbin
+from autopilot.params.vessel import Vessel
+from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.pilot import Pilot
+from autopilot.signals import (
+    HeadingSample,
+    NavState,
+    Order,
+    OrderKind,
+    Reference,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    SpeedSample,
+    Tick,
+)
+from autopilot.signals import Mode as PilotMode
+
+LANXIN = load_vessel("lanxin")
+OFF = designed(
+    dataclasses.replace(LANXIN, model=dataclasses.replace(LANXIN.model, K_1_s=0.45, T_s=0.5, n3_s2_rad2=0.0))
+)
+"""A file whose model is well off the boat."""
+DT = 0.1
+SPEED = LANXIN.model.reference_speed_m_s
+ZIGZAG = Order(OrderKind.ZIGZAG, 0.0, math.radians(15.0), math.radians(15.0), serial=2)
+
+
+def order_at(now: float) -> Order:
+    """Engage, zigzag for half a minute, then turns to and fro."""
+    if now < 3.0:
+        return Order(OrderKind.HEADING, 0.0, serial=1)
+    if now < 35.0:
+        return ZIGZAG
+    return Order(OrderKind.HEADING, 0.8 if int(now / 10.0) % 2 else -0.8, serial=3)
+
+
+class Boat:
+    """The boat in a box as a link, with rudder feedback and a log."""
+
+    name = "boat"
+
+    def __init__(self, seed: int = 1) -> None:
+        noise = math.radians(0.2), math.radians(0.1)
+        self.plant = Plant(model_of(LANXIN), gear_of(LANXIN), heading_noise=noise[0], rate_noise=noise[1], seed=seed)
+        self.commands: list[RudderCommand] = []
+
+    def fileno(self) -> int:
+        return -1
+
+    def receive(self, now: float) -> list[Sample]:
+        if now > self.plant.time:
+            last = self.commands[-1] if self.commands else RudderCommand(0.0, 0.0, False)
+            self.plant.step(last.angle if last.engaged else 0.0, now - self.plant.time)
+        return [*self.plant.sense(), RudderSample(now, self.plant.rudder), SpeedSample(now, SPEED)]
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        self.commands.append(command)
+
+    def tell(self, now: float, mode: PilotMode, alarms: tuple[str, ...]) -> None:
+        pass
+
+    def keep(self, now: float) -> None:
+        pass
+
+    def release(self, now: float) -> None:
+        pass
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        return []
+
+    def close(self) -> None:
+        pass
+
+
+@dataclasses.dataclass
+class Sailed:
+    pilot: Pilot
+    boat: Boat
+    desk: LearningDesk
+    store: VesselInForce
+    saved: list[str]
+    answers: list[str]
+
+
+def sail(
+    seconds: float, path: Path | None = None, *, learns: bool = True, typed: dict[float, str] | None = None
+) -> Sailed:
+    """Sail a vessel file that is off; `typed` are the lines that the skipper types at these times."""
+    pilot, boat, saved = build_pilot(OFF, learns=learns), Boat(), []
+    store = VesselInForce(OFF, pilot, None, Path("x.tuned.yaml"), lambda path, text: saved.append(text))
+    desk, answers, left = LearningDesk(), [], sorted((typed or {}).items())
+    desk.attach(pilot, store)
+    recorder = None
+    if path is not None:
+        store.log = recorder = Recorder(path, {"vessel": dump_vessel(OFF), "law": None}, 0.0)
+
+    def watch(tick: Tick) -> bool:
+        while left and tick.now >= left[0][0]:
+            try:
+                answers.append(desk.type_line(left.pop(0)[1]) or "")
+            except InputError as error:
+                answers.append(f"error: {error}")
+        return False
+
+    with Session(pilot, [boat], ManualClock(), 1.0 / DT, lambda now, tick: order_at(now), recorder) as session:
+        session.run(seconds, watch)
+    return Sailed(pilot, boat, desk, store, saved, answers)
+
+
+@pytest.fixture(scope="module")
+def sailed() -> Sailed:
+    return sail(90.0)
+
+
+def test_the_boat_is_learnt_and_the_model_proves_itself(sailed: Sailed) -> None:
+    learner = sailed.pilot.learner
+    assert learner is not None
+    proposal = learner.proposal()
+    assert proposal is not None and proposal.is_proved
+    assert proposal.model.gain == pytest.approx(LANXIN.model.K_1_s, rel=0.05)
+    assert proposal.model.time_constant == pytest.approx(LANXIN.model.T_s, rel=0.1)
+    assert proposal.proposed_error < 0.5 * proposal.present_error
+    assert learner.least_squares.gain == pytest.approx(LANXIN.model.K_1_s, rel=0.1)
+
+
+def test_learning_changes_no_command_until_adoption(sailed: Sailed) -> None:
+    without = sail(90.0, learns=False)
+    assert sailed.boat.commands == without.boat.commands
+    assert not sailed.saved
+
+
+def test_adopted_and_taken_back_on_a_word_logged_and_replayed(tmp_path: Path) -> None:
+    log = tmp_path / "a.tlog"
+    found = sail(80.0, log, typed={5.0: "adopt", 60.0: "adopt", 65.0: "learn", 70.0: "revert", 72.0: "revert"})
+    early, adopted, report, reverted, nothing = found.answers
+    assert early.startswith("error: nothing to adopt yet")
+    assert adopted.startswith("adopted; K 0.45 -> 0.7")
+    assert "gains k1" in adopted
+    assert "in force" in report and "recursion as published" in report
+    assert reverted.startswith("reverted; K 0.7")
+    assert nothing.startswith("error: nothing to revert")
+    assert len(found.saved) == 2
+    assert "learnt while sailing" in found.saved[0]
+    assert found.saved[1] == dump_vessel(OFF)
+    assert len(read_log(log).changes) == 2
+    result = replay(log)
+    assert result.identical, result.detail
+    assert found.pilot.config.model == model_of(OFF)
+
+
+def test_adoption_moves_the_rudder_no_faster_than_its_limit() -> None:
+    found = sail(70.0, typed={52.0: "adopt"})
+    assert found.answers[0].startswith("adopted")
+    angles = [command.angle for command in found.boat.commands]
+    fastest = max(abs(now - before) for before, now in pairwise(angles))
+    assert fastest <= math.radians(LANXIN.rudder.rate_max_deg_s or math.inf) * 0.5 + 1.0e-9
+
+
+def test_what_has_not_proved_itself_is_not_adopted(monkeypatch: pytest.MonkeyPatch, sailed: Sailed) -> None:
+    learner = sailed.pilot.learner
+    assert learner is not None
+    worse = [Outcome(0.01, 0.02)] * 10
+    monkeypatch.setattr(learner, "_outcomes", worse)
+    with pytest.raises(InputError, match="must foretell better"):
+        sailed.desk.adopt()
+    monkeypatch.setattr(learner, "_outcomes", [])
+    with pytest.raises(InputError, match="no manoeuvre since"):
+        sailed.desk.adopt()
+
+
+def test_a_model_that_no_gains_serve_is_refused(monkeypatch: pytest.MonkeyPatch, sailed: Sailed) -> None:
+    def impossible(vessel: Vessel) -> Vessel:
+        raise RefusedError("no gain gives a stable loop")
+
+    monkeypatch.setattr("autopilot.cli.learning_desk.designed", impossible)
+    with pytest.raises(InputError, match="not adopted: no gain"):
+        sailed.desk.adopt()
+    assert sailed.pilot.config.model == model_of(OFF)
+
+
+def test_news_come_once(sailed: Sailed) -> None:
+    desk = LearningDesk()
+    tick = Tick(
+        1,
+        100.0,
+        (),
+        Order(),
+        NavState(0.0, 0, 0, 0, 0, 0, 0, True),
+        Reference(0.0),
+        0.0,
+        RudderCommand(0, 0, False),
+        PilotMode.STANDBY,
+        (),
+    )
+    assert desk.news(tick) == ""
+    desk.attach(sailed.pilot, sailed.store)
+    assert "learnt and proved (type adopt): K 0.7" in desk.news(tick)
+    assert desk.news(tick._replace(now=200.0)) == ""
+    assert desk.type_line("e 90") is None
+
+
+def test_nothing_is_learnt_where_nobody_tells_the_rudder() -> None:
+    pilot = build_pilot(OFF, learns=True)
+    for i in range(600):
+        now = 0.1 * i
+        heading = 0.3 * math.sin(0.5 * now)
+        pilot.learn(pilot.step(now, (HeadingSample(now, heading, 0.15 * math.cos(0.5 * now)),), Order()))
+    assert pilot.learner is not None
+    assert pilot.learner.windows == 0
+
+
+def test_a_changed_model_begins_the_learning_anew_and_changed_gains_do_not(sailed: Sailed) -> None:
+    learner = learner_of(OFF)
+    learner.begin(Norrbin(1.0, 1.0))
+    assert learner.windows == 0 and learner.estimate == Norrbin(1.0, 1.0)
+    pilot = sailed.pilot
+    windows = pilot.learner.windows if pilot.learner else 0
+    pilot.reconfigure(pilot.config, pilot.law)
+    assert pilot.learner is not None and pilot.learner.windows == windows > 0
+
+
+def test_a_model_with_n2_is_not_learnt() -> None:
+    vessel = dataclasses.replace(OFF, model=dataclasses.replace(OFF.model, n2_s_rad=0.1))
+    with pytest.raises(RefusedError, match="n2_s_rad"):
+        build_pilot(vessel, learns=True)
+
+
+def test_the_learnt_vessel_survives_its_file(sailed: Sailed) -> None:
+    assert sailed.pilot.learner is not None
+    proposal = sailed.pilot.learner.proposal()
+    assert proposal is not None
+    from autopilot.params.vessel_file import parse_vessel
+
+    learnt = designed(with_learnt(OFF, proposal))
+    assert parse_vessel(dump_vessel(learnt), "x") == learnt
+
+
+samples = st.one_of(
+    st.builds(HeadingSample, st.floats(0.0, 30.0), st.floats(allow_nan=True), st.none() | st.floats()),
+    st.builds(RudderSample, st.floats(0.0, 30.0), st.floats(), st.booleans()),
+    st.builds(SpeedSample, st.floats(0.0, 30.0), st.floats()),
+)
+
+
+@given(st.lists(st.lists(samples, max_size=3), max_size=40))
+@settings(max_examples=20, deadline=None)
+def test_no_sample_makes_it_stumble(ticks: list[list[Sample]]) -> None:
+    pilot = build_pilot(OFF, learns=True)
+    for i, given_samples in enumerate(ticks):
+        now = 0.5 * i
+        pilot.learn(pilot.step(now, (HeadingSample(now, 0.0, 0.0), *given_samples), order_at(now)))
+    assert pilot.learner is not None
+    assert all(math.isfinite(value) for value in pilot.learner.estimate)
+
+
+def test_both_boats_are_foretold_from_the_same_beginning() -> None:
+    """A boat without noise is foretold exactly by its own model, and not by another; stillness tells nothing."""
+    true, other = Norrbin(0.5, 1.0), Norrbin(1.0, 1.0)
+    foretelling, heading, rate = Foretelling(other, true), 0.0, 0.0
+    outcomes = []
+    for i in range(400):
+        time = 0.05 * i
+        rudder = 0.2 * math.sin(time) if i < 200 else 0.0
+        found = foretelling.update(time, rudder, 1.0, heading, rate)
+        outcomes += [(time, found)] if found else []
+        for k in range(50):
+            now = time + 0.001 * k
+            push = 0.2 * math.sin(now) if i < 199 else rudder
+            rate += 0.001 * (0.5 * push - rate)
+            heading += 0.001 * rate
+    assert outcomes
+    assert all(time < 16.0 for time, _ in outcomes)
+    assert max(abs(found.other) for _, found in outcomes) < 0.25 * max(abs(found.present) for _, found in outcomes)
