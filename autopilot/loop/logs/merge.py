@@ -24,9 +24,17 @@ GRID_S = (0.05, 1.0)
 SMOOTH_S = 1.0
 LEAST_MATCH = 0.6
 SECOND_BEST = 0.9
+LEAST_LIKENESS = 0.93
+LEAST_OVERLAP = 0.5
+"""The share of the shorter record that both must have."""
+NEAR_S = 2.0
 LONGEST_S = 24.0 * 3600.0
 DATE_TRUST_S = 30.0
 """Where both logs know the date, the match is looked for this far [s] either side."""
+
+
+Begun = tuple[float, FloatArray]
+"""When [s] the samples on the grid begin, and those."""
 
 
 class Source(NamedTuple):
@@ -137,18 +145,46 @@ def best_match(
     if around is not None:
         near = np.abs(offsets - around) <= DATE_TRUST_S
         offsets, score = offsets[near], score[near]
-    if score.size < 3 or not np.isfinite(score).all():
+    if a.size < 2 or b.size < 2 or score.size < 3 or not np.isfinite(score).all():
         return None
     peak = int(np.argmax(score))
     if score[peak] < LEAST_MATCH or _second(score, peak) > SECOND_BEST * score[peak]:
         return None
-    return Match(float(offsets[peak] + _vertex(score, peak) * dt), float(score[peak]))
+    return _refined((first[0][0], a), (other[0][0], b), dt, float(offsets[peak]))
+
+
+def _refined(
+    first: tuple[float, FloatArray], other: tuple[float, FloatArray], dt: float, offset: float
+) -> Match | None:
+    """Return the match near `offset` [s] where the rates agree best over what both have, None if too little.
+
+    s(L) leans towards more overlap; the likeness sum of a b / sqrt(sum of a^2 * sum of b^2) of the overlap does not.
+    """
+    near = offset + np.arange(-NEAR_S, NEAR_S + 0.25 * dt, 0.5 * dt)
+    likeness = np.array([_likeness(first, other, dt, candidate) for candidate in near])
+    peak = int(np.argmax(likeness))
+    if likeness[peak] < LEAST_LIKENESS:
+        return None
+    return Match(float(near[peak] + _vertex(likeness, peak) * 0.5 * dt), float(likeness[peak]))
+
+
+def _likeness(first: Begun, other: Begun, dt: float, offset: float) -> float:
+    """Return the likeness of the rates where they overlap, 0 where that is less than half of the shorter."""
+    (start, a), (begin, b) = first, other
+    times = begin + offset + dt * np.arange(b.size)
+    inside = (times >= start) & (times <= start + dt * (a.size - 1))
+    if np.count_nonzero(inside) < LEAST_OVERLAP * min(a.size, b.size):
+        return 0.0
+    ours, theirs = np.interp(times[inside], start + dt * np.arange(a.size), a), b[inside]
+    energy = float(np.sum(ours**2) * np.sum(theirs**2))
+    return float(np.sum(ours * theirs)) / energy**0.5 if energy > 0.0 else 0.0
 
 
 def _on_grid(time: FloatArray, rate: FloatArray, dt: float) -> FloatArray:
+    """Return means over SMOOTH_S at spacing dt; what both lose at their beginnings is the same."""
     grid = np.arange(time[0], time[-1] + 0.5 * dt, dt)
     width = max(1, round(SMOOTH_S / dt))
-    return np.convolve(np.interp(grid, time, rate), np.full(width, 1.0 / width), mode="same")
+    return np.convolve(np.interp(grid, time, rate), np.full(width, 1.0 / width), mode="valid")
 
 
 def _scores(long: FloatArray, short: FloatArray) -> tuple[FloatArray, FloatArray]:
