@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boat_recordings import EPOCH, Boat, dataflash, every, tlog, tlog_events, zigzag_boat
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from autopilot.cli.main import main
@@ -91,21 +89,20 @@ def test_a_zigzag_without_beginning_or_end_is_ambiguous_and_refused(tmp_path: Pa
         load_run(f"{long}+{short}")
 
 
-@given(begins=st.floats(-20.0, 60.0), seed=st.integers(0, 1000))
-def test_random_turning_is_matched_to_within_its_spacing(begins: float, seed: int) -> None:
-    random = np.random.default_rng(seed)
-    knots = np.arange(-40.0, 160.0, 4.0)
-    rates = random.normal(size=knots.size) * 0.05
-
-    def rate(t: np.ndarray) -> np.ndarray:
-        return np.interp(t, knots, rates)
-
+def test_random_turning_is_matched_to_within_its_spacing_or_not_at_all() -> None:
+    """200 random courses, 20 s before to 60 s after: none is put in the wrong place, and nearly all are found."""
     first, other = np.arange(0.0, 90.0, 0.1), np.arange(0.0, 50.0, 0.25)
-    match = best_match((first, rate(first)), (other, rate(other + begins)))
-    if match is not None:
-        assert match.offset == pytest.approx(begins, abs=0.25)
-    else:
-        assert min(90.0, begins + 50.0) - max(0.0, begins) < 40.0, "so little in common"
+    found = []
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        begins = random.uniform(-20.0, 60.0)
+        knots = np.arange(-40.0, 160.0, 4.0)
+        rates = 0.05 * random.normal(size=knots.size)
+        match = best_match((first, np.interp(first, knots, rates)), (other, np.interp(other + begins, knots, rates)))
+        if match is not None:
+            assert match.offset == pytest.approx(begins, abs=0.25)
+        found.append(match is not None)
+    assert np.mean(found) > 0.9
 
 
 @pytest.mark.parametrize(
