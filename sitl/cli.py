@@ -50,6 +50,16 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_physics_options(physics)
+    glider = commands.add_parser(
+        "wave-glider",
+        help="a recorded zigzag of a simulated wave glider, float and glider",
+        description="Simulate a zigzag of a wave glider and write what its instruments show, with the truth in the "
+        "first lines, for `autopilot identify --wave-glider`.",
+    )
+    glider.add_argument("--out", metavar="FILE.csv", type=Path, required=True, help="where to write the record")
+    glider.add_argument("--duration", metavar="S", type=_positive, default=600.0, help="seconds (default 600)")
+    glider.add_argument("--seed", metavar="N", type=_seed, default=1, help="seed of the noise (default 1)")
+    glider.set_defaults(run=run_wave_glider)
     return parser
 
 
@@ -182,6 +192,15 @@ class _StopOnSignal:
 
     def __call__(self) -> bool:
         return self._stopped
+
+
+def run_wave_glider(arguments: argparse.Namespace) -> int:
+    """Write the record of a wave glider."""
+    from sitl.wave_glider import Setting, write_record
+
+    write_record(arguments.out, Setting(), arguments.duration, arguments.seed)
+    print(f"Wrote {arguments.out}.")
+    return int(ExitCode.OK)
 
 
 def run_serve(arguments: argparse.Namespace) -> int:

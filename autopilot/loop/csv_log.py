@@ -39,6 +39,10 @@ COLUMNS: dict[str, Column] = {
     "rudder_deg": Column("rudder_rad", math.pi / 180.0),
     "speed_m_s": Column("speed_m_s", 1.0),
     "speed_kn": Column("speed_m_s", KNOT_M_S),
+    "glider_heading_rad": Column("glider_heading_rad", 1.0),
+    "glider_heading_deg": Column("glider_heading_rad", math.pi / 180.0),
+    "glider_yaw_rate_rad_s": Column("glider_yaw_rate_rad_s", 1.0),
+    "glider_yaw_rate_deg_s": Column("glider_yaw_rate_rad_s", math.pi / 180.0),
     "propeller_rps": Column("propeller_rps", 1.0),
     "wind_speed_m_s": Column("wind_speed_m_s", 1.0),
     "wind_direction_rad": Column("wind_direction_rad", 1.0),
@@ -50,6 +54,7 @@ Need = Sequence[Sequence[str]]
 """What a table must have: of each group of SI names, at least one."""
 
 RUN_NEEDS: Need = (("time_s",), ("rudder_rad",), ("speed_m_s",), ("heading_rad", "yaw_rate_rad_s"))
+WAVE_GLIDER_NEEDS: Need = (("time_s",), ("rudder_rad",), ("speed_m_s",), ("heading_rad",), ("glider_heading_rad",))
 STEADY_TURN_NEEDS: Need = (("rudder_rad",), ("yaw_rate_rad_s",))
 
 

@@ -1,0 +1,122 @@
+"""A simulated wave glider, recorded: the plant of `autopilot.models.wave_glider` with what that leaves out.
+
+Beside the two equations of motion: the tether's pull turns the glider back a little, waves carry the speed up and down
+and shake both headings, the rudder follows its orders at a finite rate, and compasses and gyros are noisy. The numbers
+are of the size of a small wave glider and belong to no real one.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.errors import InputError
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.models.wave_glider import TwoBodies, WaveGlider, at_speed, equivalent_rudder, step
+
+STEP_S = 0.02
+
+
+class Setting(NamedTuple):
+    """The craft and its surroundings.
+
+    back_pull: share of the float's equivalent rudder that turns the glider back.  wave_speed: amplitude of the speed's
+    change, a share, with the period wave_period [s].  shake [rad/s]: amplitude of the waves' yaw rate on the float, on
+    the glider a quarter.  zigzag: rudder angle and heading change [rad].
+    """
+
+    craft: WaveGlider = WaveGlider(
+        surface=Norrbin(0.5, 2.0, 5.0, reference_speed=0.7),
+        glider=Norrbin(0.3, 3.0, 20.0, reference_speed=0.7),
+        fixed_angle=math.radians(30.0),
+    )
+    gear: SteeringGear = SteeringGear(math.radians(35.0), math.radians(15.0), 0.2)
+    back_pull: float = 0.02
+    speed: float = 0.7
+    wave_speed: float = 0.15
+    wave_period: float = 6.0
+    shake: float = math.radians(0.5)
+    heading_noise: float = math.radians(0.3)
+    rate_noise: float = math.radians(0.1)
+    rudder_angle: float = math.radians(25.0)
+    heading_change: float = math.radians(40.0)
+    rate_hz: float = 5.0
+
+
+COLUMNS = (
+    "time_s",
+    "rudder_deg",
+    "speed_m_s",
+    "heading_deg",
+    "yaw_rate_deg_s",
+    "glider_heading_deg",
+    "glider_yaw_rate_deg_s",
+)
+
+
+def sail(setting: Setting, duration: float, seed: int) -> list[tuple[float, ...]]:
+    """Return the rows of a zigzag that lasts `duration` [s], in the order and the units of `COLUMNS`."""
+    random = np.random.default_rng(seed)
+    bodies, rudder, order = TwoBodies(), 0.0, setting.rudder_angle
+    rows: list[tuple[float, ...]] = []
+    every = max(round(1.0 / (setting.rate_hz * STEP_S)), 1)
+    for i in range(int(duration / STEP_S)):
+        time = i * STEP_S
+        wave = math.sin(2.0 * math.pi * time / setting.wave_period)
+        speed = setting.speed * (1.0 + setting.wave_speed * wave)
+        if i % every == 0:
+            rows.append(_measured(setting, random, time, rudder, speed, bodies, wave))
+        if bodies.glider_heading * math.copysign(1.0, order) >= setting.heading_change:
+            order = -order
+        rudder = gear_step(setting.gear, rudder, order, STEP_S)
+        craft = at_speed(setting.craft, speed / setting.craft.surface.reference_speed)
+        pull = equivalent_rudder(craft.fixed_angle, bodies.glider_heading, bodies.surface_heading)
+        bodies = step(craft, bodies, rudder - setting.back_pull * pull, STEP_S)
+    return rows
+
+
+def _measured(
+    setting: Setting,
+    random: np.random.Generator,
+    time: float,
+    rudder: float,
+    speed: float,
+    bodies: TwoBodies,
+    wave: float,
+) -> tuple[float, ...]:
+    """Return a row: what the instruments show, the waves' own yaw on top of the equations' motion."""
+    omega = 2.0 * math.pi / setting.wave_period
+    swing = math.cos(omega * time) / omega
+    row = [time, math.degrees(rudder), speed]
+    for heading, rate, share in (
+        (bodies.surface_heading, bodies.surface_rate, setting.shake),
+        (bodies.glider_heading, bodies.glider_rate, 0.25 * setting.shake),
+    ):
+        seen = heading - share * swing + setting.heading_noise * random.standard_normal()
+        row += [
+            math.degrees(seen) % 360.0,
+            math.degrees(rate + share * wave + setting.rate_noise * random.standard_normal()),
+        ]
+    return tuple(row)
+
+
+def write_record(path: Path, setting: Setting, duration: float, seed: int) -> None:
+    """Write a recorded zigzag with the truth in its first lines. Raises InputError where it cannot be written."""
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            for name, body in (("float", setting.craft.surface), ("glider", setting.craft.glider)):
+                file.write(
+                    f"# simulated {name}: K {body.gain:g} 1/s, T {body.time_constant:g} s, n3 {body.n3:g} s^2/rad^2 "
+                    f"at {body.reference_speed:g} m/s\n"
+                )
+            file.write(f"# delta_0 {math.degrees(setting.craft.fixed_angle):g} deg, seed {seed}\n")
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            writer.writerows([f"{value:.6g}" for value in row] for row in sail(setting, duration, seed))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}; check the folder and the rights.") from error
