@@ -55,6 +55,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--reference-speed-m-s", type=float, metavar="U", help="default: mean speed of the LOGs")
     parser.add_argument("--course-unstable", action="store_true", help="n1 = -1: the boat will not go straight")
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
+    parser.add_argument(
+        "--wave-glider", action="store_true", help="both bodies of a wave glider, from a CSV with glider_heading_deg"
+    )
+    parser.add_argument(
+        "--fixed-angle-deg", type=float, default=30.0, metavar="DEG", help="delta_0 of the wave glider (default 30)"
+    )
     parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
     parser.add_argument("--report", metavar="FILE.html", help="write figures and tables into one page")
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -66,6 +72,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Identify, print, and write the vessel file; return the exit code."""
     if arguments.method == "list":
         print(_methods())
+        return int(ExitCode.OK)
+    if arguments.wave_glider:
+        from autopilot.cli.identify_wave_glider import identify_wave_glider
+
+        print(identify_wave_glider(arguments))
         return int(ExitCode.OK)
     _check(arguments)
     if arguments.report:
@@ -97,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _methods() -> str:
     from autopilot.identification.registry import METHODS
 
-    return "\n".join(f"{method.name:14} {method.summary}" for method in METHODS)
+    return "\n".join(f"{method.name:19} {method.summary}" for method in METHODS)
 
 
 def _check(arguments: argparse.Namespace) -> None:
