@@ -246,6 +246,7 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
         steers=url.options.steers,
         follow=follow_of(vessel),
         sends=url.options.sends,
+        talker=url.options.talker,
     )
 
 

@@ -17,7 +17,7 @@ from autopilot.links.base import LinkError, Transport
 from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence
 from autopilot.links.nmea_encoders import encode_ror
 from autopilot.links.nmea_repeater import NmeaRepeater
-from autopilot.links.nmea_samples import Deviation, NmeaReader
+from autopilot.links.nmea_samples import OWN_TALKER, Deviation, NmeaReader
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.signals import (
     AlarmSample,
@@ -50,7 +50,8 @@ class NmeaSettings(NamedTuple):
     baud: of the line, 0 where there is none (UDP).  heading_latency [s]: age of a heading when its sentence
     begins.  variation [rad], east positive, None to take it from the instruments.  deviation: (compass heading,
     deviation) pairs [rad].  steers: whether a rudder drive listens on this link.  follow: how closely the
-    rudder must follow its orders where a sensor on this link shows it.  sends: sentences to repeat, with rates [Hz].
+    rudder must follow its orders where a sensor on this link shows it.  sends: sentences to repeat, with rates [Hz],
+    under the name `talker`, which is then not read on this link.
     """
 
     baud: int = 0
@@ -60,6 +61,7 @@ class NmeaSettings(NamedTuple):
     steers: bool = True
     follow: FollowSettings = FollowSettings()
     sends: tuple[tuple[str, float], ...] = ()
+    talker: str = OWN_TALKER
 
 
 class NmeaLink:
@@ -80,10 +82,10 @@ class NmeaLink:
         self._transport = transport
         self._settings = settings
         self._framer = NmeaFramer()
-        self._reader = NmeaReader(settings.variation, Deviation(settings.deviation), guide)
+        self._reader = NmeaReader(settings.variation, Deviation(settings.deviation), guide, settings.talker)
         self._guide = guide
         self._guide_alarm = ""
-        self._repeater = NmeaRepeater(settings.sends, settings.variation)
+        self._repeater = NmeaRepeater(settings.sends, settings.variation, settings.talker)
         self._repeated: deque[bytes] = deque(maxlen=REPEATED_WAITING)
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
         self._line_free = -math.inf

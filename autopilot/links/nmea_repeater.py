@@ -25,20 +25,26 @@ Sentences = Callable[[Tick], list[bytes]]
 
 
 class NmeaRepeater:
-    """Gives the sentences whose turn has come. `sends`: (type, rate [Hz]); variation [rad]: None where unknown."""
+    """Gives the sentences whose turn has come. `sends`: (type, rate [Hz]); variation [rad]: None where unknown.
 
-    def __init__(self, sends: tuple[tuple[str, float], ...], variation: float | None = None) -> None:
+    talker: the two letters that begin each sentence.
+    """
+
+    def __init__(
+        self, sends: tuple[tuple[str, float], ...], variation: float | None = None, talker: str = TALKER
+    ) -> None:
+        self._talker = talker
         self._period = {name: 1.0 / rate for name, rate in sends}
         self._due = dict.fromkeys(self._period, -math.inf)
         self._variation = variation
         self._rudder: RudderSample | None = None
         self._roll: RollSample | None = None
         self._make: dict[str, Sentences] = {
-            "HDT": lambda tick: [encode_hdt(tick.state.heading, TALKER)],
+            "HDT": lambda tick: [encode_hdt(tick.state.heading, talker)],
             "HDG": self._hdg,
-            "ROT": lambda tick: [encode_rot(tick.state.rate, True, TALKER)],
+            "ROT": lambda tick: [encode_rot(tick.state.rate, True, talker)],
             "RSA": self._rsa,
-            "HTD": lambda tick: [heading_control(tick)],
+            "HTD": lambda tick: [heading_control(tick, talker)],
             "XDR": self._xdr,
         }
 
@@ -62,21 +68,21 @@ class NmeaRepeater:
     def _hdg(self, tick: Tick) -> list[bytes]:
         if self._variation is None:
             return []
-        return [encode_hdg(tick.state.heading - self._variation, 0.0, self._variation, TALKER)]
+        return [encode_hdg(tick.state.heading - self._variation, 0.0, self._variation, self._talker)]
 
     def _rsa(self, tick: Tick) -> list[bytes]:
         rudder = self._rudder
         is_fresh = rudder is not None and tick.now - rudder.time <= FRESH_S
-        return [encode_rsa(rudder.angle if rudder is not None else 0.0, is_fresh, talker=TALKER)]
+        return [encode_rsa(rudder.angle if rudder is not None else 0.0, is_fresh, talker=self._talker)]
 
     def _xdr(self, tick: Tick) -> list[bytes]:
         fields = [*_angle(tick.command.angle, "RUDDER_ORDER"), *_angle(tick.state.bias, "RUDDER_BIAS")]
         if self._roll is not None and tick.now - self._roll.time <= FRESH_S:
             fields += _angle(self._roll.roll, "ROLL")
-        return [format_sentence(TALKER, "XDR", fields)]
+        return [format_sentence(self._talker, "XDR", fields)]
 
 
-def heading_control(tick: Tick) -> bytes:
+def heading_control(tick: Tick, talker: str = TALKER) -> bytes:
     """Return HTD: what is steered, how, and whether the boat is on it. Standby says manual steering."""
     engaged = tick.mode is Mode.ENGAGED
     heads = engaged and tick.order.kind is OrderKind.HEADING
@@ -98,7 +104,7 @@ def heading_control(tick: Tick) -> bytes:
         "V",
         _compass(tick.state.heading),
     ]
-    return format_sentence(TALKER, "HTD", fields)
+    return format_sentence(talker, "HTD", fields)
 
 
 def _angle(angle: float, name: str) -> tuple[str, str, str, str]:

@@ -88,8 +88,13 @@ class NmeaReader:
     """
 
     def __init__(
-        self, variation: float | None = None, deviation: Deviation | None = None, guide: PlotterGuide | None = None
+        self,
+        variation: float | None = None,
+        deviation: Deviation | None = None,
+        guide: PlotterGuide | None = None,
+        talker: str = OWN_TALKER,
     ) -> None:
+        self._ours = (OWN_TALKER, talker)
         self.malformed = 0
         self.ignored = 0
         self.invalid = 0
@@ -116,7 +121,7 @@ class NmeaReader:
         """Return the sample in `sentence`, measured at `time` [s]; None where it holds none. Never raises."""
         reader = self._readers.get(sentence.type)
         is_plotter = reader is None and sentence.type in self._plotter.readers and self._guide is not None
-        if (reader is None and not is_plotter) or sentence.talker == OWN_TALKER:
+        if (reader is None and not is_plotter) or sentence.talker in self._ours:
             self.ignored += 1
             return None
         try:

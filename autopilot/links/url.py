@@ -53,7 +53,7 @@ SCHEMES: dict[str, tuple[Protocol, Medium]] = {
     "maestro": ("maestro", "serial"),
     "n2k": ("n2k", "can"),
 }
-OPTIONS: dict[Protocol, tuple[str, ...]] = {"nmea": ("steer", "send"), "n2k": ("steer",)}
+OPTIONS: dict[Protocol, tuple[str, ...]] = {"nmea": ("steer", "send", "talker"), "n2k": ("steer",)}
 """What may stand behind the `?`, by what is spoken; nothing elsewhere."""
 BAUD_MIN, BAUD_MAX = 300, 4_000_000
 

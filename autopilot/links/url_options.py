@@ -13,10 +13,14 @@ DEFAULT_RATE = 1.0
 
 
 class UrlOptions(NamedTuple):
-    """steers: whether rudder orders leave on this link.  sends: sentence type and rate [Hz] of what is repeated."""
+    """steers: whether rudder orders leave on this link.  sends: sentence type and rate [Hz] of what is repeated.
+
+    talker: the two letters before the type of what is repeated.
+    """
 
     steers: bool = True
     sends: tuple[tuple[str, float], ...] = ()
+    talker: str = "AG"
 
 
 def parse_options(text: str, query: str, allowed: tuple[str, ...]) -> UrlOptions:
@@ -33,6 +37,10 @@ def parse_options(text: str, query: str, allowed: tuple[str, ...]) -> UrlOptions
             if value not in ("yes", "no"):
                 raise LinkError(f"link {text!r}: steer is {value!r}; write steer=yes or steer=no")
             options = options._replace(steers=value == "yes")
+        elif name == "talker":
+            if not (len(value) == 2 and value.isascii() and value.isalpha() and value.isupper()):
+                raise LinkError(f"link {text!r}: talker is {value!r}; write two capital letters, such as talker=II")
+            options = options._replace(talker=value)
         else:
             options = options._replace(sends=_sends(text, value))
     return options

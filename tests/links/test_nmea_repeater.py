@@ -10,11 +10,13 @@ import pynmea2
 import pytest
 
 from autopilot.build import LinkOptions, build_link
+from autopilot.links.nmea0183 import format_sentence
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.nmea_repeater import NmeaRepeater
 from autopilot.links.transports import loopback_pair
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (
+    HelmSample,
     Mode,
     NavState,
     Order,
@@ -121,6 +123,22 @@ def test_a_slow_line_carries_the_rudder_order_first() -> None:
     orders = sum(line.startswith("$AGROR") for line in got)
     assert orders >= 60, "several orders a second on a line that cannot carry all"
     assert any(line.startswith("$AGHTD") for line in got)
+
+
+def test_another_talker_is_sent_and_not_read_back_on_the_same_link() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(sends=tuple((name, 1.0) for name, _ in ALL), talker="II", variation=0.1))
+    link.show(tick(0.0, (RudderSample(0.0, 0.1, True, "x"),)))
+    for step in range(20):
+        link.keep(0.1 * step)
+    sent = far.receive()
+    said_as = {line[1:3] for line in b"".join(sent).decode().split() if line[3:6] != "ROR"}
+    assert said_as == {"II"} and len(sent) >= len(ALL)
+    for data in sent:
+        far.send(data)
+    assert [sample for sample in link.receive(3.0) if not isinstance(sample, HelmSample)] == []
+    far.send(format_sentence("HE", "HDT", ("90.0", "T")))
+    assert [type(sample).__name__ for sample in link.receive(4.0)] == ["HeadingSample"]
 
 
 def test_a_url_says_what_is_sent() -> None:
