@@ -17,7 +17,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from autopilot.identification.identify import Identified, identify
+from autopilot.identification.identified import Identified
+from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run
 from autopilot.loop.recordings import load_run
 

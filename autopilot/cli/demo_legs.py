@@ -22,7 +22,8 @@ from autopilot.build import TRIAL_LAW, LinkOptions, build_links, build_pilot, mo
 from autopilot.cli.gains import designed
 from autopilot.cli.trial_script import Step, TrialScript, heading, turning, zigzag
 from autopilot.errors import RefusedError
-from autopilot.identification.identify import Identified, identify
+from autopilot.identification.identified import Identified
+from autopilot.identification.identify import identify
 from autopilot.links.base import LinkError
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.measures import TurnMeasures, heading_rms, travel_rate, turn_measures

@@ -10,7 +10,7 @@ from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
     from autopilot.cli.identify_report import Result
-    from autopilot.identification.identify import SteadyTurns
+    from autopilot.identification.identified import SteadyTurns
     from autopilot.identification.runs import Run
 
 DESCRIPTION = """\
@@ -51,6 +51,13 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--forgetting", type=float, default=1.0, metavar="F", help="forgetting of recursive least squares (default 1)"
+    )
+    parser.add_argument(
+        "--fit-rudder",
+        default="",
+        metavar="LIST",
+        help="also fit what lies between the recorded rudder and the boat: delay,lag,lead,dead-band; "
+        "lag,lead together make Nomoto's second order",
     )
     parser.add_argument("--reference-speed-m-s", type=float, metavar="U", help="default: mean speed of the LOGs")
     parser.add_argument("--course-unstable", action="store_true", help="n1 = -1: the boat will not go straight")
@@ -133,7 +140,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _steady_turns(path: str) -> SteadyTurns:
-    from autopilot.identification.identify import SteadyTurns
+    from autopilot.identification.identified import SteadyTurns
     from autopilot.loop.csv_log import STEADY_TURN_NEEDS, read_csv
 
     table = read_csv(path, None, STEADY_TURN_NEEDS)
@@ -158,14 +165,30 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
             steady_turns=steady,
             gain=arguments.gain_1_s,
             forgetting=arguments.forgetting,
+            rudder_train=_rudder_train(arguments),
             progress=bar.show,
         )
         found = method.identify(fitted, question)
     stage_one = nomoto_stage(fitted, found.model.reference_speed)
     predictions = [(run, "fit", found.foretell(run)) for run in fitted]
     predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
-    tests = residual_tests(fitted, found.model, found.around)
+    tests = residual_tests(fitted, found.model, found.around, found.train)
     return Result(arguments.model, found, stage_one, predictions, tests)
+
+
+def _rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the fields of RudderTrain that are asked for. Raises InputError."""
+    from autopilot.identification.rudder_path import RudderTrain
+
+    names = tuple(part.strip().replace("-", "_") for part in arguments.fit_rudder.split(",") if part.strip())
+    unknown = [name for name in names if name not in RudderTrain._fields]
+    if unknown:
+        raise InputError(f"--fit-rudder {unknown[0].replace('_', '-')}: write some of delay,lag,lead,dead-band.")
+    if names and (arguments.method != "output-error" or arguments.model == "nomoto" or arguments.course_unstable):
+        raise InputError("--fit-rudder goes with --method output-error and --model norrbin, without --course-unstable.")
+    if names and arguments.steady_turns:
+        raise InputError("--fit-rudder and --steady-turns exclude each other: turns tell nothing of a lag.")
+    return names
 
 
 def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyTurns | None) -> None:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from autopilot.identification.identify import Identified, SteadyTurns
+from autopilot.identification.identified import Identified, SteadyTurns
 from autopilot.identification.prediction import Prediction
 from autopilot.identification.residual_tests import ResidualTest
 from autopilot.identification.runs import Run
@@ -41,6 +41,14 @@ AROUND = (
     Quantity("c_wind_2", "wind_quarter", "rad/m^2", "deg/m^2", DEG),
 )
 """What propeller and wind add, where the recordings show it."""
+
+TRAIN = (
+    Quantity("rudder_dead_band", "dead_band", "rad", "deg", DEG),
+    Quantity("rudder_delay", "delay", "s", "s", 1.0),
+    Quantity("rudder_lag", "lag", "s", "s", 1.0),
+    Quantity("rudder_lead", "lead", "s", "s", 1.0),
+)
+"""What lies between the recorded rudder and the boat, where it was asked for and shows."""
 
 
 class Result(NamedTuple):
@@ -83,6 +91,7 @@ def _quantities(found: Identified) -> list[tuple[Quantity, float]]:
     pairs = [(quantity, float(getattr(found.model, quantity.name))) for quantity in QUANTITIES]
     if found.around is not None:
         pairs += [(quantity, float(getattr(found.around, quantity.name))) for quantity in AROUND]
+    pairs += [(q, float(getattr(found.train, q.name))) for q in TRAIN if getattr(found.train, q.name) != 0.0]
     return pairs
 
 

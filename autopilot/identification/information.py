@@ -18,6 +18,7 @@ import numpy as np
 from autopilot.guidance.trials import zigzag_side
 from autopilot.identification.output_error import fit_steps
 from autopilot.identification.residuals import Problem, initial_state, typical_rate, units
+from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
 from autopilot.models.race_and_wind import RaceAndWind
@@ -43,18 +44,19 @@ def cramer_rao(
     free: tuple[str, ...],
     noise: InstrumentNoise,
     around: RaceAndWind | None = None,
+    train: RudderTrain = DIRECT,
 ) -> dict[str, float]:
     """Return the least standard error that an unbiased estimate from `runs` can have, by parameter in `free`.
 
-    free: of gain [1/s], time_constant [s], n3 [s^2/rad^2], n0 [rad/s] and those of propeller and wind; all of them
-    unknown together. inf where the runs do not tell a parameter. What was measured does not count, only what rudder,
-    speed and times say.
+    free: of gain [1/s], time_constant [s], n3 [s^2/rad^2], n0 [rad/s] and those of propeller, wind and the rudder's
+    train; all of them unknown together. inf where the runs do not tell a parameter. What was measured does not count,
+    only what rudder, speed and times say.
     """
     segments = tuple(segment for run in runs for segment in run.segments)
     scale = typical_rate(segments)
     around = around or RaceAndWind()
     steps = fit_steps(segments, model, scale)
-    problem = Problem(segments, steps, model, around, free, scale, units(model, around, scale, segments))
+    problem = Problem(segments, steps, model, around, free, scale, units(model, around, scale, segments), train)
     z = problem.vector([initial_state(segment) for segment in segments])
     weight = np.array([1.0 / noise.rate, 1.0 / noise.heading])
     total = np.zeros((len(free), len(free)))

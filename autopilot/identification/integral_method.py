@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.identify import LARGEST_RELATIVE_ERROR, Convergence, Identified, sources_of
+from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified
+from autopilot.identification.identify import sources_of
 from autopilot.identification.integral_fit import NAMES, FitSettings, IntegralFit, window_length
 from autopilot.identification.integral_recursion import Recursion, RecursionSettings, recursion_step
 from autopilot.identification.integral_window import BLOCKS, IntegralWindow

@@ -5,16 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
-from autopilot.identification.identify import (
-    Convergence,
-    Identified,
-    ModelKind,
-    Progress,
-    SteadyTurns,
-    check_excitation,
-    check_response,
-    mean_speed,
-)
+from autopilot.identification.identified import Convergence, Identified, ModelKind, Progress, SteadyTurns
+from autopilot.identification.identify import check_excitation, check_response, mean_speed
 from autopilot.identification.noise import residual_noise
 from autopilot.identification.prediction import simulate_run
 from autopilot.identification.runs import Run
@@ -35,7 +27,7 @@ class Question(NamedTuple):
     kind: with n3 or without.  reference_speed [m/s]: where the parameters are stated, None for the runs' mean speed.
     course_unstable: n1 = -1.  steady_turns, gain [1/s]: for methods that take n3 from steady turns.  start: where a
     recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
-    progress: told how far it is.
+    rudder_train: names of RudderTrain to be fitted too, by methods that can. progress: told how far it is.
     """
 
     kind: ModelKind = "norrbin"
@@ -45,6 +37,7 @@ class Question(NamedTuple):
     gain: float | None = None
     start: Norrbin | None = None
     forgetting: float = 1.0
+    rudder_train: tuple[str, ...] = ()
     progress: Progress = _silent
 
 

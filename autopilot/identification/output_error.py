@@ -24,6 +24,7 @@ from scipy.optimize import least_squares
 
 from autopilot.identification.noise import Noise, residual_noise, robust_covariance
 from autopilot.identification.residuals import Problem, initial_state, triangle, typical_rate, units
+from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.simulation import Forcing, forcing
 from autopilot.models.norrbin import Norrbin
@@ -37,7 +38,7 @@ movement and the motion between two samples, is otherwise known only roughly."""
 LARGE_TURN = 2.0
 """Cubic damping shortens the memory in a turn; it is reckoned with at this many times the typical rate."""
 
-NOT_NEGATIVE = ("n3", "race")
+NOT_NEGATIVE = ("n3", "race", "dead_band", "delay", "lag")
 AT_BOUND = 1.0e-4
 """A scaled parameter below this has ended at its bound 0."""
 
@@ -53,7 +54,8 @@ class Solution(NamedTuple):
 
     around: what propeller and wind add. covariance: of the free parameters in their own units, shape (F, F).
     noise: of rate and heading residuals.
-    at_bound: those of n3 and race that were fitted and ended at their bound 0.
+    at_bound: those that cannot be negative, were fitted, and ended at their bound 0. train: the way from the recorded
+    rudder to the water.
     """
 
     model: Norrbin
@@ -62,6 +64,7 @@ class Solution(NamedTuple):
     covariance: FloatArray
     noise: tuple[Noise, Noise]
     at_bound: tuple[str, ...]
+    train: RudderTrain = DIRECT
 
     def standard_error(self, name: str) -> float | None:
         """Return the standard error of a parameter, None where it was not fitted."""
@@ -78,6 +81,7 @@ def solve(
     after_round: Callable[[], None] = lambda: None,
     rounds: int = NOISE_ROUNDS,
     around: RaceAndWind | None = None,
+    train: RudderTrain = DIRECT,
 ) -> Solution:
     """Return the best model near `start` and `around` with the parameters `free` of them fitted.
 
@@ -90,9 +94,14 @@ def solve(
     noise: tuple[Noise, Noise] | None = None
     for _ in range(rounds):
         steps = fit_steps(segments, base, scale)
-        problem = Problem(segments, steps, base, around, free, scale, units(base, around, scale, segments))
+        problem = Problem(segments, steps, base, around, free, scale, units(base, around, scale, segments), train)
         z = _minimise(problem, problem.vector(states), noise or _noise(problem, problem.vector(states)))
-        base, around, states = problem.model(z), problem.race_and_wind(z), problem.states(z)
+        base, around, train, states = (
+            problem.model(z),
+            problem.race_and_wind(z),
+            problem.rudder_train(z),
+            problem.states(z),
+        )
         before, noise = noise, _noise(problem, z)
         after_round()
         if before is not None and _settled(before, noise):
@@ -191,4 +200,5 @@ def _solution(problem: Problem, z: FloatArray) -> Solution:
     at_bound = tuple(
         name for name, value in zip(problem.free, z, strict=False) if name in NOT_NEGATIVE and value < AT_BOUND
     )
-    return Solution(model, problem.race_and_wind(z), problem.free, covariance, noise, at_bound)
+    train = problem.rudder_train(z)
+    return Solution(model, problem.race_and_wind(z), problem.free, covariance, noise, at_bound, train)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from autopilot.identification.identify import Identified, identify
+from autopilot.identification.identified import Identified
+from autopilot.identification.identify import identify
 from autopilot.identification.methods import Question
 from autopilot.identification.runs import Run
 
@@ -24,5 +25,6 @@ class OutputErrorMethod:
             steady_turns=question.steady_turns,
             gain=question.gain,
             course_unstable=question.course_unstable,
+            rudder_train=question.rudder_train,
             progress=question.progress,
         )

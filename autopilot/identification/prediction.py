@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.identification.residuals import initial_state
+from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, seconds
-from autopilot.identification.simulation import at_samples, forcing, simulate
+from autopilot.identification.simulation import at_samples, forcing, rudder_behind, simulate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
@@ -25,13 +26,13 @@ class Prediction(NamedTuple):
     heading_rms: float | None
 
 
-def predict(model: Norrbin, run: Run, around: RaceAndWind | None = None) -> Prediction:
-    """Return how well `model`, with what propeller and wind add where given, foretells the run.
+def predict(model: Norrbin, run: Run, around: RaceAndWind | None = None, train: RudderTrain = DIRECT) -> Prediction:
+    """Return how well `model`, with what propeller and wind add where given and behind `train`, foretells the run.
 
     It starts each segment from the first measured heading and rate and sees nothing but rudder and speed, propeller
     and wind afterwards; only a gap in the recording starts it anew.
     """
-    simulated = simulate_run(model, run, around)
+    simulated = simulate_run(model, run, around, train)
     rate = np.concatenate([segment.rate for segment in run.segments])
     heading = np.concatenate([segment.heading for segment in run.segments])
     rate_error = np.concatenate([values[:, 0] for values in simulated]) - rate
@@ -39,10 +40,13 @@ def predict(model: Norrbin, run: Run, around: RaceAndWind | None = None) -> Pred
     return Prediction(seconds(run), _r2(rate, rate_error), _rms(heading_error))
 
 
-def simulate_run(model: Norrbin, run: Run, around: RaceAndWind | None = None) -> list[FloatArray]:
+def simulate_run(
+    model: Norrbin, run: Run, around: RaceAndWind | None = None, train: RudderTrain = DIRECT
+) -> list[FloatArray]:
     """Return per segment the simulated rate [rad/s] and heading [rad, unwrapped] at its samples: shape (N, 2)."""
     longest = min(model.time_constant / STEPS_PER_TIME_CONSTANT, LONGEST_STEP_S)
     steps = forcing(run.segments, longest)
+    steps = steps._replace(rudder=rudder_behind(train, steps))
     states = [initial_state(segment) for segment in run.segments]
     motion = simulate(model, steps, np.array([rate for rate, _ in states]), around)
     return [

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from autopilot.identification.prediction import simulate_run
+from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
@@ -65,16 +66,19 @@ class ResidualTest(NamedTuple):
         if self.follows_rudder:
             said.append(
                 f"They follow the rudder of {self.rudder_lag:.3g} s before (correlation {self.rudder:+.2f}, chance "
-                f"gives {self.by_chance:.2f}): the model misses part of what the rudder does; look at the rudder's lag "
-                "and calibration, at the speed column, and add propeller and wind where they are recorded."
+                f"gives {self.by_chance:.2f}): the model misses part of what the rudder does; look at the rudder's "
+                "calibration and the speed column, fit its lag (--fit-rudder lag,delay), and add propeller and wind "
+                "where they are recorded."
             )
         return said
 
 
-def residual_tests(runs: Sequence[Run], model: Norrbin, around: RaceAndWind | None = None) -> list[ResidualTest]:
+def residual_tests(
+    runs: Sequence[Run], model: Norrbin, around: RaceAndWind | None = None, train: RudderTrain = DIRECT
+) -> list[ResidualTest]:
     """Return the tests of yaw rate and heading, of those that were measured, over all runs together."""
     segments = [segment for run in runs for segment in run.segments]
-    simulated = [values for run in runs for values in simulate_run(model, run, around)]
+    simulated = [values for run in runs for values in simulate_run(model, run, around, train)]
     spacing = float(np.median(np.concatenate([np.diff(segment.time) for segment in segments])))
     result = []
     for column, signal in enumerate(("yaw rate", "heading")):

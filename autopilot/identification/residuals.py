@@ -13,8 +13,9 @@ from typing import cast
 import numpy as np
 
 from autopilot.identification.noise import Noise, instrument_noise
+from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
-from autopilot.identification.simulation import Forcing, at_samples, simulate, slopes
+from autopilot.identification.simulation import Forcing, at_samples, rudder_behind, simulate, slopes
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
@@ -22,6 +23,9 @@ DIFFERENCE_STEP = 1.0e-6
 """Step of the finite differences in the scaled vector."""
 
 BLOCK_ROWS = 512
+
+TYPICAL_DEAD_BAND = 0.02
+"""A play of the steering gear [rad] that one would notice."""
 
 LOGARITHMIC = ("gain", "time_constant")
 
@@ -40,6 +44,7 @@ class Problem:
     free: tuple[str, ...]
     typical_rate: float
     units: dict[str, float]
+    train: RudderTrain = DIRECT
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
     """The latest response by its vector: minimiser, noise and standard errors ask for the same one in turn."""
     latest: dict[str, FloatArray] = field(default_factory=dict, repr=False)
@@ -53,6 +58,10 @@ class Problem:
         """Return what the vector says of propeller and wind."""
         return self.around._replace(**self._values(z, RaceAndWind._fields))
 
+    def rudder_train(self, z: FloatArray) -> RudderTrain:
+        """Return what the vector says of the way from the recorded rudder to the water."""
+        return self.train._replace(**self._values(z, RudderTrain._fields))
+
     def _values(self, z: FloatArray, names: tuple[str, ...]) -> dict[str, float]:
         return {name: self._unscaled(name, float(z[i])) for i, name in enumerate(self.free) if name in names}
 
@@ -62,7 +71,8 @@ class Problem:
         return z * self.units[name]
 
     def _scaled(self, name: str) -> float:
-        value = float(getattr(self.base if name in Norrbin._fields else self.around, name))
+        held = next(part for part in (self.base, self.around, self.train) if name in part._fields)
+        value = float(getattr(held, name))
         return float(np.log(value)) if name in LOGARITHMIC else value / self.units[name]
 
     def parameter_scale(self, z: FloatArray) -> FloatArray:
@@ -94,14 +104,21 @@ class Problem:
         counts = any(name in RaceAndWind._fields for name in self.free) or self.around != RaceAndWind()
         return self.race_and_wind(z) if counts else None
 
+    def _rudder(self, z: FloatArray) -> FloatArray:
+        return rudder_behind(self.rudder_train(z), self.forcing)
+
     def _simulated(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         F, S = len(self.free), len(self.segments)
         moved = [z + DIFFERENCE_STEP * direction for direction in np.eye(F, z.size)]
         model, around = self.model(z), self._around(z)
-        motion = simulate(model, self.forcing, z[F : F + S] * self.typical_rate, around, self.latest.get("rate"))
+        driven = self.forcing._replace(rudder=self._rudder(z))
+        motion = simulate(model, driven, z[F : F + S] * self.typical_rate, around, self.latest.get("rate"))
         self.latest["rate"] = motion.rate
-        shifted = [(self.model(vector), self._around(vector)) for vector in moved]
-        derivatives = slopes(model, self.forcing, motion, shifted, DIFFERENCE_STEP, around)
+        shifted = [
+            (self.model(v), self._around(v), self._rudder(v) if name in RudderTrain._fields else driven.rudder)
+            for name, v in zip(self.free, moved, strict=True)
+        ]
+        derivatives = slopes(model, driven, motion, shifted, DIFFERENCE_STEP, around)
         result = []
         for s, segment in enumerate(self.segments):
             slope = np.zeros((segment.time.size, 2, F + 2))
@@ -147,6 +164,10 @@ def units(base: Norrbin, around: RaceAndWind, rate: float, segments: Sequence[Se
         "race": (base.reference_speed / max(around.reference_propeller, 1.0e-6)) ** 2,
         "wind_beam": acceleration / wind,
         "wind_quarter": acceleration / wind,
+        "dead_band": TYPICAL_DEAD_BAND,
+        "delay": base.time_constant,
+        "lag": base.time_constant,
+        "lead": base.time_constant,
     }
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtbsv
 
-from autopilot.identification.rudder_path import corners
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, corners
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, wind_acceleration
@@ -54,7 +54,8 @@ class Forcing(NamedTuple):
     step [s], shape (M,); begin: the node at which each step begins, shape (M,), its end is the next node; first:
     the node at which each segment begins, shape (S,). rudder [rad] and speed [m/s], shape (3, M), at the beginning,
     middle and end of each step, as are propeller [1/s], beam_wind and quarter_wind [m^2/s^2], 0 where the recording
-    has none. samples: per segment, at which nodes its samples lie.
+    has none. samples: per segment, at which nodes its samples lie. moments [s]: per segment its steps' beginnings,
+    middles and ends, shape (3, its steps); paths: per segment time [s] and angle [rad] of the recorded rudder.
     """
 
     step: FloatArray
@@ -66,6 +67,8 @@ class Forcing(NamedTuple):
     beam_wind: FloatArray
     quarter_wind: FloatArray
     samples: tuple[SamplePlaces, ...]
+    moments: tuple[FloatArray, ...]
+    paths: tuple[tuple[FloatArray, FloatArray], ...]
 
 
 class Trajectory(NamedTuple):
@@ -89,10 +92,10 @@ def forcing(segments: Sequence[Segment], longest_step: float, together: float | 
     ]
     first = np.cumsum([0, *(times.size for times in knots[:-1])])
     begin = np.concatenate([start + np.arange(times.size - 1) for start, times in zip(first, knots, strict=True)])
-    moments = [np.stack([t[:-1], 0.5 * (t[:-1] + t[1:]), t[1:]]) for t in knots]
-    rudders = [_with_corners(segment, turn) for segment, turn in zip(segments, turns, strict=True)]
+    moments = tuple(np.stack([t[:-1], 0.5 * (t[:-1] + t[1:]), t[1:]]) for t in knots)
+    paths = tuple(_with_corners(segment, turn) for segment, turn in zip(segments, turns, strict=True))
     driven = {
-        "rudder": np.concatenate([np.interp(m, *path) for m, path in zip(moments, rudders, strict=True)], axis=1)
+        "rudder": np.concatenate([np.interp(m, *path) for m, path in zip(moments, paths, strict=True)], axis=1)
     } | {
         name: np.concatenate(
             [_recorded(segment, name, times) for segment, times in zip(segments, moments, strict=True)], axis=1
@@ -102,7 +105,20 @@ def forcing(segments: Sequence[Segment], longest_step: float, together: float | 
     samples = tuple(
         _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
     )
-    return Forcing(np.concatenate([np.diff(times) for times in knots]), begin, first, **driven, samples=samples)
+    step = np.concatenate([np.diff(times) for times in knots])
+    return Forcing(step, begin, first, **driven, samples=samples, moments=moments, paths=paths)
+
+
+def rudder_behind(train: RudderTrain, forcing: Forcing) -> FloatArray:
+    """Return what the recorded rudder [rad] has become behind `train`, shape (3, M) as in Forcing."""
+    if train == DIRECT:
+        return forcing.rudder
+    parts = []
+    for moments, (time, angle) in zip(forcing.moments, forcing.paths, strict=True):
+        in_order = np.append(moments[:2].T.ravel(), moments[2, -1])
+        there = behind_train(train, time, angle, in_order)
+        parts.append(np.stack([there[:-1:2], there[1::2], there[2::2]]))
+    return np.concatenate(parts, axis=1)
 
 
 def _with_corners(segment: Segment, turns: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -161,13 +177,13 @@ def slopes(
     model: Norrbin,
     forcing: Forcing,
     motion: Trajectory,
-    shifted: Sequence[tuple[Norrbin, RaceAndWind | None]],
+    shifted: Sequence[tuple[Norrbin, RaceAndWind | None, FloatArray]],
     by: float,
     around: RaceAndWind | None = None,
 ) -> list[Trajectory]:
     """Return the derivatives of `motion` by each parameter that was shifted, and last by the initial rates.
 
-    shifted: model and surroundings with one parameter moved, `by` that much in the unit the derivative is wanted in.
+    shifted: model, surroundings and rudder with one parameter moved, `by` that much in the derivative's unit.
     Differences are taken within each step and carried on by the linearised recurrence: exact but for rounding, however
     long the record is.
     """
@@ -178,8 +194,8 @@ def slopes(
     beside, advance_beside = _runge_kutta(drive, start + probe)
     memory, turning = (beside - ahead) / probe, (advance_beside - advance) / probe
     result = []
-    for other, beside_it in shifted:
-        moved, moved_advance = _runge_kutta(_drive(other, forcing, beside_it), start)
+    for other, beside_it, rudder in shifted:
+        moved, moved_advance = _runge_kutta(_drive(other, forcing._replace(rudder=rudder), beside_it), start)
         rate = _finite(_recurrence(memory, (moved - ahead) / by, np.zeros(forcing.first.size), forcing))
         result.append(_derivative(rate, (moved_advance - advance) / by + turning * rate[forcing.begin], forcing))
     rate = _finite(_recurrence(memory, np.zeros(start.size), np.ones(forcing.first.size), forcing))

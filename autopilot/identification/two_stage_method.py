@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from autopilot.errors import InputError
-from autopilot.identification.identify import Identified, sources_of, steady_damping
+from autopilot.identification.identified import Identified
+from autopilot.identification.identify import sources_of, steady_damping
 from autopilot.identification.methods import Question, begin, identified_as
 from autopilot.identification.runs import Run
 from autopilot.identification.two_stage import nomoto_stage

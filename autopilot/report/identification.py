@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot import __version__
-from autopilot.identification.identify import Convergence, Identified, SteadyTurns
+from autopilot.identification.identified import Convergence, Identified, SteadyTurns
 from autopilot.identification.information import InstrumentNoise, cramer_rao
 from autopilot.identification.prediction import Prediction
 from autopilot.identification.residual_tests import ResidualTest
+from autopilot.identification.rudder_path import RudderTrain
 from autopilot.identification.runs import FloatArray, Run
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.report.figures import Line, Panel, time_figure
@@ -27,6 +28,10 @@ SYMBOLS = {
     "race": ("c (race)", "m²"),
     "wind_beam": ("c1 (wind)", "rad/m²"),
     "wind_quarter": ("c2 (wind)", "rad/m²"),
+    "dead_band": ("rudder dead band", "rad"),
+    "delay": ("rudder delay", "s"),
+    "lag": ("rudder lag", "s"),
+    "lead": ("rudder lead", "s"),
 }
 SURE_OF_IT = 1.96
 """Standard errors to either side that hold the truth in 95 of 100 cases."""
@@ -86,6 +91,8 @@ def _parameters(findings: Findings) -> list[tuple[str, ...]]:
 def _value(found: Identified, name: str) -> float | None:
     if name in Norrbin._fields:
         return float(getattr(found.model, name))
+    if name in RudderTrain._fields:
+        return float(getattr(found.train, name)) or None
     return None if found.around is None else float(getattr(found.around, name))
 
 
@@ -94,7 +101,7 @@ def _bound(findings: Findings) -> dict[str, float]:
     free = found.free or ("gain", "time_constant", "n0", *(("n3",) if found.model.n3 > 0.0 else ()))
     rate, heading = (noise.size if noise.size > 0.0 else math.inf for noise in found.noise)
     runs = [run for run, role, _ in findings.runs if role == "fit"]
-    return cramer_rao(runs, found.model, free, InstrumentNoise(rate, heading), found.around)
+    return cramer_rao(runs, found.model, free, InstrumentNoise(rate, heading), found.around, found.train)
 
 
 def _told(findings: Findings) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import pytest
 
 from autopilot.cli.demo_legs import DemoResult, Hold
 from autopilot.cli.demo_table import as_json, as_text
-from autopilot.identification.identify import Identified
+from autopilot.identification.identified import Identified
 from autopilot.identification.noise import Noise
 from autopilot.loop.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
 from autopilot.models.norrbin import Norrbin

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.identification.identify import Identified
+from autopilot.identification.identified import Identified
 from autopilot.identification.methods import PARAMETERS, Method, Question
 from autopilot.identification.registry import METHODS, NAMES, method_named
 from autopilot.identification.runs import FloatArray, Run, run_from_columns

@@ -11,7 +11,7 @@ from zigzag_trials import run_of, zigzag
 
 from autopilot.cli.identify_report import Result, as_text
 from autopilot.cli.identify_vessel import ASSUMED_RATE_DEG_S, recorded_rudder_rate, write_vessel
-from autopilot.identification.identify import Identified
+from autopilot.identification.identified import Identified
 from autopilot.identification.noise import Noise
 from autopilot.identification.prediction import predict
 from autopilot.models.norrbin import Norrbin

@@ -7,7 +7,8 @@ import pytest
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
 from autopilot.errors import InputError
-from autopilot.identification.identify import SteadyTurns, identify, mean_speed
+from autopilot.identification.identified import SteadyTurns
+from autopilot.identification.identify import identify, mean_speed
 from autopilot.identification.prediction import predict
 from autopilot.identification.simulation import at_samples, forcing, simulate
 from autopilot.identification.two_stage import cubic_damping_stage, nomoto_stage

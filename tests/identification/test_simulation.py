@@ -68,7 +68,7 @@ def test_a_model_that_runs_away_is_held_inside_the_bound() -> None:
     assert np.isfinite(away.turned).all()
     assert float(np.max(np.abs(away.rate))) == simulation.RATE_BOUND_RAD_S
     model = Norrbin(1.0, 0.5, n1=-1.0, reference_speed=5.0)
-    for derivative in slopes(model, steps, away, [(model._replace(gain=1.000001), None)], 1.0e-6):
+    for derivative in slopes(model, steps, away, [(model._replace(gain=1.000001), None, steps.rudder)], 1.0e-6):
         assert np.isfinite(derivative.rate).all()
         assert np.isfinite(derivative.turned).all()
 
@@ -83,7 +83,7 @@ def test_the_derivatives_are_those_of_whole_simulations(around: RaceAndWind | No
     start = np.array([0.05, -0.1])
     motion = simulate(TRUTH, steps, start, around)
     shifted = [TRUTH._replace(**{name: getattr(TRUTH, name) + by}) for name in ("gain", "time_constant", "n3", "n0")]
-    found = slopes(TRUTH, steps, motion, [(model, around) for model in shifted], by, around)
+    found = slopes(TRUTH, steps, motion, [(model, around, steps.rudder) for model in shifted], by, around)
     whole = [simulate(model, steps, start, around) for model in shifted] + [simulate(TRUTH, steps, start + by, around)]
     for derivative, other in zip(found, whole, strict=True):
         for mine, theirs, base in zip(derivative, other, motion, strict=True):

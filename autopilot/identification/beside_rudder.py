@@ -1,0 +1,154 @@
+"""What turns a boat beside the rudder as recorded: propeller, wind, and the rudder's own train; kept where it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Identified, Steps, identified_from
+from autopilot.identification.output_error import Solution, solve
+from autopilot.identification.residuals import typical_rate
+from autopilot.identification.rudder_path import DIRECT, RudderTrain
+from autopilot.identification.runs import Run, Segment, has_propeller, has_wind
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.race_and_wind import RaceAndWind
+
+CUBIC = ("gain", "time_constant", "n3", "n0")
+WIND = ("wind_beam", "wind_quarter")
+START_RACE = 0.5
+"""Where the fit of the race begins: c n0^2/U0^2."""
+START_N3 = 0.2
+"""Where the fit of n3 beside a race begins, in units of the typical rate squared."""
+WORTH_IT = 0.98
+"""Propeller and wind must take the residuals of the rate below this share of what they are without."""
+
+START_TRAIN = 0.1
+"""Where the fit of delay, lag and lead begins, as a share of T."""
+START_DEAD_BAND = 0.01
+"""Where that of the dead band begins [rad]."""
+
+
+def with_extras(runs: Sequence[Run], plain: Identified, asked: Sequence[str], steps: Steps) -> Identified:
+    """Fit propeller race and wind moment too where recorded, and what was `asked` of the rudder's train; drop what the
+    runs do not show, one after the other."""
+    names = (("race",) if has_propeller(runs) else ()) + (WIND if has_wind(runs) else ()) + tuple(asked)
+    if not names:
+        return plain
+    train = DIRECT._replace(**{name: _begin_with(name, plain.model) for name in asked})
+    start = plain.model._replace(n3=max(plain.model.n3, START_N3 / typical_rate(_segments(runs)) ** 2))
+    around = RaceAndWind(race=0.0, reference_propeller=mean_propeller(runs) if "race" in names else 0.0)
+    if "race" in names:
+        around = around._replace(race=START_RACE * (start.reference_speed / around.reference_propeller) ** 2)
+    found = solve(runs, start, (*CUBIC, *names), steps.next, around=around, train=train)
+    reasons: dict[str, str] = {}
+    while weakest := _least_shown(found, ("n3", *names)):
+        gone = WIND if weakest in WIND else (weakest,)
+        smaller = _without(runs, found, gone, steps)
+        if _says_more(found, smaller, runs):
+            # two that work in the same moments may each be uncertain and yet be needed together
+            kept = [name for name in ("n3", *names) if _is_uncertain(found, name)]
+            return _extended(found, plain, {**reasons, **{name: _told_together(name, found) for name in kept}})
+        reasons.update({name: _not_shown(name, found) for name in gone})
+        names = tuple(name for name in names if name not in gone)
+        found = smaller
+        if not names:
+            return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
+    only_around = not any(name in RudderTrain._fields for name in names)
+    if only_around and found.noise[0].size > WORTH_IT * plain.noise[0].size:
+        return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
+    return _extended(found, plain, reasons)
+
+
+def _extended(found: Solution, plain: Identified, reasons: dict[str, str]) -> Identified:
+    result = identified_from(found, reasons)
+    has_around = any(name in RaceAndWind._fields for name in found.free)
+    extras = (*(RaceAndWind._fields if has_around else ()), *RudderTrain._fields)
+    errors = {**result.standard_errors, **{name: found.standard_error(name) for name in extras}}
+    around = found.around if has_around else None
+    return result._replace(around=around, plain=plain.model, standard_errors=errors, train=found.train)
+
+
+def _without(runs: Sequence[Run], found: Solution, gone: Sequence[str], steps: Steps) -> Solution:
+    """Return the fit without the parameters `gone`."""
+    free = tuple(name for name in found.free if name not in gone)
+    around = found.around._replace(**{name: 0.0 for name in gone if name in RaceAndWind._fields})
+    train = found.train._replace(**{name: 0.0 for name in gone if name in RudderTrain._fields})
+    start = found.model._replace(n3=0.0) if "n3" in gone else found.model
+    return solve(runs, start, free, steps.next, around=around, train=train)
+
+
+def _says_more(larger: Solution, smaller: Solution, runs: Sequence[Run]) -> bool:
+    """Return whether Schwarz's information criterion favours the larger model.
+
+    N ln s^2 + k ln N (Schwarz 1978), with N the independent samples that the rate's residuals are worth by their
+    memory.
+    """
+    noise = larger.noise[0]
+    samples = sum(int(np.count_nonzero(np.isfinite(segment.rate))) for segment in _segments(runs))
+    worth = samples * (1.0 - noise.correlation) / (1.0 + noise.correlation) if samples else 0.0
+    if not worth > 1.0:
+        return False
+    gain = 2.0 * worth * float(np.log(smaller.noise[0].size / noise.size))
+    return gain > (len(larger.free) - len(smaller.free)) * float(np.log(worth))
+
+
+def _is_uncertain(solution: Solution, name: str) -> bool:
+    return name in solution.free and _relative_error(solution, name) > LARGEST_RELATIVE_ERROR
+
+
+def _told_together(name: str, solution: Solution) -> str:
+    error = solution.standard_error(name) or 0.0
+    return (
+        f"{name}: {_value(solution, name):.3g} with a standard error of {error:.2g} is kept, for without it the runs "
+        "are explained clearly worse, but it cannot be told apart from the others; trials at other speeds would."
+    )
+
+
+def _least_shown(solution: Solution, names: Sequence[str]) -> str:
+    """Return the parameter that can least be told from zero; '' where all can. The two of the wind stand together."""
+    doubt = {name: _relative_error(solution, name) for name in names if name in solution.free}
+    if WIND[0] in doubt:
+        doubt[WIND[0]] = doubt[WIND[1]] = min(doubt[name] for name in WIND)
+    weak = {name: value for name, value in doubt.items() if value > LARGEST_RELATIVE_ERROR}
+    return max(weak, key=lambda name: weak[name]) if weak else ""
+
+
+def _relative_error(solution: Solution, name: str) -> float:
+    if name in solution.at_bound:
+        return float("inf")
+    return (solution.standard_error(name) or 0.0) / max(abs(_value(solution, name)), 1.0e-300)
+
+
+def _not_shown(name: str, solution: Solution) -> str:
+    error = solution.standard_error(name) or 0.0
+    return (
+        f"{name}: {_value(solution, name):.3g} with a standard error of {error:.2g} cannot be told from 0, so it is "
+        f"held at 0; {_remedy(name)} would tell it."
+    )
+
+
+def _remedy(name: str) -> str:
+    if name in RudderTrain._fields:
+        return "trials with quick reversals, sampled well within that time,"
+    return "trials at other speeds and in stronger wind"
+
+
+def _value(solution: Solution, name: str) -> float:
+    held = next(part for part in (solution.model, solution.around, solution.train) if name in part._fields)
+    return float(getattr(held, name))
+
+
+def _begin_with(name: str, model: Norrbin) -> float:
+    """Return where the fit of a part of the rudder's train begins: what one would hardly notice."""
+    return START_DEAD_BAND if name == "dead_band" else START_TRAIN * model.time_constant
+
+
+def _segments(runs: Sequence[Run]) -> list[Segment]:
+    return [segment for run in runs for segment in run.segments]
+
+
+def mean_propeller(runs: Sequence[Run]) -> float:
+    """Return the mean revolutions [1/s] over the runs' recorded time: the reference for the propeller's race."""
+    turns = sum(float(np.trapezoid(np.abs(s.propeller), s.time)) for s in _segments(runs))
+    return turns / sum(float(s.time[-1] - s.time[0]) for s in _segments(runs))

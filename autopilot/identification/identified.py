@@ -1,0 +1,117 @@
+"""What an identification answers with: the model, how sure it is, and what the runs cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+from autopilot.identification.noise import Noise
+from autopilot.identification.output_error import Solution
+from autopilot.identification.prediction import Prediction, predict, simulate_run
+from autopilot.identification.rudder_path import DIRECT, RudderTrain
+from autopilot.identification.runs import FloatArray, Run, has_propeller, has_wind
+from autopilot.identification.two_stage import CubicDamping
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.race_and_wind import RaceAndWind
+
+ModelKind = Literal["nomoto", "norrbin"]
+Progress = Callable[[int, int], None]
+"""Told how many of how many steps are done."""
+
+LARGEST_RELATIVE_ERROR = 0.5
+"""A parameter whose standard error is more than this share of it cannot be told from zero at two sigma."""
+
+
+class Steps:
+    """Counts steps and tells the progress."""
+
+    def __init__(self, progress: Progress, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def next(self) -> None:
+        """One step more is done."""
+        self._done = min(self._done + 1, self._total)
+        self._progress(self._done, self._total)
+
+
+class SteadyTurns(NamedTuple):
+    """Turns in which nothing changes any more, one per element: rudder [rad], rate [rad/s], and speed [m/s],
+    None where they were all made at the reference speed."""
+
+    rudder: FloatArray
+    rate: FloatArray
+    speed: FloatArray | None = None
+
+
+class Convergence(NamedTuple):
+    """How a recursive method came to its estimate: time [s] from the beginning of the first run, shape (N,), and the
+    parameters called `names` at each, shape (N, len(names))."""
+
+    time: FloatArray
+    names: tuple[str, ...]
+    values: FloatArray
+
+
+class Identified(NamedTuple):
+    """The model; standard errors by parameter name, None where not fitted; what the runs cannot tell, a sentence
+    by symbol; the residuals of rate and heading; n3 of the steady-turn stage where there was one; what propeller
+    and wind add where the runs show it, with `plain`, the model that does without; what else the method has to say,
+    a sentence each; from a recursive method, how it came there; and the covariance, shape (F, F), of the parameters
+    called `free` where the method knows it. train: the way from the recorded rudder to the water, where it was asked
+    for and the runs show it."""
+
+    model: Norrbin
+    standard_errors: dict[str, float | None]
+    unidentifiable: dict[str, str]
+    noise: tuple[Noise, Noise]
+    steady: CubicDamping | None = None
+    around: RaceAndWind | None = None
+    plain: Norrbin | None = None
+    notes: tuple[str, ...] = ()
+    convergence: Convergence | None = None
+    free: tuple[str, ...] = ()
+    covariance: FloatArray | None = None
+    train: RudderTrain = DIRECT
+
+    def foretell(self, run: Run) -> Prediction:
+        """Return how well `run` is foretold, with propeller and wind where both model and run know them."""
+        return predict(*self._known_to(run))
+
+    def simulated(self, run: Run) -> list[FloatArray]:
+        """Return the motion foretold for `run`, per segment rate [rad/s] and heading [rad] of shape (N, 2)."""
+        return simulate_run(*self._known_to(run))
+
+    def _known_to(self, run: Run) -> tuple[Norrbin, Run, RaceAndWind | None, RudderTrain]:
+        if self.around is None or self.plain is None:
+            return self.model, run, None, self.train
+        lacks_race = self.around.race > 0.0 and not has_propeller([run])
+        lacks_wind = (self.around.wind_beam or self.around.wind_quarter) and not has_wind([run])
+        if lacks_race or lacks_wind:
+            return self.plain, run, None, DIRECT
+        return self.model, run, self.around, self.train
+
+
+def identified_from(solution: Solution, reasons: dict[str, str]) -> Identified:
+    """Return the answer that a fit gives, with `reasons` why parameters are missing, by symbol."""
+    names = ("gain", "time_constant", "n3", "n1", "n0")
+    errors = {name: solution.standard_error(name) for name in names}
+    return Identified(
+        solution.model,
+        errors,
+        {**reasons, **_too_uncertain(solution)},
+        solution.noise,
+        free=solution.free,
+        covariance=solution.covariance,
+    )
+
+
+def _too_uncertain(solution: Solution) -> dict[str, str]:
+    reasons = {}
+    for name, symbol, unit in (("gain", "K", "1/s"), ("time_constant", "T", "s")):
+        value, error = getattr(solution.model, name), solution.standard_error(name) or 0.0
+        if error > LARGEST_RELATIVE_ERROR * value:
+            reasons[symbol] = (
+                f"{symbol}: {value:.3g} with a standard error of {error:.2g} {unit} is not determined by these runs; "
+                "record a zigzag in which the rudder goes over several times."
+            )
+    return reasons

@@ -1,0 +1,95 @@
+"""What lies between the recorded rudder and the water: its response against scipy, and whether a fit finds it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lsim
+from zigzag_trials import noisy, run_of, zigzag
+
+from autopilot.cli.main import main
+from autopilot.identification.identify import identify
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train
+from autopilot.identification.runs import FloatArray
+
+TIME = np.arange(0.0, 30.0, 0.05)
+PATH = 0.3 * np.sin(0.8 * TIME) + 0.1 * np.sign(np.sin(0.3 * TIME))
+RATE, HEADING = np.radians(0.1), np.radians(0.2)
+
+
+@pytest.mark.parametrize(("lag", "lead"), [(0.4, 0.0), (2.0, 0.7), (0.05, 0.0)])
+def test_lag_and_lead_are_those_of_the_transfer_function(lag: float, lead: float) -> None:
+    _, expected, _ = lsim(([lead, 1.0] if lead else [1.0], [lag, 1.0]), PATH - PATH[0], TIME)
+    found = behind_train(RudderTrain(lag=lag, lead=lead), TIME, PATH, TIME)
+    np.testing.assert_allclose(found - PATH[0], expected, atol=1.0e-9)
+
+
+def test_a_delay_shifts_and_nothing_changes_nothing() -> None:
+    late = behind_train(RudderTrain(delay=0.5), TIME, PATH, TIME)
+    np.testing.assert_allclose(late[10:], PATH[:-10], atol=1.0e-12)
+    assert np.all(late[:10] == PATH[0])
+    np.testing.assert_array_equal(behind_train(DIRECT, TIME, PATH, TIME), PATH)
+
+
+@given(
+    dead_band=st.floats(0.001, 0.5),
+    angles=st.lists(st.floats(-0.6, 0.6), min_size=2, max_size=30),
+)
+def test_play_follows_within_the_dead_band_and_only_when_pushed(dead_band: float, angles: list[float]) -> None:
+    path = np.array(angles)
+    time = np.arange(path.size, dtype=np.float64)
+    there = behind_train(RudderTrain(dead_band=dead_band), time, path, time)
+    assert np.all(np.abs(there - path) <= dead_band + 1.0e-12)
+    moved = np.flatnonzero(np.diff(there) != 0.0) + 1
+    # whatever moves is pushed by the edge of the play
+    assert np.allclose(np.abs(there[moved] - path[moved]), dead_band)
+
+
+def told_late(lag: float, seed: int) -> dict[str, FloatArray]:
+    """A zigzag of which the record holds the orders of a gear with a lag, not the rudder."""
+    table = noisy(zigzag(np.radians(15.0), 60.0, 0.1, T=1.0), RATE, HEADING, seed)
+    fine = zigzag(np.radians(15.0), 60.0, 0.005, T=1.0)
+    # the boat answered to the lagged angle: what was ordered led it by the lag
+    ordered = fine["rudder_rad"] + lag * np.gradient(fine["rudder_rad"], fine["time_s"])
+    return {**table, "rudder_rad": ordered[::20]}
+
+
+def test_a_lag_that_the_record_does_not_show_is_found() -> None:
+    run = run_of(told_late(0.3, 1))
+    without = identify([run], reference_speed=5.0)
+    found = identify([run], reference_speed=5.0, rudder_train=("lag",))
+    error = found.standard_errors["lag"]
+    assert error is not None
+    assert found.train.lag == pytest.approx(0.3, abs=0.1)
+    assert abs(found.model.time_constant - 1.0) < 0.2 * abs(without.model.time_constant - 1.0)
+    assert found.noise[1].size < without.noise[1].size
+
+
+def test_what_is_not_there_is_left_out_with_the_reason() -> None:
+    run = run_of(noisy(zigzag(np.radians(15.0), 60.0, 0.1), RATE, HEADING, 3))
+    found = identify([run], reference_speed=5.0, rudder_train=("delay", "lag"))
+    assert found.train == DIRECT
+    assert "cannot be told from 0" in found.unidentifiable["lag"]
+    assert found.model == identify([run], reference_speed=5.0).model
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--fit-rudder", "wobble"], "delay,lag,lead,dead-band"),
+        (["--fit-rudder", "lag", "--model", "nomoto"], "--model norrbin"),
+        (["--fit-rudder", "lag", "--method", "two-stage"], "--method output-error"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(
+    options: list[str], said: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "zigzag.csv"
+    table = zigzag(np.radians(15.0), 30.0, 0.1)
+    np.savetxt(path, np.stack(list(table.values()), axis=1), delimiter=",", header=",".join(table), comments="")
+    assert main(["identify", str(path), *options]) == 2
+    assert said in capsys.readouterr().err
