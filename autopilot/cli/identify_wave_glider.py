@@ -9,7 +9,7 @@ import math
 from autopilot.cli import identify_report as report
 from autopilot.cli.progress import ProgressBar
 from autopilot.errors import InputError
-from autopilot.identification.identify import Identified
+from autopilot.identification.identified import Identified
 from autopilot.identification.methods import Question
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run

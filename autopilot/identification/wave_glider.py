@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.identify import Identified
+from autopilot.identification.identified import Identified
 from autopilot.identification.integral_fit import FitSettings, IntegralFit
 from autopilot.identification.methods import Method, Question
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
