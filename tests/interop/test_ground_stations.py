@@ -57,6 +57,47 @@ asyncio.run(main())
 """
 
 
+SDK_MISSION = """
+import asyncio, gc, json, math, sys
+from mavsdk import System
+from mavsdk.mission import MissionItem, MissionPlan
+from mavsdk.mission_raw import MissionRawError
+
+NAN = math.nan
+
+def waypoint(latitude, longitude):
+    nothing, none = MissionItem.CameraAction.NONE, MissionItem.VehicleAction.NONE
+    return MissionItem(latitude, longitude, 0.0, NAN, True, NAN, NAN, nothing, NAN, NAN, 20.0, NAN, NAN, none)
+
+async def first(stream):
+    async for value in stream:
+        return value
+
+async def main():
+    drone = System()
+    await asyncio.wait_for(drone.connect(system_address=sys.argv[1]), 30)
+    while not (await first(drone.core.connection_state())).is_connected:
+        pass
+    plan = MissionPlan([waypoint(57.69, 11.853), waypoint(57.693, 11.853), waypoint(57.693, 11.85)])
+    await asyncio.wait_for(drone.mission.upload_mission(plan), 30)
+    got = await asyncio.wait_for(drone.mission.download_mission(), 30)
+    places = [(item.latitude_deg, item.longitude_deg, item.acceptance_radius_m) for item in got.mission_items]
+    raw = await asyncio.wait_for(drone.mission_raw.download_mission(), 30)
+    raw[1].command = 21
+    try:
+        await asyncio.wait_for(drone.mission_raw.upload_mission(raw), 30)
+        refused = ""
+    except MissionRawError as error:
+        refused = str(error)
+    print(json.dumps({"places": places, "refused": refused}))
+    # the error's traceback would keep the system and its server alive
+    del drone
+    gc.collect()
+
+asyncio.run(main())
+"""
+
+
 class Console:
     """MAVProxy at its prompt: a line typed in, and what it must print in answer."""
 
@@ -118,7 +159,7 @@ def expected_values(vessel: Path) -> dict[str, float]:
 
 @contextlib.contextmanager
 def mavproxy(folder: Path, master: str, *more: str) -> Iterator[Console]:
-    command = [str(MAVPROXY), f"--master={master}", *more, "--default-modules=mode,param,arm,misc,link,cmdlong,signing"]
+    command = [str(MAVPROXY), f"--master={master}", *more, "--default-modules=mode,param,arm,misc,link,cmdlong,wp,signing"]
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -245,3 +286,51 @@ def test_mavsdk_mavproxy_and_our_own_tool_read_the_same_values_from_one_pilot(tm
         console.expect(r"BS_K1 +1\.25", "param fetch BS_K1\nparam show BS_K1")
     tuned = load_vessel(str(vessel.with_name("boat.tuned.yaml"))).control.backstepping
     assert tuned is not None and (tuned.k1_1_s, tuned.k2_1_s) == (1.25, 2.0)
+
+
+WAYPOINTS = """QGC WPL 110
+0\t1\t3\t16\t0\t0\t0\t0\t57.6900\t11.8530\t0\t1
+1\t0\t3\t16\t0\t15\t0\t0\t57.6930\t11.8530\t0\t1
+"""
+
+
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+def test_mavproxy_loads_a_route_and_has_it_followed(tmp_path: Path) -> None:
+    port, way, bad = free_port(), tmp_path / "way.txt", tmp_path / "bad.txt"
+    way.write_text(WAYPOINTS)
+    bad.write_text(WAYPOINTS.replace("\t16\t0\t15", "\t21\t0\t15"))
+    with (
+        mavproxy(tmp_path, f"udpin:127.0.0.1:{port}") as console,
+        running_boat(tmp_path, f"udpout:127.0.0.1:{port}") as vessel,
+    ):
+        console.expect("Received [0-9]+ parameters")
+        console.expect("there is no route: upload one first", "arm throttle\nmode AUTO")
+        console.expect("route of 2 waypoints taken", f"wp load {way}")
+        console.expect(r"item 1 is NAV_LAND: only NAV_WAYPOINT", f"wp load {bad}")
+        listed = console.expect("Saved 2 waypoints", "wp list")
+        assert re.search(r"57\.693\d* 11\.853", listed), listed
+        console.expect("Mode AUTO", "mode AUTO")
+        console.expect("mission_state : 3", "status MISSION_CURRENT")
+        console.expect("seq : 1", "wp set 1\nstatus MISSION_CURRENT")
+        console.expect("target_bearing : [67][0-9], wp_dist : [6-9]", "status NAV_CONTROLLER_OUTPUT")
+        console.expect("Mode GUIDED", "mode GUIDED")
+        console.expect("mission_state : 4", "status MISSION_CURRENT")
+        console.expect("Mode MANUAL", "mode MANUAL")
+    kept = vessel.with_name("boat.mission.waypoints").read_text().splitlines()
+    assert len(kept) == 3 and "57.6930000" in kept[2]
+    ticks = read_log(tmp_path / "run.tlog").ticks
+    assert any(tick.mode is Mode.ENGAGED for tick in ticks)
+    assert replay(tmp_path / "run.tlog").identical
+
+
+@pytest.mark.skipif(not HAS_MAVSDK, reason="MAVSDK is not installed: pip install 'norrbin[interop]'")
+def test_mavsdk_uploads_and_downloads_a_route(tmp_path: Path) -> None:
+    port = free_port()
+    with running_boat(tmp_path, f"udpout:127.0.0.1:{port}"):
+        command = [sys.executable, "-W", "ignore", "-c", SDK_MISSION, f"udpin://127.0.0.1:{port}"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr
+        seen = json.loads(done.stdout.strip().splitlines()[-1])
+    places = [(57.69, 11.853, 20.0), (57.693, 11.853, 20.0), (57.693, 11.85, 20.0)]
+    assert [tuple(place) for place in seen["places"]] == [pytest.approx(place, abs=1e-6) for place in places]
+    assert "unsupported" in seen["refused"].lower(), seen["refused"]
