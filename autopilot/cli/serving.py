@@ -21,6 +21,7 @@ from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
 from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.params.saving import save_text
+from autopilot.params.vessel import Vessel
 
 SYSTEM_MAX = 255
 
@@ -89,7 +90,12 @@ def open_boat_links(
     signing: Signing | None = None,
 ) -> list[Link]:
     """Return the opened links to ground stations, over which the vessel in force is tuned. Raises LinkError."""
-    serving.track.settings = track_settings_of(in_force.vessel)
+
+    def keep_course_settings(vessel: Vessel) -> None:
+        serving.track.settings = track_settings_of(vessel)
+
+    in_force.changed = keep_course_settings
+    keep_course_settings(in_force.vessel)
     commands = Commands(serving.helmsman, serving.armed, _mission(serving.track, vessel_path, saver))
     links: list[Link] = []
     try:

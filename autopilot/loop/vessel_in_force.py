@@ -39,7 +39,8 @@ class VesselInForce:
         save: writes a text to a file; may do so later, from another thread.
 
     Attributes:
-        vessel: as it is now.  log: where changes are written down, None without a log.
+        vessel: as it is now.  log: where changes are written down, None without a log.  changed: told of every change
+        that is in force, for what works with the vessel outside of the pilot.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class VesselInForce:
         self.vessel = vessel
         self.saved_as = saved_as
         self.log: ChangeLog | None = None
+        self.changed: Callable[[Vessel], None] = lambda _: None
         self._pilot, self._law, self._save = pilot, law, save
         self._table = {parameter.name: parameter for parameter in parameters_of(vessel)}
 
@@ -104,6 +106,7 @@ class VesselInForce:
         if abs(self._pilot.told.angle) > config.limits.angle_max:
             raise RefusedError("the rudder stands further over now; try again when it is nearer to amidships")
         self._pilot.reconfigure(config, law_of(vessel, self._law))
+        self.changed(vessel)
         if self.log is not None:
             self.log.keep_vessel(dump_vessel(vessel))
 

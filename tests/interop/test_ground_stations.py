@@ -159,7 +159,12 @@ def expected_values(vessel: Path) -> dict[str, float]:
 
 @contextlib.contextmanager
 def mavproxy(folder: Path, master: str, *more: str) -> Iterator[Console]:
-    command = [str(MAVPROXY), f"--master={master}", *more, "--default-modules=mode,param,arm,misc,link,cmdlong,wp,signing"]
+    command = [
+        str(MAVPROXY),
+        f"--master={master}",
+        *more,
+        "--default-modules=mode,param,arm,misc,link,cmdlong,wp,signing",
+    ]
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -315,6 +320,8 @@ def test_mavproxy_loads_a_route_and_has_it_followed(tmp_path: Path) -> None:
         console.expect("target_bearing : [67][0-9], wp_dist : [6-9]", "status NAV_CONTROLLER_OUTPUT")
         console.expect("Mode GUIDED", "mode GUIDED")
         console.expect("mission_state : 4", "status MISSION_CURRENT")
+        console.expect("USER_2: IN_PROGRESS", "long MAV_CMD_USER_2 5 3")
+        console.expect("USER_2: ACCEPTED")
         console.expect("Mode MANUAL", "mode MANUAL")
     kept = vessel.with_name("boat.mission.waypoints").read_text().splitlines()
     assert len(kept) == 3 and "57.6930000" in kept[2]

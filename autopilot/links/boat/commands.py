@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.guidance.track import Waypoint
+from autopilot.links.boat.long_commands import LongCommand, Run
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.modes import HEADING, MANUAL, MISSION, TRACK, TRIAL
 from autopilot.signals import Mode, OrderKind, Tick
@@ -20,8 +21,6 @@ REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 UNSUPPORTED = int(dialect.MAV_RESULT_UNSUPPORTED)
 IN_PROGRESS = int(dialect.MAV_RESULT_IN_PROGRESS)
-CANCELLED = 6
-"""MAV_RESULT_CANCELLED, which the dialect does not have."""
 COUNTERCLOCKWISE = -1.0
 RAW_HEADING, COURSE_OVER_GROUND = 1, 0
 SET_STANDARD_MODE = 262
@@ -31,17 +30,6 @@ ZIGZAG, TURNING = int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s]."""
 NO_POSITION = "no position: check the GPS and its link"
 LATITUDE_MOST_DEG = 85.0
-
-
-class Run(Protocol):
-    """Something that takes a while; progress from 0 to 1."""
-
-    is_over: bool
-    is_complete: bool
-
-    @property
-    def progress(self) -> float:
-        """Share that is done."""
 
 
 class Helmsman(Protocol):
@@ -67,14 +55,6 @@ class Helmsman(Protocol):
 
     def end_trial(self) -> None:
         """End a trial before its time, and go back to the heading that was steered before."""
-
-
-class LongCommand:
-    """A command that is being carried out."""
-
-    def __init__(self, command: int, parameters: tuple[float, ...], run: Run) -> None:
-        self.command, self.parameters, self.run = command, parameters, run
-        self.is_cancelled = False
 
 
 class Commands:

@@ -21,6 +21,7 @@ from autopilot.signals import Mode, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0
 FURTHEST = 65535
+FASTEST_HZ = 50.0
 POSITION_FRESH_S = 5.0
 VERSION = (0 << 24) | (2 << 16) | (0 << 8) | dialect.FIRMWARE_VERSION_TYPE_DEV
 CAPABILITIES = (
@@ -50,6 +51,8 @@ class Telemetry:
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
+        self._periods = {identity: 1.0 / rate for identity, rate in RATES_HZ.items()}
+        self._due = dict.fromkeys(self._periods, -math.inf)
         self._start: float | None = None
         self._roll: RollSample | None = None
         self._position: PositionSample | None = None
@@ -82,9 +85,29 @@ class Telemetry:
         """Return our custom mode."""
         return mode_of(tick, self._mission.is_followed)
 
-    def knows(self, identity: int) -> bool:
-        """Return whether a message can be made."""
-        return identity in self._makers
+    def set_interval(self, identity: int, interval_us: float) -> int:
+        """Send a message every so many microseconds, as by default for 0, never for -1; return the MAV_RESULT."""
+        if identity not in self._makers:
+            return int(dialect.MAV_RESULT_UNSUPPORTED)
+        if interval_us == -1.0:
+            self._due.pop(identity, None)
+            return int(dialect.MAV_RESULT_ACCEPTED)
+        if not (interval_us >= 0.0 and math.isfinite(interval_us)):
+            return int(dialect.MAV_RESULT_DENIED)
+        usual = 1.0 / RATES_HZ.get(identity, 1.0)
+        self._periods[identity] = max(interval_us * 1.0e-6, 1.0 / FASTEST_HZ) if interval_us else usual
+        self._due[identity] = -math.inf
+        return int(dialect.MAV_RESULT_ACCEPTED)
+
+    def due(self, now: float) -> list[Message]:
+        """Return the messages that fall due by `now` [s]."""
+        messages = []
+        for identity, due in self._due.items():
+            if now >= due:
+                period = self._periods[identity]
+                self._due[identity] = due + period if due + period > now else now + period
+                messages.extend(self.make(identity))
+        return messages
 
     def make(self, identity: int) -> list[Message]:
         """Return the messages of one id as of the newest tick; none before the first, or without a fresh heading."""

@@ -1,0 +1,153 @@
+"""What the boat answers to one ground station's messages: commands, parameters, missions. Pure.
+
+Every message for us is answered with messages and, where people should know why, a text.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.boat.commands import ACCEPTED, IN_PROGRESS, UNSUPPORTED, Commands
+from autopilot.links.boat.long_commands import CANCELLED, ProgressReports, acknowledgement
+from autopilot.links.boat.mission_server import MissionServer
+from autopilot.links.boat.modes import available_modes
+from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.boat.telemetry import Telemetry, version
+from autopilot.links.extra_messages import AvailableModes
+from autopilot.links.mavlink_codec import Message, message_id
+from autopilot.links.status_text import StatusTexts
+
+FILE_NAK = (129, 7)
+"""MAVLink FTP: opcode NAK, error "unknown command"."""
+
+
+class StationService:
+    """Answers for one link; what it has to say to people goes to `texts`."""
+
+    def __init__(
+        self, commands: Commands, parameters: ParameterServer, telemetry: Telemetry, texts: StatusTexts
+    ) -> None:
+        self._commands, self._parameters, self._telemetry, self._texts = commands, parameters, telemetry, texts
+        self._mission = commands.mission
+        self._missions = MissionServer(commands.mission)
+        self._progress = ProgressReports()
+        self._passed = 0
+        self._replies = {
+            "COMMAND_LONG": self._command_long,
+            "COMMAND_INT": self._command_int,
+            "COMMAND_CANCEL": self._command_cancel,
+            "SET_MODE": self._set_mode,
+            "TIMESYNC": self._timesync,
+            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
+            "PARAM_REQUEST_LIST": self._parameter,
+            "PARAM_REQUEST_READ": self._parameter,
+            "PARAM_SET": self._parameter,
+            **dict.fromkeys(self._missions.kinds, self._mission_message),
+        }
+
+    def take(self, now: float, message: Message) -> list[Message]:
+        """Return the answers to a message for us that came at `now` [s]."""
+        reply = self._replies.get(message.get_type())
+        return reply(now, message) if reply is not None else []
+
+    def due(self, now: float) -> list[Message]:
+        """Return what falls due by `now` [s]: progress, the next of a parameter list, requests for items."""
+        messages = [*self._progress.due(now), *self._parameters.due(), *self._missions.due(now)]
+        self._say_of_mission(now)
+        return messages
+
+    def passed(self) -> list[Message]:
+        """Return word of a waypoint that has been passed since the last call."""
+        guide = self._mission.guide
+        if guide.passed == self._passed:
+            return []
+        self._passed = guide.passed
+        if not self._mission.is_followed:
+            return []
+        return [dialect.MAVLink_mission_item_reached_message(guide.last_passed), self._mission.message()]
+
+    def _parameter(self, now: float, message: Message) -> list[Message]:
+        answers, refusal = self._parameters.take(message)
+        self._warn(now, refusal)
+        return answers
+
+    def _command_long(self, now: float, message: Message) -> list[Message]:
+        return self._command(now, message, tuple(float(getattr(message, f"param{number}")) for number in range(1, 8)))
+
+    def _command_int(self, now: float, message: Message) -> list[Message]:
+        first = tuple(float(getattr(message, f"param{number}")) for number in range(1, 5))
+        scale = 1.0e-7 if message.command == dialect.MAV_CMD_DO_REPOSITION else 1.0
+        return self._command(now, message, (*first, message.x * scale, message.y * scale, float(message.z)))
+
+    def _command(self, now: float, message: Message, parameters: tuple[float, ...]) -> list[Message]:
+        answers: list[Message] = []
+        command, sender, percent = message.command, _sender(message), 0
+        if command == dialect.MAV_CMD_REQUEST_MESSAGE:
+            answers = self._requested(_whole(parameters[0]), parameters[1])
+            result = ACCEPTED if answers else UNSUPPORTED
+        elif command == dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+            answers, result = [version()], ACCEPTED
+        elif command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            result = self._telemetry.set_interval(_whole(parameters[0]), parameters[1])
+        else:
+            result = self._commands.execute(command, parameters, self._telemetry.tick)
+            self._warn(now, self._commands.refusal)
+        if result == IN_PROGRESS and self._commands.running is not None:
+            percent = self._commands.running.percent
+            self._progress.begin(now, self._commands.running, sender)
+        return [acknowledgement(command, result, sender, percent), *answers]
+
+    def _requested(self, identity: int, detail: float) -> list[Message]:
+        if identity == AvailableModes.id:
+            return list(available_modes(detail))
+        if identity == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            return [version()]
+        return self._telemetry.make(identity)
+
+    def _command_cancel(self, now: float, message: Message) -> list[Message]:
+        sender, answers = _sender(message), []
+        if self._commands.cancel(message.command) and not self._progress.is_for(sender):
+            answers.append(acknowledgement(message.command, CANCELLED, sender))
+        return answers + self._progress.due(now)
+
+    def _set_mode(self, now: float, message: Message) -> list[Message]:
+        custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        result = self._commands.set_mode(message.custom_mode, self._telemetry.tick) if custom else UNSUPPORTED
+        if custom:
+            self._warn(now, self._commands.refusal)
+        return [acknowledgement(message_id(message), result, _sender(message))]
+
+    def _timesync(self, now: float, message: Message) -> list[Message]:
+        return [dialect.MAVLink_timesync_message(int(now * 1.0e9), message.ts1)] if message.tc1 == 0 else []
+
+    def _mission_message(self, now: float, message: Message) -> list[Message]:
+        answers = self._missions.take(now, message)
+        self._say_of_mission(now)
+        return answers
+
+    def _say_of_mission(self, now: float) -> None:
+        if self._missions.said:
+            self._texts.say(now, dialect.MAV_SEVERITY_NOTICE, self._missions.said)
+            self._missions.said = ""
+
+    def _warn(self, now: float, refusal: str) -> None:
+        if refusal:
+            self._texts.say(now, dialect.MAV_SEVERITY_WARNING, refusal)
+
+    def _file_transfer(self, now: float, message: Message) -> list[Message]:
+        """Refuse: there are no files, and who asks falls back on plain messages."""
+        request = bytes(message.payload)
+        reply = bytearray(251)
+        reply[0:2] = ((int.from_bytes(request[0:2], "little") + 1) & 0xFFFF).to_bytes(2, "little")
+        reply[2], reply[3], reply[4], reply[5], reply[12] = request[2], FILE_NAK[0], 1, request[3], FILE_NAK[1]
+        return [dialect.MAVLink_file_transfer_protocol_message(0, *_sender(message), list(reply))]
+
+
+def _sender(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _whole(value: float) -> int:
+    return int(value) if math.isfinite(value) and value == int(value) else -1

@@ -1,0 +1,97 @@
+"""What `run --serve` keeps of a route over a restart, and the parameters a route is followed with."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import pytest
+from boat_at_sea import item, place
+from two_processes import free_port
+
+from autopilot.build import build_pilot, limits_of
+from autopilot.cli.route_skipper import RouteSkipper
+from autopilot.cli.serving import BackgroundSaver, Serving, mission_file, open_boat_links
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.track import TrackGuide
+from autopilot.links.boat.boat_link import BoatLink
+from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.mission_items import from_message
+from autopilot.loop.vessel_in_force import VesselInForce
+from autopilot.params.vessel_file import load_vessel
+
+VESSEL = load_vessel("lanxin")
+
+
+class Start:
+    """One start of the program, as far as ground stations are concerned."""
+
+    def __init__(self, folder: Path) -> None:
+        self.track = TrackGuide()
+        skipper = RouteSkipper(limits_of(VESSEL).angle_max, PlotterGuide(), self.track)
+        self.saver = BackgroundSaver()
+        self.store = VesselInForce(VESSEL, build_pilot(VESSEL), None, folder / "boat.tuned.yaml", self.saver)
+        serving = Serving((f"udpout:127.0.0.1:{free_port()}",), 1, skipper, self.track, False)
+        (self.link,) = open_boat_links(serving, self.store, str(folder / "boat.yaml"), self.saver)
+
+    @property
+    def mission(self) -> Mission:
+        assert isinstance(self.link, BoatLink)
+        return self.link._mission
+
+    def end(self) -> None:
+        self.link.close()
+        self.saver.close()
+
+
+def items() -> list[Any]:
+    return [from_message(item(number, waypoint)) for number, waypoint in enumerate([place(10, 0), place(20, 5)])]
+
+
+def test_a_route_is_there_after_a_restart_and_followed_by_nobody(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = Start(tmp_path)
+    assert first.mission.items == ()
+    first.mission.replace(items())
+    first.end()
+    second = Start(tmp_path)
+    assert repr(second.mission.items) == repr(tuple(items()))
+    assert not second.mission.is_followed and not second.track.following
+    assert "route of 2 waypoints from" in capsys.readouterr().out
+    second.mission.replace([])
+    second.end()
+    third = Start(tmp_path)
+    assert third.mission.items == ()
+    third.end()
+
+
+@pytest.mark.parametrize("damage", [b"QGC WPL 110\n0\t0\t3\t16", b"\xff\xfe", b""])
+def test_a_damaged_route_is_said_and_left_alone(
+    damage: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = mission_file(str(tmp_path / "boat.yaml"))
+    path.write_bytes(damage)
+    start = Start(tmp_path)
+    start.end()
+    assert start.mission.items == ()
+    assert "the route of an earlier run is not used" in capsys.readouterr().err
+    assert path.read_bytes() == damage
+
+
+def test_what_a_route_is_followed_with_is_set_while_under_way(tmp_path: Path) -> None:
+    start = Start(tmp_path)
+    settings = start.track.settings
+    assert (settings.lookahead, settings.radius, settings.alarm_distance) == (10.0, 10.0, 50.0)
+    assert settings.turn_radius == pytest.approx(21.0, abs=1.0), "Lanxin with 0.7 of 30 deg of rudder"
+    for name, value in (("GUI_LOOKAHEAD", 20.0), ("GUI_WP_RADIUS", 15.0), ("GUI_XTRACK_ALARM", 30.0)):
+        assert start.store.set(name, value) == ""
+    assert start.store.set("GUI_LOOKAHEAD", 1.0).startswith("GUI_LOOKAHEAD not changed")
+    settings = start.track.settings
+    assert (settings.lookahead, settings.radius, settings.alarm_distance) == (20.0, 15.0, 30.0)
+    start.end()
+    kept = load_vessel(str(tmp_path / "boat.tuned.yaml"))
+    assert kept.guidance == dataclasses.replace(
+        VESSEL.guidance, lookahead_s=20.0, waypoint_radius_m=15.0, off_track_alarm_m=30.0
+    )
