@@ -56,7 +56,7 @@ def rls_step(
     pull, share = error / power, 1.0 / power
     estimate = tuple([value + p * pull for value, p in zip(theta, P_phi)])  # noqa: B905 - strict costs a microsecond
     grown = 1.0
-    if forgetting < 1.0 and sum([row[i] for i, row in enumerate(P)]) < trace_max:
+    if forgetting < 1.0 and (trace_max == math.inf or sum([row[i] for i, row in enumerate(P)]) < trace_max):
         grown = 1.0 / forgetting
     # p * q is q * p to the last digit, so rounding cannot break the symmetry on which the gain's sign rests
     rows = [
