@@ -11,6 +11,7 @@ from typing import NamedTuple
 CHANNELS = 16
 STEERING_FULL = 4500
 THROTTLE_FULL = 100
+PULSE_MAX = 65535
 RELEASED = 0
 LEFT_ALONE = 65535
 LEFT_ALONE_HIGH = (0, 65535)
@@ -47,12 +48,17 @@ def output_pulse(servo: Calibration, position: float, full: int) -> int:
         pulse = servo.trim + int(held * (servo.high - servo.trim) / full)
     else:
         pulse = servo.trim - int(-held * (servo.trim - servo.low) / full)
-    return min(max(pulse, servo.low), servo.high)
+    return _sent(min(max(pulse, servo.low), servo.high))
 
 
 def manual_control_pulse(channel: Calibration, value: int) -> int:
     """Return the override [us] that a MANUAL_CONTROL axis in [-1000, 1000] becomes."""
-    return channel.low + int((channel.high - channel.low) * (value + 1000) / 2000.0)
+    return _sent(channel.low + int((channel.high - channel.low) * (value + 1000) / 2000.0))
+
+
+def _sent(pulse: int) -> int:
+    """A pulse width fits 16 bits, whatever the parameters say."""
+    return min(max(pulse, 0), PULSE_MAX)
 
 
 def _divide(numerator: int, denominator: int) -> int:

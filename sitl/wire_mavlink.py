@@ -17,7 +17,7 @@ from autopilot.links.signing import LinkSigning
 from sitl import radio
 from sitl.commands import ACCEPTED, FAILED, UNSUPPORTED, execute
 from sitl.firmware import Firmware
-from sitl.firmware_parameters import Parameter
+from sitl.firmware_parameters import Parameter, ParameterTable
 from sitl.guided import Target
 from sitl.streams import REQUESTS, Streams
 from sitl.telemetry import BUILDERS
@@ -37,7 +37,7 @@ class MavlinkVehicle:
     def __init__(self, firmware: Firmware, is_stream: bool = False, signing: LinkSigning | None = None) -> None:
         self.firmware = firmware
         self.world = firmware.world
-        system = int(firmware.parameters["SYSID_THISMAV"])
+        system = own_system(firmware.parameters)
         self.codec = MavlinkCodec(system=system, component=1, is_stream=is_stream, signing=signing)
         self.streams = Streams(firmware.parameters, self.world.time)
         self.reboots_at: float | None = None
@@ -211,7 +211,7 @@ class MavlinkVehicle:
         self.streams.set_group(parameter.name, time)
         self._send_value(parameter, 65535)
         if parameter.name == "SYSID_THISMAV":
-            self.codec.system = int(parameter.value)
+            self.codec.system = own_system(self.firmware.parameters)
 
     def _send_parameter(self, index: int) -> None:
         parameter = self.firmware.parameters.at(index)
@@ -249,6 +249,11 @@ class MavlinkVehicle:
         reply[2], reply[3], reply[4], reply[5], reply[12] = request[2], 129, 1, request[3], 7
         sender = (message.get_srcSystem(), message.get_srcComponent())
         self.send(dialect.MAVLink_file_transfer_protocol_message(0, *sender, list(reply)))
+
+
+def own_system(parameters: ParameterTable) -> int:
+    """Return the system id that SYSID_THISMAV gives, in the byte that it travels in."""
+    return min(max(int(parameters["SYSID_THISMAV"]), 1), 255)
 
 
 def parameter_name(raw: str | bytes) -> str:

@@ -61,4 +61,5 @@ class VehicleClock:
             self._window_end = now + WINDOW_S
         elif offset < self._current:
             self._current = offset
-        return boot + min(self._previous, self._current)
+        # the sum may round to a hair after the time it came from
+        return min(now, boot + min(self._previous, self._current))

