@@ -1,4 +1,4 @@
-"""`autopilot log`: what a log of any kind holds, and the same as a CSV table."""
+"""`autopilot log`: what a log of any kind holds, the same as a CSV table, and the manoeuvres in it measured."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
     from autopilot.loop.logs.info import LogInfo
+    from autopilot.loop.logs.series import Recording
+    from autopilot.loop.recordings import LogOptions
 
 
 def add_parser(subparsers: Any) -> None:
@@ -27,7 +29,11 @@ def add_parser(subparsers: Any) -> None:
     table = actions.add_parser("csv", help="write it as a CSV table that `identify` reads")
     table.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     table.add_argument("--out", metavar="FILE.csv", required=True, help="the table to write")
-    for action in (info, table):
+    measures = actions.add_parser("measures", help="zigzags, turning circles, pull-outs and spirals in it, measured")
+    measures.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
+    measures.add_argument("--length-m", type=float, metavar="L", help="the boat's length, for the criteria")
+    measures.add_argument("--json", action="store_true", help="print JSON")
+    for action in (info, table, measures):
         add_log_options(action)
     parser.set_defaults(run=run)
 
@@ -48,10 +54,27 @@ def run(arguments: argparse.Namespace) -> int:
         rows = write_csv(Path(arguments.out), table.columns, table.uses, arguments.log)
         print(f"Wrote {rows} rows to {arguments.out}.")
         return int(ExitCode.OK)
+    if arguments.action == "measures":
+        return _measure(arguments, recording, options)
     from autopilot.loop.logs.info import info_of
 
     info = info_of(recording, options.rudder)
     print(as_json(info) if arguments.json else as_text(info))
+    return int(ExitCode.OK)
+
+
+def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOptions) -> int:
+    from autopilot.cli import log_measures as report
+    from autopilot.identification.trial_measures import measures_of
+    from autopilot.identification.trial_record import record_of
+    from autopilot.loop.logs.table import table_of
+
+    length = arguments.length_m
+    if length is not None and not 0.0 < length < math.inf:
+        raise InputError(f"--length-m {length:g}: a number above 0 is allowed")
+    record = record_of(arguments.log, table_of(recording, options.rudder).columns)
+    shown = report.as_json if arguments.json else report.as_text
+    print(shown(arguments.log, measures_of(record), length))
     return int(ExitCode.OK)
 
 

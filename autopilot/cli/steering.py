@@ -130,6 +130,7 @@ def steer(
     guide: PlotterGuide | None = None,
     serving: Serving | None = None,
     desk: LearningDesk | None = None,
+    describe: Callable[[Tick], str] | None = None,
 ) -> int:
     """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released."""
     pilot = build_pilot(vessel, law, learns=desk is not None)
@@ -154,7 +155,7 @@ def steer(
         for link in links:
             link.close()
         raise
-    status = StatusLine()
+    status = StatusLine(describe)
 
     def after(tick: Tick) -> bool:
         status.show(tick, recorder)
@@ -209,7 +210,9 @@ def _quiet_collector() -> None:
 class StatusLine:
     """One line that is rewritten on a terminal; elsewhere a line for each change of mode or alarm."""
 
-    def __init__(self) -> None:
+    def __init__(self, describe: Callable[[Tick], str] | None = None) -> None:
+        """describe: what stands before the status, such as how far a trial has come."""
+        self._describe = describe
         self._live = sys.stdout.isatty()
         self._next = -math.inf
         self._said: tuple[Mode, tuple[str, ...]] | None = None
@@ -222,7 +225,8 @@ class StatusLine:
             self._print_line(f"{tick.now:8.1f} s  {tick.mode.name}" + "".join(f"  ! {alarm}" for alarm in alarms))
         elif self._live and tick.now >= self._next:
             self._next = tick.now + STATUS_PERIOD
-            print(f"\r{status_text(tick)}\033[K", end="", flush=True)
+            ahead = self._describe(tick) if self._describe is not None else ""
+            print(f"\r{ahead}{'  ' if ahead else ''}{status_text(tick)}\033[K", end="", flush=True)
 
     def end(self) -> None:
         """Leave the line."""

@@ -1,4 +1,4 @@
-"""`autopilot trial`: manoeuvres to identify the boat from: zigzags, and turns one rudder angle after another."""
+"""`autopilot trial`: manoeuvres to identify the boat from, and to measure it by."""
 
 from __future__ import annotations
 
@@ -6,36 +6,75 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from autopilot.errors import InputError
+from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
     from autopilot.cli.trial_script import TrialScript
+    from autopilot.guidance.trial_limits import TrialLimits
+    from autopilot.params.vessel import Vessel
+
+DESCRIPTION = """\
+Sail a trial and log it. Take the helm, or press Ctrl-C, to end it: the rudder is released. It also ends when the pilot
+loses the helm or the heading, and outside the limits given.
+"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the subcommand with its two manoeuvres."""
-    from autopilot.cli.steering import add_steering_options
-
+    """Add the subcommand with its manoeuvres."""
     parser = subparsers.add_parser(
-        "trial",
-        help="zigzag and turning trials to identify the boat from",
-        description="Sail a trial and log it. Take the helm, or press Ctrl-C, to end it: the rudder is released.",
+        "trial", help="manoeuvres to identify the boat from, and to measure it by", description=DESCRIPTION
     )
     kinds = parser.add_subparsers(dest="kind", metavar="TRIAL", required=True)
-    zigzag = kinds.add_parser("zigzag", help="rudder over each time the heading has swung past the execute angle")
-    add_steering_options(zigzag)
-    zigzag.add_argument("--rudder-deg", type=float, default=15.0, metavar="DEG", help="rudder angle (15)")
-    zigzag.add_argument("--heading-deg", type=float, default=15.0, metavar="DEG", help="execute angle (15)")
-    zigzag.add_argument("--duration", type=float, default=60.0, metavar="S", help="seconds of zigzag (60)")
-    turning = kinds.add_parser("turning", help="steady turns at one rudder angle after another")
-    add_steering_options(turning)
+    zigzag = _kind(kinds, "zigzag", "rudder over each time the heading has swung past the execute angle")
+    _number(zigzag, "--rudder-deg", 15.0, "DEG", "rudder angle")
+    _number(zigzag, "--heading-deg", 15.0, "DEG", "execute angle")
+    _number(zigzag, "--duration", 60.0, "S", "seconds of zigzag")
+    turning = _kind(kinds, "turning", "one rudder angle after another, each for the same time")
     turning.add_argument("--rudder-deg", default="10,20,-10,-20", metavar="LIST", help="angles (10,20,-10,-20)")
-    turning.add_argument("--each", type=float, default=20.0, metavar="S", help="seconds at each angle (20)")
+    _number(turning, "--each", 20.0, "S", "seconds at each angle")
+    circle = _kind(kinds, "turning-circle", "a turn of 540 deg at full rudder, to both sides", approach=5.0)
+    circle.add_argument("--rudder-deg", type=float, metavar="DEG", help="rudder angle (the vessel file's largest)")
+    _number(circle, "--turn-deg", 540.0, "DEG", "how far to turn")
+    spiral = _kind(kinds, "spiral", "rudder angle after angle, each until the turn is steady")
+    _number(spiral, "--rudder-deg", 15.0, "DEG", "largest angle")
+    _number(spiral, "--step-deg", 5.0, "DEG", "steps at large angles")
+    _number(spiral, "--fine-step-deg", 2.0, "DEG", "steps near amidships")
+    pull = _kind(kinds, "pull-out", "a steady turn, then the rudder amidships until the rate is steady, to both sides")
+    _number(pull, "--rudder-deg", 20.0, "DEG", "rudder angle of the turn")
+    for kind in (circle, pull):
+        kind.add_argument("--side", choices=("starboard", "port", "both"), default="both", help="(both)")
+    for kind in (circle, spiral, pull):
+        _number(kind, "--each", 120.0, "S", "most seconds at each angle")
+    prbs = _kind(kinds, "prbs", "the rudder to either side in a pseudo-random binary sequence")
+    _number(prbs, "--rudder-deg", 10.0, "DEG", "rudder angle")
+    prbs.add_argument("--hold", type=float, metavar="S", help="seconds of one step (the model's time constant)")
+    _number(prbs, "--swing-deg", 45.0, "DEG", "beyond this change of heading the rudder leads back")
+    _number(prbs, "--duration", 120.0, "S", "seconds of it")
+    prbs.add_argument("--seed", type=int, default=1, metavar="N", help="where the sequence begins (1)")
     parser.set_defaults(run=run)
 
 
+def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.ArgumentParser:
+    from autopilot.cli.steering import add_steering_options
+
+    parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text)
+    add_steering_options(parser)
+    _number(parser, "--approach", approach, "S", "seconds with the rudder amidships before it")
+    limits = parser.add_argument_group("limits that end it")
+    limits.add_argument("--time-limit", type=float, metavar="S", help="seconds from its beginning")
+    limits.add_argument("--speed-min-m-s", type=float, metavar="U", help="least speed")
+    limits.add_argument("--speed-max-m-s", type=float, metavar="U", help="highest speed")
+    limits.add_argument("--corridor-deg", type=float, metavar="DEG", help="most change of heading to either side")
+    limits.add_argument("--radius-m", type=float, metavar="M", help="farthest from where it began")
+    return parser
+
+
+def _number(parser: argparse.ArgumentParser, name: str, default: float, unit: str, text: str) -> None:
+    parser.add_argument(name, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
+
+
 def run(arguments: argparse.Namespace) -> int:
-    """Sail the trial and return the exit code."""
+    """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
     from autopilot.build import TRIAL_LAW
     from autopilot.cli.steering import steer
     from autopilot.params.vessel_file import load_vessel
@@ -43,30 +82,47 @@ def run(arguments: argparse.Namespace) -> int:
     vessel = load_vessel(arguments.vessel)
     if vessel.helm.method == "guided":
         raise InputError(f"{arguments.vessel}: helm.method guided moves no rudder; write rc_override for trials")
-    script = _script(arguments, vessel.rudder.angle_max_deg)
-    return steer(vessel, arguments, script, lambda tick: script.is_over, math.inf, law=TRIAL_LAW)
+    script = _script(arguments, vessel)
+    code = steer(
+        vessel,
+        arguments,
+        script,
+        lambda tick: script.is_over,
+        math.inf,
+        law=TRIAL_LAW,
+        describe=script.describe,
+    )
+    if script.reason and code == ExitCode.OK:
+        raise RefusedError(f"the trial ended before its time: {script.reason}")
+    return code
 
 
-def _script(arguments: argparse.Namespace, angle_max_deg: float) -> TrialScript:
-    from autopilot.cli.trial_script import TrialScript, turning, zigzag
+def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:
+    from autopilot.build import limits_of, model_of
+    from autopilot.cli.trial_plans import steps_of
+    from autopilot.cli.trial_script import TrialScript
 
-    if arguments.kind == "zigzag":
-        _check("--rudder-deg", arguments.rudder_deg, 1.0, angle_max_deg)
-        _check("--heading-deg", arguments.heading_deg, 1.0, 90.0)
-        _check("--duration", arguments.duration, 1.0, 36000.0)
-        return TrialScript(
-            [zigzag(math.radians(arguments.rudder_deg), math.radians(arguments.heading_deg), arguments.duration)]
-        )
-    try:
-        angles = [float(part) for part in arguments.rudder_deg.split(",")]
-    except ValueError:
-        raise InputError(f"--rudder-deg {arguments.rudder_deg!r}: write angles like 10,20,-10,-20") from None
-    for angle in angles:
-        _check("--rudder-deg", angle, -angle_max_deg, angle_max_deg)
-    _check("--each", arguments.each, 1.0, 36000.0)
-    return TrialScript([turning(math.radians(angle), arguments.each) for angle in angles])
+    angle_max_deg = math.degrees(limits_of(vessel).angle_max)
+    return TrialScript(steps_of(arguments, round(angle_max_deg, 9), model_of(vessel)), _limits(arguments))
 
 
-def _check(name: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
-        raise InputError(f"{name} {value:g}: allowed is {low:g} to {high:g}")
+def _limits(arguments: argparse.Namespace) -> TrialLimits:
+    from autopilot.guidance.trial_limits import TrialLimits
+
+    given = {
+        "--time-limit": arguments.time_limit,
+        "--speed-min-m-s": arguments.speed_min_m_s,
+        "--speed-max-m-s": arguments.speed_max_m_s,
+        "--corridor-deg": arguments.corridor_deg,
+        "--radius-m": arguments.radius_m,
+    }
+    for name, value in given.items():
+        if value is not None and not 0.0 < value < math.inf:
+            raise InputError(f"{name} {value:g}: a number above 0 is allowed")
+    if arguments.corridor_deg is not None and arguments.corridor_deg > 180.0:
+        raise InputError(f"--corridor-deg {arguments.corridor_deg:g}: allowed is up to 180")
+    least, most = arguments.speed_min_m_s or -math.inf, arguments.speed_max_m_s or math.inf
+    if least >= most:
+        raise InputError(f"--speed-min-m-s {least:g} must be below --speed-max-m-s {most:g}")
+    corridor = math.inf if arguments.corridor_deg is None else math.radians(arguments.corridor_deg)
+    return TrialLimits(least, most, corridor, arguments.radius_m or math.inf, arguments.time_limit or math.inf)

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from autopilot.guidance.trial_limits import TrialLimits, TrialWatch
 from autopilot.signals import Mode, Order, OrderKind, Tick
+
+Until = Callable[[float, Tick], bool]
+"""Whether a step has reached its end at a time [s], in view of the tick; called at every tick of the step."""
+Helm = Callable[[float, Tick], float]
+"""The rudder angle [rad] of a step at a time [s] since its beginning, in view of the tick."""
 
 
 class Step(NamedTuple):
-    """An order and how long [s] it holds."""
+    """An order and how long [s] it holds at most: shorter where `until` says so. `helm` moves the rudder within it;
+    `label` says what it is."""
 
     order: Order
     duration: float
+    until: Until | None = None
+    helm: Helm | None = None
+    label: str = ""
 
 
 def zigzag(rudder: float, heading_change: float, duration: float) -> Step:
@@ -37,8 +47,11 @@ class TrialScript:
     All steps are one intended action and share a serial, so that nothing engages again by itself.
     """
 
-    def __init__(self, steps: Sequence[Step]) -> None:
+    def __init__(self, steps: Sequence[Step], limits: TrialLimits | None = None) -> None:
         self._steps = tuple(steps)
+        self._watch = None if limits is None else TrialWatch(limits)
+        self.reason = ""
+        """Why the script ended before its time, '' where it did not."""
         self._index = 0
         self._since: float | None = None
         self._now = 0.0
@@ -58,24 +71,64 @@ class TrialScript:
         """End the script where it is."""
         self.is_over = True
 
+    @property
+    def left(self) -> float:
+        """Time [s] that is left at most."""
+        if self._since is None or self.is_over:
+            return 0.0 if self.is_over else sum(step.duration for step in self._steps)
+        rest = sum(step.duration for step in self._steps[self._index + 1 :])
+        return rest + max(self._steps[self._index].duration - (self._now - self._since), 0.0)
+
+    def describe(self, tick: Tick) -> str:
+        """Return where the script is, in a few words."""
+        if self._since is None or self.is_over:
+            return ""
+        step = self._steps[self._index]
+        count = f"{self._index + 1}/{len(self._steps)} " if len(self._steps) > 1 else ""
+        off = f"  {self._watch.distance:.0f} m off" if self._watch is not None else ""
+        return f"{count}{step.label or step.order.kind.name.lower()}  {self.left:.0f} s left{off}"
+
     def __call__(self, now: float, tick: Tick | None) -> Order:
         """Return the order at `now` [s]."""
         self._now = now
         if tick is not None and tick.mode is Mode.ENGAGED:
-            if self._since is None:
-                self._begin(now)
-            elif now - self._since >= self._steps[self._index].duration:
-                self._index += 1
-                if self._index == len(self._steps):
-                    self.is_over = self.is_complete = True
-                else:
-                    self._begin(now)
-        elif self._since is not None:
+            self._go_on(now, tick)
+        elif self._since is not None and not self.is_over:
             self.is_over = True
+            self.reason = _taken(tick)
         if self.is_over:
             return Order()
-        return self._steps[self._index].order._replace(serial=1)
+        step = self._steps[self._index]
+        order = step.order
+        if step.helm is not None and tick is not None and self._since is not None:
+            order = order._replace(rudder=step.helm(now - self._since, tick))
+        return order._replace(serial=1)
+
+    def _go_on(self, now: float, tick: Tick) -> None:
+        if self.is_over:
+            return
+        if self._watch is not None and (reason := self._watch.reason(tick)):
+            self.is_over, self.reason = True, reason
+            return
+        if self._since is None:
+            self._begin(now)
+            return
+        step = self._steps[self._index]
+        if now - self._since < step.duration and not (step.until is not None and step.until(now, tick)):
+            return
+        self._index += 1
+        if self._index == len(self._steps):
+            self.is_over = self.is_complete = True
+        else:
+            self._begin(now)
 
     def _begin(self, now: float) -> None:
         self._since = now
         self.begun_at.append(now)
+
+
+def _taken(tick: Tick | None) -> str:
+    if tick is None:
+        return "the pilot gave no tick"
+    why = f": {'; '.join(tick.alarms)}" if tick.alarms else ""
+    return f"the pilot left the helm ({tick.mode.name.lower()}){why}"
