@@ -1,6 +1,6 @@
-"""The skipper who can also hand the course to a route, or the rudder to a trial; any other order takes them back.
+"""The skipper who can hand the course to a route or a pattern, or the rudder to a trial; other orders take it back.
 
-The guide moves the heading that is ordered, it gives no orders of its own: a route never engages the pilot, and an
+The guides move the heading that is ordered, they give no orders of their own: a route never engages the pilot, and an
 override ends the following of it for good.
 """
 
@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 
+from autopilot.cli.pattern_order import KINDS, pattern_of, pattern_typed
 from autopilot.cli.plotter_follow import PlotterSkipper
 from autopilot.cli.trial_script import Step, TrialScript, turning, zigzag
 from autopilot.errors import InputError
+from autopilot.guidance.patterns import Pattern, PatternGuide
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
 from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick
@@ -27,6 +29,7 @@ class RouteSkipper(PlotterSkipper):
     def __init__(self, rudder_max: float, plotter: PlotterGuide, track: TrackGuide) -> None:
         super().__init__(rudder_max, plotter)
         self.track = track
+        self.patterns = PatternGuide()
         self._tick: Tick | None = None
         self._has_led = False
         self._script: TrialScript | None = None
@@ -43,15 +46,16 @@ class RouteSkipper(PlotterSkipper):
         if self._script is not None:
             return self._sail(now, tick, self._script)
         order = super().__call__(now, tick)
-        if not self.track.following or tick is None:
+        leader = self.track if self.track.following else self.patterns
+        if not leader.following or tick is None:
             return order
         if tick.mode is Mode.OVERRIDE and self._has_led:
             # who has taken the helm keeps it: nothing of the route is left when the pilot is engaged again
-            self.track.leave()
+            leader.leave()
         elif tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING and not self._adopt:
             self._has_led = True
             # the same serial: a route must not engage the pilot anew after an override
-            self._order = order._replace(heading=self.track.course(now, tick.state.heading, tick.state.speed))
+            self._order = order._replace(heading=leader.course(now, tick.state.heading, tick.state.speed))
         return self._order
 
     def engage(self, heading: float | None) -> None:
@@ -67,7 +71,7 @@ class RouteSkipper(PlotterSkipper):
     def turn_to(self, heading: float) -> None:
         """Change the heading [rad] ordered; nobody else leads."""
         self.end_trial()
-        self.track.leave()
+        self._take_back()
         super().turn_to(heading)
 
     def follow(self) -> None:
@@ -77,9 +81,13 @@ class RouteSkipper(PlotterSkipper):
 
     def type_line(self, line: str) -> str:
         """Act on a typed line and return what to answer. Raises InputError."""
+        word, _, rest = line.strip().partition(" ")
+        if word == "p":
+            self.sail_pattern(pattern_typed(rest))
+            return f"pattern {rest}"
         answer = super().type_line(line)
-        if line.strip()[:1] in ("+", "-"):
-            self.track.leave()
+        if word[:1] in ("+", "-"):
+            self._take_back()
         return answer
 
     def hand_to_track(self) -> None:
@@ -91,6 +99,18 @@ class RouteSkipper(PlotterSkipper):
         else:
             self.engage(None)
         self._has_led = False
+
+    def sail_pattern(self, pattern: Pattern) -> None:
+        """Sail a turn pattern, engaging on the present heading where none is steered yet."""
+        self.hand_to_track()
+        self.patterns.follow(pattern)
+
+    def pattern(self, number: int, side: float, sizes: tuple[float, ...]) -> None:
+        """Sail the turn pattern of a number, with its sizes in metres and degrees. Raises InputError."""
+        kinds = list(KINDS)
+        if not 0 <= number < len(kinds):
+            raise InputError(f"pattern {number}: allowed is 0 to {len(kinds) - 1}")
+        self.sail_pattern(pattern_of(kinds[number], side, sizes))
 
     def zigzag(self, rudder: float, heading_change: float, duration: float) -> TrialScript:
         """Begin a zigzag; angles [rad], time [s]. Raises InputError."""
@@ -143,6 +163,7 @@ class RouteSkipper(PlotterSkipper):
 
     def _take_back(self) -> None:
         self.track.leave()
+        self.patterns.leave()
         if self._script is not None:
             self._script.stop()
             self._script = None

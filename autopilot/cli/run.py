@@ -51,6 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from autopilot.build import limits_of
     from autopilot.cli.learning_desk import LEARN_HELP, LearningDesk
+    from autopilot.cli.pattern_order import PATTERN_HELP
     from autopilot.cli.plotter_follow import FOLLOW_HELP
     from autopilot.cli.route_skipper import RouteSkipper
     from autopilot.cli.serving import serving_of
@@ -80,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     listens = sys.stdin is not None and sys.stdin.isatty()
     desk = LearningDesk() if arguments.learn else None
     if listens:
-        print(f"{HELP}  {FOLLOW_HELP}" + (f"  {LEARN_HELP}" if desk is not None else ""))
+        print(f"{HELP}  {FOLLOW_HELP}" + (f"  {LEARN_HELP}" if desk is not None else "") + f"\n{PATTERN_HELP}")
 
     def watch(tick: Tick) -> bool:
         if listens and select.select([sys.stdin], (), (), 0.0)[0]:

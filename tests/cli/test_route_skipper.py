@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from boat_at_sea import Sea
+from boat_at_sea import SPEED, Sea
 
 from autopilot.angles import shortest_turn
 from autopilot.errors import InputError
@@ -132,4 +132,49 @@ def test_trials_outside_their_limits_are_refused(rudder_deg: float, change_deg: 
     sea = Sea()
     with pytest.raises(InputError, match="allowed"):
         sea.skipper.zigzag(math.radians(rudder_deg), math.radians(change_deg), seconds)
+    assert sea.sail(1.0).mode is Mode.STANDBY
+
+
+@pytest.mark.parametrize(
+    ("line", "seconds", "turned_deg"),
+    [("p u -", 40.0, -180.0), ("p circle + 60", 2.0 * math.pi * 60.0 / SPEED, 360.0), ("p square + 100", 100.0, 360.0)],
+)
+def test_patterns_are_sailed_by_the_whole_pilot(line: str, seconds: float, turned_deg: float) -> None:
+    sea = Sea()
+    sea.sail(2.0)
+    sea.skipper.type_line(line)
+    heading, turned = sea.box.heading, 0.0
+    for _ in range(round(seconds * 10)):
+        sea.sail(0.1)
+        turned += shortest_turn(heading, sea.box.heading)
+        heading = sea.box.heading
+    assert math.degrees(turned) == pytest.approx(turned_deg, abs=15.0)
+    tick = sea.ticks[-1]
+    assert (tick.mode, tick.order.serial) == (Mode.ENGAGED, 1)
+    sea.skipper.type_line("+10")
+    order = sea.sail(0.1).order.heading
+    assert sea.sail(20.0).order.heading == order, "any other order ends a pattern"
+    sea.skipper.type_line(line)
+    sea.sail(3.0)
+    sea.sail(3.0, helm=TAKEN)
+    assert sea.sail(10.0, helm=FREE).mode is Mode.OVERRIDE and not sea.skipper.patterns.following
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("p", "allowed are u, circle, spiral, zigzag, square, s"),
+        ("p loop +", "pattern 'loop'"),
+        ("p circle 60", "the side is"),
+        ("p circle +", r"give radius \[m\]"),
+        ("p circle + x", "p circle \\+ M"),
+        ("p circle + 60 5", "p circle \\+ M"),
+        ("p circle + nan", "radius nan, allowed is 1 to 10000 m"),
+        ("p zigzag + 120 100", "angle 120, allowed is 1 to 90 deg"),
+    ],
+)
+def test_patterns_that_are_none_are_refused(line: str, says: str) -> None:
+    sea = Sea()
+    with pytest.raises(InputError, match=says):
+        sea.skipper.type_line(line)
     assert sea.sail(1.0).mode is Mode.STANDBY

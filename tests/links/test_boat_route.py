@@ -271,3 +271,19 @@ def test_the_modes_are_listed_with_names_of_our_own_and_followed() -> None:
     (now, *_) = [mode for mode in read() if mode.id == 436]
     assert (now.custom_mode, now.intended_custom_mode, now.standard_mode) == (AUTO, AUTO, 6)
     assert boat.command(262, 7) == dialect.MAV_RESULT_UNSUPPORTED
+
+
+def test_a_turn_pattern_is_ordered_by_number() -> None:
+    boat = ServedBoat()
+    boat.listen(1.0)
+    pattern = dialect.MAV_CMD_USER_3
+    assert boat.command(pattern, 0, 1) == REJECTED
+    boat.command(ARM, 1)
+    assert boat.command(pattern, 6, 1) == dialect.MAV_RESULT_DENIED
+    assert boat.command(pattern, 1, 0, 50) == dialect.MAV_RESULT_DENIED
+    assert boat.command(pattern, math.nan, 1) == dialect.MAV_RESULT_DENIED
+    assert boat.command(pattern, 0, -1) == ACCEPTED
+    assert mode_of(boat) == GUIDED
+    assert abs(boat.sail(40.0).state.heading) == pytest.approx(math.pi, abs=0.05)
+    boat.listen(0.1)
+    assert {"arm first", "pattern 6: allowed is 0 to 5"} <= set(texts(boat))

@@ -26,8 +26,10 @@ RAW_HEADING, COURSE_OVER_GROUND = 1, 0
 SET_STANDARD_MODE = 262
 """MAV_CMD_DO_SET_STANDARD_MODE, which the dialect does not have."""
 ZIGZAG, TURNING = int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)
+PATTERN = int(dialect.MAV_CMD_USER_3)
 """USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
-USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s]."""
+USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
+USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""
 NO_POSITION = "no position: check the GPS and its link"
 LATITUDE_MOST_DEG = 85.0
 
@@ -46,6 +48,9 @@ class Helmsman(Protocol):
 
     def hand_to_track(self) -> None:
         """Let the track guide lead, engaging on the present heading where none is steered yet."""
+
+    def pattern(self, number: int, side: float, sizes: tuple[float, ...]) -> None:
+        """Sail the turn pattern of a number, with its sizes [m] or [deg]. Raises InputError."""
 
     def zigzag(self, rudder: float, heading_change: float, duration: float) -> Run:
         """Begin a zigzag; angles [rad], time [s]. Raises InputError."""
@@ -78,6 +83,7 @@ class Commands:
             int(dialect.MAV_CMD_DO_SET_MISSION_CURRENT): self._set_current,
             ZIGZAG: self._zigzag,
             TURNING: self._turning,
+            PATTERN: self._pattern,
         }
 
     def execute(self, command: int, parameters: tuple[float, ...], tick: Tick | None) -> int:
@@ -179,6 +185,18 @@ class Commands:
     def _turning(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         rudder_deg, duration = parameters[:2]
         return self._begin(TURNING, parameters[:2], lambda: self._helmsman.turning(math.radians(rudder_deg), duration))
+
+    def _pattern(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        number, side, *sizes = parameters[:4]
+        if not (math.isfinite(number) and number == int(number)):
+            return DENIED
+        if not self.armed:
+            return self._refuse(REJECTED, "arm first")
+        try:
+            self._helmsman.pattern(int(number), side, tuple(sizes))
+        except InputError as error:
+            return self._refuse(DENIED, str(error))
+        return ACCEPTED
 
     def _begin(self, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:
         running = self.running
