@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
-from typing import TYPE_CHECKING, Any
+import shlex
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from autopilot.errors import ExitCode, RefusedError
+from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
-    from autopilot.control.design import Verdict
     from autopilot.params.vessel import Vessel
+    from autopilot.report.gains_judged import Judged
+
+LAWS = ("backstepping", "pid")
 
 PID_INTEGRAL_TIME = 10.0
 """Integral time [s] of the PID beside it, or three time constants if that is longer."""
@@ -26,21 +28,41 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
     parser.add_argument("--out", metavar="FILE.yaml", help="write the vessel with the designed gains")
+    parser.add_argument(
+        "--level", type=int, metavar="1..9", help="response: 1 calm, 5 the quickest with good margins, 9 quick"
+    )
+    parser.add_argument(
+        "--bandwidth-rad-s", type=float, metavar="W", help="place the loop's bandwidth instead of a level"
+    )
+    parser.add_argument("--damping", type=float, metavar="Z", help="its damping ratio, with --bandwidth-rad-s (0.8)")
+    parser.add_argument("--report", metavar="FILE.html", help="write curves and tables into one page")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
 
-def designed(vessel: Vessel) -> Vessel:
+class Wish(NamedTuple):
+    """What the loop is to be like: a response level, or a bandwidth [rad/s] with its damping ratio."""
+
+    level: int = 5
+    bandwidth: float | None = None
+    damping: float = 0.8
+
+
+def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a tuple that nobody can change
     """Return the vessel with gains designed for it. Raises RefusedError where no gain serves."""
     from dataclasses import replace
 
     from autopilot.build import gear_of, limits_of, model_of
-    from autopilot.control.design import design_backstepping, equivalent_pid
+    from autopilot.control.design import design_backstepping, equivalent_pid, placed
     from autopilot.params.vessel import Backstepping, Pid
 
     model = model_of(vessel)
     try:
-        gains = design_backstepping(model, gear_of(vessel), limits_of(vessel).rate_max, vessel.control.loop_delay_s)
+        if wish.bandwidth is not None:
+            gains = placed(wish.bandwidth, wish.damping)
+        else:
+            rate_max, delay = limits_of(vessel).rate_max, vessel.control.loop_delay_s
+            gains = design_backstepping(model, gear_of(vessel), rate_max, delay, wish.level)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
     pid = equivalent_pid(model, gains, max(PID_INTEGRAL_TIME, 3.0 * model.time_constant))
@@ -53,79 +75,74 @@ def designed(vessel: Vessel) -> Vessel:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Design, print, write; exit code 4 where the file's own gains must not be engaged and none were asked for."""
-    from pathlib import Path
+    """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
+    from autopilot.params.vessel_file import load_vessel
+    from autopilot.report.gains_judged import as_json, as_text, judged
 
-    from autopilot.build import verdict_of
-    from autopilot.params.editing import updated_vessel_text
-    from autopilot.params.saving import save_text
-    from autopilot.params.vessel_file import dump_vessel, load_vessel
+    wish = _wish(arguments)
+    if arguments.report:
+        from autopilot.report import require_extra
 
+        require_extra("by leaving out --report")
     vessel = load_vessel(arguments.vessel)
-    better = designed(vessel)
-    rows = {
-        "designed backstepping": (better, verdict_of(better, "backstepping")),
-        "designed pid": (better, verdict_of(better, "pid")),
-    }
-    for law in ("backstepping", "pid"):
-        if getattr(vessel.control, law) is not None:
-            rows[f"file's {law}"] = (vessel, verdict_of(vessel, law))
-    if arguments.json:
-        print(json.dumps({name: _as_json(holder, name, verdict) for name, (holder, verdict) in rows.items()}, indent=2))
-    else:
-        print(_as_text(rows))
+    better = designed(vessel, wish)
+    rows = {f"designed {law}": judged(better, law) for law in LAWS}
+    asked_for = rows["designed backstepping"].verdict.refusal
+    if wish.bandwidth is not None and asked_for:
+        raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
+    rows |= {f"file's {law}": judged(vessel, law) for law in LAWS if getattr(vessel.control, law) is not None}
+    if arguments.report:
+        _write_report(arguments, vessel, rows)
+    print(
+        json.dumps({name: as_json(each) for name, each in rows.items()}, indent=2) if arguments.json else as_text(rows)
+    )
     if arguments.out:
-        paths = Path(arguments.out), Path(arguments.vessel)
-        is_same = all(path.exists() for path in paths) and paths[0].samefile(paths[1])
-        before = paths[0].read_text(encoding="utf-8-sig") if is_same else None
-        save_text(arguments.out, updated_vessel_text(before, better, arguments.out) if before else dump_vessel(better))
-        if not arguments.json:
-            print(f"\nWrote {arguments.out}.")
+        _write_vessel(arguments, better)
     return int(ExitCode.OK)
 
 
-def _gains(vessel: Vessel, name: str) -> dict[str, float]:
-    from dataclasses import asdict
-
-    law = vessel.control.pid if name.endswith("pid") else vessel.control.backstepping
-    assert law is not None
-    return asdict(law)
-
-
-def _as_json(vessel: Vessel, name: str, verdict: Verdict) -> dict[str, Any]:
-    found = verdict.margins
-    return {
-        "gains": _gains(vessel, name),
-        "stable": found.stable,
-        "gain_margin": _finite(found.gain),
-        "phase_margin_deg": math.degrees(found.phase),
-        "delay_margin_s": _finite(found.delay),
-        "worst_sensitivity": found.sensitivity,
-        "crossover_rad_s": found.crossover,
-        "rudder_rate_saturates_at_heading_error_deg": _finite(math.degrees(found.saturation)),
-        "refusal": verdict.refusal or None,
-    }
+def _wish(arguments: argparse.Namespace) -> Wish:
+    level, bandwidth, damping = arguments.level, arguments.bandwidth_rad_s, arguments.damping
+    if level is not None and not 1 <= level <= 9:
+        raise InputError(f"--level {level}: allowed is 1 (calm) to 9 (quick)")
+    if level is not None and bandwidth is not None:
+        raise InputError("--level and --bandwidth-rad-s exclude each other")
+    if damping is not None and bandwidth is None:
+        raise InputError("--damping goes with --bandwidth-rad-s")
+    if bandwidth is not None and not 0.0 < bandwidth <= 1.0e3:
+        raise InputError(f"--bandwidth-rad-s {bandwidth:g}: allowed is above 0, at most 1000")
+    if damping is not None and not 0.1 <= damping <= 0.99:
+        raise InputError(f"--damping {damping:g}: allowed is 0.1 to 0.99")
+    return Wish(5 if level is None else level, bandwidth, 0.8 if damping is None else damping)
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
+    from pathlib import Path
+
+    from autopilot.params.editing import updated_vessel_text
+    from autopilot.params.saving import save_text
+    from autopilot.params.vessel_file import dump_vessel
+
+    paths = Path(arguments.out), Path(arguments.vessel)
+    is_same = all(path.exists() for path in paths) and paths[0].samefile(paths[1])
+    before = paths[0].read_text(encoding="utf-8-sig") if is_same else None
+    save_text(arguments.out, updated_vessel_text(before, better, arguments.out) if before else dump_vessel(better))
+    if not arguments.json:
+        print(f"\nWrote {arguments.out}.")
 
 
-def _as_text(rows: dict[str, tuple[Vessel, Verdict]]) -> str:
-    lines = [
-        f"{'':24}{'gain':>8}{'phase':>9}{'delay':>9}{'worst':>13}{'crossover':>12}{'rate saturates':>16}",
-        f"{'':24}{'margin':>8}{'margin':>9}{'margin':>9}{'sensitivity':>13}{'rad/s':>12}{'at error':>16}",
-    ]
-    for name, (vessel, verdict) in rows.items():
-        found = verdict.margins
-        if found.stable:
-            lines.append(
-                f"{name:24}{found.gain:8.2f}{math.degrees(found.phase):5.0f} deg{found.delay:7.2f} s"
-                f"{found.sensitivity:13.2f}{found.crossover:12.3f}{math.degrees(found.saturation):12.2f} deg"
-            )
-        else:
-            lines.append(f"{name:24}unstable")
-        lines.append("    " + "  ".join(f"{key} {value:g}" for key, value in _gains(vessel, name).items()))
-        if verdict.refusal:
-            lines.append(f"    {verdict.refusal}")
-    return "\n".join(lines)
+def _write_report(arguments: argparse.Namespace, vessel: Vessel, rows: dict[str, Judged]) -> None:
+    from autopilot.params.saving import save_text
+    from autopilot.report.gains import gains_page
+    from autopilot.report.gains_judged import judged
+
+    levels = {}
+    for level in range(1, 10):
+        levels[level] = judged(designed(vessel, Wish(level)), "backstepping")
+    words = ["autopilot", "gains", arguments.vessel]
+    for name in ("level", "bandwidth_rad_s", "damping"):
+        value = getattr(arguments, name)
+        words += [] if value is None else [f"--{name.replace('_', '-')}", f"{value:g}"]
+    save_text(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(words)))
+    if not arguments.json:
+        print(f"Wrote the report to {arguments.report}.\n")

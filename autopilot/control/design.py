@@ -26,6 +26,8 @@ WORST_SENSITIVITY = 1.6
 """Ms that a design may reach; 1.4 is cautious, 2.0 is the usual limit."""
 LEAST_ERROR = math.radians(1.0)
 """A heading error this small must not saturate the rudder's rate in a designed loop."""
+MIDDLE_LEVEL = 5
+"""Of the response levels 1 to 9."""
 REFUSED_ERROR = math.radians(0.1)
 """A loop whose rudder rate saturates at errors as small as this limit-cycles on compass noise alone."""
 GRID = 400
@@ -169,30 +171,97 @@ def judge(model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float
     return Verdict(found, "")
 
 
-def design_backstepping(model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float) -> BacksteppingGains:
-    """Return the quickest gains whose loop keeps Ms and leaves the rudder's rate room for LEAST_ERROR.
+def design_backstepping(
+    model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float, level: int = MIDDLE_LEVEL
+) -> BacksteppingGains:
+    """Return gains of a response `level` from 1 (calm) to 9 (quick).
 
-    k1 = k2 = k and gamma = k^2/4, which is a damping ratio of 0.89. Raises ValueError where no gain does: the
-    rudder is too slow for this boat.
+    Level 5 is the quickest loop that keeps WORST_SENSITIVITY and leaves the rudder's rate room for LEAST_ERROR. Three
+    levels down the loop is half as quick. Three levels up it is twice as quick where the margins allow it: each level
+    lets Ms grow by 0.1 and the error that must not saturate the rate shrink by the root of two.
+    The damping ratio is 0.89, or more where the boat has more by itself. Raises ValueError for another level, and where
+    no gain keeps the margins: the rudder is too slow for this boat.
     """
+    if not 1 <= level <= 9:
+        raise ValueError(f"response level {level}: allowed is 1 (calm) to 9 (quick)")
+    k = _quickest(model, gear, rate_max, loop_delay, WORST_SENSITIVITY, LEAST_ERROR)
+    above = level - MIDDLE_LEVEL
+    wanted = k * math.exp2(above / 3.0)
+    if above > 0:
+        worst, least_error = WORST_SENSITIVITY + 0.1 * above, LEAST_ERROR * math.exp2(-0.5 * above)
+        wanted = min(wanted, _quickest(model, gear, rate_max, loop_delay, worst, least_error))
+    return _at(model, wanted)
+
+
+def _quickest(
+    model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float, worst: float, least_error: float
+) -> float:
+    """Return the largest k [1/s] whose loop is stable, with Ms up to `worst` and room for `least_error` [rad]."""
     delay = gear.delay + loop_delay
 
     def holds(k: float) -> bool:
-        found = margins(model, gear.lag, delay, rate_max, linear_gains_backstepping(model, _at(k)))
-        return found.stable and found.sensitivity <= WORST_SENSITIVITY and found.saturation >= LEAST_ERROR
+        found = margins(model, gear.lag, delay, rate_max, linear_gains_backstepping(model, _at(model, k)))
+        return found.stable and found.sensitivity <= worst and found.saturation >= least_error
 
     slowest, quickest = 1.0e-3 / model.time_constant, 1.0e2 / model.time_constant
-    grid = [slowest * (quickest / slowest) ** (index / 120) for index in range(121)]
+    grid = [slowest * math.pow(quickest / slowest, index / 120) for index in range(121)]
     good = [k for k in grid if holds(k)]
     if not good:
         raise ValueError(
             "design: no gain gives a stable loop with margins: the steering gear is too slow for this boat"
         )
-    return _at(good[-1])
+    return good[-1]
 
 
-def _at(k: float) -> BacksteppingGains:
-    return BacksteppingGains(k, k, 0.25 * k * k)
+def placed(bandwidth: float, damping: float) -> BacksteppingGains:
+    """Return the gains that make z1'' + 2 zeta w z1' + w^2 z1 = 0, w = `bandwidth` [rad/s], zeta = `damping` [-].
+
+    k1 = k2 = zeta w and gamma = w^2 (1 - zeta^2), so that zeta must lie between 0 and 1; ValueError otherwise. What the
+    rudder's lag, rate and delay make of it is for `judge` to say.
+    """
+    if not 0.0 < bandwidth < math.inf or not 0.0 < damping < 1.0:
+        raise ValueError("bandwidth must be positive, and damping above 0 and below 1")
+    k = damping * bandwidth
+    return BacksteppingGains(k, k, bandwidth * bandwidth * (1.0 - damping * damping))
+
+
+class Spread(NamedTuple):
+    """How far the boat may be from its model: relative, of K and of T, to either side."""
+
+    gain: float
+    time_constant: float
+
+
+def worst_margins(
+    model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float, gains: LoopGains, spread: Spread
+) -> Margins:
+    """Return the margins of the worst of the boats within the `spread`, the gains being what they are.
+
+    The four corners of K and T and the four edges between them; the least stable first, then by sensitivity.
+    """
+    boats = [
+        model._replace(
+            gain=model.gain * (1.0 + a * spread.gain),
+            time_constant=model.time_constant * (1.0 + b * spread.time_constant),
+        )
+        for a in (-1.0, 0.0, 1.0)
+        for b in (-1.0, 0.0, 1.0)
+    ]
+    found = [margins(boat, gear.lag, gear.delay + loop_delay, rate_max, gains) for boat in boats]
+    return max(found, key=lambda each: (not each.stable, each.sensitivity))
+
+
+def _at(model: Norrbin, k: float) -> BacksteppingGains:
+    """Return the gains of bandwidth w = k/zeta with zeta^2 = 0.8, keeping what damping the boat has by itself.
+
+    The closed loop is z1'' + S z1' + w^2 z1 = 0. S = k1 + k2 = 2 zeta w, but never less than the boat's own n1/T:
+    below that the law would have to drive the boat on against its damping, a positive feedback of the rate that costs
+    margin the more the calmer the loop is meant to be.
+    """
+    damping = max(2.0 * k, model.n1 / model.time_constant)
+    apart = math.sqrt(max(0.25 * damping * damping - k * k, 0.0))
+    slow = k * k / (0.5 * damping + apart)
+    return BacksteppingGains(slow, damping - slow, 0.25 * k * k)
 
 
 def equivalent_pid(model: Norrbin, gains: BacksteppingGains, integral_time: float = 0.0) -> PidGains:

@@ -36,7 +36,7 @@ class Panel(NamedTuple):
     lines: Sequence[Line]
 
 
-def time_figure(panels: Sequence[Panel], abscissa: str = "time [s]") -> str:
+def time_figure(panels: Sequence[Panel], abscissa: str = "time [s]", *, logarithmic: bool = False) -> str:
     """Return panels above each other, sharing the time axis or another `abscissa`, as SVG."""
     import matplotlib as mpl
 
@@ -50,6 +50,8 @@ def time_figure(panels: Sequence[Panel], abscissa: str = "time [s]") -> str:
         for axis, panel in zip(axes[:, 0], panels, strict=True):
             _draw(axis, panel)
         axes[-1, 0].set_xlabel(abscissa)
+        if logarithmic:
+            axes[-1, 0].set_xscale("log")
         text = _svg_of(figure)
         pyplot.close(figure)
     return text

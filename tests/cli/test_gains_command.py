@@ -57,6 +57,72 @@ def test_what_is_written_may_be_engaged(tmp_path: Path, capsys: pytest.CaptureFi
     assert rows["file's backstepping"]["gains"] == rows["designed backstepping"]["gains"]
 
 
+def test_a_tired_rudder_still_steers_a_boat_that_is_steady_by_itself(tmp_path: Path) -> None:
+    """A calm loop keeps the boat's own damping instead of cancelling it, and then margins are left."""
+    vessel = load_vessel("lanxin")
+    tired = designed(replace(vessel, rudder=replace(vessel.rudder, lag_s=0.5, delay_s=0.2)))
+    verdict = verdict_of(tired, "backstepping")
+    assert verdict.margins.sensitivity <= 1.6
+    gains = tired.control.backstepping
+    assert gains is not None
+    assert gains.k1_1_s + gains.k2_1_s >= 1.0 / vessel.model.T_s - 1.0e-4
+
+
+def test_levels_go_from_calm_to_quick_and_calm_is_safer(capsys: pytest.CaptureFixture[str]) -> None:
+    found = [as_json(capsys, "lanxin", "--level", str(level))["designed backstepping"] for level in (1, 3, 5, 7, 9)]
+    crossovers = [row["crossover_rad_s"] for row in found]
+    assert crossovers == sorted(crossovers)
+    assert crossovers[-1] > 3.0 * crossovers[0]
+    assert all(row["worst_sensitivity"] <= 2.0 for row in found)
+    assert found[0]["worst_sensitivity"] < 1.4 < found[-1]["worst_sensitivity"]
+    assert found[2] == as_json(capsys, "lanxin")["designed backstepping"]
+
+
+def test_bandwidth_and_damping_are_placed_and_judged(capsys: pytest.CaptureFixture[str]) -> None:
+    row = as_json(capsys, "lanxin", "--bandwidth-rad-s", "2", "--damping", "0.8")["designed backstepping"]
+    gains = row["gains"]
+    assert gains["k1_1_s"] + gains["k2_1_s"] == pytest.approx(2.0 * 0.8 * 2.0)
+    assert gains["gamma_1_s2"] + gains["k1_1_s"] * gains["k2_1_s"] == pytest.approx(4.0, rel=1e-4)
+    assert main(["gains", "lanxin", "--bandwidth-rad-s", "60"]) == 4
+    assert "refused" in capsys.readouterr().err
+    assert main(["gains", "lanxin", "--bandwidth-rad-s", "2", "--damping", "1.5"]) == 2
+    assert main(["gains", "lanxin", "--level", "12"]) == 2
+    assert main(["gains", "lanxin", "--level", "4", "--bandwidth-rad-s", "2"]) == 2
+
+
+def test_large_errors_and_the_worst_boat_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    good = as_json(capsys, "lanxin")["file's backstepping"]
+    assert [row["corrected"] for row in good["large_errors"]] == [True] * 4
+    assert good["large_errors"][0]["overshoot_deg"] < 1.0
+    assert good["worst_boat"]["stable"]
+    assert good["worst_boat"]["worst_sensitivity"] >= good["worst_sensitivity"]
+    assert "assumed" in good["worst_boat"]["spread"]
+    paper = as_json(capsys, "lanxin_paper_gains")["file's backstepping"]
+    assert not any(row["corrected"] for row in paper["large_errors"])
+    assert paper["large_errors"][0]["swings_at_the_end_deg"] > 10.0
+
+
+def test_standard_errors_in_the_file_set_the_spread(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vessel = load_vessel("lanxin")
+    known = replace(vessel.model, standard_errors=replace(vessel.model.standard_errors, K_1_s=0.007, T_s=0.01))
+    path = tmp_path / "known.yaml"
+    path.write_text(dump_vessel(replace(vessel, model=known)))
+    row = as_json(capsys, str(path))["file's backstepping"]
+    assert "2 standard errors" in row["worst_boat"]["spread"]
+    assumed = as_json(capsys, "lanxin")["file's backstepping"]
+    assert row["worst_boat"]["worst_sensitivity"] < assumed["worst_boat"]["worst_sensitivity"]
+
+
+def test_the_report_shows_the_loop(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="needs the extra report")
+    page = tmp_path / "gains.html"
+    assert main(["gains", "lanxin", "--report", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<svg") >= 3
+    for wanted in ("Response levels", "Large errors", "delay margin"):
+        assert wanted in text
+
+
 def test_a_slower_rudder_gets_gentler_gains() -> None:
     quick = load_vessel("lanxin")
     slow = replace(quick, rudder=replace(quick.rudder, lag_s=0.2, delay_s=0.1))
@@ -70,7 +136,8 @@ def test_a_slower_rudder_gets_gentler_gains() -> None:
 def test_a_rudder_too_slow_for_the_boat_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vessel = load_vessel("lanxin")
     path = tmp_path / "tired.yaml"
-    path.write_text(dump_vessel(replace(vessel, rudder=replace(vessel.rudder, lag_s=0.5, delay_s=0.2))))
+    unsteady, tired = replace(vessel.model, n1=-1.0), replace(vessel.rudder, lag_s=0.5, delay_s=0.2)
+    path.write_text(dump_vessel(replace(vessel, model=unsteady, rudder=tired)))
     out = tmp_path / "better.yaml"
     assert main(["gains", str(path), "--out", str(out)]) == 4
     lines = capsys.readouterr().err.strip().splitlines()

@@ -1,0 +1,157 @@
+"""The gain design's page: margins, the loop's curves, response levels, and what large errors do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from autopilot import __version__
+from autopilot.build import gear_of, law_of, loop_gains_of, model_of
+from autopilot.control.design import loop
+from autopilot.control.large_errors import trace
+from autopilot.report.figures import FloatArray, Line, Panel, time_figure
+from autopilot.report.gains_judged import LARGE_ERRORS_DEG, Judged, loop_of, sentences
+from autopilot.report.page import Section, render
+
+CURVE_POINTS = 300
+STEP_DEG = (5.0, 45.0)
+
+
+def gains_page(name: str, rows: Mapping[str, Judged], levels: Mapping[int, Judged], command: str) -> str:
+    """Return the page of the vessel called `name`: its rows of gains, and designs by response level."""
+    lead = (
+        f"Gains for {name}: the loop of boat, rudder and delay about straight running, its margins, and what the very "
+        "functions that steer make of errors that saturate the rudder."
+    )
+    sections = [
+        Section("Margins", _margins(rows), _said(rows)),
+        Section("Open loop", figure=_open_loop(rows), caption="cut at the rudder; at the crossover |L| is 1"),
+        Section(
+            "Sensitivity", figure=_sensitivity(rows), caption="what the loop makes of disturbances: above 1 it adds"
+        ),
+        *(_step(rows, degrees) for degrees in STEP_DEG),
+        Section("Large errors", _large_errors(rows), ("Without a planned turn: in the pilot a turn is planned.",)),
+        Section("Response levels", _levels(levels), ("Level 5 is the quickest loop with good margins.",)),
+    ]
+    return render("Gain design", lead, sections, command, __version__)
+
+
+def _margins(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
+    table: list[tuple[str, ...]] = [
+        ("gains", "gain margin", "phase margin", "delay margin", "worst sensitivity", "crossover", "rate saturates")
+    ]
+    for name, each in rows.items():
+        found = each.verdict.margins
+        if not found.stable:
+            table.append((name, "unstable", "", "", "", "", ""))
+            continue
+        table.append(
+            (
+                name,
+                f"{found.gain:.2f}",
+                f"{math.degrees(found.phase):.0f}°",
+                f"{found.delay:.2f} s",
+                f"{found.sensitivity:.2f}",
+                f"{found.crossover:.3g} rad/s",
+                f"from {math.degrees(found.saturation):.2f}°",
+            )
+        )
+    return table
+
+
+def _said(rows: Mapping[str, Judged]) -> tuple[str, ...]:
+    return tuple(f"{name}: {'; '.join(sentences(each))}." for name, each in rows.items())
+
+
+def _stable(rows: Mapping[str, Judged]) -> dict[str, Judged]:
+    """Return those whose curves mean anything; all of them where none is stable."""
+    return {name: each for name, each in rows.items() if each.verdict.margins.stable} or dict(rows)
+
+
+def _frequencies(rows: Mapping[str, Judged]) -> FloatArray:
+    around = [max(each.verdict.margins.crossover, 1.0e-3) for each in rows.values()]
+    return np.geomspace(0.02 * min(around), 30.0 * max(around), CURVE_POINTS)
+
+
+def _values(each: Judged, omegas: FloatArray) -> FloatArray:
+    vessel, gear = each.vessel, gear_of(each.vessel)
+    gains, delay = loop_gains_of(vessel, each.law), gear.delay + vessel.control.loop_delay_s
+    return np.array([loop(model_of(vessel), gear.lag, delay, gains, float(omega)) for omega in omegas])
+
+
+def _open_loop(rows: Mapping[str, Judged]) -> str:
+    chosen = _stable(rows)
+    omegas = _frequencies(chosen)
+    size, phase = [], []
+    for name, each in chosen.items():
+        values = _values(each, omegas)
+        size.append(Line(name, omegas, 20.0 * np.log10(np.abs(values))))
+        phase.append(Line(name, omegas, np.degrees(np.unwrap(np.angle(values)))))
+    panels = [Panel("|L| [dB]", size), Panel("phase [deg]", phase)]
+    return time_figure(panels, "frequency [rad/s]", logarithmic=True)
+
+
+def _sensitivity(rows: Mapping[str, Judged]) -> str:
+    chosen = _stable(rows)
+    omegas = _frequencies(chosen)
+    lines = [Line(name, omegas, np.abs(1.0 / (1.0 + _values(each, omegas)))) for name, each in chosen.items()]
+    return time_figure([Panel("|1/(1 + L)|", lines)], "frequency [rad/s]", logarithmic=True)
+
+
+def _step(rows: Mapping[str, Judged], degrees: float) -> Section:
+    """A heading error put right, with the real rudder's angle, rate, lag and delay."""
+    seconds = 1.3 * max(
+        (row.settling for each in rows.values() for row in each.recoveries if math.isfinite(row.settling)), default=30.0
+    )
+    headings, rudders = [], []
+    for name, each in rows.items():
+        motion = trace(loop_of(each.vessel), law_of(each.vessel, each.law), math.radians(degrees), seconds)
+        time = np.array(motion.time)
+        headings.append(Line(name, time, np.degrees(motion.error)))
+        rudders.append(Line(name, time, np.degrees(motion.rudder)))
+    figure = time_figure([Panel("heading error [deg]", headings), Panel("rudder [deg]", rudders)])
+    return Section(f"An error of {degrees:.0f}° put right", figure=figure, caption="the boat starts at rest in yaw")
+
+
+def _large_errors(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
+    table: list[tuple[str, ...]] = [("gains", *(f"from {degrees:.0f}°" for degrees in LARGE_ERRORS_DEG))]
+    for name, each in rows.items():
+        cells = []
+        for row in each.recoveries:
+            past = f"{math.degrees(row.overshoot):.1f}° past, {row.settling:.1f} s"
+            cells.append(past if row.corrected else f"swings by {math.degrees(row.swing):.1f}°")
+        table.append((name, *cells))
+    return table
+
+
+def _levels(levels: Mapping[int, Judged]) -> list[tuple[str, ...]]:
+    table: list[tuple[str, ...]] = [
+        (
+            "level",
+            "k1 [1/s]",
+            "k2 [1/s]",
+            "gamma [1/s²]",
+            "crossover",
+            "worst sensitivity",
+            "delay margin",
+            "rate saturates",
+        )
+    ]
+    for level, each in levels.items():
+        gains, found = each.vessel.control.backstepping, each.verdict.margins
+        assert gains is not None
+        table.append(
+            (
+                str(level),
+                f"{gains.k1_1_s:.3g}",
+                f"{gains.k2_1_s:.3g}",
+                f"{gains.gamma_1_s2:.3g}",
+                f"{found.crossover:.3g} rad/s",
+                f"{found.sensitivity:.2f}",
+                f"{found.delay:.2f} s",
+                f"from {math.degrees(found.saturation):.2f}°",
+            )
+        )
+    return table
