@@ -60,8 +60,12 @@ class Foretelling:
         self._turned = 0.0
         self._least = self._most = 0.0
 
-    def update(self, time: float, rudder: float, ratio: float, heading: float, rate: float | None) -> Outcome | None:
+    def update(
+        self, time: float, rudder: float, ratio: float, heading: float, rate: float | None, moved_by: float
+    ) -> Outcome | None:
         """Take a sample as `IntegralWindow.update` does, always with a heading; return the outcome at a stretch's end.
+
+        moved_by [rad]: the rudder without its answers to waves, which decides whether a stretch tells something.
 
         Both boats begin a stretch with the rate measured, smoothed over a moment, or with the heading's slope.
         """
@@ -79,20 +83,20 @@ class Foretelling:
             self._turned += turned
             for boat in self._boats:
                 boat.move(dt, self._rudder, rudder, ratio)
-            self._least, self._most = min(self._least, rudder), max(self._most, rudder)
+            self._least, self._most = min(self._least, moved_by), max(self._most, moved_by)
             if time - self._begun >= self.ahead:
                 outcome = self._end()
         if self._begun is None:
-            self._begin(time, rudder)
+            self._begin(time, moved_by)
         self._remember(time, rudder, heading)
         return outcome
 
     def _remember(self, time: float, rudder: float, heading: float) -> None:
         self._at, self._rudder, self._heading = time, rudder, heading
 
-    def _begin(self, time: float, rudder: float) -> None:
+    def _begin(self, time: float, moved_by: float) -> None:
         self._begun, self._turned = time, 0.0
-        self._least = self._most = rudder
+        self._least = self._most = moved_by
         for boat in self._boats:
             boat.begin(self._rate)
 

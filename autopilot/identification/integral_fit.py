@@ -4,7 +4,11 @@ Least squares over the windows (zeta = phi, the terms themselves) is biased: the
 is measured too, and its noise lowers every estimate, the more so the less n3 can be told from K. So as soon as K and T
 are known well enough to simulate a boat with, each equation is multiplied by instruments in place of its own terms: the
 same integrals of a boat that is simulated beside, under the recorded rudder and with the present estimate, whose motion
-knows nothing of the noise (the refined instrumental variable of Young, 1976). The sums
+knows nothing of the noise (the refined instrumental variable of Young, 1976).
+
+Where a law holds the course, the rudder answers to wind and waves, and whoever takes its movements for causes finds a
+boat that hardly turns. There the boat beside follows the law's reference, whose turns nobody but the skipper caused,
+with the rudder that they take in calm water: running straight tells nothing then, turning does. The sums
 
     R = sum zeta phi'/s^2,   f = sum zeta (y - phi' theta_0)/s^2,   theta = theta_0 + (R + Lambda)^-1 f
 
@@ -21,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.identification.integral_window import BLOCKS, Integrals, IntegralWindow
-from autopilot.models.norrbin import Norrbin, at_speed_ratio, rate_step
+from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, rate_step, rudder_for
+from autopilot.signals import Reference
 
 NAMES = ("gain", "time_constant", "n3", "n0")
 
@@ -36,6 +41,9 @@ EXPECTED_ERROR_RAD = math.radians(0.1)
 
 LEAST_ERROR_RAD = math.radians(0.02)
 """For the standard errors, the equations' error is taken to be at least this."""
+
+LEAST_WEIGHT = 1.0e-3
+"""What keeps plain least squares solvable where the windows say nothing of a parameter."""
 
 TRIM_RAD = math.radians(3.0)
 """n0 is expected to be worth a rudder of this size."""
@@ -81,8 +89,8 @@ class IntegralFit:
     """The recursive estimate; feed it with `update`, read `model` and `standard_errors`.
 
     `first` is the model it begins with and is held to where nothing is learnt; n1, n2 = 0 and the reference speed are
-    its own. `simulated` is a model good enough to simulate from the beginning, where there is one. Raises ValueError
-    for a first model with n2.
+    its own. `simulated` is a model good enough to simulate from the beginning, where there is one. `moved_by` is the
+    rudder [rad] as far as nothing that disturbs the boat moves it. Raises ValueError for a first model with n2.
     """
 
     def __init__(
@@ -98,7 +106,8 @@ class IntegralFit:
         self._open_windows(length)
         self.model = simulated or first
         self.windows = 0
-        self._at = -math.inf
+        self._at = self._followed = -math.inf
+        self.moved_by = 0.0
         self._rate = self._heading = 0.0
         self._rudder, self._measured = 0.0, math.nan
         size = len(NAMES)
@@ -117,20 +126,41 @@ class IntegralFit:
         return self._window.length
 
     def update(
-        self, time: float, rudder: float, ratio: float, heading: float | None = None, rate: float | None = None
+        self,
+        time: float,
+        rudder: float,
+        ratio: float,
+        heading: float | None = None,
+        rate: float | None = None,
+        reference: Reference | None = None,
     ) -> Integrals | None:
         """Take what is known at `time` [s], as `IntegralWindow.update` does; return the window whose equation was
-        added, None where there was none or it tells nothing."""
-        self._simulate(time, rudder, ratio, heading, rate)
+        added, None where there was none or it tells nothing. `reference` is what a law steers by, where one steers."""
+        if reference is None:
+            self._simulate(time, rudder, ratio, heading, rate)
+            self.moved_by = rudder
+        else:
+            self._follow(time, ratio, reference)
         window = self._window.update(time, rudder, ratio, heading, rate)
         if heading is None and rate is None:
-            self._beside.update(time, rudder, ratio)
+            self._beside.update(time, self.moved_by, ratio)
             return None
-        beside = self._beside.update(time, rudder, ratio, self._heading, self._rate)
-        if window is None or beside is None or window.rudder_range < self.settings.rudder_range:
+        beside = self._beside.update(time, self.moved_by, ratio, self._heading, self._rate)
+        if window is None or beside is None or beside.rudder_range < self.settings.rudder_range:
             return None
         self._add(window, beside)
         return window
+
+    def _follow(self, time: float, ratio: float, reference: Reference) -> None:
+        """The boat beside goes where the law is told to go, and its rudder is what that takes without any waves."""
+        dt = time - self._at
+        if 0.0 < dt <= self.settings.longest_gap:
+            self._heading += 0.5 * dt * (self._rate + reference.rate)
+        model = at_speed_ratio(self._modelled(), max(ratio, SPEED_FLOOR_RATIO))
+        self._rate = reference.rate
+        self.moved_by = rudder_for(model, reference.rate, reference.acceleration)
+        self._at = self._followed = max(time, self._at)
+        self._rudder, self._measured = self.moved_by, math.nan
 
     def _simulate(self, time: float, rudder: float, ratio: float, heading: float | None, rate: float | None) -> None:
         """Carry the boat beside on to `time` [s]; where the samples begin anew, it begins with the measured rate."""
@@ -139,7 +169,7 @@ class IntegralFit:
             self._rate = 0.0 if rate is None or not math.isfinite(rate) else rate
             self._measured = math.nan
         elif dt > 0.0 and math.isfinite(rudder):
-            model = at_speed_ratio(self._modelled(), max(ratio, 0.05))
+            model = at_speed_ratio(self._modelled(), max(ratio, SPEED_FLOOR_RATIO))
             steps = math.ceil(dt / (0.5 * model.time_constant))
             for step in range(steps):
                 angle = self._rudder + (rudder - self._rudder) * (step + 0.5) / steps
@@ -174,7 +204,8 @@ class IntegralFit:
         regressors, instruments = _terms(window), _terms(beside)
         first = _values(self.first)
         missing = self.first.n1 * window.turned - float(regressors @ first)
-        if not self._led:
+        is_steered = window.time - self._followed <= self.length
+        if not self._led and not is_steered:
             instruments = regressors
         self._count(np.array([self.first.n1 * window.turned, *regressors]))
         weighted = instruments / EXPECTED_ERROR_RAD**2
@@ -207,10 +238,10 @@ class IntegralFit:
         self._fading = math.exp(-length / BLOCKS / self.settings.memory)
 
     def _solve(self, first: NDArray[np.float64]) -> None:
-        spread = self._spread()
-        whole = spread[:, None] * self._R * spread + np.eye(len(NAMES))
+        spread, square = self._spread(), max(self._error_square(self._least_squares()), 1.0)
+        whole = spread[:, None] * self._R * spread / square + np.eye(len(NAMES))
         try:
-            step = np.linalg.solve(whole, spread * self._f)
+            step = np.linalg.solve(whole, spread * self._f / square)
         except np.linalg.LinAlgError:
             return
         gain, time_constant, n3, n0 = (first + spread * step).tolist()
@@ -236,9 +267,9 @@ class IntegralFit:
         The expectation that the parameters lie near the first model counts as knowledge, so that nothing known is one
         standard deviation of that: the parameter itself. Neighbouring equations whose errors are alike count less.
         """
-        spread = self._spread()
-        inverse = np.linalg.pinv(spread[:, None] * self._R * spread + np.eye(len(NAMES)))
-        scores = spread[:, None] * self._S * spread * self._error_square() + np.eye(len(NAMES))
+        spread, square = self._spread(), self._error_square(_values(self.model))
+        inverse = np.linalg.pinv(spread[:, None] * self._R * spread / square + np.eye(len(NAMES)))
+        scores = spread[:, None] * self._S * spread / square + np.eye(len(NAMES))
         errors = spread * np.sqrt(np.maximum(np.diag(inverse @ scores @ inverse.T), 0.0))
         return {name: float(error) for name, error in zip(NAMES, errors, strict=True) if error > 0.0}
 
@@ -249,11 +280,19 @@ class IntegralFit:
         self._counted = self._fading * self._counted + 1.0
         self._last = equation
 
-    def _error_square(self) -> float:
-        """Return the equations' mean square error in units of the expected one, raised where neighbours are alike."""
+    def _least_squares(self) -> NDArray[np.float64]:
+        """Return what plain least squares makes of the windows, held by nothing: its errors are the disturbances'."""
+        spread = self._spread()
+        squares = spread[:, None] * self._moments[0, 1:, 1:] * spread / EXPECTED_ERROR_RAD**2
+        target = spread * self._moments[0, 1:, 0] / EXPECTED_ERROR_RAD**2
+        return np.asarray(spread * np.linalg.solve(squares + LEAST_WEIGHT * np.eye(len(NAMES)), target))
+
+    def _error_square(self, values: NDArray[np.float64]) -> float:
+        """Return the equations' mean square error with these parameters, in units of the expected one; where neighbours
+        are alike it is raised, for they say the same."""
         if self._counted <= len(NAMES):
             return 1.0
-        contrast = np.array([1.0, *-_values(self.model)])
+        contrast = np.array([1.0, *-values])
         square = float(contrast @ self._moments[0] @ contrast) / (self._counted - len(NAMES))
         square = max(square, LEAST_ERROR_RAD**2)
         alike = float(contrast @ self._moments[1] @ contrast) / (square * self._counted)

@@ -19,7 +19,7 @@ from autopilot.identification.integral_recursion import Recursion, RecursionSett
 from autopilot.identification.integral_rls import WindowRls
 from autopilot.identification.integral_window import BLOCKS, IntegralWindow
 from autopilot.models.norrbin import Norrbin
-from autopilot.signals import HeadingSample, RateSample, RudderSample, Tick
+from autopilot.signals import HeadingSample, Mode, OrderKind, RateSample, RudderSample, Tick
 
 WORTH_PROPOSING = 0.1
 """K and T must be known to this share before a model is put forward."""
@@ -90,10 +90,11 @@ class Learner:
         self._rudders: deque[tuple[float, float]] = deque(maxlen=16)
         self._rudder_heard = -math.inf
         self._rate: tuple[float, float] | None = None
-        self._last_motion = -math.inf
+        self._last_motion = self._moved = -math.inf
         self._candidate: _Candidate | None = None
         self._foretelling: Foretelling | None = None
         self._outcomes: deque[Outcome] = deque(maxlen=STRETCHES)
+        self._proved: Proposal | None = None
 
     @property
     def recursion(self) -> Norrbin:
@@ -130,7 +131,7 @@ class Learner:
             if isinstance(sample, RateSample):
                 self._rate = (sample.time, sample.rate)
             elif isinstance(sample, HeadingSample) and abs(wrap(sample.heading - state.heading)) < SPIKE_RAD:
-                self._take(min(sample.time, tick.now), sample.heading, self._rate_at(sample), ratio)
+                self._take(sample, tick, ratio)
 
     def _rate_at(self, sample: HeadingSample) -> float | None:
         """Return the rate that came with a heading or just before it."""
@@ -139,19 +140,26 @@ class Learner:
             rate = self._rate[1]
         return rate if rate is not None and abs(rate) <= RATE_MOST_RAD_S else None
 
-    def _take(self, time: float, heading: float, rate: float | None, ratio: float) -> None:
+    def _take(self, sample: HeadingSample, tick: Tick, ratio: float) -> None:
+        time, heading, rate = min(sample.time, tick.now), sample.heading, self._rate_at(sample)
         if not time > self._last_motion:
             return
         self._last_motion = time
         rudder = self._rudder_at(time)
+        is_steered = tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
+        added = self._fit.update(time, rudder, ratio, heading, rate, tick.reference if is_steered else None)
         self._judge(time, rudder, ratio, heading, rate)
         window = self._window.update(time, rudder, ratio, heading, rate)
-        if window is not None and window.rudder_range >= self._settings.rudder_range:
+        if window is not None and self._is_moved(time):
             self._recursion = recursion_step(RecursionSettings(), self.present, self._recursion, window)
-        added = self._fit.update(time, rudder, ratio, heading, rate)
         if added is not None:
+            self._moved = time
             self._rls.update(added)
             self._put_forward()
+
+    def _is_moved(self, time: float) -> bool:
+        """Whether the fit has just found the rudder moved, and not by waves."""
+        return time - self._moved <= self._fit.length
 
     def _rudder_at(self, time: float) -> float:
         """Return the rudder [rad] at `time` [s], linear between ticks: headings are older than their tick."""
@@ -182,12 +190,19 @@ class Learner:
 
     def _judge(self, time: float, rudder: float, ratio: float, heading: float, rate: float | None) -> None:
         if self._foretelling is not None:
-            outcome = self._foretelling.update(time, rudder, ratio, heading, rate)
+            outcome = self._foretelling.update(time, rudder, ratio, heading, rate, self._fit.moved_by)
             if outcome is not None:
                 self._outcomes.append(outcome)
+                judged = self._judged()
+                if judged is not None and judged.is_proved:
+                    self._proved = judged
 
     def proposal(self) -> Proposal | None:
-        """Return what is put forward, None as long as nothing is."""
+        """Return what is put forward, None as long as nothing is: the latest that has proved itself, or else the one
+        that is being judged."""
+        return self._proved or self._judged()
+
+    def _judged(self) -> Proposal | None:
         if self._candidate is None or self._foretelling is None:
             return None
         count = len(self._outcomes)
