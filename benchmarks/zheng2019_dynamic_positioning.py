@@ -52,7 +52,7 @@ def run_seed(scenario: Scenario, seed: int) -> Seed:
         "EKF": by_kalman_filter(case, steps),
         "FPF": by_particle_filter(case, steps, PARTICLES, random, ConstantGain()),
     }
-    batch = by_prediction_errors(case, steps)
+    batch = by_prediction_errors(case, steps, filters["EKF"].estimate[-1])
     bound = np.sqrt(np.diag(information_bound(case, steps, states)))
     size = np.abs(truth)
     errors = {name: (found.estimate[-1] - truth) / size for name, found in filters.items()}

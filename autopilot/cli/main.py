@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from autopilot.errors import ExitCode, InputError, RefusedError
 
-SUBCOMMANDS = ("run", "trial", "identify", "log", "gains", "params", "replay", "demo")
+SUBCOMMANDS = ("run", "trial", "identify", "identify-dp", "log", "gains", "params", "replay", "demo")
 
 EXIT_CODES = """exit codes:
   0  done as asked
@@ -32,7 +32,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in SUBCOMMANDS:
-        importlib.import_module(f"autopilot.cli.{name}").add_parser(subparsers)
+        importlib.import_module(f"autopilot.cli.{name.replace('-', '_')}").add_parser(subparsers)
     return parser
 
 

@@ -24,15 +24,22 @@ STATE_STEP = 1.0e-6
 
 
 class BatchFit(NamedTuple):
-    """Parameters by the fit, shape (p,), and their covariance from the slopes of the innovations, shape (p, p)."""
+    """Parameters by the fit, shape (p,), and their covariance from the slopes of the innovations, shape (p, p).
+
+    misfit: mean square of the whitened innovations; 1 where the noise is what the case says it is.
+    """
 
     names: tuple[str, ...]
     estimate: FloatArray
     covariance: FloatArray
+    misfit: float
 
 
-def by_prediction_errors(case: Case, steps: Steps) -> BatchFit:
-    """Return the parameters that minimise the whitened prediction errors of the whole record, prior included."""
+def by_prediction_errors(case: Case, steps: Steps, start: FloatArray | None = None) -> BatchFit:
+    """Return the parameters that minimise the whitened prediction errors of the whole record, prior included.
+
+    start: where the search begins, shape (p,); by default at the prior's mean.
+    """
     first = case.states
     theta = case.prior.mean[first:]
     scale = case.prior_deviation
@@ -55,10 +62,13 @@ def by_prediction_errors(case: Case, steps: Steps) -> BatchFit:
         up, down = errors(z)[1 : 1 + z.size], errors(z)[1 + z.size :]
         return np.vstack([(up - down).T / (2.0 * SLOPE_SHARE), root * scale])
 
-    found = least_squares(residual, np.zeros(theta.size), jac=slope, method="lm", xtol=1.0e-5, ftol=1.0e-7)
+    begin = np.zeros(theta.size) if start is None else (start - theta) / scale
+    found = least_squares(residual, begin, jac=slope, method="lm", xtol=1.0e-5, ftol=1.0e-7)
     J = np.asarray(found.jac, dtype=np.float64)
     covariance = np.linalg.inv(J.T @ J) * np.outer(scale, scale)
-    return BatchFit(case.names, theta + scale * np.asarray(found.x), np.asarray(covariance))
+    innovations = np.asarray(found.fun)[: -theta.size]
+    misfit = float(innovations @ innovations) / max(int(np.isfinite(steps.measured).sum()), 1)
+    return BatchFit(case.names, theta + scale * np.asarray(found.x), np.asarray(covariance), misfit)
 
 
 def _innovations(case: Case, steps: Steps, thetas: FloatArray) -> FloatArray:

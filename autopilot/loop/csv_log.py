@@ -48,6 +48,11 @@ COLUMNS: dict[str, Column] = {
     "wind_direction_rad": Column("wind_direction_rad", 1.0),
     "latitude_deg": Column("latitude_rad", math.pi / 180.0),
     "longitude_deg": Column("longitude_rad", math.pi / 180.0),
+    "thrust_1_n": Column("thrust_1_n", 1.0),
+    "thrust_2_n": Column("thrust_2_n", 1.0),
+    "thrust_3_n": Column("thrust_3_n", 1.0),
+    "position_x_m": Column("position_x_m", 1.0),
+    "position_y_m": Column("position_y_m", 1.0),
 }
 
 Need = Sequence[Sequence[str]]
