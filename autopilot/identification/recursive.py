@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from autopilot.filters.compiled_particles import CompiledParticleFilter
 from autopilot.filters.feedback_particle import fpf_belief, fpf_predict, fpf_start, fpf_update
 from autopilot.filters.kalman import Gaussian, ekf_predict, ekf_update
 from autopilot.filters.midpoint import Drift, FloatArray, Observe
@@ -81,13 +82,28 @@ def by_kalman_filter(case: Case, steps: Steps) -> Found:
 
 
 def by_particle_filter(
-    case: Case, steps: Steps, count: int, random: np.random.Generator, gain: Gain | None = None
+    case: Case, steps: Steps, count: int, random: np.random.Generator, gain: Gain | None = None, compiled: bool = False
 ) -> Found:
-    """Return the feedback particle filter's estimates with `count` particles; gain: constant by default."""
+    """Return the feedback particle filter's estimates with `count` particles; gain: constant by default.
+
+    compiled: by numba, with the constant gain; raises InputError where numba is not installed.
+    """
+    if compiled:
+        return _by_compiled_particles(case, steps, count, random)
     particles, beliefs = fpf_start(case.prior, count, random), []
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
         particles = fpf_predict(particles, case.drift, inputs, case.noise, float(dt), random, case.substeps)
         particles = fpf_update(particles, case.observe, z, case.R, gain)
+        beliefs.append(fpf_belief(particles))
+    return _found(case, beliefs)
+
+
+def _by_compiled_particles(case: Case, steps: Steps, count: int, random: np.random.Generator) -> Found:
+    filter_ = CompiledParticleFilter(case.drift, case.observe, case.noise, case.R, case.states)
+    particles, beliefs = filter_.start(case.prior, count, random), []
+    for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
+        filter_.predict(particles, inputs, float(dt), random, case.substeps)
+        filter_.update(particles, z)
         beliefs.append(fpf_belief(particles))
     return _found(case, beliefs)
 
