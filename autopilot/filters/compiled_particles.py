@@ -35,9 +35,12 @@ class CompiledParticleFilter:
         """noise, shape (d, q), and R, shape (m, m), as in `fpf_predict` and `fpf_update`. moving: how many of the
         components move; those after them are parameters, have no rate and no noise, and cost nothing to predict.
 
-        Raises InputError where numba is not installed, ValueError where there is noise on what does not move.
+        Raises InputError where numba is not installed, ValueError where there is noise on what does not move or where
+        more than two values are measured.
         """
         d, q = noise.shape
+        if R.shape[0] > 2:
+            raise ValueError(f"CompiledParticleFilter: at most 2 measured values, got {R.shape[0]}")
         moving = d if moving is None else moving
         if np.any(noise[moving:] != 0.0):
             raise ValueError(f"CompiledParticleFilter: noise on a component beyond the first {moving}, which move")
@@ -109,6 +112,7 @@ def _compiled_predict(drift: Drift, d: int, q: int, moving: int) -> Callable[...
 def _compiled_update(observe: Observe, d: int, m: int) -> Callable[..., None]:
     compile_ = _compiler()
     shown, moments, move = compile_(observe), compile_(_moments), compile_(_move)
+    damped = compile_(_damped_by_one if m == 1 else _damped_by_two)
 
     @compile_
     def observed(x: Any, whiten: Any, h: Any) -> None:
@@ -121,25 +125,51 @@ def _compiled_update(observe: Observe, d: int, m: int) -> Callable[..., None]:
 
     @compile_
     def update(x: Any, measured: Any, whiten: Any) -> None:
-        h, z = np.empty((m, x.shape[1])), whiten @ measured
-        S, gain, mean = np.empty((m, m)), np.empty((d, m)), np.empty(m)
+        h, S, gain = np.empty((m, x.shape[1])), np.empty((m, m)), np.empty((d, m))
+        mean, toward, back = np.empty(m), np.empty(d), np.empty((d, m))
         done, taken = 0.0, 0
         while done < 1.0:
             observed(x, whiten, h)
             moments(x, h, mean, S, gain)
+            trace = 0.0
+            for j in range(m):
+                trace += S[j, j]
+                # from here on how far the measurement is from the mean
+                mean[j] = -mean[j]
+                for c in range(j + 1):
+                    mean[j] += whiten[j, c] * measured[c]
             taken += 1
             step = 1.0 - done
             if taken < MOST_STEPS:
-                step = min(LARGEST_STEP / max(np.trace(S), 1.0e-300), step)
-            # as damping_matrices
-            values, vectors = np.linalg.eigh(S)
-            grown = 1.0 + step * np.maximum(values, 0.0)
-            pull = (vectors / grown) @ vectors.T
-            shrink = (vectors / (grown + np.sqrt(grown))) @ vectors.T
-            move(x, h, step * (gain @ (pull @ (z - mean))), step * (gain @ shrink))
+                step = min(LARGEST_STEP / max(trace, 1.0e-300), step)
+            damped(S, step, gain, mean, toward, back)
+            move(x, h, toward, back)
             done = 1.0 if step >= 1.0 - done else done + step
 
     return update  # type: ignore[no-any-return]
+
+
+def _damped_by_one(S: Any, step: float, gain: Any, off: Any, toward: Any, back: Any) -> None:
+    """Write step K pull off and step K shrink, with the `damping_matrices` of one measured value."""
+    a = 1.0 + step * S[0, 0]
+    for k in range(gain.shape[0]):
+        toward[k] = step * gain[k, 0] * off[0] / a
+        back[k, 0] = step * gain[k, 0] / (a + np.sqrt(a))
+
+
+def _damped_by_two(S: Any, step: float, gain: Any, off: Any, toward: Any, back: Any) -> None:
+    """The same of two: the root of a 2 x 2 matrix A is (A + s I)/sqrt(trace A + 2 s), s the root of det A."""
+    a, b, c = 1.0 + step * S[0, 0], step * S[0, 1], 1.0 + step * S[1, 1]
+    det = a * c - b * b
+    s = np.sqrt(det)
+    t = np.sqrt(a + c + 2.0 * s)
+    p, q, r = a + (a + s) / t, b + b / t, c + (c + s) / t
+    size = p * r - q * q
+    first, second = (c * off[0] - b * off[1]) / det, (a * off[1] - b * off[0]) / det
+    for k in range(gain.shape[0]):
+        toward[k] = step * (gain[k, 0] * first + gain[k, 1] * second)
+        back[k, 0] = step * (gain[k, 0] * r - gain[k, 1] * q) / size
+        back[k, 1] = step * (gain[k, 1] * p - gain[k, 0] * q) / size
 
 
 def _moments(x: Any, h: Any, mean: Any, S: Any, gain: Any) -> None:
