@@ -21,6 +21,9 @@ loses the helm or the heading, and outside the limits given.
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand with its manoeuvres."""
+    from autopilot.cli.trial_design import add_options
+    from autopilot.cli.trial_design import run as run_design
+
     parser = subparsers.add_parser(
         "trial", help="manoeuvres to identify the boat from, and to measure it by", description=DESCRIPTION
     )
@@ -52,6 +55,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     _number(prbs, "--duration", 120.0, "S", "seconds of it")
     prbs.add_argument("--seed", type=int, default=1, metavar="N", help="where the sequence begins (1)")
     parser.set_defaults(run=run)
+    design = kinds.add_parser("design", help="which trial tells most in the water and the time there is")
+    add_options(design)
+    design.set_defaults(run=run_design)
 
 
 def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.ArgumentParser:

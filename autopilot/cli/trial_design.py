@@ -1,0 +1,153 @@
+"""`autopilot trial design`: the trial that tells most about the boat in the water and the time there is."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import TYPE_CHECKING
+
+from autopilot.errors import ExitCode, InputError, RefusedError
+
+if TYPE_CHECKING:
+    from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Water
+    from autopilot.params.vessel import Vessel
+
+SYMBOLS = {"gain": "K", "time_constant": "T", "n3": "n3"}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the design."""
+    parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file with a first guess of the model")
+    parser.add_argument("--water", required=True, metavar="LxW", help="the water there is, in metres: 300x200")
+    parser.add_argument("--time", type=float, required=True, metavar="S", help="seconds there are")
+    parser.add_argument("--margin-m", type=float, metavar="M", help="room kept on every side (a tenth of the width)")
+    parser.add_argument("--speed-m-s", type=float, metavar="U", help="speed (the model's reference speed)")
+    parser.add_argument("--rate-hz", type=float, default=10.0, metavar="HZ", help="samples a second (10)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Find the designs and print them; return the exit code."""
+    from autopilot.cli.progress import ProgressBar
+    from autopilot.identification.trial_design import KINDS, designs
+    from autopilot.params.vessel_file import load_vessel
+
+    vessel = load_vessel(arguments.vessel)
+    boat, water = _boat(vessel, arguments), _water(arguments)
+    with ProgressBar("designing") as bar:
+        found = designs(boat, water, KINDS, bar.show)
+    if not found:
+        raise RefusedError(
+            f"--water {arguments.water} does not hold ten seconds of any trial at {boat.speed:.1f} m/s: it needs more "
+            "water or less speed (--speed-m-s)"
+        )
+    print(_as_json(found, boat) if arguments.json else _as_text(found, boat, arguments.vessel))
+    return int(ExitCode.OK)
+
+
+def _boat(vessel: Vessel, arguments: argparse.Namespace) -> Boat:
+    from autopilot.build import gear_of, limits_of, model_of
+    from autopilot.identification.information import InstrumentNoise
+    from autopilot.identification.trial_design import Boat
+
+    for name, value, most in (("--speed-m-s", arguments.speed_m_s, 100.0), ("--rate-hz", arguments.rate_hz, 100.0)):
+        if value is not None and not 0.05 <= value <= most:
+            raise InputError(f"{name} {value:g}: allowed is 0.05 to {most:g}")
+    if vessel.model.n1 < 0.0:
+        raise InputError(f"{arguments.vessel}: model.n1 is -1: trials are designed for course-stable boats only")
+    sensors, model = vessel.sensors, model_of(vessel)
+    noise = InstrumentNoise(math.radians(sensors.rate_noise_deg_s), math.radians(sensors.heading_noise_deg))
+    speed = arguments.speed_m_s or model.reference_speed
+    # n0 costs information, but its guess is no part of the plan
+    plan = model._replace(n0=0.0)
+    return Boat(plan, gear_of(vessel), noise, limits_of(vessel).angle_max, speed, 1.0 / arguments.rate_hz)
+
+
+def _water(arguments: argparse.Namespace) -> Water:
+    from autopilot.identification.trial_design import Water
+
+    parts = arguments.water.lower().split("x")
+    try:
+        sides = sorted((float(part) for part in parts), reverse=True)
+    except ValueError:
+        sides = []
+    if len(sides) != 2 or not all(5.0 <= side <= 100_000.0 for side in sides):
+        raise InputError(f"--water {arguments.water!r}: write length and width in metres, 5 to 100000, such as 300x200")
+    if not 10.0 <= arguments.time <= 36000.0:
+        raise InputError(f"--time {arguments.time:g}: allowed is 10 to 36000")
+    margin = 0.1 * sides[1] if arguments.margin_m is None else arguments.margin_m
+    if not 0.0 <= margin < 0.5 * sides[1]:
+        raise InputError(f"--margin-m {margin:g}: allowed is 0 to less than half the width, {0.5 * sides[1]:g}")
+    return Water(sides[0], sides[1], arguments.time, margin)
+
+
+def _as_json(found: list[Design], boat: Boat) -> str:
+    shown = [
+        {
+            **design.candidate._asdict(),
+            "duration": design.duration,
+            "berth": design.berth._asdict(),
+            "standard_errors": {name: _finite(value) for name, value in design.errors.items()},
+            "score": _finite(design.score),
+        }
+        for design in found
+    ]
+    return json.dumps({"speed_m_s": boat.speed, "designs": shown}, indent=2)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _as_text(found: list[Design], boat: Boat, vessel: str) -> str:
+    lines = ["Least standard errors that any estimate can reach (Cramer and Rao), best trial first:", ""]
+    for design in found:
+        told = ", ".join(_error(name, design, boat) for name in SYMBOLS if name in design.errors)
+        lines.append(f"{_words(design.candidate)}, {design.duration:.0f} s: {told}")
+        lines += [f"  {_place(design.berth)}", f"  autopilot trial {_command(design, vessel)}", ""]
+    lines.append("The plan stands on the vessel file's model, without wind and current: keep a lookout and a margin.")
+    return "\n".join(lines)
+
+
+def _place(berth: Berth) -> str:
+    side = "starboard" if berth.course >= 0.0 else "port"
+    return (
+        f"takes {berth.length:.0f} x {berth.width:.0f} m; begin {berth.behind:.0f} m from the short side behind and "
+        f"{berth.to_port:.0f} m from the long side to port, {abs(math.degrees(berth.course)):.0f} deg to {side} of it"
+    )
+
+
+def _error(name: str, design: Design, boat: Boat) -> str:
+    symbol = SYMBOLS[name]
+    value = {"gain": boat.model.gain, "time_constant": boat.model.time_constant, "n3": boat.model.n3}[name]
+    share = design.errors[name] / value
+    return f"{symbol} to {100.0 * share:.2g} %" if share < 1.0 else f"{symbol} not told"
+
+
+def _words(candidate: Candidate) -> str:
+    kind, rudder, second = candidate
+    degrees = math.degrees(rudder)
+    if kind == "zigzag":
+        return f"Zigzag {degrees:.0f}/{math.degrees(second):.0f} deg"
+    if kind == "turning":
+        return f"Turns at {degrees:.0f} and {0.5 * degrees:.0f} deg, {second:.1f} s each"
+    return f"Binary sequence of {degrees:.0f} deg, {second:.1f} s a step"
+
+
+def _command(design: Design, vessel: str) -> str:
+    from autopilot.identification.trial_design import SEED, SWING, turning_angles
+
+    kind, rudder, second = design.candidate
+    degrees = math.floor(10.0 * math.degrees(rudder) + 1.0e-6) / 10.0
+    if kind == "zigzag":
+        rest = f"--rudder-deg {degrees:g} --heading-deg {math.degrees(second):.1f} --duration {design.duration:.0f}"
+    elif kind == "turning":
+        count = max(1, round(design.duration / second))
+        angles = turning_angles(math.radians(degrees))
+        listed = ",".join(f"{math.degrees(angles[k % len(angles)]):g}" for k in range(count))
+        rest = f"--rudder-deg={listed} --each {second:.1f}"
+    else:
+        rest = f"--rudder-deg {degrees:g} --hold {second:.2f} --swing-deg {math.degrees(SWING):g} --seed {SEED} "
+        rest += f"--duration {design.duration:.0f}"
+    return f"{kind} {vessel} --link URL {rest}"
