@@ -48,11 +48,6 @@ def sailed(command: list[str]) -> tuple[list[Tick], np.ndarray]:
     plant, pilot = Plant(model_of(VESSEL), gear_of(VESSEL)), build_pilot(VESSEL, TRIAL_LAW)
     ticks: list[Tick] = []
     track = [(0.0, 0.0)]
-        Plant(model_of(VESSEL), gear_of(VESSEL)),
-        build_pilot(VESSEL, TRIAL_LAW),
-        [],
-        [(0.0, 0.0)],
-    )
     while not script.is_over:
         samples = (*plant.sense(), SpeedSample(plant.time, 2.5, source="log"))
         tick = pilot.step(plant.time, samples, script(plant.time, ticks[-1] if ticks else None))
