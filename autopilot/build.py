@@ -42,16 +42,24 @@ from autopilot.signals import NavState, Reference
 if TYPE_CHECKING:
     from autopilot.identification.learning import Learner
 
-DISTURBANCE = math.radians(2.0)
+SEA = math.radians(2.0)
+GUST = math.radians(0.2)
 DISTURBANCE_TIME = 0.5
-"""Waves and gusts move the boat like a rudder of this size [rad], correlated over this time [s]."""
+"""What moves the boat like a rudder of this size [rad], correlated over this time [s]: the whole sea, or all but it."""
+MODEL_ERROR = 0.1
+"""The rudder's effect is uncertain by this share of it, as white noise [s^(1/2)]."""
+WAVE_CORNER_SHARE = 0.55
+"""Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
+lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
 HEADING_STALE_SHARE = 0.6
 """Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
 TRIAL_LAW = "trial"
 """In place of a law's name: trials order rudder angles and need no gains."""
 BIAS_CHANGE = math.radians(2.0)
+BIAS_CHANGE_IN_WAVES = math.radians(0.3)
 BIAS_TIME = 10.0
-"""Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer."""
+"""Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer. Where
+waves are filtered the bias may be slow: what is sudden is noticed as more than a wave."""
 
 
 def model_of(vessel: Vessel) -> Norrbin:
@@ -92,13 +100,26 @@ def limits_of(vessel: Vessel) -> RudderLimits:
 def noise_of(vessel: Vessel) -> FilterNoise:
     """Return the filter's noise: instruments from the file, sea and wind from the constants of this module."""
     model, sensors = vessel.model, vessel.sensors
-    disturbance = model.K_1_s / model.T_s * DISTURBANCE
+    moment = model.K_1_s / model.T_s
+    filtered = vessel.estimator.wave_filter == "auto"
+    calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if filtered else (SEA, BIAS_CHANGE)
     return FilterNoise(
         heading=math.radians(sensors.heading_noise_deg) ** 2,
         rate=math.radians(sensors.rate_noise_deg_s) ** 2,
-        acceleration=disturbance * disturbance * DISTURBANCE_TIME,
-        bias=BIAS_CHANGE * BIAS_CHANGE / max(BIAS_TIME, 2.0 * model.T_s),
+        acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
+        bias=bias * bias / max(BIAS_TIME, 2.0 * model.T_s),
+        model_error=MODEL_ERROR if filtered else 0.0,
+        waves=filtered,
+        gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
     )
+
+
+def wave_corner_of(vessel: Vessel, law: str | None = None) -> float:
+    """Return the frequency [rad/s] of waves that are half left alone; inf for trials, which go by the whole heading."""
+    if law == TRIAL_LAW:
+        return math.inf
+    proportional = loop_gains_of(vessel, law).proportional
+    return WAVE_CORNER_SHARE * math.sqrt(proportional * vessel.model.K_1_s / vessel.model.T_s)
 
 
 class HoldRudder:
@@ -161,7 +182,7 @@ def build_pilot(vessel: Vessel, law: str | None = None, *, learns: bool = False)
     """
     if law != TRIAL_LAW and (verdict := verdict_of(vessel, law)).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {verdict.refusal}")
-    config = pilot_config(vessel)
+    config = pilot_config(vessel, law)
     return Pilot(config, law_of(vessel, law), learner_of(vessel) if learns else None)
 
 
@@ -174,8 +195,8 @@ def learner_of(vessel: Vessel) -> Learner:
     return Learner(model_of(vessel))
 
 
-def pilot_config(vessel: Vessel) -> PilotConfig:
-    """Return what the pilot knows of the vessel."""
+def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
+    """Return what the pilot knows of the vessel that `law` (None: the file's own) is to steer."""
     failsafe = vessel.failsafe
     turn_rate = vessel.guidance.turn_rate_max_deg_s
     return PilotConfig(
@@ -193,6 +214,7 @@ def pilot_config(vessel: Vessel) -> PilotConfig:
         rudder_share=vessel.guidance.rudder_share,
         turn_rate_max=_radians_or_unlimited(turn_rate),
         rudder_is_ours=vessel.helm.method != "guided",
+        wave_corner=wave_corner_of(vessel, law),
     )
 
 

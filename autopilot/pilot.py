@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from autopilot.angles import shortest_turn
 from autopilot.estimation.estimator import Estimator, is_rudder
 from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.estimation.wave_motion import left_alone
 from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_limits, turn_step
 from autopilot.limits import RudderLimits, limit
@@ -62,7 +63,9 @@ class PilotConfig(NamedTuple):
     """Everything the pilot knows of the boat; `build` makes it from a vessel file.
 
     rudder_share [-] and turn_rate_max [rad/s] bound the planned turns. rudder_is_ours: False where the other side
-    steers by itself to the reference heading, so that only what it reports says where the rudder is.
+    steers by itself to the reference heading, so that only what it reports says where the rudder is. Waves quicker
+    than wave_corner [rad/s], which holds at the model's speed, are kept from the rudder; slower ones are steered
+    against.
     """
 
     model: Norrbin
@@ -73,6 +76,7 @@ class PilotConfig(NamedTuple):
     rudder_share: float = 0.7
     turn_rate_max: float = math.inf
     rudder_is_ours: bool = True
+    wave_corner: float = 0.0
 
 
 class Pilot:
@@ -137,8 +141,9 @@ class Pilot:
         mode = self.supervisor.decide(now, order, state)
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
             state = self._engage(now, state)
-        reference = self._guide(mode, order, state, dt)
-        demand = self._demand(mode, order, reference, state, dt)
+        steady = self._steady(state)
+        reference = self._guide(mode, order, steady, dt)
+        demand = self._demand(mode, order, reference, steady, dt)
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
         command = self.supervisor.check(now, order, previous, demand, limited, dt)
@@ -182,10 +187,17 @@ class Pilot:
         there = self._told.angle if self._told.engaged else state.rudder
         start = clip(there, -self.config.limits.angle_max, self.config.limits.angle_max)
         self.law.reset(start)
-        self._boat = self._virtual(state)
+        self._boat = self._virtual(self._steady(state))
         self._order = Order()
         self._told = RudderCommand(now, start, True)
         return state
+
+    def _steady(self, state: NavState) -> NavState:
+        """What is steered by: the state without the waves that this boat leaves alone."""
+        if state.wave_deviation == 0.0:
+            return state
+        quickness = self.estimator.model.reference_speed / self.config.model.reference_speed
+        return state.without_waves(left_alone(state.wave_frequency, self.config.wave_corner * quickness))
 
     def _guide(self, mode: Mode, order: Order, state: NavState, dt: float) -> Reference:
         if mode is not Mode.ENGAGED:

@@ -10,6 +10,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
+from autopilot.angles import wrap
+
 
 class HeadingSample(NamedTuple):
     """True heading [rad], with the yaw rate [rad/s] where the same instrument measures it."""
@@ -127,6 +129,10 @@ class NavState(NamedTuple):
     heading [rad], rate [rad/s], speed [m/s], rudder [rad] (fed back, or from the steering-gear model), bias
     [rad] (the rudder angle that wind, current and trim are worth), heading_age [s] since the newest heading
     was measured. `valid` is False until a heading has been seen.
+
+    wave_heading [rad] and wave_rate [rad/s] are what waves have in heading and rate at the moment; wave_deviation [rad]
+    is the standard deviation of wave_heading and wave_frequency [rad/s] the frequency of encounter; 0 where waves are
+    not estimated.
     """
 
     time: float
@@ -137,6 +143,17 @@ class NavState(NamedTuple):
     bias: float
     heading_age: float
     valid: bool
+    wave_heading: float = 0.0
+    wave_rate: float = 0.0
+    wave_deviation: float = 0.0
+    wave_frequency: float = 0.0
+
+    def without_waves(self, share: float = 1.0) -> NavState:
+        """Return the state with this `share` of the waves taken out of heading and rate: what is steered by."""
+        if self.wave_deviation == 0.0 or share == 0.0:
+            return self
+        heading = wrap(self.heading - share * self.wave_heading)
+        return self._replace(heading=heading, rate=self.rate - share * self.wave_rate)
 
 
 class Reference(NamedTuple):

@@ -14,7 +14,9 @@ from typing import NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation import wave_motion
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
+from autopilot.estimation.heading_update import fuse_heading, fuse_rate, heading_variance, is_sound, learn_waves
 from autopilot.estimation.rudder_track import RudderTrack
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip
@@ -119,7 +121,7 @@ class Estimator:
     def forget_bias(self) -> None:
         """Hold the bias for unknown: the rudder has been moved by somebody who did not tell us."""
         if self._state is not None:
-            self._state = self._state._replace(bias=0.0, p02=0.0, p12=0.0, p22=ekf.BIAS_UNKNOWN)
+            self._state = ekf.without_bias(self._state)
             self._fused.clear()
 
     def _take_rudder(self, now: float, sample: RudderSample) -> None:
@@ -176,8 +178,7 @@ class Estimator:
         return any(entry.sample == sample for entry in self._fused)
 
     def _begin(self, sample: HeadingSample) -> None:
-        kept_bias = self._state.bias if self._state is not None else 0.0
-        self._state = ekf.initial(sample.time, wrap(sample.heading), sample.rate, self._noise)._replace(bias=kept_bias)
+        self._state = ekf.initial(sample.time, wrap(sample.heading), sample.rate, self._noise, self._state)
         self._begun = sample
         self._fused.clear()
         self._spikes_in_row = 0
@@ -203,23 +204,26 @@ class Estimator:
         before = self._state
         state = self._carried(before, sample.time)
         if isinstance(sample, RateSample):
-            state = ekf.fuse_rate(state, sample.rate, self._noise.rate)
+            state = fuse_rate(state, sample.rate, self._noise.rate)
         else:
             if self._is_spike(state, sample.heading):
                 if self._spikes_in_row > GATE_PATIENCE:
                     self._begin(sample)
                 return
-            state = ekf.fuse_heading(state, sample.heading, self._noise.heading)
+            state = fuse_heading(state, sample.heading, self._noise.heading)
             if sample.rate is not None:
-                state = ekf.fuse_rate(state, sample.rate, self._noise.rate)
+                state = fuse_rate(state, sample.rate, self._noise.rate)
             self._heading_time = max(self._heading_time, sample.time)
+        if self._noise.waves:
+            state = learn_waves(state, sample.time - before.time)
         self._fused.append(_Fused(before, sample))
         self._state = state
         self.counters.fused += 1
 
     def _is_spike(self, state: FilterState, heading: float) -> bool:
-        gate = max(GATE_LEAST, GATE_SIGMAS * math.sqrt(state.p00 + self._noise.heading))
-        if abs(wrap(heading - state.psi)) <= gate:
+        variance = heading_variance(state) + self._noise.heading
+        gate = max(GATE_LEAST, GATE_SIGMAS * math.sqrt(variance))
+        if abs(wrap(heading - state.psi - state.wave)) <= gate:
             self._spikes_in_row = 0
             return False
         agrees = self._spikes_in_row > 0 and abs(wrap(heading - self._spike)) <= gate
@@ -239,23 +243,35 @@ class Estimator:
     def _held(self, start: float, end: float) -> list[tuple[float, float]]:
         return self.rudder.held(start, min(end, start + PREDICT_LONGEST), GRAIN_SHARE * self.model.time_constant)
 
-    def _mean_at(self, state: FilterState, now: float) -> tuple[float, float]:
-        """Return heading [rad] and rate [rad/s] at `now` [s]; what is a moment away needs no covariance."""
+    def _mean_at(self, state: FilterState, now: float) -> tuple[float, float, float, float]:
+        """Return psi, r, h and s of the filter at `now` [s]; what is a moment away needs no covariance."""
         if now <= state.time:
-            return state.psi, state.rate
+            return state.psi, state.rate, state.wave, state.wave_rate
         held = self._held(state.time, now)
         if len(held) == 1 and held[0][0] - state.time <= LONGEST_SHARE * self.model.time_constant:
             return ekf.predict_mean(self.model, state, held[0][1], held[0][0])
         ahead = self._carried(state, now)
-        return ahead.psi, ahead.rate
+        return ahead.psi, ahead.rate, ahead.wave, ahead.wave_rate
 
     def _nav_state(self, now: float) -> NavState:
         speed = self._reference_model.reference_speed if self._speed is None else self._speed
         state = self._state
         if state is None:
             return NavState(now, 0.0, 0.0, speed, self.rudder.angle, 0.0, math.inf, False)
-        if not ekf.is_sound(state):
+        if not is_sound(state):
             return NavState(now, math.nan, math.nan, speed, self.rudder.angle, 0.0, now - self._heading_time, False)
-        heading, rate = self._mean_at(state, now)
-        bias = clip(state.bias, -BIAS_MOST, BIAS_MOST)
-        return NavState(now, heading, rate, speed, self.rudder.angle, bias, now - self._heading_time, True)
+        heading, rate, wave, wave_rate = self._mean_at(state, now)
+        return NavState(
+            now,
+            wrap(heading + wave),
+            rate + wave_rate,
+            speed,
+            self.rudder.angle,
+            clip(state.bias, -BIAS_MOST, BIAS_MOST),
+            now - self._heading_time,
+            True,
+            wave,
+            wave_rate,
+            math.sqrt(state.sea.heading),
+            wave_motion.frequency(state.sea),
+        )

@@ -1,7 +1,11 @@
-"""Extended Kalman filter of heading, yaw rate and rudder-equivalent bias on the Norrbin model.
+"""Extended Kalman filter of heading, yaw rate, rudder-equivalent bias and wave motion on the Norrbin model.
 
-State x = (psi, r, b) with psi' = r, T r' = K (delta + b) - damping(r), b' = 0 + noise. Scalar code over a
-NamedTuple: the covariance's upper triangle is written out, so the loop needs no array library.
+State x = (psi, r, b, h, s, e). The boat: psi' = r, T r' = K (delta + b) - damping(r), b' = 0 + noise. The waves: a
+heading h and rate s of their own on top of the boat's, see `wave_motion`. A compass shows psi + h and a gyro r + s;
+the boat is steered by psi and r alone. Without a sea h, s and e stay 0. Scalar code over a NamedTuple: the covariance's
+upper triangle is written out, so the loop needs no array library.
+
+Source: that wave motion adds to the boat's own, and the filter for it, are Fossen 2011, section 8.2 and ch. 11.
 """
 
 from __future__ import annotations
@@ -10,6 +14,8 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.estimation import wave_motion
+from autopilot.estimation.wave_motion import NO_SEA, Sea
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
 BIAS_UNKNOWN = math.radians(3.0) ** 2
@@ -20,7 +26,10 @@ STEEPEST_GROWTH = 20.0
 
 
 class FilterState(NamedTuple):
-    """Mean (psi [rad], r [rad/s], b [rad]) at `time` [s] and covariance p_ij, i and j of (psi, r, b)."""
+    """Mean (psi [rad], r [rad/s], b [rad], h [rad], s [rad/s], e [rad]) at `time` [s], covariance p_ij and the sea.
+
+    i and j count psi, r, b, h, s, e.
+    """
 
     time: float
     psi: float
@@ -32,32 +41,85 @@ class FilterState(NamedTuple):
     p11: float
     p12: float
     p22: float
+    wave: float = 0.0
+    wave_rate: float = 0.0
+    wave_lag: float = 0.0
+    p03: float = 0.0
+    p04: float = 0.0
+    p05: float = 0.0
+    p13: float = 0.0
+    p14: float = 0.0
+    p15: float = 0.0
+    p23: float = 0.0
+    p24: float = 0.0
+    p25: float = 0.0
+    p33: float = 0.0
+    p34: float = 0.0
+    p35: float = 0.0
+    p44: float = 0.0
+    p45: float = 0.0
+    p55: float = 0.0
+    sea: Sea = NO_SEA
+
+
+Waves = tuple[
+    float, float, float, float, float, float, float, float, float,
+    float, float, float, float, float, float, float, float, float,
+]  # fmt: skip
+"""h, s, e and p03 to p55."""
 
 
 class FilterNoise(NamedTuple):
-    """Variances: heading [rad^2], rate [(rad/s)^2]; densities a second: acceleration [(rad/s)^2/s], bias [rad^2/s]."""
+    """Variances: heading [rad^2], rate [(rad/s)^2]; densities a second: acceleration [(rad/s)^2/s], bias [rad^2/s].
+
+    model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share of it, as white noise. With `waves` the
+    sea is learnt and kept out of psi and r, and `gust` [(rad/s)^2/s] takes the place of `acceleration` while the boat
+    is pushed further than waves would.
+    """
 
     heading: float
     rate: float
     acceleration: float
     bias: float
+    model_error: float = 0.0
+    waves: bool = False
+    gust: float = 0.0
 
 
-def initial(time: float, heading: float, rate: float | None, noise: FilterNoise) -> FilterState:
-    """Return the state after the first heading [rad]; without a rate the boat is taken as possibly turning."""
-    known = rate is not None
+def initial(
+    time: float, heading: float, rate: float | None, noise: FilterNoise, before: FilterState | None = None
+) -> FilterState:
+    """Return the state after the first heading [rad]; without a rate the boat is taken as possibly turning.
+
+    The bias and the sea of a state `before` a gap are kept.
+    """
+    sea = NO_SEA
+    if noise.waves:
+        sea = wave_motion.FIRST_SEA if before is None or before.sea == NO_SEA else before.sea
+    p33, p44, p45, p55 = wave_motion.in_balance(sea)
     return FilterState(
         time=time,
         psi=heading,
         rate=rate if rate is not None else 0.0,
-        bias=0.0,
+        bias=0.0 if before is None else before.bias,
         p00=noise.heading,
         p01=0.0,
         p02=0.0,
-        p11=noise.rate if known else RATE_UNKNOWN,
+        p11=noise.rate if rate is not None else RATE_UNKNOWN,
         p12=0.0,
         p22=BIAS_UNKNOWN,
+        p33=p33,
+        p44=p44,
+        p45=p45,
+        p55=p55,
+        sea=sea,
     )
+
+
+def without_bias(state: FilterState) -> FilterState:
+    """Return the state with a bias of which nothing is known."""
+    unknown = state._replace(bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN)
+    return unknown._replace(p23=0.0, p24=0.0, p25=0.0)
 
 
 def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, float]:
@@ -70,14 +132,23 @@ def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, f
     return 1.0 - lost, lost / x, (x - lost) / (x * x)
 
 
-def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float) -> tuple[float, float]:
-    """Return heading [rad] and rate [rad/s] at `time` [s] under a held `rudder` [rad]; see `predict`."""
+def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float) -> tuple[float, float, float, float]:
+    """Return psi, r, h and s at `time` [s] under a held `rudder` [rad]; see `predict`."""
     dt = time - state.time
     _, once, twice = _transition(model, state.rate, dt)
     acceleration = yaw_acceleration(model, state.rate, rudder + state.bias)
+    wave, wave_rate = state.wave, state.wave_rate
+    if state.sea.heading > 0.0:
+        a33, a34, a35, a43, a44, a45, *_ = wave_motion.wave_step(state.sea, dt)
+        wave, wave_rate = (
+            a33 * state.wave + a34 * state.wave_rate + a35 * state.wave_lag,
+            a43 * state.wave + a44 * state.wave_rate + a45 * state.wave_lag,
+        )
     return (
         wrap(state.psi + dt * (state.rate + dt * twice * acceleration)),
         state.rate + dt * once * acceleration,
+        wave,
+        wave_rate,
     )
 
 
@@ -87,7 +158,7 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     The model linearised at the present rate is solved exactly (exponential Rosenbrock-Euler step; Hochbruck and
     Ostermann 2010, section 2): exact for Nomoto's model, and stable however stiff n3 r^2 makes a wild rate.
     """
-    _, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state
+    _, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state[:10]
     dt = time - state.time
     decay, once, twice = _transition(model, rate, dt)
     acceleration = yaw_acceleration(model, rate, rudder + bias)
@@ -97,8 +168,10 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     a01 = p01 + turn * p11 + drift * p12
     a02 = p02 + turn * p12 + drift * p22
     a12 = decay * p12 + gain * p22
-    q = noise.acceleration * dt
-    return FilterState(
+    steered = noise.model_error * model.gain * (rudder + bias) / model.time_constant
+    pushed = noise.gust if noise.waves and wave_motion.is_extreme(state.sea, state.wave) else noise.acceleration
+    q = (pushed + steered * steered) * dt
+    boat = (
         time,
         wrap(psi + dt * (rate + dt * twice * acceleration)),
         rate + turn * acceleration,
@@ -110,49 +183,57 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
         a12,
         p22 + noise.bias * dt,
     )
+    if state.sea.heading <= 0.0:
+        return FilterState(*boat)
+    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), state.sea)
 
 
-def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
-    """Return the state after a heading [rad] of `variance` [rad^2], the innovation taken the short way round."""
-    time, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state
-    share = 1.0 / (p00 + variance)
-    gain0, gain1, gain2 = p00 * share, p01 * share, p02 * share
-    innovation = wrap(heading - psi)
-    return FilterState(
-        time,
-        wrap(psi + gain0 * innovation),
-        rate + gain1 * innovation,
-        bias + gain2 * innovation,
-        p00 - gain0 * p00,
-        p01 - gain0 * p01,
-        p02 - gain0 * p02,
-        p11 - gain1 * p01,
-        p12 - gain1 * p02,
-        p22 - gain2 * p02,
+def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float, gain: float, dt: float) -> Waves:
+    """Return h, s, e and their covariances `dt` [s] later, in the order of the state; F of the boat as in `predict`."""
+    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea = state[10:]
+    a33, a34, a35, a43, a44, a45, a53, a54, a55 = wave_motion.wave_step(sea, dt)
+    # F of the boat on the left, A of the waves on the right
+    l3, l4, l5 = (
+        p03 + turn * p13 + drift * p23,
+        p04 + turn * p14 + drift * p24,
+        p05 + turn * p15 + drift * p25,
     )
-
-
-def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
-    """Return the state after a yaw rate [rad/s] of `variance` [(rad/s)^2]."""
-    time, psi, old, bias, p00, p01, p02, p11, p12, p22 = state
-    share = 1.0 / (p11 + variance)
-    gain0, gain1, gain2 = p01 * share, p11 * share, p12 * share
-    innovation = rate - old
-    return FilterState(
-        time,
-        wrap(psi + gain0 * innovation),
-        old + gain1 * innovation,
-        bias + gain2 * innovation,
-        p00 - gain0 * p01,
-        p01 - gain0 * p11,
-        p02 - gain0 * p12,
-        p11 - gain1 * p11,
-        p12 - gain1 * p12,
-        p22 - gain2 * p12,
+    m3, m4, m5 = decay * p13 + gain * p23, decay * p14 + gain * p24, decay * p15 + gain * p25
+    # A (P - balance) A' + balance: what is gained is what keeps the sea as it is
+    v33, v44, v45, v55 = wave_motion.in_balance(sea)
+    d33, d44, d45, d55 = p33 - v33, p44 - v44, p45 - v45, p55 - v55
+    x33, x34, x35 = (
+        a33 * d33 + a34 * p34 + a35 * p35,
+        a33 * p34 + a34 * d44 + a35 * d45,
+        a33 * p35 + a34 * d45 + a35 * d55,
     )
-
-
-def is_sound(state: FilterState) -> bool:
-    """Return whether mean and variances are finite and the variances not negative."""
-    # a sum is finite only where every part of it is
-    return math.isfinite(sum(state)) and state.p00 >= 0.0 and state.p11 >= 0.0 and state.p22 >= 0.0
+    x43, x44, x45 = (
+        a43 * d33 + a44 * p34 + a45 * p35,
+        a43 * p34 + a44 * d44 + a45 * d45,
+        a43 * p35 + a44 * d45 + a45 * d55,
+    )
+    x53, x54, x55 = (
+        a53 * d33 + a54 * p34 + a55 * p35,
+        a53 * p34 + a54 * d44 + a55 * d45,
+        a53 * p35 + a54 * d45 + a55 * d55,
+    )
+    return (
+        a33 * h + a34 * s + a35 * e,
+        a43 * h + a44 * s + a45 * e,
+        a53 * h + a54 * s + a55 * e,
+        a33 * l3 + a34 * l4 + a35 * l5,
+        a43 * l3 + a44 * l4 + a45 * l5,
+        a53 * l3 + a54 * l4 + a55 * l5,
+        a33 * m3 + a34 * m4 + a35 * m5,
+        a43 * m3 + a44 * m4 + a45 * m5,
+        a53 * m3 + a54 * m4 + a55 * m5,
+        a33 * p23 + a34 * p24 + a35 * p25,
+        a43 * p23 + a44 * p24 + a45 * p25,
+        a53 * p23 + a54 * p24 + a55 * p25,
+        x33 * a33 + x34 * a34 + x35 * a35 + v33,
+        x33 * a43 + x34 * a44 + x35 * a45,
+        x33 * a53 + x34 * a54 + x35 * a55,
+        x43 * a43 + x44 * a44 + x45 * a45 + v44,
+        x43 * a53 + x44 * a54 + x45 * a55 + v45,
+        x53 * a53 + x54 * a54 + x55 * a55 + v55,
+    )

@@ -21,7 +21,16 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MavlinkCodec, frame_length
 from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
-from autopilot.loop.tick_codec import HEADER, TICK, VESSEL, decode_header, decode_tick, encode_header, encode_tick
+from autopilot.loop.tick_codec import (
+    HEADER,
+    TICK,
+    TICK_BEFORE_WAVES,
+    VESSEL,
+    decode_header,
+    decode_tick,
+    encode_header,
+    encode_tick,
+)
 from autopilot.signals import Tick
 
 PAYLOAD_TYPE = 0x8E52
@@ -30,7 +39,7 @@ PIECE = 124
 MOST_PIECES = 255
 PLOT_PERIOD = 0.1
 COMPONENT = 191
-FORMAT = 1
+FORMAT = 2
 SETUP_SIGNING = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 
 
@@ -165,7 +174,7 @@ def read_logs(path: Path) -> list[Log]:
     for record in _records(path):
         if record[0] == HEADER:
             logs.append(Log(decode_header(record), [], {}))
-        elif record[0] == TICK and logs:
+        elif record[0] in (TICK, TICK_BEFORE_WAVES) and logs:
             logs[-1].ticks.append(decode_tick(record))
         elif record[0] == VESSEL and logs:
             logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")

@@ -41,7 +41,8 @@ def _first_difference(path: Path, log: Log) -> tuple[int, str] | None:
     for place, recorded in enumerate(log.ticks):
         if place in log.changes:
             changed = parse_vessel(log.changes[place], f"{path} (change before tick {recorded.number})")
-            pilot.reconfigure(pilot_config(changed), law_of(changed, log.header.get("law")))
+            law = log.header.get("law")
+            pilot.reconfigure(pilot_config(changed, law), law_of(changed, law))
         tick = pilot.step(recorded.now, recorded.samples, recorded.order)
         if _bits(tick.command) != _bits(recorded.command) or tick.mode != recorded.mode:
             return recorded.number, (

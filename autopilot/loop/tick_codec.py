@@ -32,17 +32,22 @@ from autopilot.signals import (
 )
 
 HEADER = 1
-TICK = 2
+TICK_BEFORE_WAVES = 2
+"""A tick as the first version wrote it: its state knows no waves."""
 VESSEL = 3
 """A vessel file's text, in force from the next tick on."""
+
+TICK = 4
 
 MOST_SAMPLES = 255
 """Samples one tick can hold: their count is one byte."""
 
 _INPUTS = struct.Struct("<IdBdddIB")
 """number, now, order kind, order heading, rudder, heading change, serial, count of samples."""
-_OUTPUTS = struct.Struct("<7d?3dd?dB")
-"""state: heading, rate, speed, rudder, bias, age, time; valid; reference; demand; engaged; angle; mode."""
+_OUTPUTS = struct.Struct("<7d?4d3dd?dB")
+"""state: heading, rate, speed, rudder, bias, age, time; valid; its four of the waves; reference; demand; engaged;
+angle; mode."""
+_OUTPUTS_BEFORE_WAVES = struct.Struct("<7d?3dd?dB")
 _SAMPLE = struct.Struct("<Bdd")
 _NUMBER = struct.Struct("<d")
 
@@ -90,6 +95,7 @@ def encode_tick(tick: Tick) -> bytes:
             state.heading_age,
             state.time,
             state.valid,
+            *state[8:],
             *reference,
             tick.demand,
             tick.command.engaged,
@@ -116,8 +122,13 @@ def _decode_tick(record: bytes) -> Tick:
     for _ in range(count):
         sample, place = _decode_sample(record, place)
         samples.append(sample)
-    out = _OUTPUTS.unpack_from(record, place)
-    place += _OUTPUTS.size
+    if record[0] == TICK_BEFORE_WAVES:
+        old = _OUTPUTS_BEFORE_WAVES.unpack_from(record, place)
+        out = (*old[:8], 0.0, 0.0, 0.0, 0.0, *old[8:])
+        place += _OUTPUTS_BEFORE_WAVES.size
+    else:
+        out = _OUTPUTS.unpack_from(record, place)
+        place += _OUTPUTS.size
     alarms = []
     while place < len(record):
         alarm, place = _read_text(record, place)
@@ -127,11 +138,11 @@ def _decode_tick(record: bytes) -> Tick:
         now=now,
         samples=tuple(samples),
         order=Order(OrderKind(kind), heading, rudder, change, serial),
-        state=NavState(out[6], out[0], out[1], out[2], out[3], out[4], out[5], out[7]),
-        reference=Reference(*out[8:11]),
-        demand=out[11],
-        command=RudderCommand(now, out[13], out[12]),
-        mode=Mode(out[14]),
+        state=NavState(out[6], out[0], out[1], out[2], out[3], out[4], out[5], *out[7:12]),
+        reference=Reference(*out[12:15]),
+        demand=out[15],
+        command=RudderCommand(now, out[17], out[16]),
+        mode=Mode(out[18]),
         alarms=tuple(alarms),
     )
 

@@ -102,7 +102,7 @@ class VesselInForce:
     def _put_in_force(self, vessel: Vessel) -> None:
         if self._law != TRIAL_LAW and (verdict := verdict_of(vessel, self._law)).refusal:
             raise RefusedError(verdict.refusal)
-        config = pilot_config(vessel)
+        config = pilot_config(vessel, self._law)
         if abs(self._pilot.told.angle) > config.limits.angle_max:
             raise RefusedError("the rudder stands further over now; try again when it is nearer to amidships")
         self._pilot.reconfigure(config, law_of(vessel, self._law))

@@ -123,6 +123,16 @@ class Guidance:
 
 
 @dataclass(frozen=True)
+class Estimator:
+    """What is made of heading and rate before the law sees them."""
+
+    wave_filter: Literal["auto", "off"] = "auto"
+    """auto: wave motion is learnt and kept from the rudder where the rudder could only wear itself out on it."""
+    source: str = ""
+    date: str = ""
+
+
+@dataclass(frozen=True)
 class Limits:
     """What may be commanded; null: what the rudder can do."""
 
@@ -188,6 +198,7 @@ class Vessel:
     sensors: Sensors = field(default_factory=Sensors)
     control: Control = field(default_factory=Control)
     guidance: Guidance = field(default_factory=Guidance)
+    estimator: Estimator = field(default_factory=Estimator)
     limits: Limits = field(default_factory=Limits)
     failsafe: Failsafe = field(default_factory=Failsafe)
     helm: Helm = field(default_factory=Helm)

@@ -26,6 +26,7 @@ PREFIXES = {
     "control.backstepping": "BS",
     "control.pid": "PID",
     "guidance": "GUI",
+    "estimator": "EST",
     "limits": "LIM",
     "failsafe": "FS",
     "helm": "HELM",

@@ -13,6 +13,7 @@ from autopilot.angles import wrap
 from autopilot.estimation import heading_filter as ekf
 from autopilot.estimation.estimator import GATE_PATIENCE, KEPT_SAMPLES, Estimator
 from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.estimation.heading_update import fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample, SpeedSample
@@ -166,13 +167,13 @@ def test_one_linear_step_is_the_kalman_filter_of_the_textbook() -> None:
     x = f @ np.array([state.psi, state.rate, state.bias]) + dt * np.array([0.0, b * 0.1, 0.0])
     moved = ekf.predict(model, NOISE, state, 0.1, state.time + dt)
     assert moved[1:4] == pytest.approx(x, abs=1e-5)
-    assert moved[4:] == pytest.approx(p[np.triu_indices(3)], rel=2e-3)
-    for index, fuse, variance in ((0, ekf.fuse_heading, NOISE.heading), (1, ekf.fuse_rate, NOISE.rate)):
+    assert moved[4:10] == pytest.approx(p[np.triu_indices(3)], rel=2e-3)
+    for index, fuse, variance in ((0, fuse_heading, NOISE.heading), (1, fuse_rate, NOISE.rate)):
         h = np.eye(3)[index]
         gain = p @ h / (p[index, index] + variance)
         fused = fuse(moved, 0.12, variance)
         assert fused[1:4] == pytest.approx(x + gain * (0.12 - x[index]), abs=1e-5)
-        assert fused[4:] == pytest.approx((p - np.outer(gain, h @ p))[np.triu_indices(3)], rel=2e-3, abs=1e-9)
+        assert fused[4:10] == pytest.approx((p - np.outer(gain, h @ p))[np.triu_indices(3)], rel=2e-3, abs=1e-9)
 
 
 def test_late_rudder_feedback_sets_the_level_and_the_model_adds_the_motion() -> None:

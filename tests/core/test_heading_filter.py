@@ -10,10 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_continuous_lyapunov
 
 from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation import wave_motion
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
+from autopilot.estimation.heading_update import fuse_heading, fuse_rate, is_sound
+from autopilot.estimation.wave_motion import NO_SEA, Sea, frequency
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
 NOMOTO = Norrbin(0.2, 5.0)
@@ -23,47 +26,80 @@ NOISE = FilterNoise(heading=1.0e-4, rate=4.0e-5, acceleration=2.0e-5, bias=3.0e-
 Matrix = npt.NDArray[np.float64]
 
 
+SEA = Sea(math.radians(1.0) ** 2, (0.9 * math.radians(1.0)) ** 2)
+
+
 def matrices_of(state: FilterState) -> tuple[Matrix, Matrix]:
-    _, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state
-    return np.array([psi, rate, bias]), np.array([[p00, p01, p02], [p01, p11, p12], [p02, p12, p22]])
+    order = ("00", "01", "02", "03", "04", "05", "11", "12", "13", "14", "15", "22", "23", "24", "25")
+    order += ("33", "34", "35", "44", "45", "55")
+    p = np.zeros((6, 6))
+    for name in order:
+        i, j = int(name[0]), int(name[1])
+        p[i, j] = p[j, i] = getattr(state, f"p{name}")
+    return np.array([state.psi, state.rate, state.bias, state.wave, state.wave_rate, state.wave_lag]), p
 
 
-def kalman_predict(model: Norrbin, x: Matrix, p: Matrix, rudder: float, dt: float) -> tuple[Matrix, Matrix]:
-    """Linear case only: the transition from the matrix exponential of (psi, r, b, delta)."""
-    a = np.zeros((4, 4))
+def wave_matrix(sea: Sea) -> Matrix:
+    """The oscillator of wave_motion's docstring as it stands there: (h, s, e)' = A (h, s, e) + noise."""
+    w0, xi, kappa = frequency(sea), wave_motion.DAMPING, wave_motion.CORNER
+    c = kappa * w0
+    return np.array([[0.0, 1.0, 0.0], [-w0 * w0 - 2 * xi * w0 * c, -2 * xi * w0 - c, -w0 * w0], [c, 0.0, 0.0]])
+
+
+def balance_of(sea: Sea) -> Matrix:
+    shape = solve_continuous_lyapunov(wave_matrix(sea), -np.diag([0.0, 1.0, 0.0]))
+    return np.asarray(sea.heading * shape / shape[0, 0])
+
+
+def kalman_predict(model: Norrbin, x: Matrix, p: Matrix, rudder: float, dt: float, sea: Sea) -> tuple[Matrix, Matrix]:
+    """Linear case only: the transition from the matrix exponential of (psi, r, b, h, s, e, delta)."""
+    a = np.zeros((7, 7))
     a[0, 1] = 1.0
-    a[1] = [0.0, -model.n1 / model.time_constant, model.gain / model.time_constant, model.gain / model.time_constant]
-    f = expm(a * dt)
-    q = NOISE.acceleration * np.array([[dt**3 / 3, dt**2 / 2, 0], [dt**2 / 2, dt, 0], [0, 0, 0]])
+    a[1, 1] = -model.n1 / model.time_constant
+    a[1, 2] = a[1, 6] = model.gain / model.time_constant
+    q = np.zeros((6, 6))
+    q[:2, :2] = NOISE.acceleration * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
     q[2, 2] = NOISE.bias * dt
-    return f[:3, :3] @ x + f[:3, 3] * rudder, f[:3, :3] @ p @ f[:3, :3].T + q
+    if sea.heading > 0.0:
+        a[3:6, 3:6] = wave_matrix(sea)
+        step, balance = expm(a[3:6, 3:6] * dt), balance_of(sea)
+        q[3:, 3:] = balance - step @ balance @ step.T
+    f = expm(a * dt)
+    return f[:6, :6] @ x + f[:6, 6] * rudder, f[:6, :6] @ p @ f[:6, :6].T + q
 
 
 def kalman_fuse(x: Matrix, p: Matrix, index: int, value: float, variance: float) -> tuple[Matrix, Matrix]:
-    h = np.eye(3)[index : index + 1]
-    gain = p @ h.T / (p[index, index] + variance)
-    keep = np.eye(3) - gain @ h
+    h = np.zeros((1, 6))
+    h[0, index] = h[0, index + 3] = 1.0
+    gain = p @ h.T / (h @ p @ h.T + variance)
+    keep = np.eye(6) - gain @ h
     # Joseph's form, so that the algebra is not the same as the one under test
-    return x + (gain * (value - x[index])).ravel(), keep @ p @ keep.T + variance * gain @ gain.T
+    return x + (gain * (value - h @ x)).ravel(), keep @ p @ keep.T + variance * gain @ gain.T
 
 
+@pytest.mark.parametrize("sea", [NO_SEA, SEA])
 @pytest.mark.parametrize("model", [NOMOTO, NOMOTO._replace(n1=-1.0)])
-def test_on_a_linear_boat_it_is_the_kalman_filter(model: Norrbin) -> None:
+def test_on_a_linear_boat_it_is_the_kalman_filter(model: Norrbin, sea: Sea) -> None:
     random = np.random.default_rng(7)
     state = ekf.initial(0.0, 0.2, None, NOISE)
+    if sea.heading > 0.0:
+        p33, p44, p45, p55 = wave_motion.in_balance(sea)
+        state = state._replace(sea=sea, p33=p33, p44=p44, p45=p45, p55=p55)
     x, p = matrices_of(state)
     for step in range(60):
         dt, rudder = float(random.uniform(0.02, 0.8)), float(random.uniform(-0.05, 0.05))
         state = ekf.predict(model, NOISE, state, rudder, state.time + dt)
-        x, p = kalman_predict(model, x, p, rudder, dt)
-        heading, rate = float(x[0] + 0.01 * random.standard_normal()), float(x[1] + 0.005 * random.standard_normal())
-        state = ekf.fuse_heading(state, heading, NOISE.heading)
+        x, p = kalman_predict(model, x, p, rudder, dt, sea)
+        heading = float(x[0] + x[3] + 0.01 * random.standard_normal())
+        rate = float(x[1] + x[4] + 0.005 * random.standard_normal())
+        state = fuse_heading(state, heading, NOISE.heading)
         x, p = kalman_fuse(x, p, 0, heading, NOISE.heading)
         if step % 3 == 0:
-            state = ekf.fuse_rate(state, rate, NOISE.rate)
+            state = fuse_rate(state, rate, NOISE.rate)
             x, p = kalman_fuse(x, p, 1, rate, NOISE.rate)
         mean, covariance = matrices_of(state)
-        assert np.abs(mean - x - [2.0 * math.pi * round((mean[0] - x[0]) / (2.0 * math.pi)), 0.0, 0.0]).max() < 1e-9
+        turns = 2.0 * math.pi * round((mean[0] - x[0]) / (2.0 * math.pi))
+        assert np.abs(mean - x - [turns, 0.0, 0.0, 0.0, 0.0, 0.0]).max() < 1e-9
         assert np.abs(covariance - p).max() < 1e-12
 
 
@@ -80,9 +116,9 @@ def test_the_mean_follows_the_nonlinear_boat() -> None:
 
 @given(st.floats(-3.1, 3.1), st.floats(-1.0, 1.0), st.floats(-1.6, 1.6), st.floats(0.0, 1.0))
 def test_the_mean_alone_is_the_mean_of_the_whole(heading: float, rate: float, rudder: float, dt: float) -> None:
-    state = ekf.initial(3.0, heading, rate, NOISE)
+    state = ekf.initial(3.0, heading, rate, NOISE._replace(waves=True))._replace(wave=0.03, wave_rate=-0.1)
     moved = ekf.predict(LANXIN, NOISE, state, rudder, 3.0 + dt)
-    assert ekf.predict_mean(LANXIN, state, rudder, 3.0 + dt) == (moved.psi, moved.rate)
+    assert ekf.predict_mean(LANXIN, state, rudder, 3.0 + dt) == (moved.psi, moved.rate, moved.wave, moved.wave_rate)
 
 
 @given(st.floats(-10.0, 10.0), st.floats(-1.6, 1.6), st.floats(0.0, 1.0))
@@ -90,18 +126,35 @@ def test_a_wild_rate_never_blows_the_filter_up(rate: float, rudder: float, dt: f
     state = ekf.initial(0.0, 0.0, rate, NOISE)
     for _ in range(20):
         state = ekf.predict(LANXIN, NOISE, state, rudder, state.time + dt)
-        assert ekf.is_sound(state)
+        assert is_sound(state)
         assert abs(state.rate) <= max(abs(rate), 2.0) + 1e-9
 
 
 def test_the_innovation_goes_the_short_way_round() -> None:
     state = ekf.initial(0.0, math.radians(179.0), 0.0, NOISE)
-    state = ekf.fuse_heading(state, math.radians(-179.0), NOISE.heading)
+    state = fuse_heading(state, math.radians(-179.0), NOISE.heading)
     assert abs(abs(math.degrees(state.psi)) - 180.0) < 0.01
+
+
+def test_forgetting_the_bias_in_a_sea_leaves_a_covariance() -> None:
+    """What is left of it in the waves' columns would make the matrix impossible, and the filter fail a minute later."""
+    noise = NOISE._replace(waves=True)
+    state = ekf.initial(0.0, 0.2, 0.0, noise)
+    for step in range(200):
+        state = ekf.predict(LANXIN, noise, state, 0.1 * math.sin(0.1 * step), state.time + 0.1)
+        state = fuse_heading(state, 0.2 + 0.05 * math.sin(0.12 * step), noise.heading)
+        if step == 100:
+            state = ekf.without_bias(state)
+            assert state.bias == 0.0 and state.p22 == ekf.BIAS_UNKNOWN
+        assert np.linalg.eigvalsh(matrices_of(state)[1]).min() > -1e-15
+    again = ekf.initial(99.0, 1.0, None, noise, state)
+    assert (again.bias, again.sea) == (state.bias, state.sea)
 
 
 def test_what_is_not_finite_or_negative_is_not_sound() -> None:
     state = ekf.initial(0.0, 0.0, 0.0, NOISE)
-    assert ekf.is_sound(state)
-    assert not ekf.is_sound(state._replace(psi=math.nan))
-    assert not ekf.is_sound(state._replace(p11=-1.0e-9))
+    assert is_sound(state)
+    assert not is_sound(state._replace(psi=math.nan))
+    assert not is_sound(state._replace(p11=-1.0e-9))
+    assert not is_sound(state._replace(p44=-1.0e-9))
+    assert not is_sound(state._replace(sea=Sea(math.nan, 1.0)))

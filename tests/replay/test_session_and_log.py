@@ -21,7 +21,7 @@ from autopilot.loop.logs.table import table_of
 from autopilot.loop.record import Recorder, read_log, read_logs, read_packets
 from autopilot.loop.replay import replay
 from autopilot.loop.session import Session
-from autopilot.loop.tick_codec import decode_tick, encode_tick
+from autopilot.loop.tick_codec import TICK_BEFORE_WAVES, decode_tick, encode_tick
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import (
     AlarmSample,
@@ -240,7 +240,7 @@ ticks = st.builds(
     number,
     st.lists(samples, max_size=5).map(tuple),
     st.builds(Order, st.sampled_from(OrderKind), number, number, number, st.integers(0, 2**32 - 1)),
-    st.builds(NavState, number, number, number, number, number, number, number, st.booleans()),
+    st.builds(NavState, *[number] * 7, st.booleans(), *[number] * 4),
     st.builds(Reference, number, number, number),
     number,
     st.builds(RudderCommand, number, number, st.booleans()),
@@ -254,6 +254,18 @@ def test_a_tick_comes_back_with_every_bit(tick: Tick) -> None:
     tick = tick._replace(command=tick.command._replace(time=tick.now))
     assert repr(decode_tick(encode_tick(tick))) == repr(tick)
     assert encode_tick(decode_tick(encode_tick(tick))) == encode_tick(tick)
+
+
+@given(ticks)
+def test_a_tick_of_the_first_version_is_read(tick: Tick) -> None:
+    state = tick.state._replace(wave_heading=0.0, wave_rate=0.0, wave_deviation=0.0, wave_frequency=0.0)
+    tick = tick._replace(command=tick.command._replace(time=tick.now), state=state)
+    record = encode_tick(tick)
+    # behind the waves stand reference, demand, engaged, angle and mode, and then the alarms
+    at = len(record) - struct.calcsize("<3dd?dB") - 32 - sum(1 + len(alarm.encode()[:255]) for alarm in tick.alarms)
+    assert record[at : at + 32] == bytes(32)
+    before = bytes([TICK_BEFORE_WAVES]) + record[1:at] + record[at + 32 :]
+    assert repr(decode_tick(before)) == repr(tick)
 
 
 @given(ticks, st.integers(1, 200))
