@@ -6,14 +6,17 @@ import dataclasses
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from random import Random
 from typing import Any
 
 from autopilot.build import build_pilot
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
+from autopilot.loop.record import Recorder
 from autopilot.loop.session import Session
 from autopilot.params.vessel import Vessel
+from autopilot.params.vessel_file import dump_vessel
 from autopilot.signals import Mode, Order, OrderKind, Tick
 from sitl.firmware import Firmware
 from sitl.scenario import load_scenario
@@ -95,6 +98,7 @@ class Lockstep:
         vehicle: dict[str, Any] | None = None,
         lines: Sequence[BadLine] = (),
         is_stream: bool = False,
+        log: Path | None = None,
     ) -> None:
         scenario = load_scenario("calm")
         scenario = dataclasses.replace(scenario, vehicle=dataclasses.replace(scenario.vehicle, **(vehicle or {})))
@@ -116,7 +120,9 @@ class Lockstep:
         self.hooks: list[Hook] = []
         self.sent: list[tuple[float, Any]] = []
         self.pilot = build_pilot(vessel, law)
-        self.session = Session(self.pilot, [self.link], self.clock, 20.0, lambda now, tick: self.order)
+        header = {"vessel": dump_vessel(vessel), "law": law}
+        recorder = Recorder(log, header, 0.0) if log is not None else None
+        self.session = Session(self.pilot, [self.link], self.clock, 20.0, lambda now, tick: self.order, recorder)
 
     @property
     def now(self) -> float:

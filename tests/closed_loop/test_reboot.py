@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot import safety
 from autopilot.build import TRIAL_LAW
 from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.loop.replay import replay
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import Mode, Order
@@ -31,13 +33,14 @@ def vessel(method: str, reengage: bool = False) -> Vessel:
     )
 
 
-def bench(method: str, reengage: bool = False, lines: Any = (), **vehicle: Any) -> Lockstep:
+def bench(method: str, reengage: bool = False, lines: Any = (), log: Path | None = None, **vehicle: Any) -> Lockstep:
     return Lockstep(
         vessel(method, reengage),
         law=TRIAL_LAW if method == "guided" else None,
         vehicle={"mode": MODE_OF[method], **vehicle},
         parameters=GAINS,
         lines=lines,
+        log=log,
     )
 
 
@@ -59,8 +62,8 @@ def reboot(boat: Lockstep, gap: Gap, silence: float) -> None:
     gap.until = boat.now + silence
 
 
-def engaged_bench(method: str, gap: Gap, reengage: bool) -> Lockstep:
-    boat = bench(method, reengage, gap.lines)
+def engaged_bench(method: str, gap: Gap, reengage: bool, log: Path | None = None) -> Lockstep:
+    boat = bench(method, reengage, gap.lines, log)
     boat.engage(40.0)
     assert boat.run(5.0, until=boat.engaged)
     boat.run(12.0)
@@ -94,9 +97,11 @@ def test_after_a_reboot_the_pilot_stands_by_with_fresh_parameters_until_it_is_en
 
 
 @pytest.mark.parametrize(("method", "silence"), [("rc_override", 0.0), ("rc_override", 6.0), ("guided", 6.0)])
-def test_where_the_vessel_file_says_so_it_engages_again_once_the_vehicle_is_armed(method: str, silence: float) -> None:
-    gap = Gap()
-    boat = engaged_bench(method, gap, reengage=True)
+def test_where_the_vessel_file_says_so_it_engages_again_once_the_vehicle_is_armed(
+    tmp_path: Path, method: str, silence: float
+) -> None:
+    gap, log = Gap(), tmp_path / "run.tlog"
+    boat = engaged_bench(method, gap, reengage=True, log=log)
     reboot(boat, gap, silence)
     boat.run(silence + 8.0)
     assert boat.tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE)
@@ -107,6 +112,9 @@ def test_where_the_vessel_file_says_so_it_engages_again_once_the_vehicle_is_arme
     assert boat.tick.mode is Mode.ENGAGED
     assert boat.tick.alarms == ()
     assert math.degrees(boat.world.boat.state.heading) == pytest.approx(40.0, abs=2.0)
+    boat.session.close()
+    replayed = replay(log)
+    assert (replayed.ticks, replayed.identical) == (len(boat.ticks), True), replayed.detail
 
 
 def test_a_human_s_override_is_no_reboot_though_one_follows() -> None:
