@@ -15,7 +15,7 @@ from autopilot.errors import InputError
 from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
 from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import Pilot
-from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderCommand
+from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderCommand, RudderSample
 
 LANXIN = load_vessel("lanxin")
 RATE = math.radians(LANXIN.rudder.rate_max_deg_s or math.inf)
@@ -129,6 +129,20 @@ def test_what_links_were_opened_with_counts_from_the_next_start() -> None:
     assert store.set("CTL_RATE", 10.0) == "CTL_RATE counts from the next start on"
     assert store.get("CTL_RATE") == 10.0 and len(saved) == 1
     assert isinstance(store.log, Kept) and not store.log.texts
+
+
+def test_who_moves_the_rudder_stays_as_the_links_were_opened() -> None:
+    guided = replace(LANXIN, helm=replace(LANXIN.helm, method="guided"))
+    pilot = build_pilot(guided, "trial")
+    pilot.reconfigure(pilot_config(LANXIN), law_of(LANXIN, "trial"))
+    pilot.step(0.1, (HeadingSample(0.1, 0.0, 0.0),), Order(OrderKind.HEADING, 1.0, serial=1))
+    assert pilot.supervisor.mode is Mode.ENGAGED
+    over = RudderSample(0.15, 0.3, ordered=True, source="servo_output_raw")
+    for step in range(60):
+        now = 0.2 + 0.05 * step
+        heard = (HeadingSample(now, 0.0, 0.0), over._replace(time=now))
+        tick = pilot.step(now, heard, Order(OrderKind.HEADING, 1.0, serial=1))
+    assert abs(tick.state.rudder - 0.3) < 0.02, "what the firmware says, not what we would have told"
 
 
 def test_a_change_that_cannot_be_kept_is_said() -> None:
