@@ -328,12 +328,14 @@ def fuzz_boat(rng: random.Random, count: int) -> Result:
     sound = encoded(255, 190, station_words())
     sets = encoded(255, 190, setting)
     accepted = wrong = held = 0
+    before = Order()
     for number, data in enumerate(inputs(rng, sound, lambda: forged(rng, heard, (255, 9), 190), count)):
         now = number * 0.02
         far.send(rng.choice(sets) if number % 400 == 0 else data)
         link.receive(now)
         order = skipper(now, None)
-        accepted += order.kind is not OrderKind.STANDBY
+        accepted += not order.is_same(before)
+        before = order
         wrong += not (math.isfinite(order.rudder) and abs(order.rudder) <= FULL and not math.isinf(order.heading))
         link.show(tick_of(now, Mode.ENGAGED if number // 500 % 2 else Mode.STANDBY, order))
         link.keep(now)

@@ -1,4 +1,4 @@
-"""Heading targets by themselves: what is in the message, when it is due, and how the proof and the watch judge bearings."""
+"""Heading targets by themselves: the message, when it is due, how the proof and the watch judge bearings."""
 
 from __future__ import annotations
 
