@@ -8,8 +8,16 @@ from dataclasses import astuple
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
-from autopilot.control.design import LoopGains, Verdict, judge, linear_gains_backstepping, linear_gains_pid
+from autopilot.control.design import (
+    LoopGains,
+    Verdict,
+    judge,
+    linear_gains_backstepping,
+    linear_gains_pid,
+    linear_gains_sliding,
+)
 from autopilot.control.pid import PidGains, PidLaw
+from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
@@ -149,6 +157,10 @@ def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
         return BacksteppingLaw(gains, vessel.model.reference_speed_m_s)
     if chosen == "pid" and control.pid is not None:
         return PidLaw(PidGains(control.pid.kp, control.pid.ki_1_s, control.pid.kd_s))
+    if chosen == "sliding" and control.sliding is not None:
+        sliding = control.sliding
+        reach, boundary = math.radians(sliding.reach_deg_s2), math.radians(sliding.boundary_deg_s)
+        return SlidingLaw(SlidingGains(sliding.slope_1_s, reach, boundary), vessel.model.reference_speed_m_s)
     raise RefusedError(
         f"vessel {vessel.name!r} has no gains for the law {chosen!r}: add control.{chosen} to the file, "
         f"or let `autopilot gains` work them out"
@@ -160,6 +172,8 @@ def loop_gains_of(vessel: Vessel, name: str | None = None) -> LoopGains:
     law = law_of(vessel, name)
     if isinstance(law, BacksteppingLaw):
         return linear_gains_backstepping(model_of(vessel), law.gains)
+    if isinstance(law, SlidingLaw):
+        return linear_gains_sliding(model_of(vessel), law.gains)
     assert isinstance(law, PidLaw)
     return linear_gains_pid(law.gains)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shlex
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from autopilot.params.vessel import Vessel
     from autopilot.report.gains_judged import Judged
 
-LAWS = ("backstepping", "pid")
+LAWS = ("backstepping", "pid", "sliding")
 
 PID_INTEGRAL_TIME = 10.0
 """Integral time [s] of the PID beside it, or three time constants if that is longer."""
@@ -53,8 +54,8 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
     from dataclasses import replace
 
     from autopilot.build import gear_of, limits_of, model_of
-    from autopilot.control.design import design_backstepping, equivalent_pid, placed
-    from autopilot.params.vessel import Backstepping, Pid
+    from autopilot.control.design import design_backstepping, equivalent_pid, placed, sliding_of
+    from autopilot.params.vessel import Backstepping, Pid, Sliding
 
     model = model_of(vessel)
     try:
@@ -66,10 +67,12 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
     pid = equivalent_pid(model, gains, max(PID_INTEGRAL_TIME, 3.0 * model.time_constant))
+    slope, *surface = sliding_of(model, gains, limits_of(vessel).angle_max)
     control = replace(
         vessel.control,
         backstepping=Backstepping(*(round(gain, 5) for gain in gains)),
         pid=Pid(*(round(gain, 5) for gain in pid)),
+        sliding=Sliding(round(slope, 5), *(round(math.degrees(gain), 5) for gain in surface)),
     )
     return replace(vessel, control=control)
 

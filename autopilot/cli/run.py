@@ -35,7 +35,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         choices=("rc_override", "manual_control", "guided"),
         help="how to steer over MAVLink (default: the file's helm.method); guided: the firmware steers to our headings",
     )
-    parser.add_argument("--law", choices=("backstepping", "pid"), help="law to steer with (default: the file's)")
+    parser.add_argument(
+        "--law", choices=("backstepping", "pid", "sliding"), help="law to steer with (default: the file's)"
+    )
     parser.add_argument(
         "--learn",
         action="store_true",

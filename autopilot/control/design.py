@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from autopilot.control.backstepping import BacksteppingGains
 from autopilot.control.pid import PidGains
+from autopilot.control.sliding_heading import SlidingGains
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
@@ -67,6 +68,11 @@ def linear_gains_backstepping(model: Norrbin, gains: BacksteppingGains) -> LoopG
     return LoopGains(
         ratio * (gains.gamma + gains.k1 * gains.k2), 0.0, ratio * (gains.k1 + gains.k2 - model.n1 / model.time_constant)
     )
+
+
+def linear_gains_sliding(model: Norrbin, gains: SlidingGains) -> LoopGains:
+    """Return the law's gains within its boundary layer: backstepping with k1 = slope, k2 = reach/boundary, gamma 0."""
+    return linear_gains_backstepping(model, BacksteppingGains(gains.slope, gains.reach / gains.boundary, 0.0))
 
 
 def linear_gains_pid(gains: PidGains) -> LoopGains:
@@ -262,6 +268,16 @@ def _at(model: Norrbin, k: float) -> BacksteppingGains:
     apart = math.sqrt(max(0.25 * damping * damping - k * k, 0.0))
     slow = k * k / (0.5 * damping + apart)
     return BacksteppingGains(slow, damping - slow, 0.25 * k * k)
+
+
+def sliding_of(model: Norrbin, gains: BacksteppingGains, angle_max: float) -> SlidingGains:
+    """Return the sliding mode gains with slope k1 and reach/boundary k2, which never ask for more than the rudder has.
+
+    The reach is the yaw acceleration of a rudder at `angle_max` [rad] from rest: a large error puts it hard over, no
+    further. Without gamma the loop is less stiff than the backstepping law's, with margins no smaller.
+    """
+    reach = model.gain / model.time_constant * angle_max
+    return SlidingGains(gains.k1, reach, reach / gains.k2)
 
 
 def equivalent_pid(model: Norrbin, gains: BacksteppingGains, integral_time: float = 0.0) -> PidGains:

@@ -97,14 +97,24 @@ class Pid:
 
 
 @dataclass(frozen=True)
+class Sliding:
+    """Gains of the sliding mode law: s = rate error + slope * heading error, s' = -reach * tanh(s/boundary)."""
+
+    slope_1_s: Annotated[float, Bounds(Positive, 1000.0, "rate wanted per heading error, on the surface")]
+    reach_deg_s2: Annotated[float, Bounds(Positive, 1.0e6, "yaw acceleration towards the surface, at most")]
+    boundary_deg_s: Annotated[float, Bounds(Positive, 1.0e5, "width of the layer where the law is linear")]
+
+
+@dataclass(frozen=True)
 class Control:
     """Which law steers, how often, and its gains."""
 
-    law: Literal["backstepping", "pid"] = "backstepping"
+    law: Literal["backstepping", "pid", "sliding"] = "backstepping"
     rate_hz: Annotated[float, Bounds(1.0, 200.0, "control rate")] = 20.0
     loop_delay_s: Annotated[float, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
     backstepping: Backstepping | None = None
     pid: Pid | None = None
+    sliding: Sliding | None = None
     source: str = ""
     date: str = ""
 

@@ -25,6 +25,7 @@ PREFIXES = {
     "control": "CTL",
     "control.backstepping": "BS",
     "control.pid": "PID",
+    "control.sliding": "SLD",
     "guidance": "GUI",
     "estimator": "EST",
     "limits": "LIM",

@@ -13,6 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 COLOURS = ("#0b5fa5", "#c8501e", "#2e7d32", "#7b4fa3")
 WANTED = "#8a8f98"
 SIZE = (9.0, 2.6)
+LEGEND_COLUMNS = 3
 
 
 class Line(NamedTuple):
@@ -73,7 +74,7 @@ def _draw(axis: Any, panel: Panel) -> None:
     axis.set_ylabel(panel.label)
     axis.grid(True, color="#e3e6ea", linewidth=0.6)
     axis.spines[["top", "right"]].set_visible(False)
-    axis.legend(loc="best", frameon=False, ncols=len(panel.lines))
+    axis.legend(loc="best", frameon=False, ncols=min(len(panel.lines), LEGEND_COLUMNS))
 
 
 def _svg_of(figure: Any) -> str:

@@ -24,7 +24,9 @@ def as_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, An
 
 def test_every_row_has_margins_with_units_in_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
     rows = as_json(capsys, "lanxin")
-    assert set(rows) == {"designed backstepping", "designed pid", "file's backstepping", "file's pid"}
+    assert set(rows) == {
+        f"{whose} {law}" for whose in ("designed", "file's") for law in ("backstepping", "pid", "sliding")
+    }
     for row in rows.values():
         assert row["stable"] is True
         assert row["refusal"] is None

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.pid import INTEGRAL_MAX, PidGains, PidLaw
+from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.pilot import HeadingLaw
 from autopilot.signals import NavState, Reference
@@ -21,6 +22,7 @@ LAWS: dict[str, Callable[[], HeadingLaw]] = {
     "backstepping": lambda: BacksteppingLaw(BacksteppingGains(2.0, 2.0), 4.63),
     "pid": lambda: PidLaw(PidGains(2.4, 0.24, 0.47)),
     "pid without integral": lambda: PidLaw(PidGains(2.4, 0.0, 0.47)),
+    "sliding": lambda: SlidingLaw(SlidingGains(2.0, 1.1, 0.55), 4.63),
 }
 NORTH = Reference(0.0)
 DT = 0.05

@@ -91,7 +91,7 @@ def test_a_small_file_is_filled_with_defaults() -> None:
         ("schema_version: 1\n", "", "the key schema_version is missing"),
         ("name: Boat", "name: 12", "name is 12, needed is text."),
         ("name: Boat", "name: ' '", "name is empty; give the boat a name."),
-        ("law: backstepping", "law: backsteping", "allowed are backstepping, pid; did you mean backstepping?"),
+        ("law: backstepping", "law: backsteping", "allowed are backstepping, pid, sliding; did you mean backstepping?"),
         (
             "rudder:",
             "limits: {angle_max_deg: 31}\nrudder:",

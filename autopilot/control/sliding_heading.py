@@ -1,0 +1,149 @@
+"""Sliding mode heading laws: on the identified Norrbin model, and on sway and yaw of a ship as in Liu and Jin 2017.
+
+On the Norrbin model, with z1 = wrap(psi - psi_d), s = (r - psi_d') + c z1 and a boundary layer W,
+
+    delta = (T/K) [ (n1 r + n2 r^2 + n3 r^3 + n0)/T + psi_d'' - c (r - psi_d') - eta tanh(s/W) ] - b
+
+makes s' = -eta tanh(s/W): s falls at the rate eta from afar and as exp(-eta t/W) within the layer, where the law is
+backstepping with k1 = c, k2 = eta/W and gamma = 0. Unlike there, a large error asks for no more rudder than
+(T/K) eta beyond what the turn itself needs. b is the rudder angle that wind, current and trim are worth.
+
+On x' = A x + b delta, x = (v, r, psi), eqs (27)-(31):
+
+    delta = -k' x~ - eta/(h'b) tanh(s/W),   s = h' x~,   (A - b k')' h = 0,   |h| = 1,   x~ = (v, r, psi - psi_d)
+
+so that s' = -eta tanh(s/W) again. The paper prints its k in degrees of rudder per SI unit and its eta for radians:
+k in radians per unit makes A - b k' unstable. Eq. (31) lacks an equals sign and states itself twice.
+Sources: Liu and Jin 2017, section 3.1; Healey and Lienard 1993.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.angles import wrap
+from autopilot.models.norrbin import Norrbin, rudder_for
+from autopilot.models.steering_gear import clip
+from autopilot.signals import NavState, Reference
+
+Array = NDArray[np.float64]
+
+SPEED_RANGE = (0.2, 1.5)
+"""Share of the reference speed within which the gains follow the speed."""
+SMALL = 1.0e-12
+
+
+class SlidingGains(NamedTuple):
+    """slope c [1/s] of the surface, reach eta [rad/s^2] towards it, boundary W [rad/s] of the layer around it."""
+
+    slope: float
+    reach: float
+    boundary: float
+
+
+def sliding_rudder(
+    model: Norrbin, gains: SlidingGains, reference: Reference, heading: float, rate: float, bias: float = 0.0
+) -> float:
+    """Return the unlimited rudder demand [rad] of the first law in the module's docstring."""
+    rate_error = rate - reference.rate
+    surface = rate_error + gains.slope * wrap(heading - reference.heading)
+    wanted = reference.acceleration - gains.slope * rate_error - gains.reach * math.tanh(surface / gains.boundary)
+    return rudder_for(model, rate, wanted) - bias
+
+
+class SlidingLaw:
+    """The law on the Norrbin model as the pilot holds it. It has no memory: bias and limits reach it by the state.
+
+    The gains hold at `reference_speed` [m/s] and go with the speed, as 1/T does.
+    """
+
+    name = "sliding"
+
+    def __init__(self, gains: SlidingGains, reference_speed: float) -> None:
+        if not all(0.0 < gain < math.inf for gain in gains):
+            raise ValueError(f"sliding: slope, reach and boundary must be positive and finite, got {gains}")
+        self.gains = gains
+        self._reference_speed = reference_speed
+
+    def reset(self, rudder: float) -> None:
+        """Nothing to forget."""
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Return the rudder demand [rad]."""
+        ratio = clip(model.reference_speed / self._reference_speed, *SPEED_RANGE)
+        slope, reach, boundary = self.gains
+        gains = SlidingGains(slope * ratio, reach * ratio * ratio, boundary * ratio)
+        return sliding_rudder(model, gains, reference, state.heading, state.rate, state.bias)
+
+
+def closed_loop(A: Array, b: Array, k: Array) -> Array:
+    """Return A - b k'. ValueError where anything but the heading's zero eigenvalue is not stable."""
+    closed = np.asarray(A - np.outer(b, k))
+    inner = np.linalg.eigvals(closed[:-1, :-1])
+    if np.max(inner.real) >= 0.0:
+        raise ValueError(
+            f"sliding mode: these k leave A - b k' with an eigenvalue of real part {np.max(inner.real):.3g} 1/s; "
+            f"give k in radians of rudder per SI unit, with the signs of positive rudder to starboard"
+        )
+    return closed
+
+
+def sliding_surface(A: Array, b: Array, k: Array) -> Array:
+    """Return h (n,), |h| = 1, with (A - b k')' h = 0: eq. (30).
+
+    A (n, n), b (n,), k (n,): the heading is the last state, which nothing depends on and k does not feed back. The
+    sign is that of a positive weight on the heading. ValueError where k does not stabilise the rest.
+    """
+    n = len(b)
+    if k[n - 1] != 0.0 or np.any(A[:, n - 1] != 0.0):
+        raise ValueError("sliding mode: the last state must be a pure integral that k does not feed back")
+    closed = closed_loop(A, b, k)
+    inner = np.linalg.solve(closed[:-1, :-1].T, -closed[-1, :-1])
+    h = np.append(inner, 1.0)
+    return np.asarray(h / np.linalg.norm(h))
+
+
+class SwayYawGains(NamedTuple):
+    """k_v [rad rudder per m/s], k_r [s], eta and boundary W as the paper has them (h has norm 1, mixed units)."""
+
+    k_v: float
+    k_r: float
+    reach: float
+    boundary: float
+
+
+class SwayYawLaw(NamedTuple):
+    """The second law made ready: feedback k, surface h, `switching` eta/(h'b) [rad], boundary W."""
+
+    k_v: float
+    k_r: float
+    h_v: float
+    h_r: float
+    h_psi: float
+    switching: float
+    boundary: float
+
+
+PAPER_SWAY_YAW = SwayYawGains(math.radians(-10.0), math.radians(-100.0), 1.0512, 1.0)
+"""Liu and Jin 2017, section 4: k = (-10, -100, 0) degrees per SI unit, taken as printed: A - b k' is stable so."""
+
+
+def sway_yaw_law(A: Array, b: Array, gains: SwayYawGains) -> SwayYawLaw:
+    """Return the law for the linear model of (v, r, psi), A (3, 3) and b (3,). ValueError where h'b is zero."""
+    h = sliding_surface(A, b, np.array([gains.k_v, gains.k_r, 0.0]))
+    through = float(h @ b)
+    if abs(through) < SMALL:
+        raise ValueError("sliding mode: the rudder does not move s: h'b is zero")
+    return SwayYawLaw(
+        gains.k_v, gains.k_r, float(h[0]), float(h[1]), float(h[2]), gains.reach / through, gains.boundary
+    )
+
+
+def sway_yaw_rudder(law: SwayYawLaw, sway: float, rate: float, heading_error: float) -> float:
+    """Return the unlimited rudder demand [rad] at sway v [m/s], yaw rate [rad/s], heading error psi - psi_d [rad]."""
+    surface = law.h_v * sway + law.h_r * rate + law.h_psi * heading_error
+    return -(law.k_v * sway + law.k_r * rate) - law.switching * math.tanh(surface / law.boundary)
