@@ -23,6 +23,12 @@ SHORTEST_LEG = 1.0
 """A leg shorter than this [m] has no bearing: its end counts as reached."""
 WHEEL_OVER_MOST = 2.0
 """A turn is begun no further before its waypoint than this many turning radii."""
+SET_KEPT_S = 1800.0
+"""The current that was learned counts for this long [s] when a route is begun anew."""
+SET_MOST = 0.7
+"""No more current is expected than this share of the boat's speed."""
+SPEED_LEAST = 0.5
+"""Below this speed [m/s] nothing is learned of the current, nor expected."""
 ALARM_OFF = 0.8
 """The cross-track alarm ends inside this share of its limit."""
 
@@ -85,6 +91,10 @@ class TrackGuide:
         self._ending = ""
         self._speed = 0.0
         self._now: float | None = None
+        self._set = (0.0, 0.0)
+        self._set_at = -math.inf
+        self.leg: Leg | None = None
+        self._drift = 0.0
         self.leave()
 
     def follow(self, route: Sequence[Waypoint], target: int = 0, ending: str = "the route has ended") -> None:
@@ -101,9 +111,10 @@ class TrackGuide:
 
     def leave(self) -> None:
         """Lead no longer."""
+        self._remember()
         self.following = self.is_complete = self._is_off = False
         self.alarm = ""
-        self.leg: Leg | None = None
+        self.leg = None
         self._start: Place | None = None
         self._held: float | None = None
         self._drift = 0.0
@@ -121,12 +132,39 @@ class TrackGuide:
             self._began = now
         self.leg = None
         if self.following and not self.is_complete and self.fix.is_fresh(now):
-            self._start = self._start or self.fix.place
+            if self._start is None:
+                self._begin(now)
             self._held = self._along(now, heading, speed, dt)
         elif self._held is None:
             self._held = heading
         self.alarm = self._reason(now)
         return self._held
+
+    def _begin(self, now: float) -> None:
+        """Begin the first leg where the boat is, in the current as far as it is known from before."""
+        self._start = self.fix.place
+        if now - self._set_at > SET_KEPT_S:
+            self._set = (0.0, 0.0)
+        bearing, _ = bearing_and_distance(self._start, self.route[self.target].place)
+        self._drift = self._expected(bearing)
+
+    def _remember(self) -> None:
+        """Keep what the leg has taught of the current: the part across it, beside what others taught of the rest."""
+        if self.leg is None or self._now is None or abs(self._speed) < SPEED_LEAST:
+            return
+        north, east = -math.sin(self.leg.bearing), math.cos(self.leg.bearing)
+        across = abs(self._speed) * self._drift / math.hypot(self.look_ahead(self._speed), self._drift)
+        more = across - (self._set[0] * north + self._set[1] * east)
+        self._set = (self._set[0] + more * north, self._set[1] + more * east)
+        self._set_at = self._now
+
+    def _expected(self, bearing: float) -> float:
+        """Return the integral [m] that the current, as far as it is known, will need on a leg of `bearing` [rad]."""
+        if abs(self._speed) < SPEED_LEAST:
+            return 0.0
+        across = self._set[1] * math.cos(bearing) - self._set[0] * math.sin(bearing)
+        share = min(max(across / abs(self._speed), -SET_MOST), SET_MOST)
+        return self.look_ahead(self._speed) * share / math.sqrt(1.0 - share * share)
 
     def look_ahead(self, speed: float) -> float:
         """Return Delta [m] at `speed` [m/s]."""
@@ -147,11 +185,11 @@ class TrackGuide:
             if self.target + 1 == len(self.route):
                 self.is_complete = True
                 return wrap(leg.bearing - math.atan2(self._drift, ahead))
-            old = leg.bearing
+            self.leg = leg
+            self._remember()
             self._start, self.target = self.route[self.target].place, self.target + 1
-            leg = self._leg_seen(gone, aside, old)
-            # of the current, what was learned across the old leg is known, and that much of it lies across the new one
-            self._drift *= math.cos(shortest_turn(old, leg.bearing))
+            leg = self._leg_seen(gone, aside, leg.bearing)
+            self._drift = self._expected(leg.bearing)
         self.leg = leg
         course, self._drift = line_of_sight(leg.bearing, leg.cross_track, self._drift, ahead, speed, dt)
         return course

@@ -229,3 +229,23 @@ def test_from_anywhere_it_heads_for_the_waypoint(goal: Waypoint, latitude: float
     guide.take(PositionSample(0.0, *origin))
     if distance > 20.0:
         assert abs(shortest_turn(guide.course(0.0, 0.3, speed), bearing)) < 1.0e-6
+
+
+def test_what_a_leg_has_taught_of_the_current_is_known_two_legs_later_and_when_begun_anew() -> None:
+    """North in an east-going current, a leg east along it, then south: the same current, on the other side."""
+    route = (waypoint(1500, 0), waypoint(1500, 500), waypoint(-2000, 500))
+    boat = Boat(following(*route, turn_radius=23.0, turn_reach=4.0), current=(0.0, 1.2))
+    first = boat.sail(100.0)
+    while boat.guide.target < 2:
+        boat.sail(1.0)
+    boat.sail(25.0)
+    third = boat.sail(100.0)
+    assert max(abs(value) for value in first) > 5.0
+    assert max(abs(value) for value in third) < 3.0
+    boat.guide.leave()
+    boat.guide.follow([waypoint(-2000, 500)])
+    assert max(abs(value) for value in boat.sail(100.0)) < 3.0
+    boat.guide.leave()
+    boat.sail(2000.0)
+    boat.guide.follow([waypoint(2000, 0)])
+    assert max(abs(value) for value in boat.sail(100.0)) > 4.0, "half an hour later it may be another current"
