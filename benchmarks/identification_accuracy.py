@@ -13,7 +13,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from typing import NamedTuple
@@ -21,10 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.cli.progress import ProgressBar
-from autopilot.identification.identify import identify
+from autopilot.errors import InputError
 from autopilot.identification.information import InstrumentNoise, cramer_rao, planned, zigzag_helm
+from autopilot.identification.methods import Question
+from autopilot.identification.registry import NAMES, method_named
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
-from autopilot.identification.two_stage import nomoto_stage
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
@@ -55,19 +56,15 @@ Estimate = dict[str, tuple[float, float | None]]
 """Value and standard error by parameter; None where the method tells none."""
 
 
-def output_error(run: Run, boat: Boat) -> Estimate:
-    """The estimate that ships."""
-    found = identify([run], reference_speed=SPEED, course_unstable=boat.model.n1 < 0.0)
-    return {name: (getattr(found.model, name), found.standard_errors[name]) for name in PARAMETERS}
-
-
-def two_stage(run: Run, boat: Boat) -> Estimate:
-    """Recursive least squares on the linear model: the first of the two stages, which knows no n3 and no n0."""
-    stage = nomoto_stage([run], SPEED)
-    return {} if stage is None else {"gain": (stage.gain, None), "time_constant": (stage.time_constant, None)}
-
-
-METHODS: dict[str, Callable[[Run, Boat], Estimate]] = {"output-error": output_error, "two-stage": two_stage}
+def estimate_by(method: str, run: Run, boat: Boat) -> Estimate:
+    """Return what a method of the registry makes of a recording; nothing where it refuses to answer."""
+    question = Question(reference_speed=SPEED, course_unstable=boat.model.n1 < 0.0)
+    try:
+        found = method_named(method).identify([run], question)
+    except InputError:
+        return {}
+    told = [name for name in PARAMETERS if found.standard_errors[name] is not None or name in ("gain", "time_constant")]
+    return {name: (getattr(found.model, name), found.standard_errors[name]) for name in told}
 
 
 @cache
@@ -96,7 +93,7 @@ def noisy(boat: Boat, seed: int) -> Run:
 
 def trial(boat: Boat, method: str, seed: int) -> Estimate:
     """Return what `method` makes of one recording."""
-    return METHODS[method](noisy(boat, seed), boat)
+    return estimate_by(method, noisy(boat, seed), boat)
 
 
 def row(boat: Boat, method: str, name: str, bound: float, estimates: Sequence[Estimate]) -> dict[str, object]:
@@ -157,12 +154,12 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--method", action="append", choices=sorted(METHODS), help="one of them; default: all")
+    parser.add_argument("--method", action="append", choices=NAMES, help="one of them; default: all")
     parser.add_argument("--boat", action="append", choices=[boat.name for boat in BOATS], help="default: all")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     boats = [boat for boat in BOATS if not options.boat or boat.name in options.boat]
-    rows = study(boats, options.method or list(METHODS), options.seeds)
+    rows = study(boats, options.method or list(NAMES), options.seeds)
     sys.stdout.write((json.dumps(rows, indent=2) if options.json else as_table(rows)) + "\n")
 
 

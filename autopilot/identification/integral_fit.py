@@ -4,7 +4,8 @@ Least squares over the windows (zeta = phi, the terms themselves) is biased: the
 is measured too, and its noise lowers every estimate, the more so the less n3 can be told from K. So as soon as K and T
 are known well enough to simulate a boat with, each equation is multiplied by instruments in place of its own terms: the
 same integrals of a boat that is simulated beside, under the recorded rudder and with the present estimate, whose motion
-knows nothing of the noise (the refined instrumental variable of Young, 1976).
+knows nothing of the noise (the refined instrumental variable of Young, 1976). Sums with instruments from the beginning
+are kept beside, and are taken once they are about as sure: in wind least squares may never be sure of anything.
 
 Where a law holds the course, the rudder answers to wind and waves, and whoever takes its movements for causes finds a
 boat that hardly turns. There the boat beside follows the law's reference, whose turns nobody but the skipper caused,
@@ -24,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from autopilot.identification.integral_sums import WindowSums
 from autopilot.identification.integral_window import BLOCKS, Integrals, IntegralWindow
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, rate_step, rudder_for
 from autopilot.signals import Reference
@@ -61,6 +63,10 @@ ENOUGH = 2 * BLOCKS
 
 LED = 0.1
 """The simulated boat's motion serves from when K and T are known to this share; until then the measured one does."""
+
+UNBIASED_WORTH = 2.0
+"""Sums with the simulated boat's motion throughout are taken where their standard errors are below this many times
+those of the sums that began with the measured motion."""
 
 REFIT, REFIT_FACTOR = 0.25, 1.6
 """Windows are fitted anew when K and T are known to this share and the length is off by this factor."""
@@ -111,9 +117,8 @@ class IntegralFit:
         self._rate = self._heading = 0.0
         self._rudder, self._measured = 0.0, math.nan
         size = len(NAMES)
-        self._R: NDArray[np.float64] = np.zeros((size, size))
-        self._S: NDArray[np.float64] = np.zeros((size, size))
-        self._f: NDArray[np.float64] = np.zeros(size)
+        self._sums = self._trusted = WindowSums(size, EXPECTED_ERROR_RAD)
+        self._unbiased = WindowSums(size, EXPECTED_ERROR_RAD)
         self._moments: NDArray[np.float64] = np.zeros((2, size + 1, size + 1))
         self._last: NDArray[np.float64] = np.zeros(size + 1)
         self._counted = 0.0
@@ -205,13 +210,10 @@ class IntegralFit:
         first = _values(self.first)
         missing = self.first.n1 * window.turned - float(regressors @ first)
         is_steered = window.time - self._followed <= self.length
-        if not self._led and not is_steered:
-            instruments = regressors
+        self._unbiased.add(self._fading, instruments, regressors, missing)
+        is_measured = not self._led and not is_steered
+        self._sums.add(self._fading, regressors if is_measured else instruments, regressors, missing)
         self._count(np.array([self.first.n1 * window.turned, *regressors]))
-        weighted = instruments / EXPECTED_ERROR_RAD**2
-        self._R = self._fading * self._R + np.outer(weighted, regressors)
-        self._S = self._fading * self._S + np.outer(weighted, instruments)
-        self._f = self._fading * self._f + weighted * missing
         self.windows += 1
         self._rate_square += (window.rate_square - self._rate_square) / min(self.windows, RATE_MEMORY)
         self._solve(first)
@@ -239,12 +241,9 @@ class IntegralFit:
 
     def _solve(self, first: NDArray[np.float64]) -> None:
         spread, square = self._spread(), max(self._error_square(self._least_squares()), 1.0)
-        whole = spread[:, None] * self._R * spread / square + np.eye(len(NAMES))
-        try:
-            step = np.linalg.solve(whole, spread * self._f / square)
-        except np.linalg.LinAlgError:
-            return
-        gain, time_constant, n3, n0 = (first + spread * step).tolist()
+        if self.windows >= ENOUGH:
+            self._trusted = self._which(spread, square)
+        gain, time_constant, n3, n0 = (first + self._trusted.step(spread, square)).tolist()
         if not math.isfinite(gain + time_constant + n3 + n0):
             return
         bound = self.settings.bound
@@ -254,6 +253,11 @@ class IntegralFit:
             n3=max(n3, 0.0),
             n0=n0,
         )
+
+    def _which(self, spread: NDArray[np.float64], square: float) -> WindowSums:
+        """Return the sums with instruments throughout as soon as they are not much less sure than those without."""
+        sure, unbiased = (sums.errors(spread, square)[:2] for sums in (self._sums, self._unbiased))
+        return self._unbiased if bool(np.all(unbiased < UNBIASED_WORTH * sure)) else self._sums
 
     def _spread(self) -> NDArray[np.float64]:
         """Return how far from the first model each parameter is expected, one standard deviation."""
@@ -268,9 +272,7 @@ class IntegralFit:
         standard deviation of that: the parameter itself. Neighbouring equations whose errors are alike count less.
         """
         spread, square = self._spread(), self._error_square(_values(self.model))
-        inverse = np.linalg.pinv(spread[:, None] * self._R * spread / square + np.eye(len(NAMES)))
-        scores = spread[:, None] * self._S * spread / square + np.eye(len(NAMES))
-        errors = spread * np.sqrt(np.maximum(np.diag(inverse @ scores @ inverse.T), 0.0))
+        errors = self._trusted.errors(spread, square)
         return {name: float(error) for name, error in zip(NAMES, errors, strict=True) if error > 0.0}
 
     def _count(self, equation: NDArray[np.float64]) -> None:

@@ -122,7 +122,7 @@ def test_memory_does_not_grow() -> None:
     for lap in range(3):
         for time, *rest in samples(TWENTY_SECONDS):
             fit.update(time + 20.0 * lap, *rest)
-        sizes.append((len(fit._window._ring), fit._R.size, fit._moments.size))
+        sizes.append((len(fit._window._ring), fit._sums.R.size, fit._moments.size))
     assert sizes[0] == sizes[1] == sizes[2]
 
 
