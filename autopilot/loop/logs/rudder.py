@@ -52,7 +52,7 @@ def _by_choice(recording: Recording, settings: RudderSettings, choice: str) -> t
         return _measured(recording, settings.choice == "auto")
     if choice == "commands":
         orders = recording.best(ORDER)
-        return None if orders is None else _moved(orders, orders.values, settings.gear, "commanded")
+        return None if orders is None else _moved(orders, settings.gear, "commanded")
     shares = recording.best(SHARE)
     if shares is None:
         return None
@@ -61,7 +61,8 @@ def _by_choice(recording: Recording, settings: RudderSettings, choice: str) -> t
             f"{recording.source}: the rudder is known as a share of its full angle ({shares.source}), not as an angle; "
             "give --vessel FILE, or the angle at full steering with --rudder-at-full-deg."
         )
-    return _moved(shares, shares.values * settings.at_full, settings.gear, "by")
+    angles = shares._replace(values=shares.values * settings.at_full)
+    return _moved(angles if settings.gear is None else _between_reports(angles), settings.gear, "by")
 
 
 def _measured(recording: Recording, with_estimate: bool) -> tuple[Series, str] | None:
@@ -73,11 +74,24 @@ def _measured(recording: Recording, with_estimate: bool) -> tuple[Series, str] |
     return series, "the pilot's estimate (sensor or steering gear)" if by_pilot else f"measured ({series.source})"
 
 
-def _moved(orders: Series, angles: FloatArray, gear: SteeringGear | None, word: str) -> tuple[Series, str]:
+def _moved(orders: Series, gear: SteeringGear | None, word: str) -> tuple[Series, str]:
     how = f"{word} {orders.source}" if word == "by" else f"as {word}"
     if gear is None:
-        return orders._replace(quantity=RUDDER, values=angles), f"{how}, taken to stand where it was told"
-    return through_gear(orders._replace(values=angles), gear), f"{how}, through the steering gear of the vessel file"
+        return orders._replace(quantity=RUDDER), f"{how}, taken to stand where it was told"
+    return through_gear(orders, gear), f"{how}, through the steering gear of the vessel file"
+
+
+def _between_reports(orders: Series) -> Series:
+    """Return orders that were looked at now and then, at every GEAR_STEP_S in straight lines between the reports.
+
+    A change is seen at the first report after it, half a spacing late on average; a straight line from the report
+    before is right on average.
+    """
+    times = np.arange(orders.time[0], orders.time[-1], GEAR_STEP_S)
+    after = np.clip(np.searchsorted(orders.time, times, side="right"), 1, orders.time.size - 1)
+    known = orders.time[after] - orders.time[after - 1] <= max(LONGEST_HOLD_S, 5.0 * orders.spacing)
+    middles = np.interp(times[known] + 0.5 * GEAR_STEP_S, orders.time, orders.values)
+    return orders._replace(time=times[known], values=middles)
 
 
 def through_gear(orders: Series, gear: SteeringGear) -> Series:
