@@ -75,7 +75,9 @@ class MessageStreams:
             self._slow, self._slow_checks, self._settled = "", 0, True
             return
         self._slow_checks += 1
-        # said once: a rate that wavers is no news
-        if self._slow_checks >= PATIENT_CHECKS and self._counts[identity] and not self._slow:
+        if self._slow_checks < PATIENT_CHECKS:
+            return
+        self._settled = True
+        # said once: a rate that wavers is no news; that nothing comes at all others will say
+        if self._counts[identity] and not self._slow:
             self._slow = SLOW.format(rate=rate, wanted=wanted)
-            self._settled = True

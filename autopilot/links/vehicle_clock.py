@@ -26,6 +26,7 @@ class VehicleClock:
     def reset(self) -> None:
         """Forget the offset, as after a reboot."""
         self._newest = -math.inf
+        self._heard = math.inf
         self._previous = math.inf
         self._current = math.inf
         self._window_end = -math.inf
@@ -40,10 +41,15 @@ class VehicleClock:
         """Local time less the vehicle's time since boot [s], None before the first message."""
         return min(self._previous, self._current) if self.known else None
 
-    def rebooted(self, boot: float) -> bool:
-        """Return whether `boot` [s] can only come from a vehicle that has started anew."""
+    def rebooted(self, now: float, boot: float) -> bool:
+        """Return whether `boot` [s], arrived at `now` [s], can only come from a vehicle that has started anew.
+
+        Either it lies behind what was seen, or the vehicle started after it was last heard.
+        """
         behind = self._newest - boot
-        return REBOOT_S < behind < WRAP_S / 2.0
+        if behind > WRAP_S / 2.0:
+            return False
+        return behind > REBOOT_S or boot < now - self._heard
 
     def local(self, now: float, boot: float) -> float:
         """Return the local time [s], never after `now`, at which the vehicle's clock showed `boot` [s].
@@ -53,6 +59,7 @@ class VehicleClock:
         if self._newest - boot > WRAP_S / 2.0:
             self.reset()  # the counter began again: so does the offset
         self._newest = max(self._newest, boot)
+        self._heard = now
         offset = now - boot
         if now >= self._window_end:
             # After a silence longer than a window nothing old is worth keeping.

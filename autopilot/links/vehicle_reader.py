@@ -89,7 +89,7 @@ class VehicleReader:
 
     def _heartbeat(self, now: float, message: Message, samples: list[Sample]) -> None:
         if now - self.watch.heartbeat_time > LONG_SILENCE_S and self._clock.known:
-            self._restart()
+            self._ask_anew()
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self.watch.heartbeat(now, message.custom_mode, armed, message.system_status)
 
@@ -169,8 +169,10 @@ class VehicleReader:
             self.watch.misfit = self._output.use(self.parameters)
 
     def _sample_time(self, now: float, boot: float) -> float:
-        if self._clock.rebooted(boot):
-            self._restart()
+        if self._clock.rebooted(now, boot):
+            self._clock.reset()
+            self._ask_anew()
+            self.watch.rebooted()
         return self._clock.local(now, boot)
 
     def _servo_time(self, now: float, time_usec: int) -> float:
@@ -182,12 +184,11 @@ class VehicleReader:
         turns = round((now - offset - boot) / USEC_WRAP_S)
         return min(now, boot + turns * USEC_WRAP_S + offset)
 
-    def _restart(self) -> None:
-        self._clock.reset()
+    def _ask_anew(self) -> None:
         self.parameters.reset()
         self.streams.reset()
         self._output.forget()
-        self.watch.rebooted()
+        self.watch.misfit = ""
         self.probe.reset()
         if self.guided is not None:
             self.guided.reset()

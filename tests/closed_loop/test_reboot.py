@@ -96,7 +96,7 @@ def test_after_a_reboot_the_pilot_stands_by_with_fresh_parameters_until_it_is_en
     assert channel.rc_trim == 1540
 
 
-@pytest.mark.parametrize(("method", "silence"), [("rc_override", 0.0), ("rc_override", 6.0), ("guided", 6.0)])
+@pytest.mark.parametrize(("method", "silence"), [("rc_override", 0.0), ("rc_override", 25.0), ("guided", 6.0)])
 def test_where_the_vessel_file_says_so_it_engages_again_once_the_vehicle_is_armed(
     tmp_path: Path, method: str, silence: float
 ) -> None:
@@ -153,11 +153,12 @@ def test_whoever_arms_only_long_after_engages_by_hand(monkeypatch: pytest.Monkey
     assert boat.tick.mode is Mode.OVERRIDE
 
 
-def test_a_lost_line_is_no_reboot() -> None:
+@pytest.mark.parametrize("silence", [6.0, 15.0])
+def test_a_lost_line_is_no_reboot(silence: float) -> None:
     gap = Gap()
     boat = engaged_bench("rc_override", gap, reengage=True)
-    gap.until = boat.now + 6.0
-    boat.run(14.0)
+    gap.until = boat.now + silence
+    boat.run(silence + 8.0)
     assert boat.link._reason == ""
     assert boat.tick.mode is Mode.OVERRIDE
 

@@ -56,16 +56,24 @@ def test_drift_is_followed() -> None:
 
 def test_a_reboot_is_told_from_disorder_and_from_the_wrap() -> None:
     clock = VehicleClock()
-    assert not clock.rebooted(5.0)
+    assert not clock.rebooted(0.0, 5.0)
     clock.local(0.0, 100.0)
-    assert not clock.rebooted(99.5)
-    assert clock.rebooted(98.0)
-    assert clock.rebooted(0.0)
+    assert not clock.rebooted(0.1, 99.5)
+    assert clock.rebooted(0.1, 98.0)
+    assert clock.rebooted(0.1, 0.0)
     late = VehicleClock()
     late.local(0.0, WRAP_S - 1.0)
-    assert not late.rebooted(1.0), "time_boot_ms begins again after 49.7 days"
+    assert not late.rebooted(2.0, 1.0), "time_boot_ms begins again after 49.7 days"
     late.local(2.0, 1.0)
-    assert not late.rebooted(1.1)
+    assert not late.rebooted(2.1, 1.1)
+
+
+def test_a_vehicle_that_started_after_it_was_last_heard_has_rebooted_however_late_its_clock() -> None:
+    clock = VehicleClock()
+    clock.local(20.0, 10.0)
+    assert clock.rebooted(60.0, 25.0), "up for 10 s when last heard 40 s ago, and now for 25 s only"
+    assert not clock.rebooted(60.0, 50.0), "the line was silent, the vehicle was not"
+    assert not clock.rebooted(60.0, 45.0), "a message that was held up on its way"
 
 
 def test_the_wrap_does_not_shift_samples_into_the_future() -> None:
