@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
+from autopilot import __version__
 from autopilot.build import track_settings_of
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide
@@ -19,9 +20,11 @@ from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_it
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
-from autopilot.loop.vessel_in_force import VesselInForce
+from autopilot.loop.vessel_in_force import LATER, VesselInForce
+from autopilot.params.component_metadata import metadata_files
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import Vessel
+from autopilot.params.vessel_parameters import parameters_of
 
 SYSTEM_MAX = 255
 
@@ -96,13 +99,14 @@ def open_boat_links(
 
     in_force.changed = keep_course_settings
     keep_course_settings(in_force.vessel)
+    files = metadata_files(parameters_of(in_force.vessel), LATER, __version__)
     commands = Commands(serving.helmsman, serving.armed, _mission(serving.track, vessel_path, saver))
     links: list[Link] = []
     try:
         for url in serving.urls:
             transport = open_transport(url)
             ours = signing.link() if signing is not None else None
-            links.append(BoatLink(transport, commands, ParameterServer(in_force), serving.system, ours))
+            links.append(BoatLink(transport, commands, ParameterServer(in_force), serving.system, ours, files))
     except BaseException:
         for link in links:
             link.close()

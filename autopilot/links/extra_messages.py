@@ -92,4 +92,43 @@ class CurrentMode(_ExtraMessage):
     unpacker = struct.Struct("<IIB")
 
 
-EXTRA_MESSAGES: dict[int, type[Any]] = {kind.id: kind for kind in (CommandCancel, AvailableModes, CurrentMode)}
+class ComponentMetadata(_ExtraMessage):
+    """Where a component's general metadata file is (`uri` as bytes), and its CRC-32."""
+
+    id = 397
+    msgname = "COMPONENT_METADATA"
+    fieldnames: ClassVar = ["time_boot_ms", "file_crc", "uri"]
+    ordered_fieldnames: ClassVar = ["time_boot_ms", "file_crc", "uri"]
+    fieldtypes: ClassVar = ["uint32_t", "uint32_t", "char"]
+    array_lengths: ClassVar = [0, 0, 100]
+    crc_extra = 182
+    unpacker = struct.Struct("<II100s")
+
+
+class ComponentInformation(_ExtraMessage):
+    """The same as older ground stations ask for it; we have no peripherals."""
+
+    id = 395
+    msgname = "COMPONENT_INFORMATION"
+    fieldnames: ClassVar = [
+        "time_boot_ms",
+        "general_metadata_file_crc",
+        "general_metadata_uri",
+        "peripherals_metadata_file_crc",
+        "peripherals_metadata_uri",
+    ]
+    ordered_fieldnames: ClassVar = [
+        "time_boot_ms",
+        "general_metadata_file_crc",
+        "peripherals_metadata_file_crc",
+        "general_metadata_uri",
+        "peripherals_metadata_uri",
+    ]
+    fieldtypes: ClassVar = ["uint32_t", "uint32_t", "char", "uint32_t", "char"]
+    array_lengths: ClassVar = [0, 0, 0, 100, 100]
+    crc_extra = 0
+    unpacker = struct.Struct("<III100s100s")
+
+
+KINDS: tuple[type[Any], ...] = (CommandCancel, AvailableModes, CurrentMode, ComponentMetadata, ComponentInformation)
+EXTRA_MESSAGES: dict[int, type[Any]] = {kind.id: kind for kind in KINDS}

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.extra_messages import EXTRA_MESSAGES
 from autopilot.links.mavlink_codec import MAGIC_V1, next_magic
 from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, checksum, identity_of
 
-_known = dialect.mavlink_map
+_known = {**EXTRA_MESSAGES, **dialect.mavlink_map}
 
 
 class Address(NamedTuple):

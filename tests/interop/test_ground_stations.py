@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import json
+import lzma
 import os
 import re
 import shutil
@@ -50,8 +51,15 @@ async def main():
     await drone.action.arm()
     armed = await first(drone.telemetry.armed())
     await drone.action.disarm()
+    metadata = drone.component_metadata
+    asked = asyncio.ensure_future(first(each async for each in metadata.metadata_available() if each.compid == 1))
+    await asyncio.sleep(0.5)
+    await metadata.request_autopilot_component()
+    update = await asyncio.wait_for(asked, 60)
+    told = [update.type.name, update.json_metadata]
     values = {p.name: p.value for p in (*listed.float_params, *listed.int_params)}
-    print(json.dumps({"heading_deg": heading_deg, "yaw_deg": yaw_deg, "values": values, "k2": k2, "armed": armed}))
+    seen = {"heading_deg": heading_deg, "yaw_deg": yaw_deg, "values": values, "k2": k2, "armed": armed}
+    print(json.dumps({**seen, "metadata": told}))
 
 asyncio.run(main())
 """
@@ -163,7 +171,7 @@ def mavproxy(folder: Path, master: str, *more: str) -> Iterator[Console]:
         str(MAVPROXY),
         f"--master={master}",
         *more,
-        "--default-modules=mode,param,arm,misc,link,cmdlong,wp,signing",
+        "--default-modules=mode,param,arm,misc,link,cmdlong,wp,signing,ftp",
     ]
     with subprocess.Popen(
         command,
@@ -199,6 +207,17 @@ def test_mavproxy_reads_tunes_arms_and_steers(tmp_path: Path) -> None:
         console.expect("CONDITION_YAW: ACCEPTED", "setyaw 40 0 0")
         console.expect("target_bearing : 40", "status NAV_CONTROLLER_OUTPUT")
         console.expect(f"Received {len(values)} parameters", "param fetch")
+        listed = re.search(
+            r"parameters\.json\.xz\s+(\d+)", console.expect(r"parameters\.json\.xz\s+\d+\n", "ftp list /")
+        )
+        packed = tmp_path / "parameters.json.xz"
+        console.expect("Wrote .*parameters.json.xz", f"ftp get /parameters.json.xz {packed}")
+        until = time.monotonic() + PATIENCE_S
+        while listed is None or packed.stat().st_size < int(listed[1]):  # it says so before it closes the file
+            assert time.monotonic() < until
+            time.sleep(0.1)
+        described = {each["name"]: each for each in json.loads(lzma.decompress(packed.read_bytes()))["parameters"]}
+        assert set(described) == set(values) and described["BS_K1"]["units"] == "1/s"
         time.sleep(6.0)
         console.expect("Mode MANUAL", "mode MANUAL")
         console.expect("DISARMED", "disarm")
@@ -275,6 +294,8 @@ def test_mavsdk_mavproxy_and_our_own_tool_read_the_same_values_from_one_pilot(tm
         assert done.returncode == 0, done.stderr
         seen = json.loads(done.stdout.strip().splitlines()[-1])
         assert seen["values"] == values
+        kind, described = seen["metadata"][0], json.loads(seen["metadata"][1])
+        assert kind == "PARAMETER" and {each["name"] for each in described["parameters"]} == set(values)
         assert seen["k2"] == 1.75 and seen["armed"] is True
         assert abs(seen["yaw_deg"]) < 30.0
         assert abs((seen["heading_deg"] - seen["yaw_deg"] + 180.0) % 360.0 - 180.0) < 5.0

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.metadata import NO_FILES
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.boat.station_service import StationService
 from autopilot.links.boat.telemetry import Telemetry
@@ -39,6 +41,7 @@ class BoatLink:
     """One ground station's side: heartbeat, telemetry, parameters, commands, texts, under system `system`.
 
     `signing`: everything sent is signed, and nothing is obeyed that is not.
+    `files`: what is served over MAVLink FTP, by path; the file GENERAL is announced as metadata of our parameters.
 
     Attributes:
         dropped: packets that the transport could not take, and messages beyond what a turn heeds.
@@ -51,6 +54,7 @@ class BoatLink:
         parameters: ParameterServer,
         system: int = 1,
         signing: LinkSigning | None = None,
+        files: Mapping[str, bytes] = NO_FILES,
     ) -> None:
         self.name = transport.name
         self.dropped = 0
@@ -62,7 +66,7 @@ class BoatLink:
         self._telemetry = Telemetry(commands.mission)
         self._track_alarm = ""
         self._texts = StatusTexts()
-        self._service = StationService(commands, parameters, self._telemetry, self._texts)
+        self._service = StationService(commands, parameters, self._telemetry, self._texts, files)
         self._next_heartbeat = -math.inf
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._next_refusal = -math.inf

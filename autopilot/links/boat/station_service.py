@@ -6,33 +6,39 @@ Every message for us is answered with messages and, where people should know why
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.boat.commands import ACCEPTED, IN_PROGRESS, UNSUPPORTED, Commands
+from autopilot.links.boat.file_server import FileServer
 from autopilot.links.boat.long_commands import CANCELLED, ProgressReports, acknowledgement
+from autopilot.links.boat.metadata import GENERAL, NO_FILES, metadata_messages
 from autopilot.links.boat.mission_server import MissionServer
 from autopilot.links.boat.modes import available_modes
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.boat.telemetry import Telemetry, version
-from autopilot.links.extra_messages import AvailableModes
+from autopilot.links.extra_messages import AvailableModes, ComponentInformation, ComponentMetadata
 from autopilot.links.mavlink_codec import Message, message_id
 from autopilot.links.status_text import StatusTexts
 
-FILE_NAK = (129, 7)
-"""MAVLink FTP: opcode NAK, error "unknown command"."""
-
 
 class StationService:
-    """Answers for one link; what it has to say to people goes to `texts`."""
+    """Answers for one link; what it has to say to people goes to `texts`, `files` are served over MAVLink FTP."""
 
     def __init__(
-        self, commands: Commands, parameters: ParameterServer, telemetry: Telemetry, texts: StatusTexts
+        self,
+        commands: Commands,
+        parameters: ParameterServer,
+        telemetry: Telemetry,
+        texts: StatusTexts,
+        files: Mapping[str, bytes] = NO_FILES,
     ) -> None:
         self._commands, self._parameters, self._telemetry, self._texts = commands, parameters, telemetry, texts
         self._mission = commands.mission
         self._missions = MissionServer(commands.mission)
         self._progress = ProgressReports()
+        self._files, self._metadata = FileServer(files), files.get(GENERAL)
         self._passed = 0
         self._replies = {
             "COMMAND_LONG": self._command_long,
@@ -40,7 +46,7 @@ class StationService:
             "COMMAND_CANCEL": self._command_cancel,
             "SET_MODE": self._set_mode,
             "TIMESYNC": self._timesync,
-            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
+            "FILE_TRANSFER_PROTOCOL": lambda _, message: self._files.take(message),
             "PARAM_REQUEST_LIST": self._parameter,
             "PARAM_REQUEST_READ": self._parameter,
             "PARAM_SET": self._parameter,
@@ -53,8 +59,9 @@ class StationService:
         return reply(now, message) if reply is not None else []
 
     def due(self, now: float) -> list[Message]:
-        """Return what falls due by `now` [s]: progress, the next of a parameter list, requests for items."""
-        messages = [*self._progress.due(now), *self._parameters.due(), *self._missions.due(now)]
+        """Return what falls due by `now` [s]: progress, the next of a list or a file, requests for items."""
+        lists = (*self._parameters.due(), *self._files.due())
+        messages = [*self._progress.due(now), *lists, *self._missions.due(now)]
         self._say_of_mission(now)
         return messages
 
@@ -102,6 +109,8 @@ class StationService:
     def _requested(self, identity: int, detail: float) -> list[Message]:
         if identity == AvailableModes.id:
             return list(available_modes(detail))
+        if identity in (ComponentMetadata.id, ComponentInformation.id):
+            return metadata_messages(identity, self._metadata)
         if identity == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             return [version()]
         return self._telemetry.make(identity)
@@ -135,14 +144,6 @@ class StationService:
     def _warn(self, now: float, refusal: str) -> None:
         if refusal:
             self._texts.say(now, dialect.MAV_SEVERITY_WARNING, refusal)
-
-    def _file_transfer(self, now: float, message: Message) -> list[Message]:
-        """Refuse: there are no files, and who asks falls back on plain messages."""
-        request = bytes(message.payload)
-        reply = bytearray(251)
-        reply[0:2] = ((int.from_bytes(request[0:2], "little") + 1) & 0xFFFF).to_bytes(2, "little")
-        reply[2], reply[3], reply[4], reply[5], reply[12] = request[2], FILE_NAK[0], 1, request[3], FILE_NAK[1]
-        return [dialect.MAVLink_file_transfer_protocol_message(0, *_sender(message), list(reply))]
 
 
 def _sender(message: Message) -> tuple[int, int]:

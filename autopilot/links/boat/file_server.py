@@ -1,0 +1,188 @@
+"""MAVLink FTP, read only: a handful of files that are made at the start, listed, read, burst and summed. Pure.
+
+Source: https://mavlink.io/en/services/ftp.html, as QGroundControl (FTPManager.cc), MAVProxy and pymavlink's mavftp use
+it: a burst is numbered on from its request, its last packet says so, and a read behind the end is refused with EOF.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import OrderedDict
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_codec import Message
+
+HEADER = struct.Struct("<HBBBBBxI")
+"""Sequence, session, opcode, size, opcode asked for, burst complete, padding, offset."""
+PAYLOAD = 251
+DATA_MAX = PAYLOAD - HEADER.size
+NONE, TERMINATE, RESET, LIST, OPEN, READ, CHECKSUM, BURST = 0, 1, 2, 3, 4, 5, 14, 15
+WRITING = frozenset({6, 7, 8, 9, 10, 11, 12, 13})
+"""Create, write, remove, make and remove folders, open for writing, truncate, rename."""
+ACK, NAK = 128, 129
+BAD_SIZE, BAD_SESSION, END, UNKNOWN, PROTECTED, NOT_FOUND = 3, 4, 6, 7, 9, 10
+MOST_SESSIONS = 8
+"""Files open at once; of more, the one not read for longest is closed: its reader may have gone."""
+BURST_PACKETS = 40
+PER_TURN = 5
+"""Packets of bursts that leave in one turn of the loop, all bursts together."""
+
+Session = tuple[int, int, int]
+"""System and component of who asks, and the number it has chosen, as ArduPilot takes it; PX4's clients say 0."""
+
+
+class Request(NamedTuple):
+    """What is asked for; `data` has `size` bytes where it is a name, else none."""
+
+    sequence: int
+    session: int
+    opcode: int
+    size: int
+    offset: int
+    data: bytes
+
+
+class _Burst(NamedTuple):
+    content: bytes
+    offset: int
+    chunk: int
+    sequence: int
+    packets: int
+
+
+def checksum(content: bytes) -> int:
+    """Return the CRC-32 of MAVLink FTP: as zlib's, but begun with 0 and not inverted at the end."""
+    return zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+class FileServer:
+    """Serves `files`: absolute path ("/general.json") to content."""
+
+    def __init__(self, files: Mapping[str, bytes]) -> None:
+        self._files = dict(files)
+        self._open: OrderedDict[Session, bytes] = OrderedDict()
+        self._bursts: OrderedDict[Session, _Burst] = OrderedDict()
+        self._answers: OrderedDict[Session, tuple[bytes, bytes]] = OrderedDict()
+
+    def take(self, message: Message) -> list[Message]:
+        """Return the answer to a FILE_TRANSFER_PROTOCOL message; a burst follows with `due`."""
+        raw = bytes(message.payload)
+        sequence, number, opcode, size, _, _, offset = HEADER.unpack_from(raw)
+        session = (message.get_srcSystem(), message.get_srcComponent(), number)
+        if opcode in (ACK, NAK):
+            return []
+        last = self._answers.get(session)
+        if last is not None and last[0] == raw:
+            return [_message(session, last[1])]  # our answer was lost: the same again
+        request = Request(sequence, number, opcode, size, offset, raw[HEADER.size : HEADER.size + size])
+        answer = self._answer(session, request)
+        if answer is None:
+            self._answers.pop(session, None)  # asked again, a burst begins again
+            return []
+        self._answers[session] = (raw, answer)
+        self._answers.move_to_end(session)
+        if len(self._answers) > MOST_SESSIONS:
+            self._answers.popitem(last=False)
+        return [_message(session, answer)]
+
+    def due(self) -> list[Message]:
+        """Return the next few packets of the bursts that are under way, in turn."""
+        packets: list[Message] = []
+        while self._bursts and len(packets) < PER_TURN:
+            session, burst = self._bursts.popitem(last=False)
+            packets.append(_message(session, self._burst_packet(session, burst)))
+        return packets
+
+    def _answer(self, session: Session, request: Request) -> bytes | None:
+        opcode = request.opcode
+        if opcode in (TERMINATE, RESET):
+            return self._close(session, request)
+        if opcode in (LIST, OPEN, CHECKSUM):
+            return _nak(request, BAD_SIZE) if request.size > DATA_MAX else self._by_name(session, request)
+        if opcode in (READ, BURST):
+            return self._read(session, request)
+        if opcode == NONE:
+            return _ack(request)
+        return _nak(request, PROTECTED if opcode in WRITING else UNKNOWN)
+
+    def _close(self, session: Session, request: Request) -> bytes:
+        closing = [session] if request.opcode == TERMINATE else [each for each in self._open if each[:2] == session[:2]]
+        if request.opcode == TERMINATE and session not in self._open:
+            return _nak(request, BAD_SESSION)
+        for each in closing:
+            self._open.pop(each)
+            self._bursts.pop(each, None)
+        return _ack(request)
+
+    def _by_name(self, session: Session, request: Request) -> bytes:
+        path = "/" + request.data.split(b"\0", 1)[0].decode("utf-8", "replace").strip("/")
+        if request.opcode == LIST:
+            return self._list(request) if path == "/" else _nak(request, NOT_FOUND)
+        content = self._files.get(path)
+        if content is None:
+            return _nak(request, NOT_FOUND)
+        if request.opcode == CHECKSUM:
+            return _ack(request, checksum(content).to_bytes(4, "little"))
+        self._bursts.pop(session, None)
+        self._open[session] = content
+        self._open.move_to_end(session)
+        if len(self._open) > MOST_SESSIONS:
+            forgotten, _ = self._open.popitem(last=False)
+            self._bursts.pop(forgotten, None)
+        return _ack(request, len(content).to_bytes(4, "little"))
+
+    def _list(self, request: Request) -> bytes:
+        entries = [f"F{path[1:]}\t{len(content)}\0".encode() for path, content in sorted(self._files.items())]
+        listed = b""
+        for entry in entries[request.offset :]:
+            if len(listed) + len(entry) > DATA_MAX:
+                break
+            listed += entry
+        return _ack(request, listed) if listed else _nak(request, END)
+
+    def _read(self, session: Session, request: Request) -> bytes | None:
+        content = self._open.get(session)
+        if content is None:
+            return _nak(request, BAD_SESSION)
+        self._open.move_to_end(session)
+        if request.offset >= len(content):
+            self._bursts.pop(session, None)
+            return _nak(request, END)
+        chunk = min(request.size or DATA_MAX, DATA_MAX)
+        if request.opcode == READ:
+            return _ack(request, content[request.offset : request.offset + chunk])
+        first = (request.sequence + 1) & 0xFFFF
+        self._bursts[session] = _Burst(content, request.offset, chunk, first, BURST_PACKETS)
+        return None
+
+    def _burst_packet(self, session: Session, burst: _Burst) -> bytes:
+        data = burst.content[burst.offset : burst.offset + burst.chunk]
+        following = burst.offset + len(data)
+        is_last = burst.packets == 1 or following >= len(burst.content)
+        if not is_last:
+            self._bursts[session] = burst._replace(
+                offset=following, sequence=(burst.sequence + 1) & 0xFFFF, packets=burst.packets - 1
+            )
+        return HEADER.pack(burst.sequence, session[2], ACK, len(data), BURST, is_last, burst.offset) + data
+
+
+def _ack(request: Request, data: bytes = b"") -> bytes:
+    return _reply(request, ACK, data)
+
+
+def _nak(request: Request, error: int) -> bytes:
+    return _reply(request, NAK, bytes([error]))
+
+
+def _reply(request: Request, opcode: int, data: bytes) -> bytes:
+    sequence = (request.sequence + 1) & 0xFFFF
+    return HEADER.pack(sequence, request.session, opcode, len(data), request.opcode, 0, request.offset) + data
+
+
+def _message(session: Session, payload: bytes) -> Message:
+    padded = payload + bytes(PAYLOAD - len(payload))
+    return dialect.MAVLink_file_transfer_protocol_message(0, session[0], session[1], list(padded))

@@ -1,0 +1,256 @@
+"""Files over MAVLink FTP: pymavlink's own client, and requests made by hand: lost, repeated, crowded, nonsensical."""
+
+from __future__ import annotations
+
+import json
+import lzma
+import random
+import struct
+from collections import deque
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink import mavftp
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.boat.file_server import BURST_PACKETS, DATA_MAX, MOST_SESSIONS, PER_TURN, FileServer, checksum
+from autopilot.links.boat.metadata import GENERAL, metadata_messages
+from autopilot.links.extra_messages import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.loop.vessel_in_force import LATER
+from autopilot.params.component_metadata import PARAMETERS, metadata_files
+from autopilot.params.vessel_file import load_vessel
+from autopilot.params.vessel_parameters import parameters_of, value_of
+
+LONG = bytes(random.Random(1).randbytes(30_000))
+FILES = {"/general.json": b'{"version":1}', "/long.bin": LONG, "/empty": b"", "/round.bin": LONG[: 80 * 50]}
+HEADER = struct.Struct("<HBBBBBBI")
+
+
+def sum_by_the_bit(content: bytes) -> int:
+    """CRC-32 as ArduPilot's crc_crc32(0, ...) and PX4's crc32part do it, written a second time."""
+    crc = 0
+    for byte in content:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xEDB88320 if crc & 1 else 0)
+    return crc
+
+
+class Master:
+    """Looks to mavftp like a mavutil connection; each side's packets may be lost."""
+
+    def __init__(self, server: FileServer, loss: float = 0.0) -> None:
+        self.server, self.loss, self.rng = server, loss, random.Random(4)
+        self.codec = MavlinkCodec(255, 190)
+        self.waiting: deque[Any] = deque()
+        self.mav = SimpleNamespace(file_transfer_protocol_send=self.ask)
+        self.source_system, self.source_component = 255, 190
+
+    def ask(self, network: int, system: int, component: int, payload: Any) -> None:
+        message = dialect.MAVLink_file_transfer_protocol_message(network, system, component, list(payload))
+        (arrived,) = self.codec.decode(self.codec.encode(message))
+        if self.rng.random() >= self.loss:
+            self.hear(self.server.take(arrived))
+
+    def hear(self, messages: list[Any]) -> None:
+        boat = MavlinkCodec(1, 1)
+        for message in messages:
+            if self.rng.random() >= self.loss:
+                self.waiting += boat.decode(boat.encode(message))
+
+    def recv_match(self, type: Any = None, timeout: float = 0.0, **_: Any) -> Any:
+        self.hear(self.server.due())
+        return self.waiting.popleft() if self.waiting else None
+
+
+def fetched(master: Master, path: str) -> tuple[Any, bytes]:
+    client = mavftp.MAVFTP(master, 1, 1)
+    got: list[bytes] = []
+    client.cmd_get([path], callback=lambda file: got.append(file.read() if file else b""))
+    result = client.process_ftp_reply("OpenFileRO", timeout=15)
+    return result, got[0] if got else b""
+
+
+@pytest.mark.parametrize("path", ["/general.json", "/long.bin", "/round.bin", "long.bin"])
+def test_pymavlinks_client_fetches_every_file(path: str) -> None:
+    result, content = fetched(Master(FileServer(FILES)), path)
+    assert result.error_code == mavftp.FtpError.Success
+    assert content == FILES["/" + path.strip("/")]
+
+
+def test_pymavlinks_client_fetches_over_a_link_that_loses_a_tenth() -> None:
+    _, content = fetched(Master(FileServer({"/a": LONG[:6000]}), loss=0.1), "/a")
+    assert content == LONG[:6000]
+
+
+def test_pymavlinks_client_lists_and_is_refused() -> None:
+    master = Master(FileServer(FILES))
+    client = mavftp.MAVFTP(master, 1, 1)
+    client.cmd_list(["/"])
+    assert {(entry.name, entry.size_b) for entry in client.list_result} == {(p[1:], len(c)) for p, c in FILES.items()}
+    result, content = fetched(master, "/etc/passwd")
+    assert result.error_code == mavftp.FtpError.FileNotFound and content == b""
+
+
+class Peer:
+    """Asks by hand."""
+
+    def __init__(self, server: FileServer, system: int = 255) -> None:
+        self.server, self.codec, self.sequence = server, MavlinkCodec(system, 190), 0
+
+    def send(self, raw: bytes) -> list[tuple[Any, ...]]:
+        message = dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, list(raw + bytes(251 - len(raw))))
+        (arrived,) = self.codec.decode(self.codec.encode(message))
+        return [self.read(answer) for answer in self.server.take(arrived)]
+
+    @staticmethod
+    def read(answer: Any) -> tuple[Any, ...]:
+        raw = bytes(answer.payload)
+        header = HEADER.unpack_from(raw)
+        assert len(raw) == 251 and not any(raw[HEADER.size + header[3] :])
+        return (*header, raw[HEADER.size : HEADER.size + header[3]])
+
+    def ask(self, opcode: int, data: bytes = b"", session: int = 0, offset: int = 0, size: int | None = None) -> Any:
+        raw = HEADER.pack(self.sequence, session, opcode, len(data) if size is None else size, 0, 0, 0, offset) + data
+        self.sequence += 2
+        answers = self.send(raw)
+        assert len(answers) <= 1
+        return answers[0] if answers else None
+
+    def open(self, path: bytes = b"/long.bin") -> int:
+        answer = self.ask(4, path)
+        assert answer[2] == 128 and answer[3] == 4
+        return int(answer[1])
+
+    def refusal(self, *arguments: Any, **more: Any) -> int:
+        answer = self.ask(*arguments, **more)
+        assert (answer[2], answer[3]) == (129, 1)
+        return int(answer[8][0])
+
+
+def test_a_burst_is_numbered_on_and_its_last_packet_says_so() -> None:
+    peer = Peer(FileServer(FILES))
+    session = peer.open()
+    asked = peer.sequence
+    assert peer.ask(15, session=session, size=DATA_MAX) is None
+    packets = []
+    while turn := peer.server.due():
+        assert len(turn) <= PER_TURN
+        packets += [peer.read(message) for message in turn]
+    assert len(packets) == BURST_PACKETS
+    assert [packet[0] for packet in packets] == list(range(asked + 1, asked + 1 + BURST_PACKETS))
+    assert [packet[5] for packet in packets] == [0] * (BURST_PACKETS - 1) + [1]
+    assert b"".join(packet[8] for packet in packets) == LONG[: BURST_PACKETS * DATA_MAX]
+    assert {(packet[1], packet[2], packet[4]) for packet in packets} == {(session, 128, 15)}
+    assert peer.refusal(15, session=session, offset=len(LONG), size=DATA_MAX) == 6
+
+
+def test_an_answer_that_was_lost_is_given_again_and_opens_nothing_anew() -> None:
+    peer = Peer(FileServer(FILES))
+    raw = HEADER.pack(7, 0, 4, 9, 0, 0, 0, 0) + b"/long.bin"
+    first = peer.send(raw)
+    assert all(peer.send(raw) == first for _ in range(10))
+    assert len(peer.server._open) == 1
+
+
+def test_reads_sums_and_refusals() -> None:
+    peer = Peer(FileServer(FILES))
+    session = peer.open()
+    assert peer.ask(5, session=session, offset=100, size=50)[8] == LONG[100:150]
+    assert peer.ask(5, session=session, offset=len(LONG) - 10, size=200)[8] == LONG[-10:]
+    for path, content in FILES.items():
+        assert int.from_bytes(peer.ask(14, path.encode())[8], "little") == sum_by_the_bit(content) == checksum(content)
+    assert peer.ask(0)[2] == 128
+    assert peer.refusal(5, session=session, offset=len(LONG), size=10) == 6
+    assert peer.refusal(5, session=3, size=10) == 4 and peer.refusal(15, session=3, size=10) == 4
+    assert [peer.refusal(opcode, b"/x") for opcode in (6, 7, 8, 9, 10, 11, 12, 13)] == [9] * 8
+    assert peer.refusal(99) == 7 and peer.refusal(3, b"/folder") == 10 and peer.refusal(3, b"/", offset=9) == 6
+    assert peer.refusal(4, b"../../etc/passwd") == 10 and peer.refusal(4, b"x", size=250) == 3
+    assert peer.ask(1, session=session)[2] == 128
+    assert peer.refusal(1, session=session) == 4 and peer.refusal(5, session=session, size=1) == 4
+    assert peer.ask(128) is None and peer.ask(129) is None, "answers of others are not answered: no ping-pong"
+
+
+def test_sessions_are_each_peers_own_numbered_by_it_and_a_forgotten_one_makes_room() -> None:
+    server = FileServer(FILES)
+    one, other = Peer(server, 255), Peer(server, 254)
+    assert one.open() == 0 and one.ask(4, b"/general.json", session=22)[1] == 22
+    assert one.ask(5, session=22, size=9)[8] == FILES["/general.json"][:9]
+    assert one.ask(5, session=0, size=9)[8] == LONG[:9]
+    assert other.refusal(5, session=0, size=1) == 4 and other.refusal(1, session=22) == 4
+    for number in range(3 * MOST_SESSIONS):
+        other.ask(4, b"/long.bin", session=number)
+    assert len(server._open) == MOST_SESSIONS
+    assert one.refusal(5, session=22, size=1) == 4
+    other.ask(2)
+    assert len(server._open) == 0
+
+
+def test_bursts_of_several_take_turns() -> None:
+    server = FileServer(FILES)
+    peers = [Peer(server, system) for system in (250, 251, 252)]
+    for peer in peers:
+        peer.open()
+        peer.ask(15, size=80)
+    got: dict[int, int] = {}
+    for _ in range(6):
+        for message in server.due():
+            got[message.target_system] = got.get(message.target_system, 0) + 1
+    assert set(got) == {250, 251, 252} and max(got.values()) - min(got.values()) <= 1
+
+
+@given(st.lists(st.binary(min_size=12, max_size=251), max_size=30))
+def test_nonsense_is_answered_or_not_but_never_raises(requests: list[bytes]) -> None:
+    server = FileServer(FILES)
+    for number, raw in enumerate(requests):
+        Peer(server, 1 + number % 20).send(raw)
+        assert len(server.due()) <= PER_TURN
+    assert len(server._open) <= MOST_SESSIONS
+    assert len(server._answers) <= MOST_SESSIONS and len(server._bursts) <= MOST_SESSIONS
+
+
+def test_the_metadata_describes_every_parameter_as_the_protocols_schema_asks() -> None:
+    vessel = load_vessel("lanxin")
+    parameters = parameters_of(vessel)
+    files = metadata_files(parameters, LATER, "0.2.0.dev1")
+    general = json.loads(files[GENERAL])
+    assert general["version"] == 1 and general["firmwareVersion"] == "0.2.0"
+    (entry,) = general["metadataTypes"]
+    assert entry == {"type": 1, "uri": f"mftp://{PARAMETERS}", "fileCrc": sum_by_the_bit(files[PARAMETERS])}
+    table = json.loads(lzma.decompress(files[PARAMETERS]))
+    assert set(table) == {"version", "parameters"} and table["version"] == 1
+    allowed = {"name", "type", "shortDesc", "longDesc", "units", "group", "min", "max", "values", "decimalPlaces"}
+    for described, parameter in zip(table["parameters"], parameters, strict=True):
+        assert set(described) <= {*allowed, "rebootRequired"} and described["type"] == "Float"
+        assert described["name"] == parameter.name and len(parameter.name) <= 16
+        assert described["shortDesc"] and parameter.path in described["longDesc"] and described["group"]
+        value = value_of(vessel, parameter)
+        low, high = described.get("min"), described.get("max")
+        assert (low is None or value >= low - 1e-6) and (high is None or value <= high + 1e-6)
+        if "values" in described:
+            assert value in [each["value"] for each in described["values"]]
+    by_name = {each["name"]: each for each in table["parameters"]}
+    assert by_name["BS_K1"]["units"] == "1/s" and by_name["BS_K1"]["min"] > 0.0
+    assert by_name["CTL_LAW"]["rebootRequired"] and "rebootRequired" not in by_name["BS_K1"]
+    assert len(files[PARAMETERS]) < 5000, "a few seconds over a telemetry radio"
+
+
+@pytest.mark.parametrize("kind", [ComponentMetadata, ComponentInformation])
+def test_the_messages_are_framed_as_the_standards_definition_says(kind: Any) -> None:
+    """CRC_EXTRA by the rule of the standard: name, then type and name of each field as they are packed."""
+    sizes = {"uint32_t": 4, "char": 1}
+    order = sorted(zip(kind.fieldtypes, kind.fieldnames, strict=True), key=lambda field: -sizes[field[0]])
+    lengths = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
+    fields = (f"{type_} {name} ".encode() + bytes([lengths[name]] if lengths[name] else []) for type_, name in order)
+    crc = dialect.x25crc(f"{kind.msgname} ".encode() + b"".join(fields))
+    assert kind.crc_extra == (crc.crc & 0xFF) ^ (crc.crc >> 8)
+    assert [field[1] for field in order] == kind.ordered_fieldnames
+    (message,) = metadata_messages(kind.id, b"{}")
+    packet = MavlinkCodec(1, 1).encode(message)
+    assert f"mftp://{GENERAL}".encode() in packet
+    assert int.from_bytes(packet[14:18], "little") == sum_by_the_bit(b"{}")
+    assert metadata_messages(kind.id, None) == []
