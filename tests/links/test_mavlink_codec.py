@@ -217,7 +217,7 @@ def test_messages_beyond_the_dialect_are_as_their_checksum_says() -> None:
         for name in kind.ordered_fieldnames:
             place = kind.fieldnames.index(name)
             text += f"{kind.fieldtypes[place]} {name} "
-            if kind.array_lengths[place]:
-                text += chr(kind.array_lengths[place])
+            length = kind.array_lengths[kind.ordered_fieldnames.index(name)]
+            text += chr(length) if length else ""
         crc = dialect.x25crc(text.encode()).crc
         assert (crc & 0xFF) ^ (crc >> 8) == kind.crc_extra, kind.msgname
