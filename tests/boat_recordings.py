@@ -97,6 +97,9 @@ def tlog_events(
         (attitude_hz, lambda i: _attitude(boat, boot, i)),
         (10.0, lambda i: _servos(boat, boot, i, servo)),
         (5.0, lambda i: _position(boat, boot, i)),
+        (2.0, lambda i: dialect.MAVLink_rpm_message(1200.0, 0.0)),
+        (2.0, lambda i: dialect.MAVLink_named_value_float_message(_ms(boat, boot, i), b"AppWndSpd", 6.0)),
+        (2.0, lambda i: dialect.MAVLink_named_value_float_message(_ms(boat, boot, i), b"AppWndDir", -30.0)),
         (2.0, lambda i: dialect.MAVLink_vfr_hud_message(0.0, boat.speed[i], 0, 50, 0.0, 0.0)),
     ]
     events = [(float(boat.time[i]), make(i)) for hertz, make in plan for i in every(boat, hertz)]
@@ -148,6 +151,8 @@ FORMATS = {
     35: ("GPS", "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U"),
     36: ("RCOU", "QHHHHHHHHHHHHHH", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
     37: ("MSG", "QZ", "TimeUS,Message"),
+    38: ("WIND", "Qffffff", "TimeUS,DrRaw,DrApp,DrTru,SpdRaw,SpdApp,SpdTru"),
+    39: ("RPM", "QBffB", "TimeUS,I,RPM,Qual,H"),
 }
 STORED = {
     "B": "B", "h": "h", "H": "H", "c": "h", "C": "H", "I": "I", "e": "i", "L": "i", "f": "f", "Q": "Q", "n": "4s",
@@ -185,6 +190,9 @@ def dataflash(boat: Boat, boot: float = 12.0, with_parameters: bool = True) -> b
             out.append(flash_record(36, micros, 0, 0, int(servo[i]), *[0] * 11))
         if i % 10 == 0:
             gps = (micros, 0, 3, round(boat.time[i] * 1000.0) + 100_000, 2400, 12, 90, 576900000, 118400000, 0)
+            out.append(flash_record(38, micros, 1.0, -30.0, 2.0, 3.0, 6.0, 5.0))
+            out.append(flash_record(39, micros, 0, 1200.0, 1.0, 1))
+            out.append(flash_record(39, micros, 1, 9.0, 1.0, 1))
             out.append(flash_record(35, *gps, boat.speed[i], 0.0, 0.0, 0.0, 1))
             out.append(flash_record(35, micros, 1, *gps[2:], 77.0, 0.0, 0.0, 0.0, 1))
     return b"".join(out)

@@ -30,8 +30,17 @@ from autopilot.errors import InputError
 from autopilot.identification.identify import identify
 from autopilot.loop.logs.reading import ReadOptions, read_recording
 from autopilot.loop.logs.rudder import RudderSettings, rudder_of
-from autopilot.loop.logs.series import HEADING, RATE, SHARE, SPEED, Recording
-from autopilot.loop.logs.servo import servo_from_text
+from autopilot.loop.logs.series import (
+    HEADING,
+    PROPELLER,
+    RATE,
+    SHARE,
+    SPEED,
+    WIND_DIRECTION,
+    WIND_SPEED,
+    Recording,
+)
+from autopilot.loop.logs.servo import Servo, servo_from_parameters, servo_from_text
 from autopilot.loop.recordings import LogOptions, load_run
 from autopilot.models.steering_gear import SteeringGear
 
@@ -171,6 +180,25 @@ def test_a_share_needs_the_angle_at_full_steering(tmp_path: Path) -> None:
         load_run(path)
     with pytest.raises(InputError, match="--rudder measured: the log holds none; it has servo"):
         rudder_of(read_recording(path), RudderSettings("measured"))
+
+
+@pytest.mark.parametrize("kind", ["tlog", "BIN"])
+def test_wind_off_the_bow_and_the_first_propeller_are_read(tmp_path: Path, kind: str) -> None:
+    data = tlog(tlog_events(BOAT)) if kind == "tlog" else dataflash(BOAT)
+    recording = read_recording(written(tmp_path, data, f"wind.{kind}"))
+    assert set(recording.of(WIND_SPEED)[0].values) == {6.0}
+    np.testing.assert_allclose(recording.of(WIND_DIRECTION)[0].values, math.radians(-30.0))
+    assert set(recording.of(PROPELLER)[0].values) == {20.0}
+    run = load_run(str(tmp_path / f"wind.{kind}"), options=WITH_GEAR)
+    assert run.segments[0].propeller.size == run.segments[0].time.size == run.segments[0].beam_wind.size
+
+
+@pytest.mark.parametrize(("centre", "trim"), [(None, 1500.0), (-1.0, 1500.0), (1450.0, 1450.0), (2500.0, 1500.0)])
+def test_the_centre_of_a_px4_servo_is_its_own_where_it_has_one(centre: float | None, trim: float) -> None:
+    values = {"PWM_AUX_FUNC2": 201.0, "PWM_AUX_MIN2": 1000.0, "PWM_AUX_MAX2": 2000.0, "PWM_AUX_REV": 0.0}
+    if centre is not None:
+        values["PWM_AUX_CENT2"] = centre
+    assert servo_from_parameters("log", values) == Servo(2, 1000.0, trim, 2000.0, False)
 
 
 def test_a_reboot_goes_on_behind_what_was_before(tmp_path: Path) -> None:

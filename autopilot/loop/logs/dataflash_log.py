@@ -1,9 +1,9 @@
 """What ArduPilot's DataFlash messages mean for a boat: heading, yaw rate, speed, position, steering, propeller, wind.
 
 ATT.Yaw [deg], STER.TurnRate [deg/s], RATE.Y [deg/s], IMU.GyrZ [rad/s], GPS.Spd [m/s], POS and GPS positions, RCOU
-pulses [us] through the servo's parameters in PARM, STER.SteerOut as a share of 4500, RPM [1/min], WIND apparent. Times
-are TimeUS since boot; GPS week and time of week give the date. Source: ArduPilot, Rover/Log.cpp,
-libraries/AP_Logger/LogStructure.h, libraries/AP_GPS/LogStructure.h, libraries/AP_WindVane/AP_WindVane.cpp.
+pulses [us] through the servo's parameters in PARM, STER.SteerOut as a share of 4500, RPM [1/min], WIND off the bow.
+Times are TimeUS since boot; GPS week and time of week give the date. Source: ArduPilot, Rover/Log.cpp,
+libraries/AP_Logger/LogStructure.h, libraries/AP_GPS and AP_RPM/LogStructure.h, libraries/AP_WindVane/AP_WindVane.cpp.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ MEANINGS = (
     (LATITUDE, "GPS", "Lat", DEG),
     (LONGITUDE, "GPS", "Lng", DEG),
     (PROPELLER, "RPM", "rpm1", 1.0 / 60.0),
-    (PROPELLER, "RPM", "RPM1", 1.0 / 60.0),
-    (WIND_SPEED, "WIND", "SpdA", 1.0),
-    (WIND_DIRECTION, "WIND", "DirA", DEG),
+    (PROPELLER, "RPM", "RPM", 1.0 / 60.0),
+    (WIND_SPEED, "WIND", "SpdApp", 1.0),
+    (WIND_DIRECTION, "WIND", "DrApp", DEG),
 )
 """Quantity, message, field, factor; those of a quantity in order of preference."""
 WANTED = (*{message for _, message, _, _ in MEANINGS}, "PARM", "RCOU")

@@ -3,7 +3,7 @@
 ArduPilot: the servo whose SERVOn_FUNCTION is 26 (GroundSteering), with SERVOn_MIN, TRIM, MAX and REVERSED; what is
 not in the log has the firmware's default (libraries/SRV_Channel/SRV_Channel.cpp: 1100, 1500, 1900, 0).
 PX4: the output whose PWM_MAIN_FUNCn or PWM_AUX_FUNCn is 201 (Servo 1), with MINn, MAXn and a bit in REV
-(src/lib/mixer_module); amidships is the middle.
+(src/lib/mixer_module); amidships is CENTn where newer versions have it between them, else the middle.
 """
 
 from __future__ import annotations
@@ -91,6 +91,8 @@ def _px4(values: Mapping[str, float]) -> Servo | None:
         for number in SERVOS:
             if values.get(f"{group}_FUNC{number}") == FIRST_SERVO:
                 low, high = values.get(f"{group}_MIN{number}", 1000.0), values.get(f"{group}_MAX{number}", 2000.0)
+                centre = values.get(f"{group}_CENT{number}", -1.0)
+                trim = centre if low < centre < high else 0.5 * (low + high)
                 bits = int(values.get(f"{group}_REV", 0.0))
-                return Servo(number, low, 0.5 * (low + high), high, bool(bits >> (number - 1) & 1))
+                return Servo(number, low, trim, high, bool(bits >> (number - 1) & 1))
     return None

@@ -22,9 +22,12 @@ from autopilot.loop.logs.series import (
     HEADING,
     LATITUDE,
     LONGITUDE,
+    PROPELLER,
     RATE,
     SHARE,
     SPEED,
+    WIND_DIRECTION,
+    WIND_SPEED,
     FloatArray,
     Recording,
     Series,
@@ -43,6 +46,9 @@ SAME_CLOCK_S = 5.0
 FIX_2D = 2
 DAMAGED_SHARE = 0.2
 """A file with a larger share of bytes in no packet is refused."""
+
+APPARENT_WIND = {"AppWndSpd": (WIND_SPEED, 1.0), "AppWndDir": (WIND_DIRECTION, math.pi / 180.0)}
+"""What ArduPilot sends of its wind vane (libraries/AP_WindVane/AP_WindVane.cpp, send_wind)."""
 
 Handler = Callable[[Message], None]
 Sender = tuple[int, int]
@@ -72,6 +78,8 @@ class VehicleLog:
             dialect.MAVLINK_MSG_ID_VFR_HUD: self._hud,
             dialect.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps,
             dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: self._servos,
+            dialect.MAVLINK_MSG_ID_RPM: self._rpm,
+            dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named,
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self._parameter,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
         }
@@ -153,6 +161,16 @@ class VehicleLog:
         key = self._newest()
         if key is not None and self._has_fix and message.vel != 65535:
             self._put(SPEED, "GPS_RAW_INT", key, message.vel * 0.01)
+
+    def _rpm(self, message: Message) -> None:
+        key = self._newest()
+        if key is not None:
+            self._put(PROPELLER, "RPM", key, message.rpm1 / 60.0)
+
+    def _named(self, message: Message) -> None:
+        meaning = APPARENT_WIND.get(message.name)
+        if meaning is not None:
+            self._put(meaning[0], message.name, self._now(message.time_boot_ms * 1.0e-3), message.value * meaning[1])
 
     def _servos(self, message: Message) -> None:
         key = self._newest()
