@@ -18,6 +18,7 @@ from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.guide_alarms import GuideAlarms
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import HelmSample, PositionSample, Sample, SpeedSample, Tick
@@ -52,12 +53,14 @@ class Sea:
         vessel = vessel_of(BOATS["lanxin"])
         self.pilot, self.box = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel))
         self.track = TrackGuide(track_settings_of(vessel))
-        self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), self.track)
+        self.mission = Mission(self.track)
+        self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), self.mission)
         self.north = self.east = 0.0
         self.current = (0.0, 0.0)
         self.tick: Tick | None = None
         self.route = [place(0.0, 200.0), place(400.0, 200.0)]
         self.links: list[BoatLink] = []
+        self.alarms = GuideAlarms(self.track, "track")
         self.ticks: list[Tick] = []
 
     def sail(self, seconds: float, gps: bool = True, helm: HelmSample | None = None) -> Tick:
@@ -68,7 +71,7 @@ class Sea:
             extra = []
             if gps and step % 10 == 0:
                 samples.append(PositionSample(now, *place(self.north, self.east).place))
-            for link in self.links:
+            for link in (self.alarms, *self.links):
                 samples.extend(link.receive(now))
             self.tick = self.pilot.step(now, tuple(samples), self.skipper(now, self.tick))
             self.ticks.append(self.tick)
@@ -93,7 +96,6 @@ class ServedBoat(Sea):
     def __init__(self, transport: Transport | None = None, armed: bool = False) -> None:
         super().__init__()
         near, self.far = loopback_pair()
-        self.mission = Mission(self.track)
         self.commands = Commands(self.skipper, armed, self.mission)
         self.links = [BoatLink(transport or near, self.commands, ParameterServer(NoParameters()))]
         self.station = MavlinkCodec(255, 190)

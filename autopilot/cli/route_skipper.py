@@ -14,9 +14,10 @@ from autopilot.cli.trial_script import Step, TrialScript, turning, zigzag
 from autopilot.errors import InputError
 from autopilot.guidance.patterns import Pattern, PatternGuide
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.guidance.track import TrackGuide
+from autopilot.links.boat.mission import Mission
 from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick
 
+ROUTE_HELP = "t [N]: follow the route"
 BEGIN_PATIENCE_S = 5.0
 """A trial that has not begun after this time [s] is not sailed: the pilot cannot engage."""
 ANGLE_LEAST, CHANGE_MOST = math.radians(1.0), math.radians(90.0)
@@ -24,11 +25,16 @@ DURATION_MOST_S = 3600.0
 
 
 class RouteSkipper(PlotterSkipper):
-    """A `PlotterSkipper` whose heading orders come from `track` while it follows, and who sails trials."""
+    """A `PlotterSkipper` whose heading orders come from the guides while they lead, and who sails trials.
 
-    def __init__(self, rudder_max: float, plotter: PlotterGuide, track: TrackGuide) -> None:
+    Attributes:
+        mission: the route.  track: leads along it.  patterns: leads through turn patterns.
+    """
+
+    def __init__(self, rudder_max: float, plotter: PlotterGuide, mission: Mission) -> None:
         super().__init__(rudder_max, plotter)
-        self.track = track
+        self.mission = mission
+        self.track = mission.guide
         self.patterns = PatternGuide()
         self._tick: Tick | None = None
         self._has_led = False
@@ -85,10 +91,27 @@ class RouteSkipper(PlotterSkipper):
         if word == "p":
             self.sail_pattern(pattern_typed(rest))
             return f"pattern {rest}"
+        if word == "t":
+            return self._follow_route(rest)
         answer = super().type_line(line)
         if word[:1] in ("+", "-"):
             self._take_back()
         return answer
+
+    def _follow_route(self, number: str) -> str:
+        """Follow the route from a waypoint on, or from the current one. Raises InputError."""
+        mission = self.mission
+        if number and not number.isdecimal():
+            raise InputError(f"t {number}: give the number of a waypoint, from 0")
+        target = int(number) if number else None
+        obstacle = mission.obstacle(self._tick.now if self._tick is not None else math.inf, target)
+        if obstacle:
+            raise InputError(obstacle)
+        if target is not None:
+            mission.set_current(target)
+        self.hand_to_track()
+        mission.follow()
+        return f"following the route to waypoint {mission.current} of 0 to {len(mission.items) - 1}"
 
     def hand_to_track(self) -> None:
         """Let the track guide lead, engaging on the present heading where none is steered yet."""

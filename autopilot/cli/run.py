@@ -6,6 +6,7 @@ import argparse
 import math
 import select
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import InputError
@@ -36,6 +37,12 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="how to steer over MAVLink (default: the file's helm.method); guided: the firmware steers to our headings",
     )
     parser.add_argument(
+        "--route",
+        type=Path,
+        metavar="FILE",
+        help="waypoint file (QGC WPL 110), followed when `t` is typed or AUTO is set",
+    )
+    parser.add_argument(
         "--law", choices=("backstepping", "pid", "sliding"), help="law to steer with (default: the file's)"
     )
     parser.add_argument(
@@ -55,12 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.learning_desk import LEARN_HELP, LearningDesk
     from autopilot.cli.pattern_order import PATTERN_HELP
     from autopilot.cli.plotter_follow import FOLLOW_HELP
-    from autopilot.cli.route_skipper import RouteSkipper
-    from autopilot.cli.serving import serving_of
+    from autopilot.cli.route_skipper import ROUTE_HELP, RouteSkipper
+    from autopilot.cli.serving import load_mission, serving_of
     from autopilot.cli.skipper import HELP, heading_of
     from autopilot.cli.steering import steer
     from autopilot.guidance.plotter import PlotterGuide
-    from autopilot.guidance.track import TrackGuide
     from autopilot.params.vessel_file import load_vessel
     from autopilot.signals import Tick
 
@@ -73,8 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
         vessel = replace(vessel, helm=replace(vessel.helm, method=arguments.steer))
     law = law_of_run(vessel, arguments.law)
     guide = PlotterGuide()
-    track = TrackGuide()
-    skipper = RouteSkipper(limits_of(vessel).angle_max, guide, track)
+    mission = load_mission(arguments.vessel, arguments.route)
+    skipper = RouteSkipper(limits_of(vessel).angle_max, guide, mission)
     if arguments.engage is not None:
         skipper.engage(None if arguments.engage == "present" else heading_of(arguments.engage))
     if arguments.follow is not None:
@@ -83,7 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
     listens = sys.stdin is not None and sys.stdin.isatty()
     desk = LearningDesk() if arguments.learn else None
     if listens:
-        print(f"{HELP}  {FOLLOW_HELP}" + (f"  {LEARN_HELP}" if desk is not None else "") + f"\n{PATTERN_HELP}")
+        typed = [HELP, FOLLOW_HELP, ROUTE_HELP, *([LEARN_HELP] if desk is not None else [])]
+        print("  ".join(typed), PATTERN_HELP, sep="\n")
 
     def watch(tick: Tick) -> bool:
         if listens and select.select([sys.stdin], (), (), 0.0)[0]:
@@ -104,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
         law=law,
         must_engage=must_engage,
         guide=guide,
-        serving=serving_of(arguments, skipper, track, armed=must_engage),
+        serving=serving_of(arguments, skipper, mission, armed=must_engage),
         desk=desk,
     )
 

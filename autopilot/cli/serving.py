@@ -18,6 +18,7 @@ from autopilot.links.boat.commands import Commands, Helmsman
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_items
 from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.guide_alarms import GuideAlarms
 from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
 from autopilot.loop.vessel_in_force import LATER, VesselInForce
@@ -32,13 +33,13 @@ SYSTEM_MAX = 255
 class Serving(NamedTuple):
     """What `--serve` asks for: where, under which system id, and who carries out what is ordered there.
 
-    `track` leads the helmsman along routes.
+    `mission` is the route, whose guide leads the helmsman.
     """
 
     urls: tuple[str, ...]
     system: int
     helmsman: Helmsman
-    track: TrackGuide
+    mission: Mission
     armed: bool
 
 
@@ -54,14 +55,14 @@ def add_serving_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--system", type=int, default=1, metavar="ID", help="our system id for --serve (default 1)")
 
 
-def serving_of(arguments: argparse.Namespace, helmsman: Helmsman, track: TrackGuide, armed: bool) -> Serving:
+def serving_of(arguments: argparse.Namespace, helmsman: Helmsman, mission: Mission, armed: bool) -> Serving:
     """Return what the options ask for. Raises InputError."""
     if not 1 <= arguments.system <= SYSTEM_MAX:
         raise InputError(f"--system {arguments.system}: a system id from 1 to {SYSTEM_MAX} is allowed")
     for url in arguments.serve:
         if parse_url(url).protocol != "mavlink":
             raise InputError(f"--serve {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")
-    return Serving(tuple(arguments.serve), arguments.system, helmsman, track, armed)
+    return Serving(tuple(arguments.serve), arguments.system, helmsman, mission, armed)
 
 
 class BackgroundSaver:
@@ -92,16 +93,21 @@ def open_boat_links(
     saver: BackgroundSaver,
     signing: Signing | None = None,
 ) -> list[Link]:
-    """Return the opened links to ground stations, over which the vessel in force is tuned. Raises LinkError."""
+    """Return the opened links to ground stations, over which the vessel in force is tuned. Raises LinkError.
+
+    The first one is to nobody: it brings the alarms of the route's guide.
+    """
+    mission, path = serving.mission, mission_file(vessel_path)
 
     def keep_course_settings(vessel: Vessel) -> None:
-        serving.track.settings = track_settings_of(vessel)
+        mission.guide.settings = track_settings_of(vessel)
 
     in_force.changed = keep_course_settings
     keep_course_settings(in_force.vessel)
+    mission.keep = lambda items: saver(path, dump_items(items))
     files = metadata_files(parameters_of(in_force.vessel), LATER, __version__)
-    commands = Commands(serving.helmsman, serving.armed, _mission(serving.track, vessel_path, saver))
-    links: list[Link] = []
+    commands = Commands(serving.helmsman, serving.armed, mission)
+    links: list[Link] = [GuideAlarms(mission.guide, "track")]
     try:
         for url in serving.urls:
             transport = open_transport(url)
@@ -120,19 +126,29 @@ def mission_file(vessel_path: str) -> Path:
     return path.with_name(f"{path.stem}.mission.waypoints")
 
 
-def _mission(track: TrackGuide, vessel_path: str, saver: BackgroundSaver) -> Mission:
-    """Return the route as an earlier run has left it; it is followed only when that is ordered."""
-    path = mission_file(vessel_path)
+def load_mission(vessel_path: str, route: Path | None) -> Mission:
+    """Return the route of a file, or as an earlier run has left it; it is followed only when that is ordered.
 
-    def keep(items: tuple[MissionItem, ...]) -> None:
-        saver(path, dump_items(items))
-
+    Raises InputError where the file named is none; one that was left is said and not used.
+    """
+    kept = mission_file(vessel_path)
     items: tuple[MissionItem, ...] = ()
-    if path.exists():
+    if route is not None:
+        items = _read(route)
+    elif kept.exists():
         try:
-            items = parse_items(path.read_text(), str(path))
-        except (InputError, OSError, UnicodeDecodeError) as error:
+            items = _read(kept)
+        except InputError as error:
             print(f"the route of an earlier run is not used: {error}", file=sys.stderr)
     if items:
-        print(f"route of {len(items)} waypoints from {path}; followed when mode AUTO is set")
-    return Mission(track, items, keep)
+        print(f"route of {len(items)} waypoints from {route or kept}; followed when `t` is typed or mode AUTO is set")
+    return Mission(TrackGuide(), items)
+
+
+def _read(path: Path) -> tuple[MissionItem, ...]:
+    try:
+        return parse_items(path.read_text(), str(path))
+    except OSError as error:
+        raise InputError(f"route {path}: {error.strerror}; give a waypoint file that can be read") from error
+    except UnicodeDecodeError:
+        raise InputError(f"route {path}: not a text; give a waypoint file") from None

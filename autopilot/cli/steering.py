@@ -144,7 +144,7 @@ def steer(
     in_force = VesselInForce(vessel, pilot, law, tuned_file(arguments.vessel), saver)
     is_tuned = desk is not None or (serving is not None and bool(serving.urls))
     try:
-        if serving is not None and serving.urls:
+        if serving is not None:
             links = [*links, *open_boat_links(serving, in_force, arguments.vessel, saver, signing)]
         if is_tuned:
             print(_which_file(arguments.vessel, in_force))

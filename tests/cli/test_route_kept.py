@@ -12,12 +12,10 @@ from two_processes import free_port
 
 from autopilot.build import build_pilot, limits_of
 from autopilot.cli.route_skipper import RouteSkipper
-from autopilot.cli.serving import BackgroundSaver, Serving, mission_file, open_boat_links
+from autopilot.cli.serving import BackgroundSaver, Serving, load_mission, mission_file, open_boat_links
+from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.guidance.track import TrackGuide
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import from_message
+from autopilot.links.boat.mission_items import dump_items, from_message
 from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.params.vessel_file import load_vessel
 
@@ -27,21 +25,18 @@ VESSEL = load_vessel("lanxin")
 class Start:
     """One start of the program, as far as ground stations are concerned."""
 
-    def __init__(self, folder: Path) -> None:
-        self.track = TrackGuide()
-        skipper = RouteSkipper(limits_of(VESSEL).angle_max, PlotterGuide(), self.track)
+    def __init__(self, folder: Path, route: Path | None = None) -> None:
+        self.mission = load_mission(str(folder / "boat.yaml"), route)
+        self.track = self.mission.guide
+        self.skipper = RouteSkipper(limits_of(VESSEL).angle_max, PlotterGuide(), self.mission)
         self.saver = BackgroundSaver()
         self.store = VesselInForce(VESSEL, build_pilot(VESSEL), None, folder / "boat.tuned.yaml", self.saver)
-        serving = Serving((f"udpout:127.0.0.1:{free_port()}",), 1, skipper, self.track, False)
-        (self.link,) = open_boat_links(serving, self.store, str(folder / "boat.yaml"), self.saver)
-
-    @property
-    def mission(self) -> Mission:
-        assert isinstance(self.link, BoatLink)
-        return self.link._mission
+        serving = Serving((f"udpout:127.0.0.1:{free_port()}",), 1, self.skipper, self.mission, False)
+        self.links = open_boat_links(serving, self.store, str(folder / "boat.yaml"), self.saver)
 
     def end(self) -> None:
-        self.link.close()
+        for link in self.links:
+            link.close()
         self.saver.close()
 
 
@@ -95,3 +90,22 @@ def test_what_a_route_is_followed_with_is_set_while_under_way(tmp_path: Path) ->
     assert kept.guidance == dataclasses.replace(
         VESSEL.guidance, lookahead_s=20.0, waypoint_radius_m=15.0, off_track_alarm_m=30.0
     )
+
+
+def test_a_file_named_is_the_route_and_a_bad_one_is_refused(tmp_path: Path) -> None:
+    way = tmp_path / "way.txt"
+    way.write_text(dump_items(items()))
+    start = Start(tmp_path, way)
+    assert repr(start.mission.items) == repr(tuple(items()))
+    with pytest.raises(InputError, match="no position"):
+        start.skipper.type_line("t")
+    with pytest.raises(InputError, match="there is no waypoint 2 in a route of 2"):
+        start.skipper.type_line("t 2")
+    with pytest.raises(InputError, match="give the number of a waypoint"):
+        start.skipper.type_line("t -1")
+    start.end()
+    assert not mission_file(str(tmp_path / "boat.yaml")).exists(), "only what has changed is kept"
+    for name, says in (("none.txt", "No such file"), ("boat.bin", "not a text")):
+        (tmp_path / "boat.bin").write_bytes(b"\xff\xfe")
+        with pytest.raises(InputError, match=says):
+            load_mission("boat.yaml", tmp_path / name)

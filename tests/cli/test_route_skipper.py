@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from boat_at_sea import SPEED, Sea
+from boat_at_sea import SPEED, Sea, item
 
 from autopilot.angles import shortest_turn
 from autopilot.errors import InputError
+from autopilot.links.boat.mission_items import from_message
 from autopilot.signals import HelmSample, Mode, OrderKind
 
 TAKEN = HelmSample(0.0, False, "stick moved", "rc")
@@ -178,3 +179,18 @@ def test_patterns_that_are_none_are_refused(line: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         sea.skipper.type_line(line)
     assert sea.sail(1.0).mode is Mode.STANDBY
+
+
+def test_a_route_is_followed_by_a_typed_line() -> None:
+    sea = Sea()
+    sea.sail(1.0)
+    with pytest.raises(InputError, match="there is no route"):
+        sea.skipper.type_line("t")
+    sea.mission.replace([from_message(item(number, waypoint)) for number, waypoint in enumerate(sea.route)])
+    assert sea.skipper.type_line("t 1") == "following the route to waypoint 1 of 0 to 1"
+    assert sea.sail(10.0).mode is Mode.ENGAGED and sea.mission.is_followed and sea.track.target == 1
+    tick = sea.sail(20.0, gps=False)
+    assert "position lost" in tick.alarms[0]
+    with pytest.raises(InputError, match="no position"):
+        sea.skipper.type_line("t 0")
+    assert sea.mission.is_followed and sea.track.target == 1, "a refused line changes nothing"

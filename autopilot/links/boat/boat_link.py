@@ -22,7 +22,6 @@ from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample, Tick
 
 COMPONENT = 1
 HEARTBEAT_S = 1.0
-TRACK_SOURCE = "track"
 MESSAGES_PER_TURN = 100
 """Messages heeded in one turn of the loop; what a flood brings beyond them is dropped."""
 PACKETS_KEPT = 5000
@@ -62,9 +61,7 @@ class BoatLink:
         self._commands = commands
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
         believe_signed(transport, signing)
-        self._mission = commands.mission
         self._telemetry = Telemetry(commands.mission)
-        self._track_alarm = ""
         self._texts = StatusTexts()
         self._service = StationService(commands, parameters, self._telemetry, self._texts, files)
         self._next_heartbeat = -math.inf
@@ -78,7 +75,7 @@ class BoatLink:
         return -1 if self._lost else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
-        """Answer what has arrived by `now` [s]. Samples are alarms: of the route's guide, or of a lost station."""
+        """Answer what has arrived by `now` [s]. Nothing comes from a ground station but word of its loss: an alarm."""
         heeded = 0
         refused = self._codec.refused
         try:
@@ -98,7 +95,7 @@ class BoatLink:
         if self._codec.refused > refused and now >= self._next_refusal:
             self._next_refusal = now + REFUSAL_S
             self._texts.say(now, dialect.MAV_SEVERITY_WARNING, REFUSAL)
-        return self._track_alarms(now)
+        return []
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing: the rudder is elsewhere."""
@@ -154,14 +151,6 @@ class BoatLink:
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
         return system in (0, self._codec.system) and component in (0, COMPONENT)
-
-    def _track_alarms(self, now: float) -> list[Sample]:
-        """Return word of what the route's guide has to say, and of its end: the pilot carries it on as an alarm."""
-        alarm = self._mission.guide.alarm
-        if alarm == self._track_alarm:
-            return []
-        self._track_alarm = alarm
-        return [AlarmSample(now, alarm, TRACK_SOURCE)]
 
     def _transmit(self, now: float, *messages: Message) -> None:
         for message in messages:

@@ -12,7 +12,7 @@ from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.guidance.track import Waypoint
 from autopilot.links.boat.long_commands import LongCommand, Run
-from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.mission import NO_POSITION, Mission
 from autopilot.links.boat.modes import HEADING, MANUAL, MISSION, TRACK, TRIAL
 from autopilot.signals import Mode, OrderKind, Tick
 
@@ -30,7 +30,6 @@ PATTERN = int(dialect.MAV_CMD_USER_3)
 """USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
 USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""
-NO_POSITION = "no position: check the GPS and its link"
 LATITUDE_MOST_DEG = 85.0
 
 
@@ -126,12 +125,9 @@ class Commands:
         mission = self.mission
         if mission.is_followed and tick is not None and _steers(tick):
             return ACCEPTED
-        if not mission.items:
-            return self._refuse(REJECTED, "there is no route: upload one first")
-        if mission.state == dialect.MISSION_STATE_COMPLETE:
-            return self._refuse(REJECTED, "the route has been followed to its end: choose a waypoint to go on with")
-        if not self._has_position(tick):
-            return self._refuse(REJECTED, NO_POSITION)
+        obstacle = mission.obstacle(tick.now if tick is not None else math.inf)
+        if obstacle:
+            return self._refuse(REJECTED, obstacle)
         self._helmsman.hand_to_track()
         mission.follow()
         return ACCEPTED

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.boat.mission_items import MissionItem
 
+NO_POSITION = "no position: check the GPS and its link"
 FOLLOWED, SUSPENDED = 1, 2
 """mission_mode of MISSION_CURRENT."""
 
@@ -22,23 +23,18 @@ class Mission:
 
     Args:
         guide: leads the boat; the skipper asks it for courses while it is followed.
-        keep: takes the items whenever they have changed, to be kept over a restart.
 
     Attributes:
+        keep: takes the items whenever they have changed, to be kept over a restart.
         items: as uploaded.  route: the same as waypoints.  uploader: who is uploading now, None for nobody.
     """
 
-    def __init__(
-        self,
-        guide: TrackGuide,
-        items: Sequence[MissionItem] = (),
-        keep: Callable[[tuple[MissionItem, ...]], None] = lambda _: None,
-    ) -> None:
+    def __init__(self, guide: TrackGuide, items: Sequence[MissionItem] = ()) -> None:
         self.guide = guide
         self.items: tuple[MissionItem, ...] = ()
         self.route: tuple[Waypoint, ...] = ()
         self.uploader: object | None = None
-        self._keep = keep
+        self.keep: Callable[[tuple[MissionItem, ...]], None] = lambda _: None
         self._put(items)
 
     @property
@@ -72,7 +68,7 @@ class Mission:
         if was_followed:
             self.guide.leave()
         self._put(items)
-        self._keep(self.items)
+        self.keep(self.items)
         return was_followed
 
     def set_current(self, number: int) -> bool:
@@ -83,6 +79,16 @@ class Mission:
             self.guide.follow(self.route, number)
         self._current, self._complete = number, False
         return True
+
+    def obstacle(self, now: float, number: int | None = None) -> str:
+        """Return why the route cannot be followed at `now` [s], to the item `number` or the current one; or ''."""
+        if not self.items:
+            return "there is no route: upload one first"
+        if number is not None and not 0 <= number < len(self.items):
+            return f"there is no waypoint {number} in a route of {len(self.items)}"
+        if number is None and self.state == dialect.MISSION_STATE_COMPLETE:
+            return "the route has been followed to its end: choose a waypoint to go on with"
+        return "" if self.guide.fix.is_fresh(now) else NO_POSITION
 
     def follow(self) -> None:
         """Have the guide lead along the route from the current item on."""
