@@ -64,7 +64,7 @@ ENOUGH = 2 * BLOCKS
 LED = 0.1
 """The simulated boat's motion serves from when K and T are known to this share; until then the measured one does."""
 
-UNBIASED_WORTH = 2.0
+UNBIASED_WORTH = 1.25
 """Sums with the simulated boat's motion throughout are taken where their standard errors are below this many times
 those of the sums that began with the measured motion."""
 
@@ -255,9 +255,13 @@ class IntegralFit:
         )
 
     def _which(self, spread: NDArray[np.float64], square: float) -> WindowSums:
-        """Return the sums with instruments throughout as soon as they are not much less sure than those without."""
+        """Return the sums with instruments throughout as soon as they are not much less sure than those without.
+
+        A course-unstable boat simulated with a bad model turns the other way too often to serve from the beginning.
+        """
         sure, unbiased = (sums.errors(spread, square)[:2] for sums in (self._sums, self._unbiased))
-        return self._unbiased if bool(np.all(unbiased < UNBIASED_WORTH * sure)) else self._sums
+        is_worth_it = self.first.n1 > 0.0 and bool(np.all(unbiased < UNBIASED_WORTH * sure))
+        return self._unbiased if is_worth_it else self._sums
 
     def _spread(self) -> NDArray[np.float64]:
         """Return how far from the first model each parameter is expected, one standard deviation."""

@@ -78,8 +78,9 @@ class IntegralMethod:
                 f"n3: {fit.model.n3:.3g} with a standard error of {errors['n3']:.2g} s^2/rad^2 cannot be told from 0, "
                 "so it is held at 0; steady turns at large rudder angles would tell it (--steady-turns)."
             )
+            # what is not known of n3 is not known of K and T either: their errors are those of the fit with it
             fit, convergence = self._fit(runs, start._replace(n3=0.0), False, question)
-            errors = fit.standard_errors()
+            del errors["n3"]
         return identified_as(fit.model, runs, errors, unidentifiable=reasons, convergence=convergence)
 
     def _fit(

@@ -71,9 +71,11 @@ class _Moments:
 class _Block(NamedTuple):
     span: float
     a: _Moments
+    c: _Moments
     d: _Moments
     n: _Moments
     rate: _Moments | None
+    mean: float
     headed: bool
     heading: float
     rudder: float
@@ -119,16 +121,18 @@ class IntegralWindow:
         self._driven_at = self._moved_at = self._begun = -math.inf
         self._rudder = self._ratio = self._heading = self._rate = math.nan
         self._a = self._c = self._d = self._n = self._turned = 0.0
+        self._has_rates = False
         self._before: _Block | None = None
         self._begin(0.0)
 
     def _begin(self, time: float) -> None:
         """Start a block: the running integrals go on, their own integrals over the block start at 0."""
         self._begun = time
-        self._sum_a, self._sum_d, self._sum_n, self._sum_r = _Moments(), _Moments(), _Moments(), _Moments()
+        self._sum_a, self._sum_c, self._sum_d = _Moments(), _Moments(), _Moments()
+        self._sum_n, self._sum_r = _Moments(), _Moments()
         self._sum_heading = 0.0
         self._rates_known = self._headings_known = True
-        self._d_begun, self._n_begun = self._d, self._n
+        self._d_begun, self._n_begun, self._turned_begun = self._d, self._n, self._turned
 
     def update(
         self, time: float, rudder: float, ratio: float, heading: float | None = None, rate: float | None = None
@@ -160,6 +164,7 @@ class IntegralWindow:
             return
         self._driven_at = self._moved_at = time
         self._rudder, self._ratio = rudder, ratio
+        self._has_rates = rate is not None
         self._remember(heading, rate)
         self._begin(time)
 
@@ -188,11 +193,21 @@ class IntegralWindow:
             self._rates_known = False
         else:
             self._sum_r.add(since, dt, self._rate, rate)
+        if self._has_rates:
+            self._cube(since, dt, turned, ratio, rate)
         a = self._a + ratio * turned
         self._sum_a.add(since, dt, self._a, a)
         self._sum_heading += dt * (self._turned + 0.5 * turned)
         self._a, self._turned, self._moved_at = a, self._turned + turned, time
         self._remember(heading, rate)
+
+    def _cube(self, since: float, dt: float, turned: float, ratio: float, rate: float | None) -> None:
+        """Integrate the cube of measured rates; where one is missing the heading's slope stands in."""
+        now = turned / dt if rate is None else rate
+        before = now if math.isnan(self._rate) else self._rate
+        c = self._c + 0.5 * dt * (now**3 + before**3) / ratio
+        self._sum_c.add(since, dt, self._c, c)
+        self._c = c
 
     def _close(self, time: float) -> Integrals | None:
         """End the block at `time` [s] and return the equation of the window that ends with it."""
@@ -200,9 +215,11 @@ class IntegralWindow:
         block = _Block(
             span=span,
             a=self._sum_a,
+            c=self._sum_c,
             d=self._sum_d,
             n=self._sum_n,
             rate=self._sum_r if self._rates_known else None,
+            mean=(self._turned - self._turned_begun) / span,
             headed=self._headings_known,
             heading=self._sum_heading / span,
             rudder=(self._d - self._d_begun) / (self._n - self._n_begun),
@@ -222,12 +239,17 @@ class IntegralWindow:
             b = (block.heading - before.heading) / half
         else:
             b = _tent_mean(before.rate, block.rate, before.span, block.span)
-        cubed = b**3 * half / block.ratio
-        self._c += cubed
+        if self._has_rates:
+            c = _tent_mean(before.c, block.c, before.span, block.span)
+        else:
+            # the mean of the cube is more than the cube of the mean: 3 b times the variance of a straight line
+            cubed = (b**3 + 0.5 * b * (block.mean - before.mean) ** 2) * half / block.ratio
+            self._c += cubed
+            c = self._c - 0.5 * cubed
         return _Tent(
             _tent_mean(before.a, block.a, before.span, block.span),
             b,
-            self._c - 0.5 * cubed,
+            c,
             _tent_mean(before.d, block.d, before.span, block.span),
             _tent_mean(before.n, block.n, before.span, block.span),
             block.rudder,
