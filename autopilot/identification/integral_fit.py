@@ -25,9 +25,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from autopilot.identification.integral_boat import BoatBeside
 from autopilot.identification.integral_sums import WindowSums
 from autopilot.identification.integral_window import BLOCKS, Integrals, IntegralWindow
-from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, rate_step, rudder_for
+from autopilot.models.norrbin import Norrbin
 from autopilot.signals import Reference
 
 NAMES = ("gain", "time_constant", "n3", "n0")
@@ -35,8 +36,9 @@ NAMES = ("gain", "time_constant", "n3", "n0")
 WINDOW_TIME_CONSTANTS, WINDOW_SHORTEST_S, WINDOW_LONGEST_S = 4.0, 3.0, 120.0
 """A window is this many time constants long, within these limits."""
 
-CAUTION = 1.5
-"""The first windows are that much shorter: where the first T is too long, it takes no long window to find out."""
+CAUTION, PATIENCE = 1.5, 0.75
+"""The first windows are that much shorter: where the first T is too long, it takes no long window to find out. Without
+measured rates they are longer instead, for short ones drown in the heading's noise."""
 
 EXPECTED_ERROR_RAD = math.radians(0.1)
 """s, for weighing the windows against the first model."""
@@ -56,7 +58,6 @@ CUBIC_SHARE = 0.3
 MODELLED_WITHIN = 4.0
 """The simulated boat's K and T stay within this factor of the first ones: it must not run away with a bad estimate."""
 
-RATE_BOUND_RAD_S = 3.0
 RATE_MEMORY = 200
 ENOUGH = 2 * BLOCKS
 """Windows before which no standard error is believed."""
@@ -64,9 +65,9 @@ ENOUGH = 2 * BLOCKS
 LED = 0.1
 """The simulated boat's motion serves from when K and T are known to this share; until then the measured one does."""
 
-UNBIASED_WORTH = 1.25
+UNBIASED_WORTH, UNBIASED_WORTH_HEADINGS = 1.25, 4.0
 """Sums with the simulated boat's motion throughout are taken where their standard errors are below this many times
-those of the sums that began with the measured motion."""
+those of the sums that began with the measured motion; more where only headings are measured, which bias those more."""
 
 REFIT, REFIT_FACTOR = 0.25, 1.6
 """Windows are fitted anew when K and T are known to this share and the length is off by this factor."""
@@ -95,8 +96,8 @@ class IntegralFit:
     """The recursive estimate; feed it with `update`, read `model` and `standard_errors`.
 
     `first` is the model it begins with and is held to where nothing is learnt; n1, n2 = 0 and the reference speed are
-    its own. `simulated` is a model good enough to simulate from the beginning, where there is one. `moved_by` is the
-    rudder [rad] as far as nothing that disturbs the boat moves it. Raises ValueError for a first model with n2.
+    its own. `simulated` is a model good enough to simulate from the beginning, where there is one. Raises ValueError
+    for a first model with n2.
     """
 
     def __init__(
@@ -108,14 +109,11 @@ class IntegralFit:
         if first.n2:
             raise ValueError("the integral method knows no n2")
         self.first, self.settings = first, settings
+        self._boat = BoatBeside(settings.longest_gap, led_back=first.n1 < 0.0)
         length = settings.length or window_length(first.time_constant / CAUTION)
         self._open_windows(length)
         self.model = simulated or first
         self.windows = 0
-        self._at = self._followed = -math.inf
-        self.moved_by = 0.0
-        self._rate = self._heading = 0.0
-        self._rudder, self._measured = 0.0, math.nan
         size = len(NAMES)
         self._sums = self._trusted = WindowSums(size, EXPECTED_ERROR_RAD)
         self._unbiased = WindowSums(size, EXPECTED_ERROR_RAD)
@@ -124,6 +122,12 @@ class IntegralFit:
         self._counted = 0.0
         self._rate_square = 0.0
         self._led = simulated is not None
+        self._has_rates: bool | None = None
+
+    @property
+    def moved_by(self) -> float:
+        """The rudder [rad] as far as nothing that disturbs the boat moves it."""
+        return self._boat.moved_by
 
     @property
     def length(self) -> float:
@@ -141,62 +145,27 @@ class IntegralFit:
     ) -> Integrals | None:
         """Take what is known at `time` [s], as `IntegralWindow.update` does; return the window whose equation was
         added, None where there was none or it tells nothing. `reference` is what a law steers by, where one steers."""
+        if self._has_rates is None and heading is not None:
+            self._begin_with(rate is not None)
+        boat = self._boat
         if reference is None:
-            self._simulate(time, rudder, ratio, heading, rate)
-            self.moved_by = rudder
+            boat.simulate(self._modelled(), time, rudder, ratio, heading, rate)
         else:
-            self._follow(time, ratio, reference)
+            boat.follow(self._modelled(), time, ratio, reference)
         window = self._window.update(time, rudder, ratio, heading, rate)
         if heading is None and rate is None:
-            self._beside.update(time, self.moved_by, ratio)
+            self._beside.update(time, boat.moved_by, ratio)
             return None
-        beside = self._beside.update(time, self.moved_by, ratio, self._heading, self._rate)
+        beside = self._beside.update(time, boat.moved_by, ratio, boat.heading, boat.rate)
         if window is None or beside is None or beside.rudder_range < self.settings.rudder_range:
             return None
         self._add(window, beside)
         return window
 
-    def _follow(self, time: float, ratio: float, reference: Reference) -> None:
-        """The boat beside goes where the law is told to go, and its rudder is what that takes without any waves."""
-        dt = time - self._at
-        if 0.0 < dt <= self.settings.longest_gap:
-            self._heading += 0.5 * dt * (self._rate + reference.rate)
-        model = at_speed_ratio(self._modelled(), max(ratio, SPEED_FLOOR_RATIO))
-        self._rate = reference.rate
-        self.moved_by = rudder_for(model, reference.rate, reference.acceleration)
-        self._at = self._followed = max(time, self._at)
-        self._rudder, self._measured = self.moved_by, math.nan
-
-    def _simulate(self, time: float, rudder: float, ratio: float, heading: float | None, rate: float | None) -> None:
-        """Carry the boat beside on to `time` [s]; where the samples begin anew, it begins with the measured rate."""
-        dt = time - self._at
-        if dt > self.settings.longest_gap:
-            self._rate = 0.0 if rate is None or not math.isfinite(rate) else rate
-            self._measured = math.nan
-        elif dt > 0.0 and math.isfinite(rudder):
-            model = at_speed_ratio(self._modelled(), max(ratio, SPEED_FLOOR_RATIO))
-            steps = math.ceil(dt / (0.5 * model.time_constant))
-            for step in range(steps):
-                angle = self._rudder + (rudder - self._rudder) * (step + 0.5) / steps
-                before = self._rate
-                moved = rate_step(model, before, angle, dt / steps)
-                self._rate = min(max(moved, -RATE_BOUND_RAD_S), RATE_BOUND_RAD_S)
-                self._heading += 0.5 * dt / steps * (before + self._rate)
-            self._lead_back(dt, heading, rate)
-        self._at = max(time, self._at)
-        self._rudder = rudder if math.isfinite(rudder) else self._rudder
-        self._measured = math.nan if heading is None else heading
-
-    def _lead_back(self, dt: float, heading: float | None, rate: float | None) -> None:
-        """A course-unstable boat left to itself would soon turn the other way than the real one."""
-        if self.first.n1 > 0.0:
-            return
-        share = min(dt / (2.0 * self.length), 1.0)
-        if rate is not None and math.isfinite(rate):
-            self._rate += share * (rate - self._rate)
-        elif heading is not None and math.isfinite(heading - self._measured):
-            turned = math.remainder(heading - self._measured, 2.0 * math.pi)
-            self._rate += share * (turned / dt - self._rate)
+    def _begin_with(self, has_rates: bool) -> None:
+        self._has_rates = has_rates
+        if not has_rates and self.settings.length is None:
+            self._open_windows(window_length(self.first.time_constant / PATIENCE))
 
     def _modelled(self) -> Norrbin:
         first, model = self.first, self.model
@@ -209,7 +178,7 @@ class IntegralFit:
         regressors, instruments = _terms(window), _terms(beside)
         first = _values(self.first)
         missing = self.first.n1 * window.turned - float(regressors @ first)
-        is_steered = window.time - self._followed <= self.length
+        is_steered = window.time - self._boat.followed <= self.length
         self._unbiased.add(self._fading, instruments, regressors, missing)
         is_measured = not self._led and not is_steered
         self._sums.add(self._fading, regressors if is_measured else instruments, regressors, missing)
@@ -238,6 +207,7 @@ class IntegralFit:
         self._window = IntegralWindow(length, BLOCKS, gap, from_mean=True)
         self._beside = IntegralWindow(length, BLOCKS, gap, from_mean=True)
         self._fading = math.exp(-length / BLOCKS / self.settings.memory)
+        self._boat.lead_time = 2.0 * length
 
     def _solve(self, first: NDArray[np.float64]) -> None:
         spread, square = self._spread(), max(self._error_square(self._least_squares()), 1.0)
@@ -260,7 +230,8 @@ class IntegralFit:
         A course-unstable boat simulated with a bad model turns the other way too often to serve from the beginning.
         """
         sure, unbiased = (sums.errors(spread, square)[:2] for sums in (self._sums, self._unbiased))
-        is_worth_it = self.first.n1 > 0.0 and bool(np.all(unbiased < UNBIASED_WORTH * sure))
+        worth = UNBIASED_WORTH if self._has_rates else UNBIASED_WORTH_HEADINGS
+        is_worth_it = self.first.n1 > 0.0 and bool(np.all(unbiased < worth * sure))
         return self._unbiased if is_worth_it else self._sums
 
     def _spread(self) -> NDArray[np.float64]:
