@@ -156,7 +156,7 @@ def test_no_changed_byte_is_believed(message, place, change) -> None:
     assert MavlinkCodec(signing=ours()).decode(bytes(frame)) == []
 
 
-def test_a_hundred_thousand_forged_frames_are_refused() -> None:
+def test_twenty_thousand_forged_frames_are_refused() -> None:
     rng = random.Random(3)
     codec = MavlinkCodec(1, 1, signing=ours())
     genuine = peer()
@@ -165,12 +165,12 @@ def test_a_hundred_thousand_forged_frames_are_refused() -> None:
     liar = peer(key=rng.randbytes(32), start=NOW + 1000)
     forged = [bytes(COMMAND.pack(liar)) for _ in range(100)]
     unsigned = bytes(COMMAND.pack(dialect.MAVLink(None, 255, 190)))
-    for _ in range(20_000):
+    for _ in range(4_000):
         guess = bytearray(rng.choice(forged))
         guess[-6:] = rng.randbytes(6)
         for frame in (bytes(guess), rng.choice(forged), rng.choice(recorded), recorded[-1], unsigned):
             assert codec.decode(frame) == []
-    assert codec.refused == 100_000
+    assert codec.refused == 20_000
     assert len(codec.decode(bytes(COMMAND.pack(genuine)))) == 1, "and the true one is still heard"
 
 
