@@ -71,14 +71,32 @@ class Found(NamedTuple):
         return {name: float(value) for name, value in zip(self.names, self.estimate[-1], strict=True)}
 
 
+class _Told:
+    """Keeps what a filter says of the parameters after each step."""
+
+    def __init__(self, case: Case) -> None:
+        self._case, self._means, self._variances = case, list[FloatArray](), list[FloatArray]()
+
+    def add(self, mean: FloatArray, variance: FloatArray) -> None:
+        """Keep the parameters' part of mean and variances of the state, shape (d,)."""
+        self._means.append(mean[self._case.states :])
+        self._variances.append(variance[self._case.states :])
+
+    def found(self, covariance: FloatArray) -> Found:
+        """Return everything, with the state's covariance at the end."""
+        first = self._case.states
+        deviation = np.sqrt(np.array(self._variances))
+        return Found(self._case.names, np.array(self._means), deviation, covariance[first:, first:])
+
+
 def by_kalman_filter(case: Case, steps: Steps) -> Found:
     """Return the extended Kalman filter's estimates."""
-    belief, beliefs = case.prior, []
+    belief, told = case.prior, _Told(case)
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
         belief = ekf_predict(belief, case.drift, inputs, case.noise, float(dt), case.substeps)
         belief = ekf_update(belief, case.observe, z, case.R).belief
-        beliefs.append(belief)
-    return _found(case, beliefs)
+        told.add(belief.mean, np.diagonal(belief.covariance))
+    return told.found(belief.covariance)
 
 
 def by_particle_filter(
@@ -90,22 +108,22 @@ def by_particle_filter(
     """
     if compiled:
         return _by_compiled_particles(case, steps, count, random)
-    particles, beliefs = fpf_start(case.prior, count, random), []
+    particles, told = fpf_start(case.prior, count, random), _Told(case)
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
         particles = fpf_predict(particles, case.drift, inputs, case.noise, float(dt), random, case.substeps)
         particles = fpf_update(particles, case.observe, z, case.R, gain)
-        beliefs.append(fpf_belief(particles))
-    return _found(case, beliefs)
+        told.add(particles.mean(axis=0), particles.var(axis=0, ddof=1))
+    return told.found(fpf_belief(particles).covariance)
 
 
 def _by_compiled_particles(case: Case, steps: Steps, count: int, random: np.random.Generator) -> Found:
     filter_ = CompiledParticleFilter(case.drift, case.observe, case.noise, case.R, case.states)
-    particles, beliefs = filter_.start(case.prior, count, random), []
+    particles, told = filter_.start(case.prior, count, random), _Told(case)
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
         filter_.predict(particles, inputs, float(dt), random, case.substeps)
         filter_.update(particles, z)
-        beliefs.append(fpf_belief(particles))
-    return _found(case, beliefs)
+        told.add(particles.mean(axis=0), particles.var(axis=0, ddof=1))
+    return told.found(fpf_belief(particles).covariance)
 
 
 def information_bound(case: Case, steps: Steps, truth: FloatArray) -> FloatArray:
@@ -132,10 +150,3 @@ def normalised_error(found: Found, truth: FloatArray) -> float:
     """Return e' P^-1 e / p at the end: 1 on average where a filter knows how wrong it is, more where it is too sure."""
     error = found.estimate[-1] - truth
     return float(error @ np.linalg.solve(found.covariance, error) / error.size)
-
-
-def _found(case: Case, beliefs: Sequence[Gaussian]) -> Found:
-    p = slice(case.states, None)
-    estimate = np.array([belief.mean[p] for belief in beliefs])
-    deviation = np.sqrt(np.array([np.diag(belief.covariance)[p] for belief in beliefs]))
-    return Found(case.names, estimate, deviation, beliefs[-1].covariance[p, p])

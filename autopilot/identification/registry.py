@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from autopilot.errors import InputError
+from autopilot.identification.filter_methods import KalmanMethod, ParticleMethod
 from autopilot.identification.integral_method import IntegralMethod, IntegralRecursionMethod
 from autopilot.identification.methods import Method
 from autopilot.identification.output_error_method import OutputErrorMethod
 from autopilot.identification.two_stage_method import TwoStageMethod
 
-METHODS: tuple[Method, ...] = (OutputErrorMethod(), TwoStageMethod(), IntegralMethod(), IntegralRecursionMethod())
+METHODS: tuple[Method, ...] = (
+    OutputErrorMethod(),
+    TwoStageMethod(),
+    IntegralMethod(),
+    IntegralRecursionMethod(),
+    KalmanMethod(),
+    ParticleMethod(),
+)
 """The one to use unless told otherwise comes first."""
 
 NAMES = tuple(method.name for method in METHODS)

@@ -1,0 +1,131 @@
+"""The extended Kalman filter and the feedback particle filter behind the interface of all methods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.errors import InputError
+from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified
+from autopilot.identification.identify import sources_of
+from autopilot.identification.methods import Question, begin, identified_as
+from autopilot.identification.norrbin_case import (
+    NAMES,
+    RunNoise,
+    entered,
+    model_of,
+    run_noise,
+    segment_steps,
+    yaw_case,
+)
+from autopilot.identification.recursive import Case, Found, Steps, by_kalman_filter, by_particle_filter
+from autopilot.identification.residuals import typical_rate
+from autopilot.identification.runs import FloatArray, Run
+from autopilot.models.norrbin import Norrbin
+
+PARTICLES = 300
+SEED = 2019
+"""The same runs give the same model."""
+
+PASSES = 2
+"""The noise is found from the model of the pass before."""
+
+Filter = Callable[[Case, Steps], Found]
+
+
+class _Pass(NamedTuple):
+    """What one way through the runs gave: parameters and covariance of the state's units, and how it came there."""
+
+    values: FloatArray
+    covariance: FloatArray
+    convergence: Convergence
+
+
+class KalmanMethod:
+    """The extended Kalman filter with the parameters as states."""
+
+    name = "ekf"
+    summary = "extended Kalman filter over heading, rate and parameters; knows gusts from instrument noise"
+
+    def identify(self, runs: Sequence[Run], question: Question) -> Identified:
+        """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be told."""
+        return _identify(runs, question, by_kalman_filter, self.name)
+
+
+class ParticleMethod:
+    """The feedback particle filter with constant gain, the parameters as states."""
+
+    name = "fpf"
+    summary = "feedback particle filter, 300 particles, constant gain; an ensemble Kalman filter (Zheng et al. 2019)"
+
+    def identify(self, runs: Sequence[Run], question: Question) -> Identified:
+        """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be told."""
+        random = np.random.default_rng(SEED)
+        return _identify(
+            runs, question, lambda case, steps: by_particle_filter(case, steps, PARTICLES, random), self.name
+        )
+
+
+def _identify(runs: Sequence[Run], question: Question, filter_: Filter, name: str) -> Identified:
+    found = begin(runs, question).model
+    start = found if question.start is None else question.start
+    unit = typical_rate([segment for run in runs for segment in run.segments])
+    cubic = question.kind == "norrbin" or question.course_unstable
+    result, noise, reasons = None, run_noise(found, runs), {}
+    for done in range(PASSES):
+        # the noise from an extended Kalman filter's pass: it is as good, and far quicker
+        last = done + 1 == PASSES
+        result = _through(runs, start, unit, noise, cubic, filter_ if last else by_kalman_filter, name)
+        noise = run_noise(model_of(result.values, start, unit), runs)
+        question.progress(done + 1, PASSES + 1)
+    assert result is not None
+    error = float(np.sqrt(result.covariance[-1, -1])) if cubic else 0.0
+    if cubic and not question.course_unstable and error > LARGEST_RELATIVE_ERROR * result.values[3]:
+        reasons["n3"] = (
+            f"n3: {result.values[3] / unit**2:.3g} with a standard error of {error / unit**2:.2g} s^2/rad^2 cannot be "
+            "told from 0, so it is held at 0; steady turns at large rudder angles would tell it (--steady-turns)."
+        )
+        cubic = False
+        result = _through(runs, start, unit, noise, cubic, filter_, name)
+    question.progress(PASSES + 1, PASSES + 1)
+    return _identified(runs, result, start, unit, reasons, question)
+
+
+def _through(
+    runs: Sequence[Run], start: Norrbin, unit: float, noise: RunNoise, cubic: bool, filter_: Filter, name: str
+) -> _Pass:
+    """Filter one segment after the other; between them only the belief about the parameters is kept."""
+    case = yaw_case(start, unit, noise, cubic)
+    times, values, begun = [], [], 0.0
+    for segment in (segment for run in runs for segment in run.segments):
+        steps, is_sample = segment_steps(segment, start, unit)
+        found = filter_(entered(case, segment, noise), steps)
+        if not np.isfinite(found.estimate[-1]).all():
+            raise InputError(f"{sources_of(runs)}: {name} loses the boat; use --method output-error.")
+        case.prior.mean[2:], case.prior.covariance[2:, 2:] = found.estimate[-1], found.covariance
+        times.append(begun + segment.time[1:] - segment.time[0])
+        values.append(found.estimate[is_sample])
+        begun = float(times[-1][-1])
+    path = np.concatenate(values)
+    told = np.array([[getattr(model_of(row, start, unit), key) for key in NAMES] for row in path])
+    last = case.prior
+    return _Pass(last.mean[2:], last.covariance[2:, 2:], Convergence(np.concatenate(times), NAMES, told))
+
+
+def _identified(
+    runs: Sequence[Run], result: _Pass, start: Norrbin, unit: float, reasons: dict[str, str], question: Question
+) -> Identified:
+    model = model_of(result.values, start, unit)
+    deviation = np.sqrt(np.diag(result.covariance))
+    scale = (model.gain, model.time_constant, unit, unit**-2)
+    errors = {name: float(d * s) for name, d, s in zip(NAMES, deviation, scale, strict=False)}
+    for name, symbol, what in (("gain", "K", "1/s"), ("time_constant", "T", "s")):
+        if errors[name] > LARGEST_RELATIVE_ERROR * getattr(model, name):
+            reasons[symbol] = (
+                f"{symbol}: {getattr(model, name):.3g} with a standard error of {errors[name]:.2g} {what} is not "
+                "determined by these runs; record a zigzag in which the rudder goes over several times."
+            )
+    notes = ["steady turns are not used by this method."] if question.steady_turns is not None else []
+    return identified_as(model, runs, errors, unidentifiable=reasons, notes=notes, convergence=result.convergence)
