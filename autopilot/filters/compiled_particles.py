@@ -111,7 +111,7 @@ def _compiled_predict(drift: Drift, d: int, q: int, moving: int) -> Callable[...
 @lru_cache(maxsize=16)
 def _compiled_update(observe: Observe, d: int, m: int) -> Callable[..., None]:
     compile_ = _compiler()
-    shown, moments, move = compile_(observe), compile_(_moments), compile_(_move)
+    shown, moments, move, grow = compile_(observe), compile_(_moments), compile_(_move), compile_(_grow)
     damped = compile_(_damped_by_one if m == 1 else _damped_by_two)
 
     @compile_
@@ -127,7 +127,7 @@ def _compiled_update(observe: Observe, d: int, m: int) -> Callable[..., None]:
     def update(x: Any, measured: Any, whiten: Any) -> None:
         h, S, gain = np.empty((m, x.shape[1])), np.empty((m, m)), np.empty((d, m))
         mean, toward, back = np.empty(m), np.empty(d), np.empty((d, m))
-        done, taken = 0.0, 0
+        done, taken, lost = 0.0, 0, 0.0
         while done < 1.0:
             observed(x, whiten, h)
             moments(x, h, mean, S, gain)
@@ -142,22 +142,27 @@ def _compiled_update(observe: Observe, d: int, m: int) -> Callable[..., None]:
             step = 1.0 - done
             if taken < MOST_STEPS:
                 step = min(LARGEST_STEP / max(trace, 1.0e-300), step)
+            if taken == 1:
+                lost = 0.5 * damped(S, 1.0, gain, mean, toward, back) / (x.shape[1] - 1)
             damped(S, step, gain, mean, toward, back)
             move(x, h, toward, back)
             done = 1.0 if step >= 1.0 - done else done + step
+        grow(x, lost)
 
     return update  # type: ignore[no-any-return]
 
 
-def _damped_by_one(S: Any, step: float, gain: Any, off: Any, toward: Any, back: Any) -> None:
-    """Write step K pull off and step K shrink, with the `damping_matrices` of one measured value."""
+def _damped_by_one(S: Any, step: float, gain: Any, off: Any, toward: Any, back: Any) -> float:
+    """Write step K pull off and step K shrink, with the `damping_matrices` of one measured value; return the sum of
+    s/(1 + s) over the eigenvalues s of step S, which is trace(I - (I + step S)^-1)."""
     a = 1.0 + step * S[0, 0]
     for k in range(gain.shape[0]):
         toward[k] = step * gain[k, 0] * off[0] / a
         back[k, 0] = step * gain[k, 0] / (a + np.sqrt(a))
+    return float(1.0 - 1.0 / a)
 
 
-def _damped_by_two(S: Any, step: float, gain: Any, off: Any, toward: Any, back: Any) -> None:
+def _damped_by_two(S: Any, step: float, gain: Any, off: Any, toward: Any, back: Any) -> float:
     """The same of two: the root of a 2 x 2 matrix A is (A + s I)/sqrt(trace A + 2 s), s the root of det A."""
     a, b, c = 1.0 + step * S[0, 0], step * S[0, 1], 1.0 + step * S[1, 1]
     det = a * c - b * b
@@ -170,6 +175,7 @@ def _damped_by_two(S: Any, step: float, gain: Any, off: Any, toward: Any, back: 
         toward[k] = step * (gain[k, 0] * first + gain[k, 1] * second)
         back[k, 0] = step * (gain[k, 0] * r - gain[k, 1] * q) / size
         back[k, 1] = step * (gain[k, 1] * p - gain[k, 0] * q) / size
+    return float(2.0 - (a + c) / det)
 
 
 def _moments(x: Any, h: Any, mean: Any, S: Any, gain: Any) -> None:
@@ -205,6 +211,18 @@ def _move(x: Any, h: Any, toward: Any, back: Any) -> None:
             share = back[k, j]
             for i in range(x.shape[1]):
                 x[k, i] -= share * h[j, i]
+
+
+def _grow(x: Any, share: float) -> None:
+    """Let the particles' spread grow by a share: what chance took off it, as in `fpf_update`."""
+    N = x.shape[1]
+    for k in range(x.shape[0]):
+        total, origin = 0.0, x[k, 0]
+        for i in range(N):
+            total += x[k, i] - origin
+        middle = origin + total / N
+        for i in range(N):
+            x[k, i] += share * (x[k, i] - middle)
 
 
 def _compiler() -> Callable[[Callable[..., Any]], Any]:

@@ -81,7 +81,7 @@ def fpf_update(
         return np.asarray(observed(observe, states)[:, there] @ whiten)
 
     z = measured[there] @ whiten
-    done, taken = 0.0, 0
+    done, taken, lost = 0.0, 0, 0.0
     while done < 1.0:
         h = shown(particles)
         trace = float(np.sum(np.var(h, axis=0, ddof=1)))
@@ -89,11 +89,13 @@ def fpf_update(
         move = _velocity(particles, h, z, gain, step)
         if gain.varies:
             step, move = _held_back(particles, move, step)
+        if not taken:
+            lost = _chance_shrinkage(h)
         taken += 1
         step = 1.0 - done if taken == MOST_STEPS else step
         particles = particles + step * move
         done = 1.0 if step >= 1.0 - done else done + step
-    return particles
+    return np.asarray(particles + lost * (particles - particles.mean(axis=0)))
 
 
 def _held_back(particles: FloatArray, velocity: FloatArray, step: float) -> tuple[float, FloatArray]:
@@ -111,6 +113,14 @@ def _velocity(particles: FloatArray, h: FloatArray, z: FloatArray, gain: Gain, s
     pull, shrink = damping_matrices(spread.T @ spread / (h.shape[0] - 1), step)
     innovation = (z - h.mean(axis=0)) @ pull.T - spread @ shrink.T
     return gain.steer(particles, spread, innovation)
+
+
+def _chance_shrinkage(h: FloatArray) -> float:
+    """Return by which share the spread must grow again after an update: the gain of N particles holds correlations of
+    chance, of square 1/(N - 1), which take sum_j s_j/(1 + s_j)/(N - 1) off the variance even of what was not measured
+    at all; s are the eigenvalues of P_zz R^-1. Over thousands of updates the particles would collapse."""
+    s = np.linalg.eigvalsh(np.atleast_2d(np.cov(h.T)))
+    return float(0.5 * np.sum(s / (1.0 + s)) / (h.shape[0] - 1))
 
 
 def damping_matrices(S: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:

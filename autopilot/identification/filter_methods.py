@@ -29,8 +29,8 @@ PARTICLES = 300
 SEED = 2019
 """The same runs give the same model."""
 
-PASSES = 2
-"""The noise is found from the model of the pass before."""
+PASSES = 4
+"""The noise is found from the model of the pass before; all but the last are the extended Kalman filter's."""
 
 Filter = Callable[[Case, Steps], Found]
 
@@ -100,18 +100,18 @@ def _through(
     case = yaw_case(start, unit, noise, cubic)
     times, values, begun = [], [], 0.0
     for segment in (segment for run in runs for segment in run.segments):
-        steps, is_sample = segment_steps(segment, start, unit)
-        found = filter_(entered(case, segment, noise), steps)
+        steps, last, time = segment_steps(segment, start, unit)
+        found = filter_(entered(case, segment, start, noise, unit), steps)
         if not np.isfinite(found.estimate[-1]).all():
             raise InputError(f"{sources_of(runs)}: {name} loses the boat; use --method output-error.")
         case.prior.mean[2:], case.prior.covariance[2:, 2:] = found.estimate[-1], found.covariance
-        times.append(begun + segment.time[1:] - segment.time[0])
-        values.append(found.estimate[is_sample])
-        begun = float(times[-1][-1])
+        times.append(begun + time)
+        values.append(found.estimate[last])
+        begun += float(segment.time[-1] - segment.time[0])
     path = np.concatenate(values)
     told = np.array([[getattr(model_of(row, start, unit), key) for key in NAMES] for row in path])
-    last = case.prior
-    return _Pass(last.mean[2:], last.covariance[2:, 2:], Convergence(np.concatenate(times), NAMES, told))
+    mean, covariance = case.prior
+    return _Pass(mean[2:], covariance[2:, 2:], Convergence(np.concatenate(times), NAMES, told))
 
 
 def _identified(
