@@ -30,7 +30,11 @@ SEED = 2019
 """The same runs give the same model."""
 
 PASSES = 4
-"""The noise is found from the model of the pass before; all but the last are the extended Kalman filter's."""
+"""Each pass takes noise and linearisation from the model of the one before; all but the last are the extended Kalman
+filter's."""
+
+MODESTY = 10.0
+"""How many of the last pass's standard deviations the next one begins with: the nearer, the more linear."""
 
 Filter = Callable[[Case, Steps], Found]
 
@@ -73,31 +77,36 @@ def _identify(runs: Sequence[Run], question: Question, filter_: Filter, name: st
     start = found if question.start is None else question.start
     unit = typical_rate([segment for run in runs for segment in run.segments])
     cubic = question.kind == "norrbin" or question.course_unstable
-    result, noise, reasons = None, run_noise(found, runs), {}
+    result, narrow, noise, reasons = None, None, run_noise(found, runs), {}
     for done in range(PASSES):
         # the noise from an extended Kalman filter's pass: it is as good, and far quicker
         last = done + 1 == PASSES
-        result = _through(runs, start, unit, noise, cubic, filter_ if last else by_kalman_filter, name)
-        noise = run_noise(model_of(result.values, start, unit), runs)
+        case = yaw_case(start, unit, noise, cubic, narrow)
+        result = _through(runs, case, start, unit, noise, filter_ if last else by_kalman_filter, name)
+        # the next pass begins at what this one has found, but far less sure of it: the record counts only once
+        start, narrow = model_of(result.values, start, unit), MODESTY * np.sqrt(np.diag(result.covariance))
+        noise = run_noise(start, runs)
         question.progress(done + 1, PASSES + 1)
     assert result is not None
+    # the logarithm's standard deviation is the relative error
     error = float(np.sqrt(result.covariance[-1, -1])) if cubic else 0.0
-    if cubic and not question.course_unstable and error > LARGEST_RELATIVE_ERROR * result.values[3]:
+    if cubic and not question.course_unstable and error > LARGEST_RELATIVE_ERROR:
+        n3 = model_of(result.values, start, unit).n3
         reasons["n3"] = (
-            f"n3: {result.values[3] / unit**2:.3g} with a standard error of {error / unit**2:.2g} s^2/rad^2 cannot be "
-            "told from 0, so it is held at 0; steady turns at large rudder angles would tell it (--steady-turns)."
+            f"n3: {n3:.3g} with a standard error of {error * n3:.2g} s^2/rad^2 cannot be told from 0, so it is held at "
+            "0; steady turns at large rudder angles would tell it (--steady-turns)."
         )
         cubic = False
-        result = _through(runs, start, unit, noise, cubic, filter_, name)
+        start = start._replace(n3=0.0)
+        result = _through(runs, yaw_case(start, unit, noise, cubic), start, unit, noise, filter_, name)
     question.progress(PASSES + 1, PASSES + 1)
     return _identified(runs, result, start, unit, reasons, question)
 
 
 def _through(
-    runs: Sequence[Run], start: Norrbin, unit: float, noise: RunNoise, cubic: bool, filter_: Filter, name: str
+    runs: Sequence[Run], case: Case, start: Norrbin, unit: float, noise: RunNoise, filter_: Filter, name: str
 ) -> _Pass:
     """Filter one segment after the other; between them only the belief about the parameters is kept."""
-    case = yaw_case(start, unit, noise, cubic)
     times, values, begun = [], [], 0.0
     for segment in (segment for run in runs for segment in run.segments):
         steps, last, time = segment_steps(segment, start, unit)
@@ -119,7 +128,7 @@ def _identified(
 ) -> Identified:
     model = model_of(result.values, start, unit)
     deviation = np.sqrt(np.diag(result.covariance))
-    scale = (model.gain, model.time_constant, unit, unit**-2)
+    scale = (model.gain, model.time_constant, unit, model.n3)
     errors = {name: float(d * s) for name, d, s in zip(NAMES, deviation, scale, strict=False)}
     for name, symbol, what in (("gain", "K", "1/s"), ("time_constant", "T", "s")):
         if errors[name] > LARGEST_RELATIVE_ERROR * getattr(model, name):

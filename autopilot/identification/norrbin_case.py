@@ -1,7 +1,7 @@
 """Norrbin's model as a case for the recursive filters: heading, rate, and the parameters as states.
 
-The state is (psi, r, ln K, ln T, n0/w, n3 w^2) with w a typical rate, so that every parameter is of order one and K and
-T stay positive; n3 counts as 0 where a filter takes it below. Gusts and what the model leaves out enter as white
+The state is (psi, r, ln K, ln T, n0/w, ln n3 w^2) with w a typical rate, so that every parameter is of order one and K,
+T and n3 stay positive. Gusts and what the model leaves out enter as white
 noise on r'. Its size comes from how a simulated boat strays: with a residual rate e of variance s^2 and correlation c
 from sample to sample (as a covariance), c is the part that lasts, a process of memory T driven by white noise
 q^2 = 2 c/T, and s^2 - c, or the second differences of the record, whichever is less, is the instrument's.
@@ -29,6 +29,9 @@ NAMES = ("gain", "time_constant", "n0", "n3")
 """The parameters in the order of the state; without n3 for the linear model."""
 
 STEPS_PER_TIME_CONSTANT = 6.0
+SUBSTEPS = 2
+"""Of the midpoint rule within each step: together exact to 0.2 % of T."""
+
 UPDATES_PER_TIME_CONSTANT = 8.0
 FEWEST_UPDATES = 100
 """A short segment is taken sample by sample rather than in fewer groups than this."""
@@ -37,9 +40,11 @@ LOG_DEVIATION = 0.7
 """Prior standard deviation of ln K and ln T: a factor of two either way."""
 
 N0_DEVIATION = 0.5
-N3_DEVIATION = 1.0
-START_N3 = 0.3
-"""Prior of n0 and n3 in units of the typical rate w: n0/w and n3 w^2."""
+"""The same of n0/w."""
+
+START_N3 = 0.1
+LOG_N3_DEVIATION = 1.5
+"""Prior of n3 w^2, the share of the cubic damping at the typical rate: 0.1, a factor of four or five either way."""
 
 LEAST_PROCESS = 1.0e-3
 LEAST_RATE_NOISE = 1.0e-2
@@ -69,8 +74,8 @@ class RunNoise(NamedTuple):
 
 
 def cubic_rates(state: Any, drive: YawDrive) -> tuple[Any, ...]:
-    """Return the rates of (psi, r, ln K, ln T, n0/w, n3 w^2): psi' = r, r' by Norrbin's equation."""
-    n3 = np.maximum(state[5], 0.0) / (drive.unit * drive.unit)
+    """Return the rates of (psi, r, ln K, ln T, n0/w, ln n3 w^2): psi' = r, r' by Norrbin's equation."""
+    n3 = np.exp(state[5]) / (drive.unit * drive.unit)
     model = Norrbin(np.exp(state[2]), np.exp(state[3]), n3, 0.0, drive.n1, state[4] * drive.unit, 1.0)
     return state[1], yaw_acceleration(at_speed_ratio(model, drive.ratio), state[1], drive.rudder), 0.0, 0.0, 0.0, 0.0
 
@@ -86,20 +91,26 @@ def heading_and_rate(state: Any) -> tuple[Any, ...]:
     return state[0], state[1]
 
 
-def yaw_case(start: Norrbin, unit: float, noise: RunNoise, cubic: bool) -> Case:
+def yaw_case(start: Norrbin, unit: float, noise: RunNoise, cubic: bool, narrow: FloatArray | None = None) -> Case:
     """Return the case of a boat believed to be near `start`, at its reference speed; unit: the typical rate w. The
-    state and the instruments' noise are those of a segment: `entered`."""
+    state and the instruments' noise are those of a segment: `entered`. narrow: standard deviations, shape (p,), where
+    the prior need not be wider."""
     d = 6 if cubic else 5
     mean = np.zeros(d)
     mean[2:5] = np.log(start.gain), np.log(start.time_constant), start.n0 / unit
     deviation = [0.0, 0.0, LOG_DEVIATION, LOG_DEVIATION, N0_DEVIATION]
     if cubic:
-        mean[5] = start.n3 * unit**2 if start.n3 > 0.0 else START_N3
-        deviation.append(max(N3_DEVIATION, mean[5]))
+        mean[5] = np.log(start.n3 * unit**2 if start.n3 > 0.0 else START_N3)
+        deviation.append(LOG_N3_DEVIATION)
     root = np.zeros((d, 1))
     root[1, 0] = noise.process
-    prior = Gaussian(mean, np.diag(np.square(deviation)))
-    return Case(NAMES[: d - 2], cubic_rates if cubic else linear_rates, heading_and_rate, root, np.eye(2), prior)
+    spread = np.array(deviation)
+    if narrow is not None:
+        spread[2:] = np.minimum(spread[2:], narrow)
+    prior = Gaussian(mean, np.diag(np.square(spread)))
+    return Case(
+        NAMES[: d - 2], cubic_rates if cubic else linear_rates, heading_and_rate, root, np.eye(2), prior, SUBSTEPS
+    )
 
 
 def together(segment: Segment, start: Norrbin) -> int:
@@ -227,8 +238,8 @@ def _rate_errors(segment: Segment, simulated: FloatArray) -> tuple[FloatArray, F
 
 
 def model_of(values: FloatArray, start: Norrbin, unit: float) -> Norrbin:
-    """Return the model that the parameters (ln K, ln T, n0/w[, n3 w^2]) stand for."""
-    n3 = max(float(values[3]), 0.0) / unit**2 if values.size > 3 else 0.0
+    """Return the model that the parameters (ln K, ln T, n0/w[, ln n3 w^2]) stand for."""
+    n3 = float(np.exp(values[3])) / unit**2 if values.size > 3 else 0.0
     return start._replace(
         gain=float(np.exp(values[0])), time_constant=float(np.exp(values[1])), n0=float(values[2]) * unit, n3=n3
     )
