@@ -59,6 +59,8 @@ MODEL_ERROR = 0.1
 WAVE_CORNER_SHARE = 0.55
 """Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
+STEERAGE_SHARE = 0.1
+"""Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_STALE_SHARE = 0.6
 """Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
 TRIAL_LAW = "trial"
@@ -211,7 +213,7 @@ def learner_of(vessel: Vessel) -> Learner:
 
 def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
     """Return what the pilot knows of the vessel that `law` (None: the file's own) is to steer."""
-    failsafe = vessel.failsafe
+    failsafe, steerage = vessel.failsafe, vessel.control.steerage_m_s
     turn_rate = vessel.guidance.turn_rate_max_deg_s
     return PilotConfig(
         model=model_of(vessel),
@@ -229,6 +231,8 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         turn_rate_max=_radians_or_unlimited(turn_rate),
         rudder_is_ours=vessel.helm.method != "guided",
         wave_corner=wave_corner_of(vessel, law),
+        steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
+        steerage_over_ground=steerage is not None,
     )
 
 

@@ -45,6 +45,9 @@ REPLAN_GUIDED = math.radians(90.0)
 """A firmware that steers by itself turns in its own time: it is only never led the wrong way round."""
 SPEED_CHANGE = 0.02
 """Turn limits are worked out anew when the speed has changed by this share."""
+STEERAGE_AGAIN = 1.2
+"""Steering begins again at this many times the speed at which it ended."""
+NO_STEERAGE = "too slow to steer, or astern: the rudder waits amidships until the boat moves ahead"
 
 
 class HeadingLaw(Protocol):
@@ -65,7 +68,8 @@ class PilotConfig(NamedTuple):
     rudder_share [-] and turn_rate_max [rad/s] bound the planned turns. rudder_is_ours: False where the other side
     steers by itself to the reference heading, so that only what it reports says where the rudder is. Waves quicker
     than wave_corner [rad/s], which holds at the model's speed, are kept from the rudder; slower ones are steered
-    against.
+    against. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts for this
+    where steerage_over_ground says so.
     """
 
     model: Norrbin
@@ -77,6 +81,8 @@ class PilotConfig(NamedTuple):
     turn_rate_max: float = math.inf
     rudder_is_ours: bool = True
     wave_corner: float = 0.0
+    steerage: float = 0.0
+    steerage_over_ground: bool = False
 
 
 class Pilot:
@@ -86,7 +92,7 @@ class Pilot:
         self.config = config
         self.law = law
         self.learner = learner
-        self.estimator = Estimator(config.model, config.gear, config.noise)
+        self.estimator = Estimator(config.model, config.gear, config.noise, config.steerage)
         self.supervisor = Supervisor(Envelope(*config.limits), config.failsafe)
         self.reset()
 
@@ -103,6 +109,7 @@ class Pilot:
         self._side = 1
         self._turn_limits: TurnLimits | None = None
         self._turn_speed = 0.0
+        self._waits = False
 
     @property
     def told(self) -> RudderCommand:
@@ -119,7 +126,7 @@ class Pilot:
         # who moves the rudder is settled when the links are opened
         self.config, self.law = config._replace(rudder_is_ours=self.config.rudder_is_ours), law
         law.reset(self._told.angle)
-        self.estimator.reconfigure(config.model, config.gear, config.noise)
+        self.estimator.reconfigure(config.model, config.gear, config.noise, config.steerage)
         self.supervisor.reconfigure(Envelope(*config.limits), config.failsafe)
         self._turn_limits = None
         if self.learner is not None and config.model != self.learner.present:
@@ -142,6 +149,7 @@ class Pilot:
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
             state = self._engage(now, state)
         steady = self._steady(state)
+        self._watch_steerage(now, mode, order, steady)
         reference = self._guide(mode, order, steady, dt)
         demand = self._demand(mode, order, reference, steady, dt)
         previous = self._told.angle if self._told.engaged else state.rudder
@@ -199,6 +207,20 @@ class Pilot:
         quickness = self.estimator.model.reference_speed / self.config.model.reference_speed
         return state.without_waves(left_alone(state.wave_frequency, self.config.wave_corner * quickness))
 
+    def _watch_steerage(self, now: float, mode: Mode, order: Order, state: NavState) -> None:
+        """Notice when there is too little speed to hold a heading with, and when there is enough again."""
+        counts = self.config.steerage_over_ground or not self.estimator.speed_over_ground
+        least = self.config.steerage * (STEERAGE_AGAIN if self._waits else 1.0)
+        waits = mode is Mode.ENGAGED and order.kind is OrderKind.HEADING and counts and state.speed < least
+        if waits == self._waits:
+            return
+        self._waits = waits
+        self.supervisor.note(AlarmSample(now, NO_STEERAGE if waits else "", "steerage"))
+        if mode is Mode.ENGAGED:
+            # the turn is planned anew, from where the boat has drifted to
+            self._boat = self._virtual(state)
+            self.law.reset(self._told.angle)
+
     def _guide(self, mode: Mode, order: Order, state: NavState, dt: float) -> Reference:
         if mode is not Mode.ENGAGED:
             return Reference(state.heading, state.rate, 0.0)
@@ -206,6 +228,8 @@ class Pilot:
             self._begin(order, state)
         if order.kind is not OrderKind.HEADING:
             return Reference(state.heading, state.rate, 0.0)
+        if self._waits:
+            return Reference(self._order_heading)
         model = self.estimator.model
         target = self._order_heading
         replan = REPLAN if self.config.rudder_is_ours else REPLAN_GUIDED
@@ -248,4 +272,6 @@ class Pilot:
         if order.kind is OrderKind.ZIGZAG:
             self._side = zigzag_side(self._side, self._order_heading, state.heading, order.heading_change)
             return self._side * order.rudder
+        if self._waits:
+            return 0.0
         return self.law.update(self.estimator.model, reference, state, self._told.angle, dt)

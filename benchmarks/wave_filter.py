@@ -22,7 +22,7 @@ from study_boats import SEAS, Figures, StudyBoat, boats, figures, lanxin_as_file
 from autopilot.params.vessel import Estimator
 from autopilot.params.vessel_file import load_vessel
 
-SIDES_DEG = (30.0, 60.0, 120.0, 150.0)
+SIDES_DEG = (45.0, 135.0)
 """Where the waves come from, off the bow; exactly ahead, abeam or astern a long-crested sea does not yaw a boat."""
 SETTLED_S = 120.0
 FIRST_SEED = 9000

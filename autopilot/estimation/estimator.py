@@ -71,11 +71,15 @@ def is_rudder(angle: float) -> bool:
 
 
 class Estimator:
-    """Heading, rate, rudder and bias from irregular samples; see the module's docstring."""
+    """Heading, rate, rudder and bias from irregular samples; see the module's docstring.
 
-    def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise) -> None:
+    Slower than `steerage` [m/s], and astern, the rudder tells nothing of the bias: it stays what it was.
+    """
+
+    def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         self._reference_model = model
         self._noise = noise
+        self._steerage = steerage
         self.rudder = RudderTrack(gear)
         self.reset()
 
@@ -92,10 +96,11 @@ class Estimator:
         self._heading_time = -math.inf
         self._speed: float | None = None
         self._speed_time = -math.inf
+        self.speed_over_ground = False
 
-    def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise) -> None:
+    def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         """Go on with another model, steering gear and noise; what is known of the boat stays known."""
-        self._reference_model, self._noise = model, noise
+        self._reference_model, self._noise, self._steerage = model, noise, steerage
         self.rudder.reconfigure(gear)
         most = SPEED_RATIO_MOST * model.reference_speed
         self.model = model if self._speed is None else at_speed(model, clip(self._speed, -most, most))
@@ -140,6 +145,7 @@ class Estimator:
             share = 1.0 - math.exp(-max(now - self._speed_time, 0.0) / SPEED_SMOOTHING)
             self._speed += share * (sample.speed - self._speed)
         self._speed_time = now
+        self.speed_over_ground = sample.over_ground
         most = SPEED_RATIO_MOST * self._reference_model.reference_speed
         self.model = at_speed(self._reference_model, clip(self._speed, -most, most))
 
@@ -216,6 +222,8 @@ class Estimator:
             self._heading_time = max(self._heading_time, sample.time)
         if self._noise.waves:
             state = learn_waves(state, sample.time - before.time)
+        if self._speed is not None and self._speed < self._steerage:
+            state = ekf.with_bias_of(before, state)
         self._fused.append(_Fused(before, sample))
         self._state = state
         self.counters.fused += 1

@@ -62,6 +62,12 @@ class FilterState(NamedTuple):
     sea: Sea = NO_SEA
 
 
+def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
+    """Return the state with the bias, and how well it is known, as they were `before`."""
+    kept = state._replace(bias=before.bias, p02=0.0, p12=0.0, p22=before.p22)
+    return kept._replace(p23=0.0, p24=0.0, p25=0.0)
+
+
 Waves = tuple[
     float, float, float, float, float, float, float, float, float,
     float, float, float, float, float, float, float, float, float,

@@ -112,6 +112,10 @@ class Control:
     law: Literal["backstepping", "pid", "sliding"] = "backstepping"
     rate_hz: Annotated[float, Bounds(1.0, 200.0, "control rate")] = 20.0
     loop_delay_s: Annotated[float, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
+    steerage_m_s: (
+        Annotated[float, Bounds(0.0, 50.0, "slower than this the rudder waits amidships; 0: never")] | None
+    ) = None
+    """null: a tenth of the model's reference speed, through the water; a number counts over the ground too."""
     backstepping: Backstepping | None = None
     pid: Pid | None = None
     sliding: Sliding | None = None
