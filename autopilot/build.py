@@ -67,9 +67,11 @@ TRIAL_LAW = "trial"
 """In place of a law's name: trials order rudder angles and need no gains."""
 BIAS_CHANGE = math.radians(2.0)
 BIAS_CHANGE_IN_WAVES = math.radians(0.3)
+BIAS_CHANGE_PUSHED = math.radians(5.0)
 BIAS_TIME = 10.0
 """Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer. Where
-waves are filtered the bias may be slow: what is sudden is noticed as more than a wave."""
+waves are filtered it may be slow: what is sudden is noticed as more than a wave, and then it is quick. With 2 deg in
+place of 5 a boat turning 40 % better than its model swings to and fro after a minute with the rudder at its stop."""
 
 
 def model_of(vessel: Vessel) -> Norrbin:
@@ -112,15 +114,17 @@ def noise_of(vessel: Vessel) -> FilterNoise:
     model, sensors = vessel.model, vessel.sensors
     moment = model.K_1_s / model.T_s
     filtered = vessel.estimator.wave_filter == "auto"
+    bias_time = max(BIAS_TIME, 2.0 * model.T_s)
     calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if filtered else (SEA, BIAS_CHANGE)
     return FilterNoise(
         heading=math.radians(sensors.heading_noise_deg) ** 2,
         rate=math.radians(sensors.rate_noise_deg_s) ** 2,
         acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
-        bias=bias * bias / max(BIAS_TIME, 2.0 * model.T_s),
+        bias=bias * bias / bias_time,
         model_error=MODEL_ERROR if filtered else 0.0,
         waves=filtered,
         gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
+        gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +26,15 @@ from sitl.boat import Boat, BoatState, Hull, Plant
 from sitl.scenario import IttcSection, Scenario, WavesSection, WindSection
 from sitl.sea import Sea
 
-CONTROL_HZ, COMPASS_HZ, PLANT_HZ = 20, 10, 80
+CONTROL_HZ, COMPASS_HZ, PLANT_HZ = 20, 10, 40
 SLOW_RAD_S = 0.25
 """Below this frequency a heading error counts as the course's, not the waves'."""
 
 Floats = npt.NDArray[np.float64]
+
+
+Helmsman = Callable[[float, tuple[Sample, ...]], float]
+"""Time [s] and the samples that arrived -> rudder order [rad]."""
 
 
 class StudyBoat(NamedTuple):
@@ -125,19 +130,29 @@ def lanxin_as_filed(boat: StudyBoat, filed: Vessel) -> StudyBoat:
     return boat._replace(vessel=dataclasses.replace(boat.vessel, control=filed.control))
 
 
+def pilot_of(vessel: Vessel) -> Helmsman:
+    """Return the product's pilot, ordered to steer north."""
+    pilot, order = build_pilot(vessel), Order(OrderKind.HEADING, 0.0, serial=1)
+    return lambda now, samples: pilot.step(now, samples, order).command.angle
+
+
 def sail(
-    boat: StudyBoat, sea: StudySea, from_deg: float, seconds: float, seed: int, law: str | None = None,
-    gain_factor: float = 1.0,
-) -> Record:  # fmt: skip
-    """Return a run on course north in a sea from `from_deg`; the true K is `gain_factor` times the pilot's."""
+    boat: StudyBoat,
+    sea: StudySea,
+    from_deg: float,
+    seconds: float,
+    seed: int,
+    helmsman: Helmsman | None = None,
+) -> Record:
+    """Return a run on course north in a sea from `from_deg`; a `helmsman` takes the pilot's place."""
     waves = WavesSection(ittc=IttcSection(sea.height, sea.period, from_deg) if sea.height > 0.0 else None)
     scenario = Scenario(1, "study", waves=waves, wind=WindSection(sea.wind, from_deg, sea.gust))
     dt = 1.0 / PLANT_HZ
     water = Sea(scenario, boat.hull, np.random.SeedSequence(seed), dt)
     model, speed = model_of(boat.vessel), boat.vessel.model.reference_speed_m_s
-    plant = Plant(model._replace(gain=model.gain * gain_factor), gear_of(boat.vessel), boat.hull)
+    plant = Plant(model, gear_of(boat.vessel), boat.hull)
     vessel, random = Boat(plant, BoatState(speed=speed)), np.random.default_rng(100_000 + seed)
-    pilot, order = build_pilot(boat.vessel, law), Order(OrderKind.HEADING, 0.0, serial=1)
+    steer = helmsman or pilot_of(boat.vessel)
     noise, rate_noise = (
         math.radians(boat.vessel.sensors.heading_noise_deg),
         math.radians(boat.vessel.sensors.rate_noise_deg_s),
@@ -151,7 +166,7 @@ def sail(
             samples = (HeadingSample(now, heading, state.rate + rate_noise * random.standard_normal()),)
         if index % CONTROL_HZ == 0:
             samples += (SpeedSample(now, state.speed),)
-        told = pilot.step(now, samples, order).command.angle
+        told = steer(now, samples)
         rows[index] = now, state.heading, told
         for part in range(PLANT_HZ // CONTROL_HZ):
             vessel.step(now + part * dt, told, speed, water.step(now + part * dt, vessel.state), dt)

@@ -79,8 +79,8 @@ class FilterNoise(NamedTuple):
     """Variances: heading [rad^2], rate [(rad/s)^2]; densities a second: acceleration [(rad/s)^2/s], bias [rad^2/s].
 
     model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share of it, as white noise. With `waves` the
-    sea is learnt and kept out of psi and r, and `gust` [(rad/s)^2/s] takes the place of `acceleration` while the boat
-    is pushed further than waves would.
+    sea is learnt and kept out of psi and r, and `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the places of
+    `acceleration` and `bias` while the boat is pushed further than waves would.
     """
 
     heading: float
@@ -90,6 +90,7 @@ class FilterNoise(NamedTuple):
     model_error: float = 0.0
     waves: bool = False
     gust: float = 0.0
+    gust_bias: float = 0.0
 
 
 def initial(
@@ -175,7 +176,9 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     a02 = p02 + turn * p12 + drift * p22
     a12 = decay * p12 + gain * p22
     steered = noise.model_error * model.gain * (rudder + bias) / model.time_constant
-    pushed = noise.gust if noise.waves and wave_motion.is_extreme(state.sea, state.wave) else noise.acceleration
+    pushed, wandered = noise.acceleration, noise.bias
+    if noise.waves and wave_motion.is_extreme(state.sea, state.wave):
+        pushed, wandered = noise.gust, noise.gust_bias
     q = (pushed + steered * steered) * dt
     boat = (
         time,
@@ -187,7 +190,7 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
         a02,
         decay * (decay * p11 + gain * p12) + gain * a12 + q,
         a12,
-        p22 + noise.bias * dt,
+        p22 + wandered * dt,
     )
     if state.sea.heading <= 0.0:
         return FilterState(*boat)

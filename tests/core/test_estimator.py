@@ -53,6 +53,64 @@ def test_shuffled_arrival_gives_the_state_of_ordered_arrival() -> None:
     assert shuffled.update(4.0, ()) == pytest.approx(ordered.update(4.0, ()), abs=1e-12)
 
 
+WAVES = NOISE._replace(acceleration=2.7e-5, bias=2.7e-6, model_error=0.1, waves=True, gust=2.7e-3)
+"""The noise that a vessel file with a wave filter gives this boat."""
+
+
+def in_waves(time: float) -> tuple[float, float]:
+    """A slow swing of the boat's own and waves of 1 deg, as heading and rate."""
+    own, wave = math.radians(5.0), math.radians(1.4)
+    heading = own * math.sin(0.05 * time) + wave * math.sin(1.1 * time)
+    return heading, 0.05 * own * math.cos(0.05 * time) + 1.1 * wave * math.cos(1.1 * time)
+
+
+@pytest.mark.parametrize("with_rate", [True, False])
+def test_in_waves_too_the_order_of_arrival_does_not_matter(with_rate: bool) -> None:
+    samples: list[Sample] = []
+    for i in range(400):
+        heading, rate = in_waves(0.1 * i)
+        samples.append(HeadingSample(0.1 * i, heading, rate if with_rate else None))
+        if not with_rate and i % 2:
+            samples.append(RateSample(0.1 * i - 0.03, in_waves(0.1 * i - 0.03)[1]))
+    samples.sort(key=lambda sample: sample.time)
+    ordered, shuffled = (Estimator(MODEL, GEAR, WAVES) for _ in range(2))
+    for sample in samples:
+        ordered.update(40.0, (sample,))
+    late = samples[:1]
+    for start in range(1, len(samples), 5):
+        part = samples[start : start + 5]
+        random.Random(start).shuffle(part)
+        late += part
+    for sample in late:
+        shuffled.update(40.0, (sample,))
+    assert shuffled.counters.late > 50
+    assert shuffled.update(40.0, ()) == pytest.approx(ordered.update(40.0, ()), abs=1e-9)
+
+
+@pytest.mark.parametrize("with_rate", [True, False])
+def test_irregular_samples_with_spikes_still_part_boat_and_waves(with_rate: bool) -> None:
+    """Intervals from 20 ms to 0.8 s, 0.3 deg of noise, every twentieth heading anywhere: the boat's swing is found."""
+    tested, deviates = Estimator(MODEL, GEAR, WAVES._replace(acceleration=2.7e-4)), np.random.default_rng(5)
+    now, errors, totals, spikes = 0.0, [], [], 0
+    while now < 300.0:
+        now += float(deviates.choice([0.02, 0.1, 0.1, 0.2, 0.8]))
+        heading, rate = in_waves(now)
+        measured = heading + math.radians(0.3) * float(deviates.standard_normal())
+        if deviates.random() < 0.05:
+            measured, spikes = wrap(heading + float(deviates.uniform(0.5, 5.5))), spikes + 1
+        noisy = rate + math.radians(0.2) * float(deviates.standard_normal()) if with_rate else None
+        state = tested.update(now, (HeadingSample(now, measured, noisy),))
+        if now > 120.0:
+            own = math.radians(5.0) * math.sin(0.05 * now)
+            errors.append(state.without_waves().heading - own)
+            totals.append(state.heading - heading)
+    assert tested.counters.spikes >= 0.95 * spikes
+    assert math.degrees(float(np.std(totals))) < 0.35
+    assert math.degrees(float(np.std(errors))) < 0.6, "waves of 1 deg rms are all but gone"
+    assert state.wave_deviation == pytest.approx(math.radians(1.0), rel=0.35)
+    assert state.wave_frequency == pytest.approx(1.1, rel=0.25)
+
+
 def test_repeated_samples_change_nothing() -> None:
     once, twice = estimator(), estimator()
     for sample in swing():
