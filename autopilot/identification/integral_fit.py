@@ -55,9 +55,6 @@ TRIM_RAD = math.radians(3.0)
 CUBIC_SHARE = 0.3
 """n3 is expected to be so large that it makes this share of the damping at the typical rate, or as large as it was."""
 
-MODELLED_WITHIN = 4.0
-"""The simulated boat's K and T stay within this factor of the first ones: it must not run away with a bad estimate."""
-
 RATE_MEMORY = 200
 ENOUGH = 2 * BLOCKS
 """Windows before which no standard error is believed."""
@@ -70,7 +67,8 @@ UNBIASED_WORTH, UNBIASED_WORTH_HEADINGS = 1.25, 4.0
 those of the sums that began with the measured motion; more where only headings are measured, which bias those more."""
 
 REFIT, REFIT_FACTOR = 0.25, 1.6
-"""Windows are fitted anew when K and T are known to this share and the length is off by this factor."""
+"""When K and T are known to this share, the boat beside is simulated with them, and windows are fitted anew where the
+length is off by this factor."""
 """Windows over which the typical rate is taken."""
 
 
@@ -96,7 +94,7 @@ class IntegralFit:
     """The recursive estimate; feed it with `update`, read `model` and `standard_errors`.
 
     `first` is the model it begins with and is held to where nothing is learnt; n1, n2 = 0 and the reference speed are
-    its own. `simulated` is a model good enough to simulate from the beginning, where there is one. Raises ValueError
+    its own. `simulated` is a model good enough to simulate with throughout, where there is one. Raises ValueError
     for a first model with n2.
     """
 
@@ -112,7 +110,9 @@ class IntegralFit:
         self._boat = BoatBeside(settings.longest_gap, led_back=first.n1 < 0.0)
         length = settings.length or window_length(first.time_constant / CAUTION)
         self._open_windows(length)
-        self.model = simulated or first
+        self.model = self._guide = simulated or first
+        self._is_guided = simulated is not None
+        self._led_since = -math.inf
         self.windows = 0
         size = len(NAMES)
         self._sums = self._trusted = WindowSums(size, EXPECTED_ERROR_RAD)
@@ -149,9 +149,9 @@ class IntegralFit:
             self._begin_with(rate is not None)
         boat = self._boat
         if reference is None:
-            boat.simulate(self._modelled(), time, rudder, ratio, heading, rate)
+            boat.simulate(self._guide, time, rudder, ratio, heading, rate)
         else:
-            boat.follow(self._modelled(), time, ratio, reference)
+            boat.follow(self._guide, time, ratio, reference)
         window = self._window.update(time, rudder, ratio, heading, rate)
         if heading is None and rate is None:
             self._beside.update(time, boat.moved_by, ratio)
@@ -167,20 +167,16 @@ class IntegralFit:
         if not has_rates and self.settings.length is None:
             self._open_windows(window_length(self.first.time_constant / PATIENCE))
 
-    def _modelled(self) -> Norrbin:
-        first, model = self.first, self.model
-        return model._replace(
-            gain=_within(model.gain, first.gain, MODELLED_WITHIN),
-            time_constant=_within(model.time_constant, first.time_constant, MODELLED_WITHIN),
-        )
-
     def _add(self, window: Integrals, beside: Integrals) -> None:
         regressors, instruments = _terms(window), _terms(beside)
         first = _values(self.first)
         missing = self.first.n1 * window.turned - float(regressors @ first)
         is_steered = window.time - self._boat.followed <= self.length
-        self._unbiased.add(self._fading, instruments, regressors, missing)
-        is_measured = not self._led and not is_steered
+        # a window in which the boat beside was given another model is no instrument
+        is_whole = is_steered or window.time - self._led_since > self.length
+        if is_whole:
+            self._unbiased.add(self._fading, instruments, regressors, missing)
+        is_measured = not (self._led or is_steered) or not is_whole
         self._sums.add(self._fading, regressors if is_measured else instruments, regressors, missing)
         self._count(np.array([self.first.n1 * window.turned, *regressors]))
         self.windows += 1
@@ -190,8 +186,19 @@ class IntegralFit:
             return
         errors = self.standard_errors()
         self._led = self._led or self._is_settled(errors, LED)
-        if self.settings.length is None and self._is_settled(errors, REFIT):
-            self._refit_window()
+        if self._is_settled(errors, REFIT):
+            self._lead(window.time)
+            if self.settings.length is None:
+                self._refit_window()
+
+    def _lead(self, time: float) -> None:
+        """Simulate the boat beside with what was found, unless it has been given a model for good."""
+        if self._is_guided:
+            return
+        if self._led_since == -math.inf:
+            self._led_since = time
+            self._unbiased = WindowSums(len(NAMES), EXPECTED_ERROR_RAD)
+        self._guide = self.model
 
     def _is_settled(self, errors: dict[str, float], share: float) -> bool:
         return all(errors[name] < share * getattr(self.model, name) for name in ("gain", "time_constant"))

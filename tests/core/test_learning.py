@@ -338,3 +338,14 @@ def test_both_boats_are_foretold_from_the_same_beginning() -> None:
     assert outcomes
     assert all(time < 16.0 for time, _ in outcomes)
     assert max(abs(found.other) for _, found in outcomes) < 0.25 * max(abs(found.present) for _, found in outcomes)
+
+
+def test_a_run_that_could_not_learn_says_so_before_it_opens_a_link(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from autopilot.cli.main import main
+
+    path = tmp_path / "bent.yaml"
+    path.write_text(dump_vessel(dataclasses.replace(LANXIN, model=dataclasses.replace(LANXIN.model, n2_s_rad=0.1))))
+    assert main(["run", str(path), "--link", "udpin:127.0.0.1:0", "--learn"]) == 4
+    assert "--learn knows no model.n2_s_rad" in capsys.readouterr().err
