@@ -56,6 +56,8 @@ def _table(text: str, reading: ReadOptions, rudder: RudderSettings) -> tuple[Map
     if "rudder_rad" not in table:
         hint = next((note for note in recording.notes if "servo" in note), "")
         raise InputError(hint or f"{text}: holds no rudder; the rudder's angle, its servo or its orders are needed.")
+    if "speed_m_s" not in table:
+        raise InputError(f"{text}: holds no two speeds; merge them in from another log of the run with +FILE.")
     how = uses["rudder_rad"]
     told = (f"{text}: the rudder is {how}.",) if how.startswith(("as", "by")) else ()
     return table, (*recording.notes, *told)

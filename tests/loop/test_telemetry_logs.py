@@ -209,6 +209,37 @@ def test_a_reboot_goes_on_behind_what_was_before(tmp_path: Path) -> None:
     assert heading.longest_gap == pytest.approx(20.0, abs=0.2)
 
 
+def test_a_ground_station_whose_clock_is_set_does_not_matter(tmp_path: Path) -> None:
+    events = list(tlog_events(BOAT))
+    half = len(events) // 2
+    data = tlog(iter(events[:half])) + tlog(iter(events[half:]), began=EPOCH - 3600.0)
+    recording = read_recording(written(tmp_path, data, "set.tlog"))
+    assert_sailed(recording, BOAT, 0.004)
+    assert recording.of(HEADING)[0].longest_gap < 0.11
+
+
+def test_two_attitudes_are_too_few_and_said(tmp_path: Path) -> None:
+    events = [event for event in tlog_events(BOAT) if event[0] < 0.11]
+    path = written(tmp_path, tlog(iter(events)), "short.tlog")
+    with pytest.raises(InputError, match="holds no two speeds; merge them in from another log"):
+        load_run(path, options=WITH_GEAR)
+
+
+def test_a_rudder_that_turns_the_wrong_way_is_refused_by_name(tmp_path: Path) -> None:
+    path = written(tmp_path, tlog(tlog_events(BOAT)), "trial.tlog")
+    swapped = LogOptions(rudder=RudderSettings(at_full=-FULL, gear=GEAR))
+    with pytest.raises(InputError, match=r"--reverse-rudder|opposite"):
+        identify([load_run(path, options=swapped)], "nomoto")
+
+
+def test_a_message_with_fields_newer_than_the_reader_is_stepped_over(tmp_path: Path) -> None:
+    future = b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", 77, 12, b"NEW", b"Q\x7f", b"TimeUS,Odd")
+    record = b"\xa3\x95" + bytes([77]) + bytes(9)
+    recording = read_recording(written(tmp_path, future + record * 3 + dataflash(BOAT), "future.BIN"))
+    assert recording.notes == ()
+    assert_sailed(recording, BOAT, 0.004)
+
+
 def test_of_several_vehicles_the_most_talkative_or_the_chosen_one_is_read(tmp_path: Path) -> None:
     mine, other = tlog(tlog_events(BOAT), system=7), tlog(tlog_events(zigzag_boat(30.0)), system=2)
     path = written(tmp_path, other + mine, "fleet.tlog")

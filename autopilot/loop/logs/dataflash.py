@@ -147,6 +147,10 @@ class DataFlash:
         if kind == FMT:
             return
         layout = _layout(name, length, letters, labels)
+        if layout is None and name not in self._wanted and length > len(HEAD):
+            # a field of a kind that is newer than this reader: its length is all that matters
+            self._lengths[kind] = length
+            return
         if layout is None:
             raise InputError(
                 f"{self._path}: the description of message {name or kind} at byte {place} does not agree with itself "
