@@ -153,8 +153,8 @@ class DataFlash:
             return
         if layout is None:
             raise InputError(
-                f"{self._path}: the description of message {name or kind} at byte {place} does not agree with itself "
-                f"(length {length}, format {letters}, fields {labels}); the log is damaged there."
+                f"{self._path}: the description of message {(name or kind)!r} at byte {place} does not agree with "
+                f"itself (length {length}, format {letters!r}, fields {labels!r}); the log is damaged there."
             )
         self._lengths[kind] = length
         if name in self._wanted:

@@ -64,6 +64,11 @@ WEEK_S = 604_800.0
 def read_dataflash(path: str, data: bytes, servo: Servo | None = None) -> Recording:
     """Return the recording in a .BIN. servo: the steering servo, instead of what PARM says. Raises InputError."""
     log = DataFlash(path, data, WANTED)
+    with np.errstate(all="ignore"):  # a damaged number may be anything; what is not finite is left out
+        return _recording(path, log, servo)
+
+
+def _recording(path: str, log: DataFlash, servo: Servo | None) -> Recording:
     series = [found for meaning in MEANINGS for found in _series(log, *meaning)]
     if not any(s.quantity in (HEADING, RATE) for s in series):
         raise InputError(

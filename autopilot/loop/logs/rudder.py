@@ -87,11 +87,12 @@ def _between_reports(orders: Series) -> Series:
     A change is seen at the first report after it, half a spacing late on average; a straight line from the report
     before is right on average.
     """
-    times = np.arange(orders.time[0], orders.time[-1], GEAR_STEP_S)
-    after = np.clip(np.searchsorted(orders.time, times, side="right"), 1, orders.time.size - 1)
-    known = orders.time[after] - orders.time[after - 1] <= max(LONGEST_HOLD_S, 5.0 * orders.spacing)
-    middles = np.interp(times[known] + 0.5 * GEAR_STEP_S, orders.time, orders.values)
-    return orders._replace(time=times[known], values=middles)
+    pauses = np.flatnonzero(np.diff(orders.time) > max(LONGEST_HOLD_S, 5.0 * orders.spacing)) + 1
+    stretches = np.split(orders.time, pauses)
+    times = np.concatenate(
+        [np.arange(part[0], max(part[-1], part[0] + GEAR_STEP_S), GEAR_STEP_S) for part in stretches]
+    )
+    return orders._replace(time=times, values=np.interp(times + 0.5 * GEAR_STEP_S, orders.time, orders.values))
 
 
 def through_gear(orders: Series, gear: SteeringGear) -> Series:

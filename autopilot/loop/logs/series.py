@@ -24,6 +24,10 @@ ANGLES = (HEADING, WIND_DIRECTION, LONGITUDE)
 """Quantities that go round the circle."""
 
 
+FARTHEST_S = 3.0 * 86400.0
+"""A sample whose time is further than this off the middle of the others' is damage: no run is so long."""
+
+
 class Series(NamedTuple):
     """One quantity from one source: times [s] on the recording's clock, strictly increasing, and values."""
 
@@ -76,6 +80,9 @@ def series_of(
     """Return the series of finite samples in order of time, of samples at one time the last; none where empty."""
     time, value = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
     known = np.isfinite(time) & np.isfinite(value)
+    if not known.any():
+        return ()
+    known &= np.abs(time - np.median(time[known])) < FARTHEST_S
     time, value = time[known], value[known]
     if time.size == 0:
         return ()

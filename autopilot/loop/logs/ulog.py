@@ -76,13 +76,15 @@ def read_ulog(path: str, data: bytes, servo: Servo | None = None) -> Recording:
     """
     log, is_corrupt = _load(path, data)
     topics = {topic: _first_of(log, topic) for topic in TOPICS}
-    series = [found for read in (_attitude, _rates, _speeds, _positions) for found in read(topics)]
+    with np.errstate(all="ignore"):  # a damaged number may be anything; what is not finite is left out
+        series = [found for read in (_attitude, _rates, _speeds, _positions) for found in read(topics)]
     if not any(found.quantity == HEADING for found in series):
         raise InputError(f"{path}: holds no vehicle_attitude, so no heading; let the logger write it (SDLOG_PROFILE).")
     notes = (f"{path}: is damaged or torn; what pyulog could read is used.",) if is_corrupt else ()
     told = log.initial_parameters.items()
     parameters = {name: float(value) for name, value in told if isinstance(value, int | float)}
-    steering = _steering(path, topics, servo, parameters)
+    with np.errstate(all="ignore"):
+        steering = tuple(_steering(path, topics, servo, parameters))
     return from_zero(Recording(path, "PX4 log", (*series, *steering), _began(topics), notes))
 
 
