@@ -288,6 +288,7 @@ def test_a_torn_end_is_left_out_and_told(tmp_path: Path, kind: str) -> None:
         (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "no log of a kind known here"),
         (b"\x1f\x8b\x08\x00rest", r"is packed \(gzip\)"),
         (b"PK\x03\x04rest", r"is packed \(zip\)"),
+        (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\r\n", "give the .BIN that it was made from"),
         (dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3).pack(dialect.MAVLink(None)) * 9, "without time stamps"),
         (tlog(iter([(0.0, dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))])), "holds no ATTITUDE of any vehicle"),
         (b"\xa3\x95\x80", "holds no ATT"),

@@ -74,6 +74,8 @@ def kind_of(path: str, data: bytes) -> Kind:
         return Kind.OWN if is_own(data) else Kind.TLOG
     if data.startswith(ULOG):
         return Kind.ULOG
+    if data.startswith(b"FMT, 128"):
+        raise InputError(f"{path}: is a DataFlash log turned into text; give the .BIN that it was made from.")
     _check_promise(path)
     for beginning, name in PACKED.items():
         if data.startswith(beginning):
