@@ -17,6 +17,7 @@ from autopilot.control.design import (
     linear_gains_sliding,
 )
 from autopilot.control.pid import PidGains, PidLaw
+from autopilot.control.roll_damping import RollDamping
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
@@ -237,6 +238,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         wave_corner=wave_corner_of(vessel, law),
         steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
         steerage_over_ground=steerage is not None,
+        roll=roll_damping_of(vessel),
     )
 
 
@@ -270,6 +272,12 @@ def priority_of(vessel: Vessel) -> PrioritySettings:
         heading_stale=HEADING_STALE_SHARE * vessel.failsafe.heading_timeout_s,
         disagree=math.inf if limit is None else math.radians(limit),
     )
+
+
+def roll_damping_of(vessel: Vessel) -> RollDamping | None:
+    """Return how the vessel's rudder works against roll; None where the file has no section control.roll."""
+    roll = vessel.control.roll
+    return None if roll is None else RollDamping(roll.rate_gain_s, math.radians(roll.rudder_max_deg), roll.lowest_rad_s)
 
 
 def follow_of(vessel: Vessel) -> FollowSettings:

@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from autopilot.angles import shortest_turn
+from autopilot.control.roll_damping import RollDamper, RollDamping
 from autopilot.estimation.estimator import Estimator, is_rudder
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.wave_motion import left_alone
@@ -27,6 +28,7 @@ from autopilot.signals import (
     Order,
     OrderKind,
     Reference,
+    RollSample,
     RudderCommand,
     RudderSample,
     Sample,
@@ -69,7 +71,7 @@ class PilotConfig(NamedTuple):
     steers by itself to the reference heading, so that only what it reports says where the rudder is. Waves quicker
     than wave_corner [rad/s], which holds at the model's speed, are kept from the rudder; slower ones are steered
     against. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts for this
-    where steerage_over_ground says so.
+    where steerage_over_ground says so. roll: the rudder damps roll too, while that helps; None: it does not.
     """
 
     model: Norrbin
@@ -83,6 +85,7 @@ class PilotConfig(NamedTuple):
     wave_corner: float = 0.0
     steerage: float = 0.0
     steerage_over_ground: bool = False
+    roll: RollDamping | None = None
 
 
 class Pilot:
@@ -94,6 +97,7 @@ class Pilot:
         self.learner = learner
         self.estimator = Estimator(config.model, config.gear, config.noise, config.steerage)
         self.supervisor = Supervisor(Envelope(*config.limits), config.failsafe)
+        self.damper = RollDamper(config.roll) if config.roll is not None else None
         self.reset()
 
     def reset(self) -> None:
@@ -101,6 +105,9 @@ class Pilot:
         self.estimator.reset()
         self.supervisor.reset()
         self.law.reset(0.0)
+        self._roll_rudder = 0.0
+        if self.damper is not None:
+            self.damper.reset()
         self._number = 0
         self._now: float | None = None
         self._told = RudderCommand(0.0, 0.0, False)
@@ -123,6 +130,9 @@ class Pilot:
         """
         if abs(self._told.angle) > config.limits.angle_max:
             raise ValueError("reconfigure: the rudder stands outside the new limits")
+        if config.roll != self.config.roll:
+            self.damper = RollDamper(config.roll) if config.roll is not None else None
+            self._roll_rudder = 0.0
         # who moves the rudder is settled when the links are opened
         self.config, self.law = config._replace(rudder_is_ours=self.config.rudder_is_ours), law
         law.reset(self._told.angle)
@@ -151,7 +161,7 @@ class Pilot:
         steady = self._steady(state)
         self._watch_steerage(now, mode, order, steady)
         reference = self._guide(mode, order, steady, dt)
-        demand = self._demand(mode, order, reference, steady, dt)
+        demand = self._demand(mode, order, reference, steady, dt) + self._against_roll(now, dt, mode, order)
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
         command = self.supervisor.check(now, order, previous, demand, limited, dt)
@@ -178,6 +188,8 @@ class Pilot:
                 self.supervisor.hear(sample)
             elif isinstance(sample, AlarmSample):
                 self.supervisor.note(sample)
+            elif isinstance(sample, RollSample) and self.damper is not None:
+                self.damper.hear(sample)
             elif isinstance(sample, RudderSample) and self._moved_by_others(sample):
                 # the steering gear follows somebody else's orders
                 self.estimator.rudder.order(now, sample.angle)
@@ -264,6 +276,14 @@ class Pilot:
             )
         return self._turn_limits
 
+    def _against_roll(self, now: float, dt: float, mode: Mode, order: Order) -> float:
+        """Rudder against roll on top of the heading law's; trials keep the rudder they order."""
+        if self.damper is None:
+            return 0.0
+        steers = mode is Mode.ENGAGED and order.kind is OrderKind.HEADING and self.config.rudder_is_ours
+        self._roll_rudder = self.damper.update(now, dt, engaged=steers and not self._waits)
+        return self._roll_rudder
+
     def _demand(self, mode: Mode, order: Order, reference: Reference, state: NavState, dt: float) -> float:
         if mode is not Mode.ENGAGED:
             return 0.0
@@ -274,4 +294,6 @@ class Pilot:
             return self._side * order.rudder
         if self._waits:
             return 0.0
-        return self.law.update(self.estimator.model, reference, state, self._told.angle, dt)
+        # the law's memory is of its own rudder, not of what was set against roll on top of it
+        own = self._told.angle - self._roll_rudder
+        return self.law.update(self.estimator.model, reference, state, own, dt)

@@ -10,11 +10,12 @@ naval vessel at 15 knots): there the loop's sensitivity is 1 whatever the law, a
 frequency raises it below. In stern-quartering seas, met at such frequencies, any roll law amplifies. So
 `RollSchedule` weighs the roll law by what it would do to the present roll:
 
-    x_free   = x - (response of the linear model to the rudder as it stood): the roll with the rudder amidships
-    x_shadow = x_free + (response of the linear model to a rudder under the roll law, through the steering gear)
+    x_free  = x - (response of the linear model to the rudder as it stood): the ship with the rudder amidships
+    x_quiet = x_free + (response of the linear model to a rudder under a quiet heading law, through the steering gear)
+    x_roll  = x_free + (the same under the roll law)
 
-Both go on all the time, whoever steers. The weight rises where the shadow rolls less than the free boat over the last
-minutes and falls to zero where it does not.
+All go on all the time, whoever steers. The weight rises where the third has rolled less than both others over the last
+minutes and falls to zero where it has not.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from autopilot.control.sliding_heading import SMALL, sliding_surface
+from autopilot.control.sliding_heading import SMALL, SwayYawLaw, sliding_surface, sway_yaw_rudder
 from autopilot.models.naval_vessel import LinearMotion, Motion
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
 
@@ -125,25 +126,33 @@ class ScheduleSettings(NamedTuple):
     wait: float = 60.0
 
 
+class Shadow(NamedTuple):
+    """A ship that steers by itself in the sea of the real one: its response to its own rudder, that rudder [rad], and
+    mean and variance of its roll [rad, rad^2]."""
+
+    response: Motion
+    rudder: float
+    mean: float
+    variance: float
+
+
 class RollSchedule(NamedTuple):
-    """Memory of the schedule: time [s] it has run, the two responses, the shadow's rudder [rad], mean and variance of
-    the roll [rad, rad^2] free and in the shadow, and the weight [-] of the roll law."""
+    """Memory of the schedule: time [s] it has run, the response to the real rudder, a shadow with the rudder amidships,
+    one under the quiet law and one under the roll law, and the weight [-] of the roll law."""
 
     time: float
     own: Motion
-    shadow: Motion
-    shadow_rudder: float
-    free_mean: float
-    free_variance: float
-    shadow_mean: float
-    shadow_variance: float
+    free: Shadow
+    quiet: Shadow
+    roll: Shadow
     weight: float
 
 
 def begin_schedule() -> RollSchedule:
     """Return a schedule that knows nothing and has the roll law off."""
     rest = Motion(0.0, 0.0, 0.0, 0.0, 0.0)
-    return RollSchedule(0.0, rest, rest, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    shadow = Shadow(rest, 0.0, 0.0, 0.0)
+    return RollSchedule(0.0, rest, shadow, shadow, shadow, 0.0)
 
 
 def _minus(x: Motion, y: Motion) -> Motion:
@@ -155,52 +164,64 @@ def _plus(x: Motion, y: Motion) -> Motion:
 
 
 def roll_reduction(schedule: RollSchedule) -> float:
-    """Return by how much the roll law would reduce the roll's deviation, as a share of it with the rudder amidships."""
-    return _reduction(schedule.free_variance, schedule.shadow_variance)
+    """Return by how much the roll law would reduce the roll's deviation below the smaller of that with the rudder
+    amidships and that under the quiet law, as a share of it; negative where it would roll more."""
+    least = min(schedule.free.variance, schedule.quiet.variance)
+    return 1.0 - math.sqrt(schedule.roll.variance / least) if least > 0.0 else 0.0
 
 
-def _reduction(free: float, shadow: float) -> float:
-    return 1.0 - math.sqrt(shadow / free) if free > 0.0 else 0.0
+def shadow_step(
+    gear: SteeringGear, step: LinearStep, shadow: Shadow, roll: float, demand: float, share: float, dt: float
+) -> Shadow:
+    """Return the shadow one step later: `roll` [rad] it has now, `demand` [rad] on its rudder, `share` [-] of what is
+    new in mean and variance."""
+    off = roll - shadow.mean
+    rudder = gear_step(gear, shadow.rudder, demand, dt)
+    return Shadow(
+        linear_response(step, shadow.response, rudder),
+        rudder,
+        shadow.mean + share * off,
+        shadow.variance + share * (off * off - shadow.variance),
+    )
+
+
+class ScheduleParts(NamedTuple):
+    """What a schedule works with: settings, the two laws, steering gear, linear model."""
+
+    settings: ScheduleSettings
+    quiet: SwayYawLaw
+    roll: RollLaw
+    gear: SteeringGear
+    step: LinearStep
 
 
 def schedule_step(
-    settings: ScheduleSettings,
-    law: RollLaw,
-    gear: SteeringGear,
-    step: LinearStep,
-    schedule: RollSchedule,
-    state: Motion,
-    heading_goal: float,
-    rudder: float,
-    dt: float,
+    parts: ScheduleParts, schedule: RollSchedule, state: Motion, heading_goal: float, rudder: float, dt: float
 ) -> RollSchedule:
     """Return the schedule after one step: `state` measured now, `rudder` [rad] as it stands until the next.
 
-    `step` is that of `linear_step_of` for the same `dt` [s].
+    `parts.step` is that of `linear_step_of` for the same `dt` [s].
     """
-    free = _minus(state, schedule.own)
-    shadow = _plus(free, schedule.shadow)
-    demand = roll_rudder(law, shadow, heading_goal)
-    shadow_rudder = gear_step(gear, schedule.shadow_rudder, demand, dt)
+    settings, gear, step = parts.settings, parts.gear, parts.step
     time = schedule.time + dt
     share = dt / min(settings.memory, time)
-    free_off, shadow_off = free.phi - schedule.free_mean, shadow.phi - schedule.shadow_mean
-    free_variance = schedule.free_variance + share * (free_off * free_off - schedule.free_variance)
-    shadow_variance = schedule.shadow_variance + share * (shadow_off * shadow_off - schedule.shadow_variance)
-    seen = _reduction(free_variance, shadow_variance)
-    goal = clip((seen - settings.none) / (settings.full - settings.none), 0.0, 1.0) if time > settings.wait else 0.0
-    reach = settings.slew * dt
-    return RollSchedule(
+    free = _minus(state, schedule.own)
+    quiet = _plus(free, schedule.quiet.response)
+    roll = _plus(free, schedule.roll.response)
+    quiet_demand = sway_yaw_rudder(parts.quiet, quiet.v, quiet.r, quiet.psi - heading_goal)
+    now = RollSchedule(
         time,
         linear_response(step, schedule.own, rudder),
-        linear_response(step, schedule.shadow, shadow_rudder),
-        shadow_rudder,
-        schedule.free_mean + share * free_off,
-        free_variance,
-        schedule.shadow_mean + share * shadow_off,
-        shadow_variance,
-        schedule.weight + clip(goal - schedule.weight, -reach, reach),
+        shadow_step(gear, step, schedule.free, free.phi, 0.0, share, dt),
+        shadow_step(gear, step, schedule.quiet, quiet.phi, quiet_demand, share, dt),
+        shadow_step(gear, step, schedule.roll, roll.phi, roll_rudder(parts.roll, roll, heading_goal), share, dt),
+        schedule.weight,
     )
+    wanted = (roll_reduction(now) - settings.none) / (settings.full - settings.none)
+    goal = clip(wanted, 0.0, 1.0) if time > settings.wait else 0.0
+    reach = settings.slew * dt
+    weight = now.weight + clip(goal - now.weight, -reach, reach)
+    return RollSchedule(now.time, now.own, now.free, now.quiet, now.roll, weight)
 
 
 def blended_rudder(weight: float, quiet: float, roll: float) -> float:

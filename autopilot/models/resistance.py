@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.models.naval_vessel import DENSITY, NAVAL_HULL, NAVAL_RUDDERS, Hull, Rudders, drag_coefficient
+from autopilot.models.naval_vessel import DENSITY, NAVAL_HULL, NAVAL_RUDDERS, Hull, Rudders
 from autopilot.models.strip_forces import NAVAL_STRIPS, Sea, StripHull, sections, strip_damping
 from autopilot.models.waves import encounter_frequency, wave_number
 
@@ -74,10 +74,9 @@ def printed_speed_ratio(extra: float) -> float:
     return 1.0 / (1.0 + extra)
 
 
-def rudder_resistance(rudders: Rudders, speed: float, angle: Array) -> float:
-    """Return the mean drag [N] of rudders that stood at each `angle` [rad] in turn, at `speed` [m/s]."""
-    drag = np.array([drag_coefficient(rudders, float(one)) for one in angle])
-    return float(0.5 * DENSITY * rudders.area * speed * speed * drag.mean())
+def rudder_resistance(rudders: Rudders, speed: float, drag: Array) -> float:
+    """Return the mean drag [N] of rudders whose drag coefficient [-] was `drag` at each instant, at `speed` [m/s]."""
+    return float(0.5 * DENSITY * rudders.area * speed * speed * np.mean(drag))
 
 
 def centrifugal_resistance(hull: Hull, sway: Array, yaw_rate: Array) -> float:
@@ -94,8 +93,8 @@ def radiated_power(hull: StripHull, frequency: float, motion: Array, water: Arra
     """
     x, _ = sections(hull)
     arm = hull.roll_arm / hull.sway_factor
-    relative = motion[:, :1] + arm * motion[:, 1:2] + motion[:, 2:] * x - water
-    return float(np.mean(relative * relative, axis=0) @ strip_damping(hull, frequency))
+    relative = motion @ np.stack((np.ones_like(x), np.full_like(x, arm), x)) - water
+    return float(np.einsum("ij,ij,j->", relative, relative, strip_damping(hull, frequency)) / len(motion))
 
 
 def radiated_resistance(hull: StripHull, sea: Sea, speed: float, power: float) -> float:
@@ -105,13 +104,14 @@ def radiated_resistance(hull: StripHull, sea: Sea, speed: float, power: float) -
     return power * float(wave_number(frequency)[0]) / met * abs(math.cos(sea.angle))
 
 
-def extra_resistance(sea: Sea, speed: float, motion: Array, rudder: Array, water: Array) -> ExtraResistance:
-    """Return the naval vessel's extra resistance over a run; `rudder` (n,) [rad], the rest as in `radiated_power`."""
+def extra_resistance(sea: Sea, speed: float, motion: Array, drag: Array, water: Array) -> ExtraResistance:
+    """Return the naval vessel's extra resistance over a run; `drag` (n,) as in `rudder_resistance`, the rest as in
+    `radiated_power`."""
     frequency = 2.0 * math.pi / sea.mean_period
     met = abs(float(encounter_frequency(np.array([frequency]), speed, sea.angle)[0]))
     power = radiated_power(NAVAL_STRIPS, met, motion, water)
     return ExtraResistance(
-        rudder_resistance(NAVAL_RUDDERS, speed, rudder),
+        rudder_resistance(NAVAL_RUDDERS, speed, drag),
         centrifugal_resistance(NAVAL_HULL, motion[:, 0], motion[:, 2]),
         radiated_resistance(NAVAL_STRIPS, sea, speed, power),
     )

@@ -106,6 +106,15 @@ class Sliding:
 
 
 @dataclass(frozen=True)
+class Roll:
+    """Rudder against roll rate beside the heading law, where the link brings roll; kept on only while it helps."""
+
+    rate_gain_s: Annotated[float, Bounds(-100.0, 100.0, "rudder angle per roll rate; above 0 for displacement hulls")]
+    rudder_max_deg: Annotated[float, Bounds(0.1, 45.0, "most rudder it may add")] = 5.0
+    lowest_rad_s: Annotated[float, Bounds(0.0, 10.0, "off where the boat rolls at lower frequencies")] = 0.0
+
+
+@dataclass(frozen=True)
 class Control:
     """Which law steers, how often, and its gains."""
 
@@ -119,6 +128,7 @@ class Control:
     backstepping: Backstepping | None = None
     pid: Pid | None = None
     sliding: Sliding | None = None
+    roll: Roll | None = None
     source: str = ""
     date: str = ""
 

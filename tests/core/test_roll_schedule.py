@@ -10,6 +10,7 @@ import pytest
 from autopilot.control.rudder_roll import (
     PAPER_ROLL,
     RollSchedule,
+    ScheduleParts,
     ScheduleSettings,
     begin_schedule,
     blended_rudder,
@@ -20,6 +21,7 @@ from autopilot.control.rudder_roll import (
     roll_rudder,
     schedule_step,
 )
+from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_law
 from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 
@@ -30,13 +32,16 @@ GEAR = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)
 LAW = roll_law(SHIP, PAPER_ROLL)
 REST = Motion(0.0, 0.0, 0.0, 0.0, 0.0)
 SETTINGS = ScheduleSettings()
+PLACES = [0, 2, 4]
+QUIET = sway_yaw_law(SHIP.A[np.ix_(PLACES, PLACES)], SHIP.b[PLACES], SwayYawGains(0.05, 5.5, 0.11, 1.62))
+PARTS = ScheduleParts(SETTINGS, QUIET, LAW, GEAR, STEP)
 
 
 def sailed(frequency: float, seconds: float, steers: bool, moment: float = 0.01) -> tuple[RollSchedule, list[float]]:
     """A linear ship in a swell of one frequency [rad/s] that heels it; the schedule's weight decides who steers."""
     state, schedule, rudder, roll = REST, begin_schedule(), 0.0, []
     for index in range(round(seconds / DT)):
-        schedule = schedule_step(SETTINGS, LAW, GEAR, STEP, schedule, state, 0.0, rudder, DT)
+        schedule = schedule_step(PARTS, schedule, state, 0.0, rudder, DT)
         weight = schedule.weight if steers else 0.0
         rudder = gear_step(GEAR, rudder, blended_rudder(weight, 0.0, roll_rudder(LAW, state, 0.0)), DT)
         state = linear_response(STEP, state, rudder)
@@ -46,10 +51,10 @@ def sailed(frequency: float, seconds: float, steers: bool, moment: float = 0.01)
 
 
 def test_near_the_natural_frequency_it_switches_on_and_foresaw_how_much_it_helps() -> None:
-    free, without = sailed(1.1, 900.0, steers=False)
-    used, with_law = sailed(1.1, 900.0, steers=True)
+    free, without = sailed(1.1, 450.0, steers=False)
+    used, with_law = sailed(1.1, 450.0, steers=True)
     assert used.weight == 1.0
-    last = slice(-3000, None)
+    last = slice(-2000, None)
     reduction = 1.0 - np.std(with_law[last]) / np.std(without[last])
     assert reduction > 0.3
     # both knew it, the one that never turned it on and the one that did
@@ -57,25 +62,25 @@ def test_near_the_natural_frequency_it_switches_on_and_foresaw_how_much_it_helps
     assert roll_reduction(used) == pytest.approx(reduction, abs=0.02)
 
 
-@pytest.mark.parametrize("frequency", [0.25, 0.4, 0.5])
+@pytest.mark.parametrize("frequency", [0.25, 0.45])
 def test_at_the_frequencies_of_stern_quartering_seas_it_stays_off(frequency: float) -> None:
-    used, _ = sailed(frequency, 900.0, steers=True)
+    used, _ = sailed(frequency, 450.0, steers=True)
     assert used.weight == 0.0
     assert roll_reduction(used) < SETTINGS.none
 
 
 def test_it_switches_off_when_the_sea_comes_round() -> None:
-    """Ten minutes of roll near its natural frequency, then of a swell near the zero: the weight goes to 1 and back."""
+    """Six minutes of roll near its natural frequency, then of a swell near the zero: the weight goes to 1 and back."""
     state, schedule, rudder, weights = REST, begin_schedule(), 0.0, []
-    for index in range(12000):
-        schedule = schedule_step(SETTINGS, LAW, GEAR, STEP, schedule, state, 0.0, rudder, DT)
+    for index in range(8000):
+        schedule = schedule_step(PARTS, schedule, state, 0.0, rudder, DT)
         demand = blended_rudder(schedule.weight, 0.0, roll_rudder(LAW, state, 0.0))
         rudder = gear_step(GEAR, rudder, demand, DT)
-        frequency = 1.1 if index < 6000 else 0.42
+        frequency = 1.1 if index < 3500 else 0.42
         state = linear_response(STEP, state, rudder)
         state = state._replace(p=state.p + DT * 0.01 * math.sin(frequency * index * DT))
         weights.append(schedule.weight)
-    assert weights[5999] == 1.0
+    assert weights[3499] == 1.0
     assert weights[-1] == 0.0
     assert np.max(np.abs(np.diff(weights))) <= SETTINGS.slew * DT + 1e-12
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.models import resistance
-from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED
+from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, drag_coefficient
 from autopilot.models.strip_forces import (
     NAVAL_STRIPS,
     Sea,
@@ -123,7 +123,7 @@ def test_a_resistance_that_is_no_number_is_refused(bad: float) -> None:
 
 
 def test_each_part_of_the_extra_resistance_by_hand() -> None:
-    ten = np.full(7, math.radians(10.0))
+    ten = np.full(7, drag_coefficient(NAVAL_RUDDERS, math.radians(10.0)))
     drag = 0.5 * 1014.0 * 3.0 * 0.54**2 / (2.7 * math.pi) * SERVICE_SPEED**2
     assert resistance.rudder_resistance(NAVAL_RUDDERS, SERVICE_SPEED, ten) == pytest.approx(drag)
     sway, rate = np.array([-1.0, -1.0]), np.array([0.05, 0.05])

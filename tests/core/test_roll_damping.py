@@ -1,0 +1,143 @@
+"""Roll damping beside the heading law: it stays where it helps, goes where it does not, is silent without roll."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from boats import BOATS, vessel_of
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.build import build_pilot
+from autopilot.control.roll_damping import FADE, OLD, PERIOD, SETTLE, Phase, RollDamper, RollDamping
+from autopilot.params.vessel import Roll
+from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, SpeedSample
+
+DT = 0.1
+DAMPING = RollDamping(rate_gain=0.5, most=0.1, lowest=0.6)
+
+
+class RollingBoat:
+    """phi'' + 2 zeta w0 phi' + w0^2 phi = swell + force x rudder."""
+
+    def __init__(self, swell: float, force: float, natural: float = 1.1) -> None:
+        self.swell, self.force, self.natural = swell, force, natural
+        self.roll = self.rate = self.time = 0.0
+
+    def step(self, rudder: float) -> RollSample:
+        for _ in range(10):
+            h = DT / 10
+            push = 0.02 * math.sin(self.swell * self.time) + self.force * rudder
+            self.rate += h * (push - 0.2 * self.natural * self.rate - self.natural**2 * self.roll)
+            self.roll += h * self.rate
+            self.time += h
+        return RollSample(self.time, self.roll, self.rate)
+
+
+def sailed(boat: RollingBoat, seconds: float, damper: RollDamper) -> list[Phase]:
+    phases, rudder = [], 0.0
+    for _ in range(round(seconds / DT)):
+        damper.hear(boat.step(rudder))
+        rudder = damper.update(boat.time, DT, engaged=True)
+        phases.append(damper.phase)
+    return phases
+
+
+LONG = 2.0 * (PERIOD + SETTLE) + 30.0
+
+
+def test_it_measures_without_then_with_and_stays_where_it_helps() -> None:
+    damper = RollDamper(DAMPING)
+    phases = sailed(RollingBoat(1.1, 0.4), LONG, damper)
+    assert list(dict.fromkeys(phases)) == [Phase.WITHOUT, Phase.WITH, Phase.KEPT_ON]
+    assert damper.weight == pytest.approx(1.0)
+
+
+def test_a_gain_of_the_wrong_sign_is_found_out() -> None:
+    damper = RollDamper(DAMPING)
+    phases = sailed(RollingBoat(1.1, -0.1), LONG, damper)
+    assert phases[-1] is Phase.KEPT_OFF
+    assert damper.weight == 0.0
+
+
+def test_slow_roll_is_left_alone_without_a_try() -> None:
+    phases = sailed(RollingBoat(0.4, 0.4), LONG, damper := RollDamper(DAMPING))
+    assert Phase.WITH not in phases
+    assert damper.weight == 0.0
+
+
+def test_when_the_sea_turns_slow_it_lets_go() -> None:
+    boat, damper = RollingBoat(1.1, 0.4), RollDamper(DAMPING)
+    assert sailed(boat, LONG, damper)[-1] is Phase.KEPT_ON
+    boat.swell = 0.4
+    assert Phase.KEPT_ON not in sailed(boat, 2.0 * PERIOD + 20.0, damper)[-100:]
+
+
+def test_without_fresh_roll_it_is_silent_at_once() -> None:
+    boat, damper = RollingBoat(1.1, 0.4), RollDamper(DAMPING)
+    sailed(boat, LONG, damper)
+    assert damper.update(boat.time + OLD - 0.01, DT, engaged=True) != 0.0
+    assert damper.update(boat.time + OLD + 0.01, DT, engaged=True) == 0.0
+    assert damper.weight == 0.0 and damper.phase is Phase.WITHOUT
+
+
+def test_it_comes_without_a_bump() -> None:
+    boat, damper = RollingBoat(1.1, 0.4), RollDamper(DAMPING)
+    before = 0.0
+    for _ in range(round(LONG / DT)):
+        damper.hear(boat.step(before))
+        damper.update(boat.time, DT, engaged=True)
+        assert abs(damper.weight - before) <= DT / FADE + 1e-12
+        before = damper.weight
+
+
+@given(st.lists(st.tuples(st.floats(), st.one_of(st.none(), st.floats()), st.floats(0.0, 100.0)), max_size=60))
+def test_never_more_rudder_than_the_file_says(samples: list[tuple[float, float | None, float]]) -> None:
+    damper, now = RollDamper(DAMPING), 0.0
+    for roll, rate, dt in samples:
+        now += dt
+        damper.hear(RollSample(now, roll, rate))
+        assert abs(damper.update(now, dt, engaged=True)) <= DAMPING.most
+
+
+@pytest.mark.parametrize("bad", [(math.nan, 0.1, 0.5), (0.5, 0.0, 0.5), (0.5, math.inf, 0.5), (0.5, 0.1, -1.0)])
+def test_settings_are_numbers(bad: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="roll damping"):
+        RollDamper(RollDamping(*bad))
+
+
+def commands(roll: Roll | None, kind: OrderKind = OrderKind.HEADING) -> list[float]:
+    """The whole pilot on a boat that lies dead on course and rolls."""
+    vessel = vessel_of(BOATS["lanxin"])
+    pilot = build_pilot(replace(vessel, control=replace(vessel.control, roll=roll)))
+    told = []
+    for index in range(round(150.0 / 0.1)):
+        now = 0.1 * index
+        rate = 0.05 * math.cos(1.1 * now)
+        samples = (HeadingSample(now, 0.0, 0.0), RollSample(now, 0.05 / 1.1 * math.sin(1.1 * now), rate))
+        told.append(pilot.step(now, samples, Order(kind, 0.0, 0.05, serial=1)).command.angle)
+    return told
+
+
+def test_the_pilot_moves_the_rudder_against_roll_only_where_the_file_says_so() -> None:
+    assert max(map(abs, commands(None))) < 1e-9
+    against = commands(Roll(0.5, 5.0, 0.6))
+    assert max(map(abs, against[: round(PERIOD / 0.1)])) < 1e-9
+    assert 0.5 * 0.05 * 0.8 < max(map(abs, against[round((PERIOD + SETTLE + FADE) / 0.1) :])) <= math.radians(5.0)
+
+
+def test_without_steerage_the_rudder_waits_for_roll_too() -> None:
+    vessel = vessel_of(BOATS["lanxin"])
+    pilot = build_pilot(replace(vessel, control=replace(vessel.control, roll=Roll(0.5, 5.0, 0.6))))
+    for index in range(round(150.0 / 0.1)):
+        now = 0.1 * index
+        roll = RollSample(now, 0.05 / 1.1 * math.sin(1.1 * now), 0.05 * math.cos(1.1 * now))
+        samples = (HeadingSample(now, 0.0, 0.0), SpeedSample(now, 0.0), roll)
+        tick = pilot.step(now, samples, Order(OrderKind.HEADING, 0.0, serial=1))
+        assert tick.command.angle == 0.0
+
+
+def test_trials_keep_the_rudder_they_order() -> None:
+    assert commands(Roll(0.5, 5.0, 0.6), OrderKind.RUDDER)[-1] == pytest.approx(0.05)

@@ -1,0 +1,52 @@
+"""Compiled by numba, the product's functions give the numbers of the plain ones."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from autopilot.errors import InputError
+from autopilot.models.naval_vessel import (
+    NAVAL_HULL,
+    NAVAL_RUDDERS,
+    SERVICE_SPEED,
+    Hull,
+    InverseMass,
+    Load,
+    Motion,
+    Rudders,
+    inverse_mass,
+    motion_step,
+    rudder_load,
+)
+from autopilot.models.steering_gear import SteeringGear, gear_step
+from sitl.compiled import compiled
+
+
+def voyage(hull: Hull, inverse: InverseMass, rudders: Rudders, gear: SteeringGear, steps: int) -> Motion:
+    """A weaving ship in a swell, through the functions of the models."""
+    state, rudder = Motion(0.1, 0.0, 0.0, 0.05, 0.0), 0.0
+    for index in range(steps):
+        rudder = gear_step(gear, rudder, 0.4 * math.sin(0.02 * index) - state.psi, 0.05)
+        push = rudder_load(rudders, SERVICE_SPEED, rudder)
+        swell = Load(push.Y, push.K + 3.0e5 * math.sin(0.05 * index), push.N)
+        state = motion_step(hull, inverse, SERVICE_SPEED, state, swell, 0.05)
+    return state
+
+
+def test_the_same_numbers_to_a_billionth() -> None:
+    pytest.importorskip("numba", reason="the extra `fast` is not installed")
+    gear = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)
+    given = (NAVAL_HULL, inverse_mass(NAVAL_HULL), NAVAL_RUDDERS, gear, 2000)
+    plain, quick = voyage(*given), compiled(voyage)(*given)
+    assert abs(plain.phi) > 1e-3
+    np.testing.assert_allclose(quick, plain, rtol=1e-9, atol=1e-12)
+
+
+def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "numba", None)
+    with pytest.raises(InputError, match=r"norrbin\[fast\]"):
+        compiled(voyage)
