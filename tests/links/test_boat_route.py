@@ -169,7 +169,10 @@ def test_a_place_is_gone_to_and_its_course_held() -> None:
     go = dialect.MAV_CMD_DO_REPOSITION
     assert boat.command(go, -1, 0, place_of=place(100.0, 100.0)) == REJECTED
     assert boat.command(go, 5, 1, place_of=place(100.0, 100.0)) == dialect.MAV_RESULT_UNSUPPORTED
-    assert boat.command(go, -1, 1, 0, 0, 91.0, 0.0) == dialect.MAV_RESULT_DENIED
+    for where in ((91.0, 0.0), (0.0, 0.0), (math.nan, 10.0)):
+        assert boat.command(go, -1, 1, 0, 0, *where) == dialect.MAV_RESULT_DENIED
+    local = dialect.MAVLink_command_int_message(1, 1, 1, go, 0, 0, -1, 1, 0, 0, 1000, 1000, 0.0)
+    assert only(boat.ask(local), "COMMAND_ACK")[0].result == dialect.MAV_RESULT_DENIED
     assert boat.command(go, math.nan, 1, place_of=place(100.0, 100.0)) == ACCEPTED
     assert mode_of(boat) == GUIDED
     assert boat.command(SET_MODE, 1, GUIDED) == ACCEPTED and boat.track.following

@@ -154,7 +154,8 @@ class Commands:
         speed, flags, radius, _, latitude_deg, longitude_deg, _ = parameters
         if speed > 0.0:
             return self._refuse(UNSUPPORTED, "the speed is not ours to set: leave it at -1")
-        if not (abs(latitude_deg) <= LATITUDE_MOST_DEG and abs(longitude_deg) <= 180.0):
+        is_nowhere = latitude_deg == longitude_deg == 0.0
+        if is_nowhere or not (abs(latitude_deg) <= LATITUDE_MOST_DEG and abs(longitude_deg) <= 180.0):
             return self._refuse(DENIED, "give a latitude of up to 85 and a longitude of up to 180 degrees")
         if not self._has_position(tick):
             return self._refuse(REJECTED, NO_POSITION)

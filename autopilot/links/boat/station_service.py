@@ -10,10 +10,11 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.boat.commands import ACCEPTED, IN_PROGRESS, UNSUPPORTED, Commands
+from autopilot.links.boat.commands import ACCEPTED, DENIED, IN_PROGRESS, UNSUPPORTED, Commands
 from autopilot.links.boat.file_server import FileServer
 from autopilot.links.boat.long_commands import CANCELLED, ProgressReports, acknowledgement
 from autopilot.links.boat.metadata import GENERAL, NO_FILES, metadata_messages
+from autopilot.links.boat.mission_items import FRAMES
 from autopilot.links.boat.mission_server import MissionServer
 from autopilot.links.boat.modes import available_modes
 from autopilot.links.boat.parameter_server import ParameterServer
@@ -85,7 +86,11 @@ class StationService:
 
     def _command_int(self, now: float, message: Message) -> list[Message]:
         first = tuple(float(getattr(message, f"param{number}")) for number in range(1, 5))
-        scale = 1.0e-7 if message.command == dialect.MAV_CMD_DO_REPOSITION else 1.0
+        has_place = message.command == dialect.MAV_CMD_DO_REPOSITION
+        if has_place and message.frame not in FRAMES:
+            self._warn(now, f"a place in frame {message.frame}: use a global one")
+            return [acknowledgement(message.command, DENIED, _sender(message))]
+        scale = 1.0e-7 if has_place else 1.0
         return self._command(now, message, (*first, message.x * scale, message.y * scale, float(message.z)))
 
     def _command(self, now: float, message: Message, parameters: tuple[float, ...]) -> list[Message]:
