@@ -102,7 +102,7 @@ class Commands:
         if mode not in (HEADING, TRACK):
             known = f"MANUAL ({MANUAL}), GUIDED ({HEADING}) and AUTO ({TRACK})"
             return self._refuse(DENIED, f"mode {mode} is not known: {known} are")
-        if not self.armed:
+        if not self._is_armed(tick):
             return self._refuse(REJECTED, "arm first")
         if mode == TRACK:
             return self._follow_mission(tick)
@@ -136,7 +136,7 @@ class Commands:
         first, last = parameters[:2]
         if last not in (0.0, len(self.mission.items) - 1.0) or not math.isfinite(first):
             return self._refuse(DENIED, "a route is followed to its end: set the last item to 0")
-        if not self.armed:
+        if not self._is_armed(tick):
             return self._refuse(REJECTED, "arm first")
         if not self.mission.set_current(int(first)):
             return self._refuse(DENIED, f"there is no waypoint {first:g} in a route of {len(self.mission.items)}")
@@ -161,7 +161,7 @@ class Commands:
             return self._refuse(REJECTED, NO_POSITION)
         changes_mode = math.isfinite(flags) and int(flags) & dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
         if tick is None or not _steers(tick):
-            if not changes_mode or not self.armed:
+            if not changes_mode or not self._is_armed(tick):
                 return self._refuse(REJECTED, "not engaged: arm, and set mode GUIDED or the flag that changes it")
         elif self.mission.is_followed and not changes_mode:
             return self._refuse(REJECTED, "a route is followed: set mode GUIDED first, or the flag that changes it")
@@ -177,17 +177,19 @@ class Commands:
         def begin() -> Run:
             return self._helmsman.zigzag(math.radians(rudder_deg), math.radians(change_deg), duration)
 
-        return self._begin(ZIGZAG, parameters[:3], begin)
+        return self._begin(tick, ZIGZAG, parameters[:3], begin)
 
     def _turning(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         rudder_deg, duration = parameters[:2]
-        return self._begin(TURNING, parameters[:2], lambda: self._helmsman.turning(math.radians(rudder_deg), duration))
+        return self._begin(
+            tick, TURNING, parameters[:2], lambda: self._helmsman.turning(math.radians(rudder_deg), duration)
+        )
 
     def _pattern(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         number, side, *sizes = parameters[:4]
         if not (math.isfinite(number) and number == int(number)):
             return DENIED
-        if not self.armed:
+        if not self._is_armed(tick):
             return self._refuse(REJECTED, "arm first")
         try:
             self._helmsman.pattern(int(number), side, tuple(sizes))
@@ -195,19 +197,23 @@ class Commands:
             return self._refuse(DENIED, str(error))
         return ACCEPTED
 
-    def _begin(self, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:
+    def _begin(self, tick: Tick | None, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:
         running = self.running
         if running is not None and not running.run.is_over:
             if (running.command, running.parameters) == (command, parameters):
                 return IN_PROGRESS
             return self._refuse(REJECTED, "a trial is being sailed: cancel it first")
-        if not self.armed:
+        if not self._is_armed(tick):
             return self._refuse(REJECTED, "arm first")
         try:
             self.running = LongCommand(command, parameters, begin())
         except InputError as error:
             return self._refuse(DENIED, str(error))
         return IN_PROGRESS
+
+    def _is_armed(self, tick: Tick | None) -> bool:
+        """Armed, or engaged from the terminal: what the heartbeat calls armed."""
+        return self.armed or (tick is not None and tick.mode is Mode.ENGAGED)
 
     def _has_position(self, tick: Tick | None) -> bool:
         return tick is not None and self.mission.guide.fix.is_fresh(tick.now)
