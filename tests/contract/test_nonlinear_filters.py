@@ -272,3 +272,15 @@ def test_the_kalman_update_keeps_a_covariance_symmetric_and_positive() -> None:
         belief = ekf_update(belief, lambda x, h=h: (h @ x,), np.array([0.0]), np.array([[1.0e-4]])).belief
         assert np.all(np.linalg.eigvalsh(belief.covariance) > 0.0)
         assert np.array_equal(belief.covariance, belief.covariance.T)
+
+
+def test_thousands_of_updates_leave_what_was_never_measured_as_uncertain_as_it_was() -> None:
+    """A parameter that moves nothing: by correlations of chance alone 60 particles would be sure of it."""
+    random = np.random.default_rng(8)
+    start = Gaussian(np.zeros(2), np.eye(2))
+    particles = fpf_start(start, 60, random)
+    noise = np.array([[1.0], [0.0]])
+    for _ in range(400):
+        particles = fpf_predict(particles, lambda x, _: (-x[0], 0.0 * x[1]), None, noise, 0.5, random)
+        particles = fpf_update(particles, lambda x: (x[0],), np.array([0.0]), np.array([[0.1]]))
+    assert 0.25 < float(particles[:, 1].std()) < 4.0

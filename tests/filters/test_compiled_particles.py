@@ -9,48 +9,65 @@ import numpy as np
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.filters.compiled_particles import CompiledParticleFilter
-from autopilot.filters.feedback_particle import fpf_predict, fpf_update
+from autopilot.filters.compiled_particles import CompiledParticleFilter, _damped_by_one, _damped_by_two
+from autopilot.filters.feedback_particle import damping_matrices, fpf_predict, fpf_update
 from autopilot.filters.kalman import Gaussian
 from autopilot.filters.midpoint import FloatArray
-from autopilot.models.dynamic_positioning import DREDGER, REALISTIC, sway_yaw_drive, sway_yaw_rates, sway_yaw_shown
+from autopilot.identification.norrbin_case import YawDrive, cubic_rates, heading_and_rate
 
-NOISE = np.zeros((9, 2))
-NOISE[2, 0] = NOISE[3, 1] = 1.0e-4
-R = np.array([[1.0e-6, 2.0e-7], [2.0e-7, 3.0e-6]])
+NOISE = np.zeros((6, 1))
+NOISE[1, 0] = 0.01
+R = np.array([[1.0e-5, 2.0e-6], [2.0e-6, 3.0e-5]])
 
 
 def start() -> Gaussian:
-    spread = np.array([1.0e-3, 1.0e-3, 1.0e-4, 1.0e-4, *(0.3 * np.abs(REALISTIC))])
-    return Gaussian(np.array([0.0, 0.0, 0.0, 0.0, *REALISTIC]), np.diag(spread**2))
+    mean = np.array([0.0, 0.0, np.log(0.7), np.log(0.3), 0.0, np.log(0.1)])
+    return Gaussian(mean, np.diag(np.square([1.0e-3, 1.0e-3, 0.2, 0.2, 0.1, 0.5])))
 
 
-def test_the_ships_own_functions_compiled_give_the_same_particles() -> None:
+def test_the_boats_own_functions_compiled_with_all_they_call_give_the_same_particles() -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
-    fast = CompiledParticleFilter(sway_yaw_rates, sway_yaw_shown, NOISE, R, moving=4)
+    fast = CompiledParticleFilter(cubic_rates, heading_and_rate, NOISE, R, moving=2)
     particles = fast.start(start(), 150, np.random.default_rng(1))
     plain: FloatArray = particles.copy()
     random, again = np.random.default_rng(2), np.random.default_rng(2)
-    drive = sway_yaw_drive(DREDGER, 1.5e5)
     for k in range(20):
-        z = np.array([3.0e-4 * k, 2.0e-3 * k])
+        drive = YawDrive(0.2 * (-1.0) ** (k // 7), 1.0 + 0.01 * k, 1.0, 0.15)
+        z = np.array([1.0e-3 * k, 2.0e-2 * np.sin(0.3 * k)])
         if k % 4 == 3:
             z[k % 8 // 4] = np.nan
-        fast.predict(particles, drive, 0.3, random, substeps=2)
+        fast.predict(particles, drive, 0.1, random, substeps=2)
         fast.update(particles, z)
-        plain = fpf_predict(plain, sway_yaw_rates, drive, NOISE, 0.3, again, substeps=2)
-        plain = fpf_update(plain, sway_yaw_shown, z, R)
-    np.testing.assert_allclose(particles, plain, rtol=0.0, atol=float(1.0e-9 * plain.std(axis=0).min()) + 1.0e-12)
-    assert np.all(np.abs(plain - start().mean).max(axis=0) > 0.0)
+        plain = fpf_predict(plain, cubic_rates, drive, NOISE, 0.1, again, substeps=2)
+        plain = fpf_update(plain, heading_and_rate, z, R)
+    np.testing.assert_allclose(particles, plain, rtol=0.0, atol=1.0e-9)
+    assert np.all(plain.std(axis=0) > 1.0e-6)
+    assert abs(plain[:, 2].mean() - np.log(0.7)) > 0.01, "the measurements have moved the parameters"
     with pytest.raises(ValueError, match="Fortran's order"):
         fast.update(np.ascontiguousarray(particles), np.array([0.0, 0.0]))
 
 
-def test_noise_on_a_parameter_is_refused() -> None:
+@pytest.mark.parametrize(("m", "damped"), [(1, _damped_by_one), (2, _damped_by_two)])
+def test_the_closed_forms_are_the_damping_of_the_plain_filter(m: int, damped: Any) -> None:
+    random = np.random.default_rng(m)
+    for step in (1.0e-3, 0.3, 1.0):
+        root = random.normal(size=(m, m + 1))
+        S, gain, off = root @ root.T, random.normal(size=(4, m)), random.normal(size=m)
+        toward, back = np.empty(4), np.empty((4, m))
+        lost = damped(S, step, gain, off, toward, back)
+        pull, shrink = damping_matrices(S, step)
+        np.testing.assert_allclose(toward, step * gain @ pull @ off, rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(back, step * gain @ shrink, rtol=1e-10, atol=1e-14)
+        assert lost == pytest.approx(np.trace(np.eye(m) - pull), rel=1e-9)
+
+
+def test_noise_on_a_parameter_and_a_third_measured_value_are_refused() -> None:
     noise = NOISE.copy()
     noise[5, 0] = 1.0
-    with pytest.raises(ValueError, match="beyond the first 4"):
-        CompiledParticleFilter(sway_yaw_rates, sway_yaw_shown, noise, R, moving=4)
+    with pytest.raises(ValueError, match="beyond the first 2"):
+        CompiledParticleFilter(cubic_rates, heading_and_rate, noise, R, moving=2)
+    with pytest.raises(ValueError, match="at most 2 measured values"):
+        CompiledParticleFilter(cubic_rates, heading_and_rate, NOISE, np.eye(3))
 
 
 def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
