@@ -9,6 +9,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified
+from autopilot.identification.identified import Steps as ProgressSteps
 from autopilot.identification.identify import sources_of
 from autopilot.identification.methods import Question, begin, identified_as
 from autopilot.identification.norrbin_case import (
@@ -36,13 +37,21 @@ filter's."""
 MODESTY = 10.0
 """How many of the last pass's standard deviations the next one begins with: the nearer, the more linear."""
 
+PASSES_WITHOUT_N3 = 2
+"""After n3 is dropped."""
+
+BY_CHANCE = (
+    "fpf's standard errors leave out the errors that its particles make by chance, which on a long record in gusts can "
+    "be the larger part; hold it against ekf."
+)
+
 Filter = Callable[[Case, Steps], Found]
 
 
 class _Pass(NamedTuple):
-    """What one way through the runs gave: parameters and covariance of the state's units, and how it came there."""
+    """What one way through the runs gave: the model, the covariance in the state's units, and how it came there."""
 
-    values: FloatArray
+    model: Norrbin
     covariance: FloatArray
     convergence: Convergence
 
@@ -75,58 +84,67 @@ class ParticleMethod:
 def _identify(runs: Sequence[Run], question: Question, filter_: Filter, name: str) -> Identified:
     found = begin(runs, question).model
     start = found if question.start is None else question.start
-    unit = typical_rate([segment for run in runs for segment in run.segments])
     cubic = question.kind == "norrbin" or question.course_unstable
-    result, narrow, noise, reasons = None, None, run_noise(found, runs), {}
-    for done in range(PASSES):
-        # the noise from an extended Kalman filter's pass: it is as good, and far quicker
-        last = done + 1 == PASSES
-        case = yaw_case(start, unit, noise, cubic, narrow)
-        result = _through(runs, case, start, unit, noise, filter_ if last else by_kalman_filter, name)
-        # the next pass begins at what this one has found, but far less sure of it: the record counts only once
-        start, narrow = model_of(result.values, start, unit), MODESTY * np.sqrt(np.diag(result.covariance))
-        noise = run_noise(start, runs)
-        question.progress(done + 1, PASSES + 1)
-    assert result is not None
+    steps = ProgressSteps(question.progress, total=PASSES + (PASSES_WITHOUT_N3 if cubic else 0))
+    unit = typical_rate([segment for run in runs for segment in run.segments])
+    search = _Search(runs, unit, filter_, name, steps)
+    result = search.passes(start, run_noise(found, runs), cubic, PASSES)
+    reasons = {}
     # the logarithm's standard deviation is the relative error
     error = float(np.sqrt(result.covariance[-1, -1])) if cubic else 0.0
     if cubic and not question.course_unstable and error > LARGEST_RELATIVE_ERROR:
-        n3 = model_of(result.values, start, unit).n3
+        n3 = result.model.n3
         reasons["n3"] = (
             f"n3: {n3:.3g} with a standard error of {error * n3:.2g} s^2/rad^2 cannot be told from 0, so it is held at "
             "0; steady turns at large rudder angles would tell it (--steady-turns)."
         )
-        cubic = False
-        start = start._replace(n3=0.0)
-        result = _through(runs, yaw_case(start, unit, noise, cubic), start, unit, noise, filter_, name)
-    question.progress(PASSES + 1, PASSES + 1)
-    return _identified(runs, result, start, unit, reasons, question)
+        linear = result.model._replace(n3=0.0)
+        result = search.passes(linear, run_noise(linear, runs), False, PASSES_WITHOUT_N3)
+    return _identified(runs, result, unit, reasons, question, name)
 
 
-def _through(
-    runs: Sequence[Run], case: Case, start: Norrbin, unit: float, noise: RunNoise, filter_: Filter, name: str
-) -> _Pass:
-    """Filter one segment after the other; between them only the belief about the parameters is kept."""
-    times, values, begun = [], [], 0.0
-    for segment in (segment for run in runs for segment in run.segments):
-        steps, last, time = segment_steps(segment, start, unit)
-        found = filter_(entered(case, segment, start, noise, unit), steps)
-        if not np.isfinite(found.estimate[-1]).all():
-            raise InputError(f"{sources_of(runs)}: {name} loses the boat; use --method output-error.")
-        case.prior.mean[2:], case.prior.covariance[2:, 2:] = found.estimate[-1], found.covariance
-        times.append(begun + time)
-        values.append(found.estimate[last])
-        begun += float(segment.time[-1] - segment.time[0])
-    path = np.concatenate(values)
-    told = np.array([[getattr(model_of(row, start, unit), key) for key in NAMES] for row in path])
-    mean, covariance = case.prior
-    return _Pass(mean[2:], covariance[2:, 2:], Convergence(np.concatenate(times), NAMES, told))
+class _Search(NamedTuple):
+    """What all passes have in common; unit: the typical rate."""
+
+    runs: Sequence[Run]
+    unit: float
+    filter_: Filter
+    name: str
+    steps: ProgressSteps
+
+    def passes(self, start: Norrbin, noise: RunNoise, cubic: bool, count: int) -> _Pass:
+        """Return the last of `count` passes, each begun where the one before ended."""
+        narrow: FloatArray | None = None
+        for done in range(count):
+            case = yaw_case(start, self.unit, noise, cubic, narrow)
+            result = self._through(case, start, noise, self.filter_ if done + 1 == count else by_kalman_filter)
+            # but far less sure of it: the record counts only once
+            start, narrow = result.model, MODESTY * np.sqrt(np.diag(result.covariance))
+            noise = run_noise(start, self.runs)
+            self.steps.next()
+        return result
+
+    def _through(self, case: Case, start: Norrbin, noise: RunNoise, filter_: Filter) -> _Pass:
+        """Filter one segment after the other; between them only the belief about the parameters is kept."""
+        times, values, begun = [], [], 0.0
+        for segment in (segment for run in self.runs for segment in run.segments):
+            steps, last, time = segment_steps(segment, start, self.unit)
+            found = filter_(entered(case, segment, start, noise, self.unit), steps)
+            if not np.isfinite(found.estimate[-1]).all():
+                raise InputError(f"{sources_of(self.runs)}: {self.name} loses the boat; use --method output-error.")
+            case.prior.mean[2:], case.prior.covariance[2:, 2:] = found.estimate[-1], found.covariance
+            times.append(begun + time)
+            values.append(found.estimate[last])
+            begun += float(segment.time[-1] - segment.time[0])
+        models = [model_of(row, start, self.unit) for row in np.concatenate(values)]
+        told = np.array([[getattr(model, key) for key in NAMES] for model in models])
+        return _Pass(models[-1], case.prior.covariance[2:, 2:], Convergence(np.concatenate(times), NAMES, told))
 
 
 def _identified(
-    runs: Sequence[Run], result: _Pass, start: Norrbin, unit: float, reasons: dict[str, str], question: Question
+    runs: Sequence[Run], result: _Pass, unit: float, reasons: dict[str, str], question: Question, name: str
 ) -> Identified:
-    model = model_of(result.values, start, unit)
+    model = result.model
     deviation = np.sqrt(np.diag(result.covariance))
     scale = (model.gain, model.time_constant, unit, model.n3)
     errors = {name: float(d * s) for name, d, s in zip(NAMES, deviation, scale, strict=False)}
@@ -136,5 +154,7 @@ def _identified(
                 f"{symbol}: {getattr(model, name):.3g} with a standard error of {errors[name]:.2g} {what} is not "
                 "determined by these runs; record a zigzag in which the rudder goes over several times."
             )
-    notes = ["steady turns are not used by this method."] if question.steady_turns is not None else []
+    notes = [BY_CHANCE] if name == ParticleMethod.name else []
+    if question.steady_turns is not None:
+        notes.append(f"{name} does not use the steady turns.")
     return identified_as(model, runs, errors, unidentifiable=reasons, notes=notes, convergence=result.convergence)
