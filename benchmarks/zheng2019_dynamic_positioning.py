@@ -1,6 +1,6 @@
-"""Zheng et al. 2019 over again: four methods on simulated trials of the dredger, beside the bound none can beat.
+"""Zheng et al. 2019 over again: three methods on simulated trials of the dredger, beside the bound none can beat.
 
-    python benchmarks/zheng2019_dynamic_positioning.py [--seeds 20] [--first-seed 0] [--scenarios S2 S4] [--compiled] [--json]
+    python benchmarks/zheng2019_dynamic_positioning.py [--seeds 20] [--first-seed 0] [--scenarios S2] [--compiled]
 
 Each seed draws another prior, another sea and another measurement noise. Printed: the median error, root mean square
 errors over the Cramer-Rao bound, how sure each filter was of itself, and how soon it was near. Some minutes.
