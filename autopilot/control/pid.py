@@ -1,9 +1,11 @@
 """PID heading law with the derivative on the rate error and anti-windup by what was really told.
 
-    delta = -kp z1 - kd (r - psi_d') + I,   I' = -ki z1 + (delta_told - delta_wanted)/t_track
+    delta = -kp z1 - kd (r - psi_d') + I + F,   I' = -ki z1 + (delta_told - delta_wanted)/t_track
 
-The integrator is pulled towards the value that reproduces the rudder the limits let through (back
-calculation, Astrom and Wittenmark 1997, section 8.5), so that saturation cannot wind it up.
+F is the rudder that the model needs for the planned turn, (T psi_d'' + n1 psi_d' + n2 psi_d'^2 + n3 psi_d'^3)/K, which
+leaves to the gains only what the model does not know. The integrator is pulled towards the value that reproduces the
+rudder the limits let through (back calculation, Astrom and Wittenmark 1997, section 8.5), so that saturation cannot
+wind it up.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.models.norrbin import Norrbin
+from autopilot.models.norrbin import Norrbin, rudder_for
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Reference
 
@@ -43,15 +45,19 @@ def pid_step(
     rate: float,
     last_rudder: float,
     dt: float,
+    feed_forward: float = 0.0,
 ) -> tuple[float, PidMemory]:
-    """Return the unlimited demand [rad] and the new memory; `last_rudder` [rad] is what was really told before."""
+    """Return the unlimited demand [rad] and the new memory; `last_rudder` [rad] is what was really told before.
+
+    `feed_forward` [rad] is F of the module's docstring.
+    """
     z1 = wrap(heading - reference.heading)
     integral = memory.integral
     if gains.ki > 0.0:
         excess = 0.0 if memory.wanted is None else last_rudder - memory.wanted
         tracking = clip(dt * gains.ki / max(gains.kp, gains.ki), 0.0, 1.0)
         integral = clip(integral - gains.ki * z1 * dt + tracking * excess, -INTEGRAL_MAX, INTEGRAL_MAX)
-    wanted = integral - gains.kp * z1 - gains.kd * (rate - reference.rate)
+    wanted = integral - gains.kp * z1 - gains.kd * (rate - reference.rate) + feed_forward
     return wanted, PidMemory(integral, wanted)
 
 
@@ -71,6 +77,10 @@ class PidLaw:
         self._memory = PidMemory(integral=rudder if self.gains.ki > 0.0 else 0.0)
 
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return the rudder demand [rad]; the model is not used."""
-        demand, self._memory = pid_step(self.gains, self._memory, reference, state.heading, state.rate, last_rudder, dt)
+        """Return the rudder demand [rad]; the model serves the feed-forward alone."""
+        # what holds the boat straight is the integrator's to find
+        turning = rudder_for(model, reference.rate, reference.acceleration) - rudder_for(model, 0.0, 0.0)
+        demand, self._memory = pid_step(
+            self.gains, self._memory, reference, state.heading, state.rate, last_rudder, dt, turning
+        )
         return demand
