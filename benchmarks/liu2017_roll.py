@@ -74,6 +74,8 @@ FRESH, TRAINING = 9_000, 1_000
 """First seeds of the runs that are shown and of those that gains are tuned on."""
 TRAINING_RUNS = 6
 MODEL = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)
+NOISE_DEG = (0.2, 0.2, 0.3, 0.3)
+"""Standard deviation of p, r [deg/s], phi and psi [deg] as instruments show them, white at 20 Hz."""
 STEERING = (0, 2, 4)
 """Places of v, r and psi among the five states."""
 
@@ -97,7 +99,7 @@ class Laws(NamedTuple):
 
 
 class Case(NamedTuple):
-    """One row: a name, its gains (None: fixed rudder), and how they are used."""
+    """One row: a name, its gains and how they are used. instruments: noise on p, r, phi and psi, and no sway speed."""
 
     name: str
     heading: SwayYawGains
@@ -105,6 +107,7 @@ class Case(NamedTuple):
     scheduled: bool = False
     rate_deg_s: float = 20.0
     steers: bool = True
+    instruments: bool = False
 
 
 class Result(NamedTuple):
@@ -120,19 +123,21 @@ class Result(NamedTuple):
     weight: float
 
 
-def sail(ship: Ship, laws: Laws, load: Array, dt: float, keep: int) -> Array:
+def sail(ship: Ship, laws: Laws, load: Array, noise: Array, dt: float, keep: int) -> Array:
     """Return v, p, r, phi, psi, rudder, travel so far, weight and the rudder's drag, a row for every `keep` steps."""
     out = np.empty((load.shape[0] // keep, 9))
     state, schedule = Motion(0.0, 0.0, 0.0, 0.0, 0.0), begin_schedule()
     rudder, travel = 0.0, 0.0
     for i in range(out.shape[0] * keep):
         demand, weight = 0.0, laws.share
+        n = noise[i]
+        seen = Motion(n[0] * state.v, state.p + n[1], state.r + n[2], state.phi + n[3], state.psi + n[4])
         if laws.steers:
             if laws.share < 0.0:
-                schedule = schedule_step(laws.parts, schedule, state, 0.0, rudder, dt)
+                schedule = schedule_step(laws.parts, schedule, seen, 0.0, rudder, dt)
                 weight = schedule.weight
-            quiet = sway_yaw_rudder(laws.parts.quiet, state.v, state.r, state.psi)
-            demand = blended_rudder(weight, quiet, roll_rudder(laws.parts.roll, state, 0.0))
+            quiet = sway_yaw_rudder(laws.parts.quiet, seen.v, seen.r, seen.psi)
+            demand = blended_rudder(weight, quiet, roll_rudder(laws.parts.roll, seen, 0.0))
         before = rudder
         rudder = gear_step(ship.gear, rudder, demand, dt)
         travel += abs(rudder - before)
@@ -176,13 +181,24 @@ def laws_of(case: Case) -> Laws:
     return Laws(ScheduleParts(ScheduleSettings(), quiet, roll, gear, linear_step_of(MODEL, DT)), share, case.steers)
 
 
+def noise_of(instruments: bool, seed: int, steps: int) -> Array:
+    """Return for each step a factor on the sway speed seen and what is added to p, r [rad/s], phi and psi [rad]."""
+    if not instruments:
+        return np.tile((1.0, 0.0, 0.0, 0.0, 0.0), (steps, 1))
+    noise = np.zeros((steps, 5))
+    noise[:, 1:] = np.random.default_rng([seed, 1]).normal(0.0, np.radians(NOISE_DEG), (steps, 4))
+    return noise
+
+
 @lru_cache(maxsize=256)
 def run(case: Case, sea: Sea, seed: int) -> Result:
     """Return what one run shows."""
     load, water = realisation(sea, seed)
     laws = laws_of(case)
     ship = Ship(NAVAL_HULL, inverse_mass(NAVAL_HULL), NAVAL_RUDDERS, laws.parts.gear, SERVICE_SPEED)
-    out = loop()(ship, laws, load, DT, KEEP)[round(SETTLED_S / DT / KEEP) :]
+    out = loop()(ship, laws, load, noise_of(case.instruments, seed, len(load)), DT, KEEP)[
+        round(SETTLED_S / DT / KEEP) :
+    ]
     extra = extra_resistance(sea, SERVICE_SPEED, out[:, :3], out[:, 8], water).total / calm_resistance(SERVICE_SPEED)
     return Result(
         roll=math.degrees(float(np.sqrt(np.mean(out[:, 3] ** 2)))),
@@ -339,6 +355,7 @@ CASES = (
     Case("paper's roll law, rudder 10 deg/s", PAPER_SWAY_YAW, PAPER_ROLL, rate_deg_s=10.0),
     *(ours(name) for name in TUNED),
     *(ours(name, 10.0) for name in TUNED),
+    *(ours(name)._replace(name=f"tuned: {name}, instruments", instruments=True) for name in TUNED),
 )
 ANGLES_DEG = (15, 30, 45, 60, 75, 90, 105, 120, 135, 150, 165)
 
