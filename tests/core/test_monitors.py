@@ -1,0 +1,157 @@
+"""A frozen compass, a boat off her course or running away, too much heel: seen in time, and never without cause."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.angles import wrap
+from autopilot.models.norrbin import Norrbin, rate_step
+from autopilot.monitors import FROZEN, RUNAWAY, AlarmLimits, Monitors, Watched
+from autopilot.signals import HeadingSample, NavState, RollSample
+
+BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
+LIMITS = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0, roll=math.radians(40.0))
+STOP = math.radians(30.0)
+DT = 0.1
+
+
+def watched(
+    now: float, heading: float, rudder: float = 0.0, *, wanted: float = 0.0, holds: bool = True, bias: float = 0.0
+) -> Watched:
+    state = NavState(now, heading, 0.0, 4.0, rudder, bias, 0.0, True)
+    return Watched(now, state, holds, wanted, rudder, STOP, True)
+
+
+class Sailing:
+    """A boat with a compass that may freeze; the rudder is whatever the test says."""
+
+    def __init__(self, limits: AlarmLimits = LIMITS, *, has_rate: bool = False) -> None:
+        self.monitors, self.now, self.heading, self.rate = Monitors(limits), 0.0, 0.3, 0.0
+        self.has_rate, self.shown = has_rate, 0.3
+
+    def sail(
+        self, seconds: float, rudder: float, *, frozen: bool = False, bias: float = 0.0, digits: float = 0.0
+    ) -> float | None:
+        """Return when the compass is called frozen, None where it is not."""
+        for _ in range(round(seconds / DT)):
+            self.now += DT
+            self.rate = rate_step(BOAT, self.rate, rudder + bias, DT)
+            self.heading += self.rate * DT
+            if not frozen:
+                self.shown = round(self.heading / digits) * digits if digits else self.heading
+            rate = self.rate if self.has_rate else None
+            self.monitors.hear((HeadingSample(self.now, wrap(self.shown), rate),))
+            self.monitors.look(BOAT, watched(self.now, wrap(self.shown), rudder, wanted=wrap(self.shown), bias=bias))
+            if self.monitors.trouble:
+                return self.now
+        return None
+
+
+@pytest.mark.parametrize("has_rate", [True, False])
+def test_a_frozen_compass_is_seen_before_the_boat_has_turned_far(has_rate: bool) -> None:
+    boat = Sailing(has_rate=has_rate)
+    assert boat.sail(20.0, 0.05) is None
+    turned = boat.heading
+    assert boat.sail(60.0, 0.05, frozen=True) is not None
+    assert boat.monitors.trouble == FROZEN
+    assert abs(boat.heading - turned) < math.radians(25.0)
+    boat.sail(0.2, 0.05)
+    assert boat.monitors.trouble == ""
+
+
+def test_a_coarse_compass_on_a_straight_course_is_not_frozen() -> None:
+    """Whole degrees, the same for minutes: wind is held off by a rudder that the bias explains."""
+    boat = Sailing()
+    assert boat.sail(300.0, -0.06, bias=0.06, digits=math.radians(1.0)) is None
+
+
+def test_a_slow_turn_read_in_whole_degrees_is_not_frozen() -> None:
+    boat = Sailing(has_rate=True)
+    assert boat.sail(300.0, 0.004, digits=math.radians(1.0)) is None
+
+
+def test_without_way_the_rudder_proves_nothing() -> None:
+    monitors = Monitors(LIMITS)
+    for k in range(2000):
+        monitors.hear((HeadingSample(k * DT, 0.3),))
+        monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3)._replace(has_way=False))
+        assert monitors.trouble == ""
+
+
+def off_course(seconds: float, error: float, rudder: float = 0.0) -> Monitors:
+    monitors = Monitors(LIMITS)
+    for k in range(round(seconds / DT) + 1):
+        monitors.look(BOAT, watched(k * DT, error, rudder))
+    return monitors
+
+
+def test_off_course_is_said_after_its_time_and_unsaid_when_back() -> None:
+    assert off_course(9.0, math.radians(25.0)).alarms() == ()
+    monitors = off_course(10.5, math.radians(-25.0))
+    assert "off course by 25 deg to port" in monitors.alarms()[0]
+    monitors.look(BOAT, watched(11.0, math.radians(-16.0)))
+    assert monitors.alarms() != ()
+    monitors.look(BOAT, watched(11.1, math.radians(-10.0)))
+    assert monitors.alarms() == ()
+
+
+def test_at_the_stop_the_advice_is_another() -> None:
+    assert "rudder at its stop" in off_course(11.0, math.radians(25.0), -STOP).alarms()[0]
+    assert "check rudder" in off_course(11.0, math.radians(25.0), -0.1).alarms()[0]
+
+
+def test_no_course_no_alarm() -> None:
+    monitors = off_course(20.0, math.radians(25.0))
+    monitors.look(BOAT, watched(21.0, math.radians(25.0), holds=False))
+    assert monitors.alarms() == ()
+
+
+def test_a_boat_that_turns_against_its_rudder_is_given_up() -> None:
+    """A rudder wired the wrong way: hard over, and the error only grows."""
+    monitors, heading, rate, now = Monitors(LIMITS), math.radians(5.0), 0.0, 0.0
+    while not monitors.trouble and now < 120.0:
+        now += DT
+        error = wrap(heading)
+        order = max(-STOP, min(STOP, -2.0 * error))
+        rate = rate_step(BOAT, rate, -order, DT)
+        heading += rate * DT
+        monitors.look(BOAT, watched(now, error, order))
+    assert monitors.trouble == RUNAWAY
+    assert abs(heading) < math.pi
+
+
+def test_a_boat_that_comes_back_slowly_is_not_given_up() -> None:
+    monitors = Monitors(LIMITS)
+    for k in range(1200):
+        error = math.radians(120.0) * math.exp(-k * DT / 60.0)
+        monitors.look(BOAT, watched(k * DT, error, -STOP))
+        assert monitors.trouble == ""
+
+
+def test_heel_is_said_when_it_lasts() -> None:
+    monitors = Monitors(LIMITS)
+    for k in range(30):
+        monitors.hear((RollSample(k * DT, math.radians(-50.0)),))
+    assert "heeling 50 deg" in monitors.alarms()[0]
+    monitors.hear((RollSample(4.0, 0.1),))
+    assert monitors.alarms() == ()
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(allow_nan=True, allow_infinity=True), st.floats(allow_nan=True), st.booleans(), st.booleans()
+        ),
+        max_size=40,
+    )
+)
+def test_nothing_that_comes_in_makes_it_stumble(ticks: list[tuple[float, float, bool, bool]]) -> None:
+    monitors = Monitors(LIMITS)
+    for k, (heading, rudder, holds, heels) in enumerate(ticks):
+        monitors.hear((HeadingSample(k * DT, heading, rudder), RollSample(k * DT, heading if heels else 0.0)))
+        monitors.look(BOAT, watched(k * DT, heading, rudder, holds=holds))
+        assert all(isinstance(text, str) for text in monitors.alarms())
