@@ -43,6 +43,7 @@ from autopilot.links.signing import Signing
 from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.monitors import AlarmLimits
 from autopilot.params.vessel import Vessel
 from autopilot.pilot import HeadingLaw, Pilot, PilotConfig
 from autopilot.safety import FailsafeAction
@@ -231,6 +232,12 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
             failsafe.release_after_s,
             failsafe.resume,
             failsafe.reengage_after_reboot,
+        ),
+        alarms=AlarmLimits(
+            _radians_or_unlimited(vessel.alarms.off_course_deg),
+            vessel.alarms.off_course_s,
+            _radians_or_unlimited(vessel.alarms.roll_deg),
+            vessel.alarms.frozen_heading,
         ),
         rudder_share=vessel.guidance.rudder_share,
         turn_rate_max=_radians_or_unlimited(turn_rate),

@@ -46,11 +46,13 @@ class AlarmLimits(NamedTuple):
 
 
 class Watched(NamedTuple):
-    """What the monitors look at in a tick: whether a course is being held, the desired heading [rad], the rudder that
-    was told [rad] and its end stop [rad], and whether there is way enough for the rudder to count."""
+    """What the monitors look at in a tick: whether we move the rudder; whether a course is being held, turns to it
+    being over; the heading ordered [rad], the rudder that was told [rad] and its end stop [rad]; and whether there is
+    way enough for the rudder to count."""
 
     now: float
     state: NavState
+    steers: bool
     holds_course: bool
     wanted: float
     rudder: float
@@ -151,6 +153,7 @@ class FrozenHeading:
     def reset(self) -> None:
         """Forget everything."""
         self._heading = math.nan
+        self._proven = False
         self._same = 0
         self._time = math.nan
         self._measured: float | None = None
@@ -171,8 +174,13 @@ class FrozenHeading:
         self._time = sample.time
 
     def is_frozen(self, model: Norrbin, watched: Watched) -> bool:
-        """Return whether the heading has stood still while the boat turned."""
-        if self._same < 2 or not math.isfinite(self._now):
+        """Return whether the heading has stood still while the boat turned; once it has, until it moves again."""
+        self._proven = self._proven or self._is_proven(model, watched)
+        return self._proven
+
+    def _is_proven(self, model: Norrbin, watched: Watched) -> bool:
+        if self._same < 2 or not math.isfinite(self._now) or not (watched.steers or self._measured is not None):
+            # what somebody else does with the rudder proves nothing
             self._begin(watched)
             return False
         step = clip(watched.now - self._now, 0.0, LONGEST_STEP_S)

@@ -19,6 +19,7 @@ from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_
 from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
+from autopilot.monitors import STEERAGE_SHARE, AlarmLimits, Monitors, Watched
 from autopilot.safety import Envelope, FailsafeAction, Supervisor
 from autopilot.signals import (
     AlarmSample,
@@ -50,6 +51,12 @@ SPEED_CHANGE = 0.02
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
 NO_STEERAGE = "too slow to steer, or astern: the rudder waits amidships until the boat moves ahead"
+
+
+NO_TURN = math.radians(5.0)
+TURNING_SLACK = 1.5
+SETTLING_TIME_CONSTANTS = 5.0
+"""A turn may take this much longer than planned, and this many time constants to settle, before it is off course."""
 
 
 class HeadingLaw(Protocol):
@@ -86,6 +93,7 @@ class PilotConfig(NamedTuple):
     steerage: float = 0.0
     steerage_over_ground: bool = False
     roll: RollDamping | None = None
+    alarms: AlarmLimits = AlarmLimits()
 
 
 class Pilot:
@@ -98,12 +106,14 @@ class Pilot:
         self.estimator = Estimator(config.model, config.gear, config.noise, config.steerage)
         self.supervisor = Supervisor(Envelope(*config.limits), config.failsafe)
         self.damper = RollDamper(config.roll) if config.roll is not None else None
+        self.monitors = Monitors(config.alarms)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything since power-on."""
         self.estimator.reset()
         self.supervisor.reset()
+        self.monitors.reset()
         self.law.reset(0.0)
         self._roll_rudder = 0.0
         if self.damper is not None:
@@ -113,7 +123,9 @@ class Pilot:
         self._told = RudderCommand(0.0, 0.0, False)
         self._boat = VirtualBoat(0.0)
         self._order = Order()
+        self._order_heading = 0.0
         self._side = 1
+        self._turning_until = -math.inf
         self._turn_limits: TurnLimits | None = None
         self._turn_speed = 0.0
         self._waits = False
@@ -138,6 +150,7 @@ class Pilot:
         law.reset(self._told.angle)
         self.estimator.reconfigure(config.model, config.gear, config.noise, config.steerage)
         self.supervisor.reconfigure(Envelope(*config.limits), config.failsafe)
+        self.monitors.limits = config.alarms
         self._turn_limits = None
         if self.learner is not None and config.model != self.learner.present:
             self.learner.begin(config.model)
@@ -155,7 +168,8 @@ class Pilot:
         self._listen(now, samples)
         state = self.estimator.update(now, samples)
         was = self.supervisor.mode
-        mode = self.supervisor.decide(now, order, state)
+        self.monitors.look(self.estimator.model, self._watched(now, state))
+        mode = self.supervisor.decide(now, order, state, self.monitors.trouble)
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
             state = self._engage(now, state)
         steady = self._steady(state)
@@ -179,10 +193,27 @@ class Pilot:
             demand=demand,
             command=command,
             mode=self.supervisor.mode,
-            alarms=self.supervisor.alarms(),
+            alarms=(*self.supervisor.alarms(), *self.monitors.alarms()),
+        )
+
+    def _watched(self, now: float, state: NavState) -> Watched:
+        """Return what the monitors look at: the course that was being held until this tick, and how."""
+        is_engaged = self.supervisor.mode is Mode.ENGAGED
+        ours = is_engaged and self.config.rudder_is_ours
+        holds = is_engaged and self._order.kind is OrderKind.HEADING and now >= self._turning_until
+        return Watched(
+            now,
+            state,
+            ours,
+            holds,
+            self._order_heading,
+            self._told.angle if ours else 0.0,
+            self.config.limits.angle_max,
+            abs(state.speed) >= STEERAGE_SHARE * self.config.model.reference_speed,
         )
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
+        self.monitors.hear(samples)
         for sample in samples:
             if isinstance(sample, HelmSample):
                 self.supervisor.hear(sample)
@@ -257,6 +288,15 @@ class Pilot:
         self._order = order
         self._order_heading = order.heading if math.isfinite(order.heading) else state.heading
         self._side = 1
+        self._turning_until = max(self._turning_until, state.time + self._turning_time(state.heading))
+
+    def _turning_time(self, heading: float) -> float:
+        """Return how long [s] the boat may need from `heading` [rad] to the one ordered; a touch is no turn."""
+        turn = abs(shortest_turn(heading, self._order_heading))
+        if turn < NO_TURN:
+            return 0.0
+        model = self.estimator.model
+        return TURNING_SLACK * turn / self._limits_at(model).rate_max + SETTLING_TIME_CONSTANTS * model.time_constant
 
     def _virtual(self, state: NavState) -> VirtualBoat:
         """A virtual boat where the real one is, turning no faster than it may."""

@@ -3,7 +3,8 @@
     STANDBY  --order with a new serial, heading fresh, helm free-->  ENGAGED
     ENGAGED  --order STANDBY-->                                      STANDBY
     ENGAGED, FAILSAFE --human or firmware takes the helm-->          OVERRIDE
-    ENGAGED  --heading stale, anything not finite, envelope broken-> FAILSAFE
+    ENGAGED  --heading stale, anything not finite, envelope broken,
+               compass frozen, boat turns against its rudder-->      FAILSAFE
     OVERRIDE, FAILSAFE  --order with a new serial-->                 ENGAGED
     OVERRIDE, FAILSAFE  --order STANDBY-->                           STANDBY
     FAILSAFE, heading lost --heading back for RESUME_AFTER, file says resume--> ENGAGED
@@ -105,9 +106,12 @@ class Supervisor:
         else:
             self._notes.pop(sample.source, None)
 
-    def decide(self, now: float, order: Order, state: NavState) -> Mode:
-        """Return the mode at `now` [s]: the table in the module's docstring."""
-        trouble = self._trouble(state)
+    def decide(self, now: float, order: Order, state: NavState, monitored: str = "") -> Mode:
+        """Return the mode at `now` [s]: the table in the module's docstring.
+
+        `monitored`: the trouble that a monitor has found, "" for none.
+        """
+        trouble = self._trouble(state) or monitored
         self._watch_heading(now, trouble)
         self._watch_reboot(now)
         taken = next((sample.reason for sample in self._helm.values() if not sample.available), None)

@@ -182,6 +182,17 @@ class Failsafe:
 
 
 @dataclass(frozen=True)
+class Alarms:
+    """What is watched while a course is held; null: not watched."""
+
+    off_course_deg: Annotated[float, Bounds(3.0, 180.0, "alarm this far off the course ordered")] | None = 20.0
+    off_course_s: Annotated[float, Bounds(1.0, 600.0, "for this long, turns apart")] = 10.0
+    roll_deg: Annotated[float, Bounds(5.0, 180.0, "alarm at this heel")] | None = None
+    frozen_heading: bool = True
+    """A compass that stands still to the last digit while the boat turns ends steering, as a silent one does."""
+
+
+@dataclass(frozen=True)
 class Helm:
     """How rudder commands reach a MAVLink flight controller."""
 
@@ -225,5 +236,6 @@ class Vessel:
     estimator: Estimator = field(default_factory=Estimator)
     limits: Limits = field(default_factory=Limits)
     failsafe: Failsafe = field(default_factory=Failsafe)
+    alarms: Alarms = field(default_factory=Alarms)
     helm: Helm = field(default_factory=Helm)
     drive: Drive = field(default_factory=Drive)

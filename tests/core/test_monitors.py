@@ -23,7 +23,7 @@ def watched(
     now: float, heading: float, rudder: float = 0.0, *, wanted: float = 0.0, holds: bool = True, bias: float = 0.0
 ) -> Watched:
     state = NavState(now, heading, 0.0, 4.0, rudder, bias, 0.0, True)
-    return Watched(now, state, holds, wanted, rudder, STOP, True)
+    return Watched(now, state, True, holds, wanted, rudder, STOP, True)
 
 
 class Sailing:
@@ -79,6 +79,14 @@ def test_without_way_the_rudder_proves_nothing() -> None:
     for k in range(2000):
         monitors.hear((HeadingSample(k * DT, 0.3),))
         monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3)._replace(has_way=False))
+        assert monitors.trouble == ""
+
+
+def test_what_another_does_with_the_rudder_proves_nothing() -> None:
+    monitors = Monitors(LIMITS)
+    for k in range(2000):
+        monitors.hear((HeadingSample(k * DT, 0.3),))
+        monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3)._replace(steers=False))
         assert monitors.trouble == ""
 
 
