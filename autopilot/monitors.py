@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import shortest_turn
-from autopilot.models.norrbin import Norrbin, rate_step
+from autopilot.models.norrbin import Norrbin, rate_step, steady_rudder
 from autopilot.models.steering_gear import clip
 from autopilot.signals import HeadingSample, NavState, RollSample, Sample
 
@@ -25,8 +25,10 @@ STEERAGE_SHARE = 0.2
 BACK_ON_COURSE = 0.7
 """An off-course alarm ends when the error is back within this share of its limit."""
 AT_THE_STOP = 0.9
-RUNAWAY_LIMITS = 2.5
-"""A boat this many limits off, rudder hard against it and the error still growing, does not answer to its rudder."""
+AGAINST_SHARE = 0.8
+"""A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
+SETTLED = 3.0
+"""Time constants after which what the rudder did before is forgotten."""
 ROLL_SECONDS = 2.0
 
 FROZEN = "heading frozen: the compass stands still while the boat turns; steer by hand, restart the compass"
@@ -74,8 +76,7 @@ class Monitors:
         self.trouble = ""
         self._off_since: float | None = None
         self._off = ""
-        self._hard_over_since: float | None = None
-        self._last_error = 0.0
+        self._against_since: float | None = None
         self._roll_since: float | None = None
         self._roll = ""
 
@@ -97,6 +98,7 @@ class Monitors:
         if self.limits.frozen_heading and self._frozen.is_frozen(model, watched):
             self.trouble = FROZEN
         self._look_at_course(watched)
+        self._look_for_runaway(model, watched)
 
     def _hear_roll(self, sample: RollSample) -> None:
         if abs(sample.roll) <= self.limits.roll:
@@ -109,7 +111,7 @@ class Monitors:
 
     def _look_at_course(self, watched: Watched) -> None:
         if not watched.holds_course or math.isinf(self.limits.off_course):
-            self._off_since, self._off, self._hard_over_since = None, "", None
+            self._off_since, self._off = None, ""
             return
         error = shortest_turn(watched.wanted, watched.state.heading)
         limit = self.limits.off_course * (BACK_ON_COURSE if self._off else 1.0)
@@ -119,8 +121,6 @@ class Monitors:
             self._off_since = watched.now
         elif watched.now - self._off_since >= self.limits.off_course_time:
             self._off = self._off_course_text(error, watched)
-        self._look_for_runaway(error, watched)
-        self._last_error = error
 
     def _off_course_text(self, error: float, watched: Watched) -> str:
         off = f"off course by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
@@ -128,15 +128,20 @@ class Monitors:
             return f"{off}, the rudder at its stop: more way or less sail, check that the rudder moves"
         return f"{off}: check rudder, speed and wind, or order another course"
 
-    def _look_for_runaway(self, error: float, watched: Watched) -> None:
-        against = -error * watched.rudder >= 0.0 and abs(watched.rudder) >= AT_THE_STOP * watched.angle_max
-        growing = abs(error) > abs(self._last_error)
-        far = abs(error) > RUNAWAY_LIMITS * self.limits.off_course
-        if not against:
-            self._hard_over_since = None
-        elif self._hard_over_since is None:
-            self._hard_over_since = watched.now
-        elif far and growing and watched.now - self._hard_over_since >= self.limits.off_course_time:
+    def _look_for_runaway(self, model: Norrbin, watched: Watched) -> None:
+        """Rudder hard over, and the boat turns to the other side nearly as it would for a rudder hard over there.
+
+        A gust heavier than the rudder turns it more slowly, or not for long: that is fought, not given up.
+        """
+        rate, rudder = watched.state.rate, watched.rudder
+        answers_to = steady_rudder(model, rate)
+        hard_over = abs(rudder) >= AT_THE_STOP * watched.angle_max
+        against = answers_to * rudder < 0.0 and abs(answers_to) >= AGAINST_SHARE * abs(rudder)
+        if not (hard_over and against):
+            self._against_since = None
+        elif self._against_since is None:
+            self._against_since = watched.now
+        elif watched.now - self._against_since >= self.limits.off_course_time + SETTLED * model.time_constant:
             self.trouble = self.trouble or RUNAWAY
 
 

@@ -63,7 +63,7 @@ def test_a_rudder_of_the_wrong_sign_is_given_up_within_a_turn() -> None:
     ticks = sail_altered(pilot, plant, 120.0, lambda sample: sample, rudder_sign=-1.0)
     ended = [tick for tick in ticks if tick.mode is Mode.FAILSAFE]
     assert ended
-    assert any(RUNAWAY in alarm or "turns against" in alarm for alarm in ended[0].alarms)
+    assert RUNAWAY in ended[0].alarms
 
 
 def test_wind_that_is_too_much_is_an_alarm_and_steering_goes_on() -> None:
@@ -73,7 +73,9 @@ def test_wind_that_is_too_much_is_an_alarm_and_steering_goes_on() -> None:
     pilot, plant = build_pilot(VESSEL), boat(gale)
     ticks = sail(pilot, plant, course(0.0), 140.0, DT)
     said = [tick for tick in ticks if any("off course" in alarm for alarm in tick.alarms)]
-    assert said or any(tick.mode is Mode.FAILSAFE for tick in ticks)
+    assert said
+    assert all(tick.mode is Mode.ENGAGED for tick in ticks)
+    assert abs(ticks[-1].state.heading) < math.radians(2.0)
 
 
 def test_turns_gusts_and_noise_raise_no_alarm() -> None:

@@ -20,9 +20,16 @@ DT = 0.1
 
 
 def watched(
-    now: float, heading: float, rudder: float = 0.0, *, wanted: float = 0.0, holds: bool = True, bias: float = 0.0
+    now: float,
+    heading: float,
+    rudder: float = 0.0,
+    *,
+    wanted: float = 0.0,
+    holds: bool = True,
+    bias: float = 0.0,
+    rate: float = 0.0,
 ) -> Watched:
-    state = NavState(now, heading, 0.0, 4.0, rudder, bias, 0.0, True)
+    state = NavState(now, heading, rate, 4.0, rudder, bias, 0.0, True)
     return Watched(now, state, True, holds, wanted, rudder, STOP, True)
 
 
@@ -118,25 +125,38 @@ def test_no_course_no_alarm() -> None:
     assert monitors.alarms() == ()
 
 
-def test_a_boat_that_turns_against_its_rudder_is_given_up() -> None:
-    """A rudder wired the wrong way: hard over, and the error only grows."""
-    monitors, heading, rate, now = Monitors(LIMITS), math.radians(5.0), 0.0, 0.0
-    while not monitors.trouble and now < 120.0:
+def helmed(monitors: Monitors, seconds: float, sign: float, gust: float = 0.0) -> float:
+    """Steer a boat whose rudder works with `sign` in a gust [rad of rudder]; return how far [rad] it has turned."""
+    heading, rate, now = math.radians(5.0), 0.0, 0.0
+    while not monitors.trouble and now < seconds:
         now += DT
-        error = wrap(heading)
-        order = max(-STOP, min(STOP, -2.0 * error))
-        rate = rate_step(BOAT, rate, -order, DT)
+        order = max(-STOP, min(STOP, -2.0 * wrap(heading)))
+        rate = rate_step(BOAT, rate, sign * order + gust, DT)
         heading += rate * DT
-        monitors.look(BOAT, watched(now, error, order))
+        monitors.look(BOAT, watched(now, wrap(heading), order, rate=rate))
+    return heading
+
+
+def test_a_boat_that_turns_against_its_rudder_is_given_up() -> None:
+    """A rudder wired the wrong way: hard over, and the boat goes round."""
+    monitors = Monitors(LIMITS)
+    helmed(monitors, 120.0, -1.0)
     assert monitors.trouble == RUNAWAY
-    assert abs(heading) < math.pi
+
+
+@pytest.mark.parametrize("gust", [0.5, 0.7, 0.85])
+def test_a_boat_that_is_overpowered_is_not_given_up(gust: float) -> None:
+    """Up to 1.6 times what the rudder can do, for two minutes: an alarm, and the pilot keeps at it."""
+    monitors = Monitors(LIMITS)
+    helmed(monitors, 120.0, 1.0, gust)
+    assert monitors.trouble == ""
 
 
 def test_a_boat_that_comes_back_slowly_is_not_given_up() -> None:
     monitors = Monitors(LIMITS)
     for k in range(1200):
         error = math.radians(120.0) * math.exp(-k * DT / 60.0)
-        monitors.look(BOAT, watched(k * DT, error, -STOP))
+        monitors.look(BOAT, watched(k * DT, error, -STOP, rate=-error / 60.0))
         assert monitors.trouble == ""
 
 
