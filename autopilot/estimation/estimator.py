@@ -16,7 +16,14 @@ from autopilot.angles import wrap
 from autopilot.estimation import heading_filter as ekf
 from autopilot.estimation import wave_motion
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
-from autopilot.estimation.heading_update import fuse_heading, fuse_rate, heading_variance, is_sound, learn_waves
+from autopilot.estimation.heading_update import (
+    fuse_heading,
+    fuse_rate,
+    heading_variance,
+    is_sound,
+    learn_waves,
+    surprise,
+)
 from autopilot.estimation.rudder_track import RudderTrack
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip
@@ -27,6 +34,11 @@ GATE_SIGMAS = 6.0
 GATE_LEAST = math.radians(10.0)
 GATE_PATIENCE = 5
 """A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
+SURPRISE_TIME = 3.0
+SURPRISE_MOST = 5.0
+SURPRISED = 0.8
+"""White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
+longer, wind has changed or the model is wrong, and neither is a wave."""
 PREDICT_LONGEST = 2.0
 """The boat is not carried forward further than this [s] from its newest measurement."""
 LONGEST_SHARE = 0.5
@@ -78,7 +90,7 @@ class Estimator:
 
     def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         self._reference_model = model
-        self._noise = noise
+        self._noise, self._pushed = noise, noise._replace(bias=max(noise.bias, noise.gust_bias))
         self._steerage = steerage
         self.rudder = RudderTrack(gear)
         self.reset()
@@ -93,6 +105,7 @@ class Estimator:
         self._begun: HeadingSample | None = None
         self._spikes_in_row = 0
         self._spike = 0.0
+        self._surprise = 0.0
         self._heading_time = -math.inf
         self._speed: float | None = None
         self._speed_time = -math.inf
@@ -101,6 +114,7 @@ class Estimator:
     def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         """Go on with another model, steering gear and noise; what is known of the boat stays known."""
         self._reference_model, self._noise, self._steerage = model, noise, steerage
+        self._pushed = noise._replace(bias=max(noise.bias, noise.gust_bias))
         self.rudder.reconfigure(gear)
         most = SPEED_RATIO_MOST * model.reference_speed
         self.model = model if self._speed is None else at_speed(model, clip(self._speed, -most, most))
@@ -209,6 +223,7 @@ class Estimator:
         assert self._state is not None
         before = self._state
         state = self._carried(before, sample.time)
+        self._note_surprise(state, sample, sample.time - before.time)
         if isinstance(sample, RateSample):
             state = fuse_rate(state, sample.rate, self._noise.rate)
         else:
@@ -220,13 +235,19 @@ class Estimator:
             if sample.rate is not None:
                 state = fuse_rate(state, sample.rate, self._noise.rate)
             self._heading_time = max(self._heading_time, sample.time)
-        if self._noise.waves:
+        if self._noise.waves and abs(self._surprise) < SURPRISED:
             state = learn_waves(state, sample.time - before.time)
         if self._speed is not None and self._speed < self._steerage:
             state = ekf.with_bias_of(before, state)
         self._fused.append(_Fused(before, sample))
         self._state = state
         self.counters.fused += 1
+
+    def _note_surprise(self, state: FilterState, sample: HeadingSample | RateSample, dt: float) -> None:
+        """Average what lies between expectation and measurement, in standard deviations: only what lasts stays."""
+        heading = sample.heading if isinstance(sample, HeadingSample) else None
+        off = clip(surprise(state, heading, sample.rate, self._noise), -SURPRISE_MOST, SURPRISE_MOST)
+        self._surprise += -math.expm1(-dt / SURPRISE_TIME) * (off - self._surprise)
 
     def _is_spike(self, state: FilterState, heading: float) -> bool:
         variance = heading_variance(state) + self._noise.heading
@@ -242,10 +263,11 @@ class Estimator:
 
     def _carried(self, state: FilterState, to: float) -> FilterState:
         longest = LONGEST_SHARE * self.model.time_constant
+        noise = self._noise if abs(self._surprise) < SURPRISED else self._pushed
         for until, angle in self._held(state.time, to):
             for left in range(math.ceil((until - state.time) / longest), 1, -1):
-                state = ekf.predict(self.model, self._noise, state, angle, state.time + (until - state.time) / left)
-            state = ekf.predict(self.model, self._noise, state, angle, until)
+                state = ekf.predict(self.model, noise, state, angle, state.time + (until - state.time) / left)
+            state = ekf.predict(self.model, noise, state, angle, until)
         return state if state.time == to else state._replace(time=to)
 
     def _held(self, start: float, end: float) -> list[tuple[float, float]]:

@@ -80,7 +80,8 @@ class FilterNoise(NamedTuple):
 
     model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share of it, as white noise. With `waves` the
     sea is learnt and kept out of psi and r, and `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the places of
-    `acceleration` and `bias` while the boat is pushed further than waves would.
+    `acceleration` and `bias` while the boat is pushed further than waves would; `gust_bias` also while the measurements
+    lie to one side of what was expected for seconds.
     """
 
     heading: float

@@ -9,7 +9,7 @@ import math
 
 from autopilot.angles import wrap
 from autopilot.estimation import wave_motion
-from autopilot.estimation.heading_filter import FilterState
+from autopilot.estimation.heading_filter import FilterNoise, FilterState
 
 
 def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
@@ -49,6 +49,16 @@ def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
         rate - state.rate - state.wave_rate,
         state.p11 + 2.0 * state.p14 + state.p44 + variance,
     )
+
+
+def surprise(state: FilterState, heading: float | None, rate: float | None, noise: FilterNoise) -> float:
+    """Return how many standard deviations the measured rate [rad/s] is above the expected one; by the heading [rad]
+    where no rate is measured."""
+    if rate is not None:
+        total = state.p11 + 2.0 * state.p14 + state.p44 + noise.rate
+        return (rate - state.rate - state.wave_rate) / math.sqrt(total)
+    assert heading is not None
+    return wrap(heading - state.psi - state.wave) / math.sqrt(heading_variance(state) + noise.heading)
 
 
 def _fuse(
