@@ -36,7 +36,7 @@ GATE_PATIENCE = 5
 """A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
 SURPRISE_TIME = 3.0
 SURPRISE_MOST = 5.0
-SURPRISED = 0.8
+SURPRISED = 1.5
 """White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
 longer, wind has changed or the model is wrong, and neither is a wave."""
 PREDICT_LONGEST = 2.0
@@ -82,6 +82,11 @@ def is_rudder(angle: float) -> bool:
     return abs(angle) <= RUDDER_MOST
 
 
+def _pushed(noise: FilterNoise) -> FilterNoise:
+    """Return the noise of a boat that something lasting pushes; without waves the bias is quick enough anyway."""
+    return noise._replace(bias=noise.gust_bias) if noise.waves else noise
+
+
 class Estimator:
     """Heading, rate, rudder and bias from irregular samples; see the module's docstring.
 
@@ -90,7 +95,7 @@ class Estimator:
 
     def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         self._reference_model = model
-        self._noise, self._pushed = noise, noise._replace(bias=max(noise.bias, noise.gust_bias))
+        self._noise, self._pushed = noise, _pushed(noise)
         self._steerage = steerage
         self.rudder = RudderTrack(gear)
         self.reset()
@@ -114,7 +119,7 @@ class Estimator:
     def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         """Go on with another model, steering gear and noise; what is known of the boat stays known."""
         self._reference_model, self._noise, self._steerage = model, noise, steerage
-        self._pushed = noise._replace(bias=max(noise.bias, noise.gust_bias))
+        self._pushed = _pushed(noise)
         self.rudder.reconfigure(gear)
         most = SPEED_RATIO_MOST * model.reference_speed
         self.model = model if self._speed is None else at_speed(model, clip(self._speed, -most, most))
