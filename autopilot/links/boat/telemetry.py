@@ -2,7 +2,8 @@
 
 ATTITUDE, GLOBAL_POSITION_INT, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered or of the
 waypoint, in degrees; distance to it; cross-track error, positive to starboard of the track), MISSION_CURRENT,
-CURRENT_MODE, SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias.
+CURRENT_MODE, SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias, and
+for the loop's health: ticks a second, the longest gap between two ticks since it was told last, and the heading's age.
 """
 
 from __future__ import annotations
@@ -58,12 +59,15 @@ class Telemetry:
         self._roll: RollSample | None = None
         self._position: PositionSample | None = None
         self.tick: Tick | None = None
+        self._told = -math.inf
+        self._ticks = 0
+        self._longest_gap = 0.0
         self._makers: dict[int, Callable[[Tick], list[Message]]] = {
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
             dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._where,
             dialect.MAVLINK_MSG_ID_VFR_HUD: self._hud,
             dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self._navigation,
-            dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._rudder,
+            dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: lambda tick: [*self._rudder(tick), *self._loop(tick)],
             dialect.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _: [self._mission.message()],
             CurrentMode.id: lambda tick: [current_mode(self.mode(tick))],
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._status,
@@ -74,7 +78,10 @@ class Telemetry:
     def take(self, tick: Tick) -> None:
         """Remember the newest tick."""
         if self._start is None:
-            self._start = tick.now
+            self._start = self._told = tick.now
+        if self.tick is not None:
+            self._longest_gap = max(self._longest_gap, tick.now - self.tick.now)
+        self._ticks += 1
         self.tick = tick
         for sample in tick.samples:
             if isinstance(sample, RollSample):
@@ -170,8 +177,22 @@ class Telemetry:
             "rudcmd_deg": tick.command.angle if tick.command.engaged else math.nan,
             "bias_deg": tick.state.bias,
         }
+        return self._named(tick, {name: math.degrees(value) for name, value in values.items()})
+
+    def _loop(self, tick: Tick) -> list[Message]:
+        """How the loop has kept time since it was told last."""
+        passed = tick.now - self._told
+        values = {
+            "ticks_hz": self._ticks / passed if passed > 0.0 else math.nan,
+            "gap_ms": 1000.0 * self._longest_gap,
+            "hdg_age_ms": 1000.0 * tick.state.heading_age,
+        }
+        self._told, self._ticks, self._longest_gap = tick.now, 0, 0.0
+        return self._named(tick, values)
+
+    def _named(self, tick: Tick, values: dict[str, float]) -> list[Message]:
         return [
-            dialect.MAVLink_named_value_float_message(self._boot_ms(tick), name.encode(), math.degrees(value))
+            dialect.MAVLink_named_value_float_message(self._boot_ms(tick), name.encode(), value)
             for name, value in values.items()
         ]
 
