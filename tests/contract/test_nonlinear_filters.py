@@ -60,7 +60,7 @@ FILTERS: dict[str, tuple[Filter, float]] = {
     "constant gain": (feedback_particles(ConstantGain()), 0.25),
     "Galerkin, linear": (feedback_particles(GalerkinGain(1)), 0.25),
     "Galerkin, quadratic": (feedback_particles(GalerkinGain(2)), 0.35),
-    "kernel": (feedback_particles(KernelGain(4.0), count=200), 0.45),
+    "kernel": (feedback_particles(KernelGain(4.0), count=120), 0.55),
 }
 
 
