@@ -200,7 +200,8 @@ class Pilot:
         """Return what the monitors look at: the course that was being held until this tick, and how."""
         is_engaged = self.supervisor.mode is Mode.ENGAGED
         ours = is_engaged and self.config.rudder_is_ours
-        holds = is_engaged and self._order.kind is OrderKind.HEADING and now >= self._turning_until
+        is_turned = now >= self._turning_until and not self._waits
+        holds = is_engaged and self._order.kind is OrderKind.HEADING and is_turned
         return Watched(
             now,
             state,
