@@ -124,7 +124,7 @@ class Monitors:
 
     def _off_course_text(self, error: float, watched: Watched) -> str:
         off = f"off course by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
-        if abs(watched.rudder) >= AT_THE_STOP * watched.angle_max:
+        if _is_hard_over(watched):
             return f"{off}, the rudder at its stop: more way or less sail, check that the rudder moves"
         return f"{off}: check rudder, speed and wind, or order another course"
 
@@ -133,16 +133,21 @@ class Monitors:
 
         A gust heavier than the rudder turns it more slowly, or not for long: that is fought, not given up.
         """
-        rate, rudder = watched.state.rate, watched.rudder
-        answers_to = steady_rudder(model, rate)
-        hard_over = abs(rudder) >= AT_THE_STOP * watched.angle_max
-        against = answers_to * rudder < 0.0 and abs(answers_to) >= AGAINST_SHARE * abs(rudder)
-        if not (hard_over and against):
+        if not _is_hard_over(watched) or not _turns_against(model, watched):
             self._against_since = None
         elif self._against_since is None:
             self._against_since = watched.now
         elif watched.now - self._against_since >= self.limits.off_course_time + SETTLED * model.time_constant:
             self.trouble = self.trouble or RUNAWAY
+
+
+def _is_hard_over(watched: Watched) -> bool:
+    return abs(watched.rudder) >= AT_THE_STOP * watched.angle_max
+
+
+def _turns_against(model: Norrbin, watched: Watched) -> bool:
+    answers_to = steady_rudder(model, watched.state.rate)
+    return answers_to * watched.rudder < 0.0 and abs(answers_to) >= AGAINST_SHARE * abs(watched.rudder)
 
 
 class FrozenHeading:

@@ -5,18 +5,18 @@
 Each input is noise, or sound packets of that protocol cut, joined, doubled, shuffled, with bytes changed. Counted
 are the values accepted, and those that nobody sent ("strangers"): a checksum of eight bits lets about one in 256 of
 packets with several wrong bytes pass, where it has one at all. Exit code 1 at an exception, an impossible value, or
-more than `HELD_MOST` bytes held between inputs.
+more than `fuzz_table.HELD_MOST` bytes held between inputs.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import random
 import sys
-import time
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
+
+from fuzz_table import Fuzzer, Result, print_table
 
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links import nmea_encoders as encode
@@ -35,21 +35,8 @@ from sitl.world import World
 
 FULL = 0.7
 SETTINGS = DriveSettings(angle_at_full=FULL, stop=0.6)
-HELD_MOST = 4096
 HEADINGS = tuple(round(0.1 * step, 1) for step in range(0, 60, 7))
 PLACES = tuple(range(32000, 33500, 100))
-
-
-class Result(NamedTuple):
-    """Values accepted, values that nobody sent, impossible ones, and the most bytes held."""
-
-    accepted: int = 0
-    strangers: int = 0
-    impossible: int = 0
-    held: int = 0
-
-
-Fuzzer = Callable[[random.Random, int], Result]
 
 
 def inputs(rng: random.Random, sound: list[bytes], count: int) -> Iterator[bytes]:
@@ -184,23 +171,7 @@ FUZZERS: dict[str, Fuzzer] = {
 
 def main() -> int:
     """Run the fuzzers and print one line for each; return 1 where one has failed."""
-    options = argparse.ArgumentParser()
-    options.add_argument("--inputs", type=int, default=1_000_000)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--only", choices=sorted(FUZZERS))
-    arguments = options.parse_args()
-    failed = False
-    print("| parser | inputs | values accepted | strangers | impossible | most bytes held | us an input |")
-    print("|---|---|---|---|---|---|---|")
-    for name, fuzz in FUZZERS.items():
-        if arguments.only not in (None, name):
-            continue
-        start = time.perf_counter()
-        result = fuzz(random.Random(arguments.seed), arguments.inputs)
-        each = (time.perf_counter() - start) / arguments.inputs * 1e6
-        failed = failed or result.impossible > 0 or result.held > HELD_MOST
-        print(f"| {name} | {arguments.inputs} | {' | '.join(map(str, result))} | {each:.0f} |", flush=True)
-    return int(failed)
+    return print_table(FUZZERS, ("parser", "inputs", "values accepted", "strangers", "impossible", "most bytes held"))
 
 
 if __name__ == "__main__":

@@ -5,22 +5,21 @@
 Each input is noise, sound frames cut, joined, doubled, with bytes changed, put in or taken out, or a forged frame: any
 message with any payload and the right checksum. Counted are what was accepted; "strangers", accepted though nobody sent
 it (a checksum of 16 bits lets one in 65536 damaged frames pass); "wrong", values that no reader may hand on. Exit code
-1 at an exception, a wrong value, more than `HELD_MOST` bytes held between inputs, or memory that grows.
+1 at an exception, a wrong value, more than `fuzz_table.HELD_MOST` bytes held between inputs, or memory that grows.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import random
 import sys
-import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+from fuzz_table import Fuzzer, Result, print_table
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.build import build_pilot
@@ -61,24 +60,11 @@ from sitl.wire_ardupilot_json import HEAD, ArdupilotPhysics, read_packet
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.world import World
 
-HELD_MOST = 4096
 GROWTH_MOST_MIB = 24.0
 FULL = math.radians(30.0)
 HEADINGS = tuple(round(0.1 * step, 1) for step in range(-30, 31, 3))
 KINDS = tuple(dialect.mavlink_map.values())
 BOAT_HEARS = ("COMMAND_", "SET_MODE", "TIMESYNC", "MISSION_", "FILE_TRANSFER_PROTOCOL", "PARAM_REQUEST_")
-
-
-class Result(NamedTuple):
-    """What was accepted, what of it nobody sent, what no reader may hand on, and the most bytes held."""
-
-    accepted: int = 0
-    strangers: int = 0
-    wrong: int = 0
-    held: int = 0
-
-
-Fuzzer = Callable[[random.Random, int], Result]
 
 
 def forged(rng: random.Random, identities: tuple[int, ...], systems: tuple[int, ...], component: int) -> bytes:
@@ -424,35 +410,19 @@ def resident_mib() -> float:
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
 
 
-def run(fuzz: Fuzzer, rng: random.Random, count: int) -> tuple[Result, float]:
-    """Run a tenth of `count` to warm up and then all of it; return the result and by how much memory grew [MiB]."""
+def run(fuzz: Fuzzer, rng: random.Random, count: int) -> tuple[Result, tuple[str, ...], bool]:
+    """Run a tenth of `count` to warm up and then all of it; memory may grow by so much [MiB] and no more."""
     fuzz(rng, count // 10)
     before = resident_mib()
     result = fuzz(rng, count)
-    return result, resident_mib() - before
+    grown = resident_mib() - before
+    return result, (f"{grown:.1f}",), grown > GROWTH_MOST_MIB
 
 
 def main() -> int:
     """Run the fuzzers and print one line for each; return 1 where one has failed."""
-    options = argparse.ArgumentParser()
-    options.add_argument("--inputs", type=int, default=1_000_000)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--only", choices=sorted(FUZZERS))
-    arguments = options.parse_args()
-    failed = False
-    print("| reader | inputs | accepted | strangers | wrong | most bytes held | MiB grown | us an input |")
-    print("|---|---|---|---|---|---|---|---|")
-    for name, fuzz in FUZZERS.items():
-        if arguments.only not in (None, name):
-            continue
-        start = time.perf_counter()
-        result, grown = run(fuzz, random.Random(arguments.seed), arguments.inputs)
-        each = (time.perf_counter() - start) / (1.1 * arguments.inputs) * 1e6
-        failed = failed or result.wrong > 0 or result.held > HELD_MOST or grown > GROWTH_MOST_MIB
-        print(
-            f"| {name} | {arguments.inputs} | {' | '.join(map(str, result))} | {grown:.1f} | {each:.0f} |", flush=True
-        )
-    return int(failed)
+    heads = ("reader", "inputs", "accepted", "strangers", "wrong", "most bytes held", "MiB grown")
+    return print_table(FUZZERS, heads, run, share=1.1)
 
 
 if __name__ == "__main__":

@@ -42,12 +42,12 @@ def write_vessel(path: str, result: Result) -> None:
 def _model(result: Result, runs: list[Run]) -> Model:
     model, errors = result.found.model, result.found.standard_errors
     return Model(
-        K_1_s=_rounded(model.gain),
-        T_s=_rounded(model.time_constant),
-        reference_speed_m_s=_rounded(model.reference_speed),
+        K_1_s=rounded(model.gain),
+        T_s=rounded(model.time_constant),
+        reference_speed_m_s=rounded(model.reference_speed),
         n1=model.n1,
-        n3_s2_rad2=_rounded(model.n3),
-        n0_rad_s=_rounded(model.n0),
+        n3_s2_rad2=rounded(model.n3),
+        n0_rad_s=rounded(model.n0),
         standard_errors=StandardErrors(
             K_1_s=_rounded_or_none(errors["gain"]),
             T_s=_rounded_or_none(errors["time_constant"]),
@@ -60,7 +60,8 @@ def _model(result: Result, runs: list[Run]) -> Model:
     )
 
 
-def _rounded(value: float) -> float:
+def rounded(value: float) -> float:
+    """Return `value` as a vessel file states it: six digits."""
     return float(f"{value:.6g}")
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from autopilot.cli.gains import designed
+from autopilot.cli.identify_vessel import rounded
 from autopilot.errors import InputError, RefusedError
 from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.models.norrbin import Norrbin
@@ -124,25 +125,21 @@ def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:
         vessel,
         model=replace(
             vessel.model,
-            K_1_s=_rounded(model.gain),
-            T_s=_rounded(model.time_constant),
-            n3_s2_rad2=_rounded(model.n3),
-            n0_rad_s=_rounded(model.n0),
+            K_1_s=rounded(model.gain),
+            T_s=rounded(model.time_constant),
+            n3_s2_rad2=rounded(model.n3),
+            n0_rad_s=rounded(model.n0),
             standard_errors=StandardErrors(
-                K_1_s=_rounded(errors["gain"]),
-                T_s=_rounded(errors["time_constant"]),
-                n3_s2_rad2=_rounded(errors["n3"]),
-                n0_rad_s=_rounded(errors["n0"]),
+                K_1_s=rounded(errors["gain"]),
+                T_s=rounded(errors["time_constant"]),
+                n3_s2_rad2=rounded(errors["n3"]),
+                n0_rad_s=rounded(errors["n0"]),
             ),
             source="learnt while sailing, integral method",
             date=datetime.date.today().isoformat(),
             log=(),
         ),
     )
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.6g}")
 
 
 def _numbers(proposal: Proposal) -> str:

@@ -13,7 +13,6 @@ import os
 import re
 import stat
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,6 +20,7 @@ from pathlib import Path
 
 from autopilot.errors import InputError
 from autopilot.links.signing import KEY_SIZE, MINUTE, TIMESTAMP_MAX, Signing
+from autopilot.params.saving import replace_file
 
 EPOCH_S = 1_420_070_400
 """2015-01-01 in seconds since 1970."""
@@ -126,7 +126,7 @@ class TimestampBlocks:
                 start = max(self._used, self._seen, self._clock(), self._reserved())
                 if start + BLOCK > TIMESTAMP_MAX:
                     raise InputError(f"{self._path}: the timestamps of this key are used up; make a new key")
-                _write_durably(self._path, f"{start + BLOCK}\n")
+                replace_file(self._path, f"{start + BLOCK}\n", private=True)
         except OSError as error:
             self.complaint = (
                 f"signing timestamps cannot be kept in {self._path} ({error.strerror}); "
@@ -185,21 +185,3 @@ def _locked(path: Path) -> Iterator[None]:
     with path.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
-
-
-def _write_durably(path: Path, text: str) -> None:
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with open(descriptor, "w", encoding="ascii") as file:  # noqa: PTH123 - a descriptor, not a path
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)

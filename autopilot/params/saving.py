@@ -16,22 +16,24 @@ def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
     if not overwrite and path.exists():
         raise InputError(f"{path}: exists already; give another name, or --overwrite to replace it.")
     try:
-        _replace(path, text)
+        replace_file(path, text)
     except OSError as error:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}); give a folder that you may write to."
         ) from None
 
 
-def _replace(path: Path, text: str) -> None:
+def replace_file(path: Path, text: str, *, private: bool = False) -> None:
+    """Write `text` to `path` atomically, a `private` file for its owner alone. Raises OSError."""
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with open(descriptor, "w", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp's 0600 would lock out the user's other programs
-        Path(temporary).chmod(0o666 & ~_umask())
+        if not private:
+            # mkstemp's 0600 would lock out the user's other programs
+            Path(temporary).chmod(0o666 & ~_umask())
         Path(temporary).replace(path)
         sync_folder(path.parent)
     except BaseException:

@@ -52,15 +52,24 @@ class Findings(NamedTuple):
     convergence: Mapping[str, Convergence] = {}
 
 
+class Shown(NamedTuple):
+    """A run, its role, and the motion foretold for it: per segment rate [rad/s] and heading [rad], shape (N, 2)."""
+
+    run: Run
+    role: str
+    foretold: list[FloatArray]
+
+
 def identification_page(findings: Findings, command: str) -> str:
     """Return the report as one HTML file."""
     model = findings.found.model
+    shown = [Shown(run, role, findings.found.simulated(run)) for run, role, _ in findings.runs]
     sections = [
         Section("Parameters", _parameters(findings), _told(findings)),
         *_correlation(findings.found),
         Section("Predictions", _predictions(findings.runs), ("Open loop, from what drove the boat alone.",)),
-        *(_run(findings.found, run, role) for run, role, _ in findings.runs),
-        _residuals(findings),
+        *map(_run, shown),
+        _residuals(findings.residual_tests, [each for each in shown if each.role == "fit"]),
         *_steady_turn_curve(findings),
         *_convergence(findings),
     ]
@@ -135,10 +144,10 @@ def _predictions(runs: Sequence[tuple[Run, str, Prediction]]) -> list[tuple[str,
     return rows
 
 
-def _run(found: Identified, run: Run, role: str) -> Section:
+def _run(shown: Shown) -> Section:
     """Measured beside foretold, and what drove the boat."""
+    run, role, simulated = shown
     time = _joined([segment.time for segment in run.segments])
-    simulated = found.simulated(run)
     panels = []
     for column, label in ((0, "yaw rate [deg/s]"), (1, "heading [deg]")):
         measured = _joined([s.rate if column == 0 else s.heading for s in run.segments])
@@ -166,21 +175,20 @@ def _joined(parts: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate([piece for part in parts for piece in (part, np.array([np.nan]))])
 
 
-def _residuals(findings: Findings) -> Section:
-    sentences = tuple(" ".join(test.sentences()) for test in findings.residual_tests)
+def _residuals(tests: Sequence[ResidualTest], fitted: Sequence[Shown]) -> Section:
+    sentences = tuple(" ".join(test.sentences()) for test in tests)
     panels = []
-    fitted = [run for run, role, _ in findings.runs if role == "fit"]
     for column, label in ((0, "yaw rate"), (1, "heading")):
-        lags, correlation = _autocorrelation(findings.found, fitted, column)
+        lags, correlation = _autocorrelation(fitted, column)
         if lags.size:
             panels.append(Panel(f"{label}: correlation", [Line("residuals", lags, correlation)]))
     figure = time_figure(panels, "lag [s]") if panels else ""
     return Section("Residuals", text=sentences, figure=figure, caption="how long the residuals remember")
 
 
-def _autocorrelation(found: Identified, runs: Sequence[Run], column: int) -> tuple[FloatArray, FloatArray]:
+def _autocorrelation(fitted: Sequence[Shown], column: int) -> tuple[FloatArray, FloatArray]:
     """Return lags [s] and the residuals' correlation there, of the longest segment."""
-    pairs = [pair for run in runs for pair in zip(run.segments, found.simulated(run), strict=True)]
+    pairs = [pair for each in fitted for pair in zip(each.run.segments, each.foretold, strict=True)]
     segment, simulated = max(pairs, key=lambda pair: pair[0].time.size)
     measured = segment.rate if column == 0 else segment.heading
     known = np.isfinite(measured)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -27,6 +28,9 @@ def estimator() -> Estimator:
     return Estimator(MODEL, GEAR, NOISE)
 
 
+Timed = TypeVar("Timed")
+
+
 def swing(count: int = 40, dt: float = 0.1) -> list[HeadingSample]:
     return [HeadingSample(i * dt, 0.3 * math.sin(0.5 * i * dt), 0.15 * math.cos(0.5 * i * dt)) for i in range(count)]
 
@@ -37,17 +41,22 @@ def test_it_knows_nothing_before_the_first_heading() -> None:
     assert state.heading_age == math.inf
 
 
-def test_shuffled_arrival_gives_the_state_of_ordered_arrival() -> None:
-    samples = swing()
-    ordered, shuffled = estimator(), estimator()
-    for sample in samples:
-        ordered.update(4.0, (sample,))
+def shuffled_by_fives(samples: list[Timed]) -> list[Timed]:
+    """The first sample first, and after it each five in any order."""
     late = samples[:1]
     for start in range(1, len(samples), 5):
         part = samples[start : start + 5]
         random.Random(start).shuffle(part)
         late += part
-    for sample in late:
+    return late
+
+
+def test_shuffled_arrival_gives_the_state_of_ordered_arrival() -> None:
+    samples = swing()
+    ordered, shuffled = estimator(), estimator()
+    for sample in samples:
+        ordered.update(4.0, (sample,))
+    for sample in shuffled_by_fives(samples):
         shuffled.update(4.0, (sample,))
     assert shuffled.counters.late > 5
     assert shuffled.update(4.0, ()) == pytest.approx(ordered.update(4.0, ()), abs=1e-12)
@@ -76,12 +85,7 @@ def test_in_waves_too_the_order_of_arrival_does_not_matter(with_rate: bool) -> N
     ordered, shuffled = (Estimator(MODEL, GEAR, WAVES) for _ in range(2))
     for sample in samples:
         ordered.update(40.0, (sample,))
-    late = samples[:1]
-    for start in range(1, len(samples), 5):
-        part = samples[start : start + 5]
-        random.Random(start).shuffle(part)
-        late += part
-    for sample in late:
+    for sample in shuffled_by_fives(samples):
         shuffled.update(40.0, (sample,))
     assert shuffled.counters.late > 50
     assert shuffled.update(40.0, ()) == pytest.approx(ordered.update(40.0, ()), abs=1e-9)

@@ -30,10 +30,7 @@ MAVPROXY = shutil.which("mavproxy.py")
 HAS_MAVSDK = importlib.util.find_spec("mavsdk") is not None
 PATIENCE_S = 30.0
 AGAIN_S = 2.0
-SDK = """
-import asyncio, json, sys
-from mavsdk import System
-
+CONNECTED = """\
 async def first(stream):
     async for value in stream:
         return value
@@ -43,6 +40,16 @@ async def main():
     await asyncio.wait_for(drone.connect(system_address=sys.argv[1]), 30)
     while not (await first(drone.core.connection_state())).is_connected:
         pass
+"""
+"""How a program of MAVSDK begins: connected, in the middle of its `main`."""
+SDK = (
+    """
+import asyncio, json, sys
+from mavsdk import System
+
+"""
+    + CONNECTED
+    + """\
     heading_deg = (await first(drone.telemetry.heading())).heading_deg
     yaw_deg = (await first(drone.telemetry.attitude_euler())).yaw_deg
     listed = await asyncio.wait_for(drone.param.get_all_params(), 30)
@@ -63,9 +70,11 @@ async def main():
 
 asyncio.run(main())
 """
+)
 
 
-SDK_MISSION = """
+SDK_MISSION = (
+    """
 import asyncio, gc, json, math, sys
 from mavsdk import System
 from mavsdk.mission import MissionItem, MissionPlan
@@ -77,15 +86,9 @@ def waypoint(latitude, longitude):
     nothing, none = MissionItem.CameraAction.NONE, MissionItem.VehicleAction.NONE
     return MissionItem(latitude, longitude, 0.0, NAN, True, NAN, NAN, nothing, NAN, NAN, 20.0, NAN, NAN, none)
 
-async def first(stream):
-    async for value in stream:
-        return value
-
-async def main():
-    drone = System()
-    await asyncio.wait_for(drone.connect(system_address=sys.argv[1]), 30)
-    while not (await first(drone.core.connection_state())).is_connected:
-        pass
+"""
+    + CONNECTED
+    + """\
     plan = MissionPlan([waypoint(57.69, 11.853), waypoint(57.693, 11.853), waypoint(57.693, 11.85)])
     await asyncio.wait_for(drone.mission.upload_mission(plan), 30)
     got = await asyncio.wait_for(drone.mission.download_mission(), 30)
@@ -104,6 +107,7 @@ async def main():
 
 asyncio.run(main())
 """
+)
 
 
 class Console:

@@ -134,10 +134,10 @@ def test_a_disk_that_fails_meanwhile_is_told_and_stops_nothing(key: Path, monkey
     blocks = TimestampBlocks(key, lambda: NOW)
     first = blocks.next()
 
-    def full(path: Path, text: str) -> None:
+    def full(path: Path, text: str, *, private: bool) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(signing_key, "_write_durably", full)
+    monkeypatch.setattr(signing_key, "replace_file", full)
     told: list[str] = []
     blocks.keep_renewing(told.append)
     blocks._wanted.set()
