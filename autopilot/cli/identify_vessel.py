@@ -15,7 +15,7 @@ from autopilot.identification.runs import Run, Segment
 from autopilot.params.editing import updated_vessel_text
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import SCHEMA_VERSION, Model, Rudder, StandardErrors, Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.params.vessel_file import dump_vessel, load_vessel, rounded
 
 ASSUMED_RATE_DEG_S = 10.0
 """Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""
@@ -58,11 +58,6 @@ def _model(result: Result, runs: list[Run]) -> Model:
         date=datetime.date.today().isoformat(),
         log=tuple(Path(run.source).name for run in runs),
     )
-
-
-def rounded(value: float) -> float:
-    """Return `value` as a vessel file states it: six digits."""
-    return float(f"{value:.6g}")
 
 
 def _rounded_or_none(value: float | None) -> float | None:

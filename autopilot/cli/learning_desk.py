@@ -8,11 +8,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from autopilot.cli.gains import designed
-from autopilot.cli.identify_vessel import rounded
 from autopilot.errors import InputError, RefusedError
 from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.models.norrbin import Norrbin
 from autopilot.params.vessel import StandardErrors, Vessel
+from autopilot.params.vessel_file import rounded
 from autopilot.pilot import Pilot
 from autopilot.signals import Tick
 

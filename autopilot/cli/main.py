@@ -10,7 +10,18 @@ from collections.abc import Sequence
 
 from autopilot.errors import ExitCode, InputError, RefusedError
 
-SUBCOMMANDS = ("run", "trial", "identify", "identify-dp", "log", "gains", "params", "replay", "demo")
+SUBCOMMANDS = {
+    "run": "steer a boat in real time",
+    "trial": "manoeuvres to identify the boat from, and to measure it by",
+    "identify": "a boat's model from recordings of rudder, speed and motion",
+    "identify-dp": "a ship's thrust and damping from trials under her thrusters",
+    "log": "what a log holds, and the same as a CSV table",
+    "gains": "design gains for a vessel's model and rudder, and show the margins",
+    "params": "check, convert, upload, verify and restore parameter files",
+    "replay": "run a log again and compare every rudder command bit for bit",
+    "demo": "trial, identification and steering of the simulated Lanxin boat, in about a minute",
+}
+"""The commands, and what stands beside each in `--help`: as in their own parsers, which are loaded when needed."""
 
 EXIT_CODES = """exit codes:
   0  done as asked
@@ -22,8 +33,8 @@ EXIT_CODES = """exit codes:
 """
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser with every subcommand in it."""
+def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
+    """Return the parser with every subcommand in it; for given arguments only the one they name is whole."""
     parser = argparse.ArgumentParser(
         prog="autopilot",
         description="Identify a boat from its log, design its gains, and steer it over MAVLink or serial.",
@@ -31,16 +42,21 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in SUBCOMMANDS:
-        importlib.import_module(f"autopilot.cli.{name.replace('-', '_')}").add_parser(subparsers)
+    named = None if argv is None else next((word for word in argv if not word.startswith("-")), "")
+    for name, summary in SUBCOMMANDS.items():
+        if named is None or name == named:
+            importlib.import_module(f"autopilot.cli.{name.replace('-', '_')}").add_parser(subparsers)
+        else:
+            subparsers.add_parser(name, help=summary)
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return its exit code."""
+    given = sys.argv[1:] if argv is None else argv
+    arguments = build_parser(given).parse_args(given)
     from autopilot.links.base import LinkError
 
-    arguments = build_parser().parse_args(argv)
     try:
         return int(arguments.run(arguments))
     except InputError as error:

@@ -20,17 +20,19 @@ Sources: Liu and Jin 2017, section 3.1; Healey and Lienard 1993.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rudder_for
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Reference
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    # only the second law needs numpy, which would double the time that a pilot takes to start
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 SPEED_RANGE = (0.2, 1.5)
 """Share of the reference speed within which the gains follow the speed."""
@@ -82,6 +84,8 @@ class SlidingLaw:
 
 def closed_loop(A: Array, b: Array, k: Array) -> Array:
     """Return A - b k'. ValueError where anything but the heading's zero eigenvalue is not stable."""
+    import numpy as np
+
     closed = np.asarray(A - np.outer(b, k))
     inner = np.linalg.eigvals(closed[:-1, :-1])
     if np.max(inner.real) >= 0.0:
@@ -98,6 +102,8 @@ def sliding_surface(A: Array, b: Array, k: Array) -> Array:
     A (n, n), b (n,), k (n,): the heading is the last state, which nothing depends on and k does not feed back. The
     sign is that of a positive weight on the heading. ValueError where k does not stabilise the rest.
     """
+    import numpy as np
+
     n = len(b)
     if k[n - 1] != 0.0 or np.any(A[:, n - 1] != 0.0):
         raise ValueError("sliding mode: the last state must be a pure integral that k does not feed back")
@@ -134,6 +140,8 @@ PAPER_SWAY_YAW = SwayYawGains(math.radians(-10.0), math.radians(-100.0), 1.0512,
 
 def sway_yaw_law(A: Array, b: Array, gains: SwayYawGains) -> SwayYawLaw:
     """Return the law for the linear model of (v, r, psi), A (3, 3) and b (3,). ValueError where h'b is zero."""
+    import numpy as np
+
     h = sliding_surface(A, b, np.array([gains.k_v, gains.k_r, 0.0]))
     through = float(h @ b)
     if abs(through) < SMALL:

@@ -196,3 +196,8 @@ def string_text(value: str) -> str:
     if _BARE_WORD.fullmatch(value) and isinstance(resolve_plain(value), str):
         return value
     return yaml.safe_dump(value, default_style='"', allow_unicode=True, width=10**9).removesuffix("\n")
+
+
+def rounded(value: float) -> float:
+    """Return `value` as a vessel file states it: six digits."""
+    return float(f"{value:.6g}")
