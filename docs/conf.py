@@ -1,0 +1,31 @@
+"""The documentation's build: `sphinx-build -W docs build/docs` (extra `docs`); writes the reference from the code."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+import reference_pages
+
+project = "Norrbin"
+author = "the Norrbin developers"
+extensions = ["myst_parser"]
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["README.md"]
+html_theme = "furo"
+html_title = "Norrbin"
+html_baseurl = ""
+myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath", "amsmath"]
+# offline: no address outside is asked for, formulas are left to the reader's browser as text
+html_math_renderer = "mathjax"
+nitpicky = True
+
+
+def setup(app: Any) -> None:
+    """Write the pages of the reference before the sources are read."""
+    app.connect("config-inited", lambda *_: reference_pages.write(Path(__file__).parent / "reference"))

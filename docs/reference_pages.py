@@ -1,0 +1,200 @@
+"""Pages of the reference, written from the code: commands, vessel file, MAVLink messages, exit codes.
+
+`python docs/reference_pages.py [FOLDER]` writes them alone; the build of the documentation does it by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import json
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+ROOT = Path(__file__).parent.parent
+
+DEVELOPMENT_MESSAGES = {
+    "CURRENT_MODE": "current mode of the vehicle",
+    "AVAILABLE_MODES": "one of the modes the vehicle has",
+    "COMPONENT_METADATA": "where the component's descriptions are",
+    "PARAM_ERROR": "why a parameter could not be read or set",
+}
+"""Messages younger than pymavlink's release; their layouts stand in autopilot/links/extra_messages.py."""
+
+
+def write(folder: Path) -> None:
+    """Write every page of the reference into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = {"commands": commands, "vessel_file": vessel_file, "mavlink": mavlink, "measurements": measurements}
+    for name, page in pages.items():
+        text = page()
+        path = folder / f"{name}.md"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def commands() -> str:
+    """Return the page of every command with its options, as `--help` prints them."""
+    from autopilot.cli.main import build_parser as autopilot_parser
+    from sitl.cli import build_parser as sitl_parser
+
+    page = io.StringIO()
+    page.write("# Commands\n\nAs `--help` prints them.\n")
+    for name, parser in (("autopilot", autopilot_parser()), ("sitl", sitl_parser())):
+        for title, command in _commands(name, parser):
+            page.write(f"\n## `{title}`\n\n```text\n{command.format_help().rstrip()}\n```\n")
+    return page.getvalue()
+
+
+def _commands(title: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    parser.prog = title
+    parser.formatter_class = lambda prog: argparse.RawDescriptionHelpFormatter(prog, width=110)
+    yield title, parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, command in action.choices.items():
+                yield from _commands(f"{title} {name}", command)
+
+
+def vessel_file() -> str:
+    """Return the page of every key of the vessel file, from the schema that the reader holds to."""
+    schema = json.loads((ROOT / "firmware_params/schemas/vessel.schema.json").read_text(encoding="utf-8"))
+    page = io.StringIO()
+    page.write(
+        "# The vessel file\n\nEvery key, with what is allowed. `firmware_params/schemas/vessel.schema.json` is the "
+    )
+    page.write("same for editors; `autopilot params check FILE` reads a file by it.\n")
+    top: list[str] = []
+    sections: list[tuple[str, dict[str, Any], list[str]]] = [("top level", schema, top)]
+    _sections("", schema, sections)
+    for title, section, rows in sections:
+        page.write(f"\n## {title if section is schema else f'`{title}`'}\n\n")
+        if section is not schema and "description" in section:
+            page.write(section["description"] + "\n\n")
+        required = section.get("required", [])
+        page.write("| key | what | allowed | default |\n|---|---|---|---|\n")
+        rows.extend(_row(key, value, key in required) for key, value in section["properties"].items())
+        page.write("\n".join(rows) + "\n")
+    return page.getvalue()
+
+
+def _sections(path: str, schema: dict[str, Any], found: list[tuple[str, dict[str, Any], list[str]]]) -> None:
+    for key, value in schema["properties"].items():
+        nested = next((one for one in value.get("anyOf", [value]) if "properties" in one), None)
+        if nested is not None:
+            found.append((f"{path}{key}", {"description": value.get("description", ""), **nested}, []))
+            _sections(f"{path}{key}.", nested, found)
+
+
+def _row(key: str, value: dict[str, Any], required: bool) -> str:
+    default = "required" if required else _inline(value["default"]) if "default" in value else ""
+    what = value.get("description", "").replace("|", "\\|").replace("\n", " ")
+    return f"| `{key}` | {what} | {_allowed(value)} | {default} |"
+
+
+def _inline(value: object) -> str:
+    return f"`{json.dumps(value)}`"
+
+
+def _allowed(value: dict[str, Any]) -> str:
+    if "anyOf" in value:
+        return " or ".join(dict.fromkeys(_allowed(one) for one in value["anyOf"]))
+    if "enum" in value:
+        return ", ".join(_inline(one) for one in value["enum"])
+    if "properties" in value:
+        return "a section"
+    kind = value.get("type", "")
+    words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false", "array": "list"}
+    text = words.get(kind, str(kind))
+    if "minimum" in value and "maximum" in value:
+        return f"{text} {value['minimum']:g} to {value['maximum']:g}"
+    if "minimum" in value:
+        return f"{text} from {value['minimum']:g}"
+    return text
+
+
+def mavlink() -> str:
+    """Return the page of every MAVLink message and command that the code makes or reads, found in its syntax trees."""
+    sent, read, obeyed = _messages()
+    page = io.StringIO()
+    page.write("# MAVLink messages and commands\n\nFound in the code of `autopilot/links` and `autopilot/params`: ")
+    page.write("what is made there is sent, what is compared with an arriving message is read. ")
+    page.write("[Ground stations](../ground_stations.md) and [flight controllers](../flight_controllers.md) say how ")
+    page.write("they are used.\n\n## Messages\n\n| message | sent by | read by | purpose, as MAVLink gives it |\n")
+    page.write("|---|---|---|---|\n")
+    for name in sorted(sent.keys() | read.keys()):
+        page.write(f"| `{name}` | {_modules(sent[name])} | {_modules(read[name])} | {_purpose(name)} |\n")
+    page.write(
+        "\n## Commands\n\nSent, obeyed or answered in COMMAND_LONG and COMMAND_INT.\n\n| command | in | purpose |\n"
+    )
+    page.write("|---|---|---|\n")
+    descriptions = {
+        entry.name: entry.description for entry in dialect.enums["MAV_CMD"].values() if hasattr(entry, "description")
+    }
+    for name in sorted(obeyed):
+        page.write(f"| `{name}` | {_modules(obeyed[name])} | {_cell(descriptions.get(name, ''))} |\n")
+    return page.getvalue()
+
+
+def measurements() -> str:
+    """Return the page of every measurement: what it shows and its command, from the head of its file."""
+    page = io.StringIO()
+    page.write("# Measurements\n\nEvery figure in these pages comes from a command of this list. ")
+    page.write("They run in a checkout with the package installed.\n")
+    for path in sorted((ROOT / "benchmarks").glob("*.py")):
+        head = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        if f"python benchmarks/{path.name}" in head:
+            title, _, rest = head.partition("\n")
+            page.write(f"\n## {path.stem}\n\n{title}\n{rest}\n")
+    return page.getvalue()
+
+
+Found = defaultdict[str, set[str]]
+
+
+def _messages() -> tuple[Found, Found, Found]:
+    sent, read, obeyed = Found(set), Found(set), Found(set)
+    for path in sorted([*(ROOT / "autopilot/links").rglob("*.py"), *(ROOT / "autopilot/params").rglob("*.py")]):
+        module = path.relative_to(ROOT / "autopilot").with_suffix("").as_posix()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                name = node.func.attr
+                if name.startswith("MAVLink_") and name.endswith("_message"):
+                    sent[name.removeprefix("MAVLink_").removesuffix("_message").upper()].add(module)
+            elif isinstance(node, ast.Attribute) and node.attr.startswith("MAVLINK_MSG_ID_"):
+                read[node.attr.removeprefix("MAVLINK_MSG_ID_")].add(module)
+            elif isinstance(node, ast.Attribute) and node.attr.startswith("MAV_CMD_"):
+                obeyed[node.attr].add(module)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and _is_message(node.value):
+                read[node.value].add(module)
+    return sent, read, obeyed
+
+
+def _is_message(text: str) -> bool:
+    return hasattr(dialect, f"MAVLINK_MSG_ID_{text}") or text in DEVELOPMENT_MESSAGES
+
+
+def _modules(names: set[str]) -> str:
+    return ", ".join(f"`{name}`" for name in sorted(names))
+
+
+def _purpose(name: str) -> str:
+    kind = getattr(dialect, f"MAVLink_{name.lower()}_message", None)
+    return _cell((kind.__doc__ or "") if kind is not None else DEVELOPMENT_MESSAGES.get(name, ""))
+
+
+def _cell(text: str) -> str:
+    words = " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("[", "(").replace("]", ")")
+    sentence, _, rest = words.partition(". ")
+    return sentence + ("." if rest else "")
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "reference")
