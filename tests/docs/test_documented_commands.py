@@ -63,6 +63,7 @@ def test_a_documented_command_is_taken_by_the_program(line: str, capsys: pytest.
 PAGES_RUN = [page for page in PAGES if RUN.search(page.read_text(encoding="utf-8"))]
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("page", PAGES_RUN, ids=lambda page: page.stem)
 def test_a_page_that_says_so_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
     folder = tmp_path / "bin"

@@ -117,7 +117,7 @@ schema_version: 1
 name: route
 start: {heading_deg: 20}
 current: {speed_m_s: 0.5, towards_deg: 90}
-route: [[0, 0], [40, 0], [40, 300]]
+route: [[0, 0], [40, 0], [40, 600]]
 """
 
 
@@ -133,7 +133,7 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
         assert process.stdout is not None
         assert process.stdout.readline().startswith("ready")
         command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{line}:115200"]
-        command += ["--follow", "plotter", "--duration", "46", "--log", str(log), "--speedup", str(speedup)]
+        command += ["--follow", "plotter", "--duration", "70", "--log", str(log), "--speedup", str(speedup)]
         run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
         process.terminate()
     assert (run.returncode, run.stderr) == (0, "")
@@ -141,9 +141,10 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
     header, *rows = truth.read_text().strip().splitlines()
     north, east = (header.split(",").index(name) for name in ("north_m", "east_m"))
     places = [(float(row.split(",")[north]), float(row.split(",")[east])) for row in rows[:-1]]
-    second_leg = [place for place in places if 20.0 < place[1] < 110.0]
-    assert len(second_leg) > 50, "the boat has turned east at the waypoint"
-    assert max(abs(place[0] - 40.0) for place in second_leg[len(second_leg) // 2 :]) < 15.0
+    # the boat sails on unsteered until the pilot is there: judged is where it has come to, not when
+    at_last = places[-50:]
+    assert min(place[1] for place in at_last) > 20.0, "the boat has turned east at the waypoint"
+    assert max(abs(place[0] - 40.0) for place in at_last) < 15.0
 
 
 def test_a_rudder_that_sticks_is_an_override_with_the_reason(boat: Path, tmp_path: Path) -> None:
