@@ -26,6 +26,7 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.turn import turn_limits
 from autopilot.limits import RudderLimits
+from autopilot.links.admission import Admission, Doors
 from autopilot.links.base import Link
 from autopilot.links.believed_link import BelievedLink
 from autopilot.links.drives.base import Drive, DriveSettings
@@ -40,6 +41,7 @@ from autopilot.links.router import Router
 from autopilot.links.router_links import ForwardLink, RoutedTransport, budget_for
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.signing import Signing
+from autopilot.links.transports.sockets import Network, network_of
 from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -338,11 +340,22 @@ def drive_settings_of(vessel: Vessel) -> DriveSettings:
     )
 
 
+def admission_of(vessel: Vessel) -> Admission:
+    """Return which ground stations are heard, and how much of them."""
+    security = vessel.security
+    return Admission(frozenset(security.allow_systems), security.commands_per_s, security.writes_per_s)
+
+
+def networks_of(vessel: Vessel) -> tuple[Network, ...]:
+    """Return the networks that may come to listening links; none: all."""
+    return tuple(network_of(text) for text in vessel.security.allow_addresses)
+
+
 class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
     `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
-    `forward`: URLs of ground stations that see the flight controller through us.
+    `forward`: URLs of ground stations that see the flight controller through us; `doors`: which of them are heard.
     """
 
     as_gcs: bool = False
@@ -350,6 +363,7 @@ class LinkOptions(NamedTuple):
     guide: PlotterGuide | None = None
     signing: Signing | None = None
     forward: tuple[str, ...] = ()
+    doors: Doors | None = None
 
 
 def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | None = None) -> Link:
@@ -357,7 +371,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
     parsed = parse_url(url)
     if parsed.protocol == "n2k":
         return N2kLink(parsed.text, open_bus(parsed.text, parsed.host, parsed.path), n2k_settings_of(vessel, parsed))
-    transport = open_transport(parsed)
+    transport = open_transport(parsed, networks_of(vessel))
     if parsed.protocol == "nmea":
         return NmeaLink(transport, nmea_settings_of(vessel, parsed), options.guide)
     if parsed.protocol in DRIVES:
@@ -382,8 +396,12 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
     return CompanionLink(transport, settings, signing)
 
 
-def build_forward_links(urls: Sequence[str], options: LinkOptions, router: Router) -> list[Link]:
+def build_forward_links(
+    urls: Sequence[str], options: LinkOptions, router: Router, allow: Sequence[Network] = ()
+) -> list[Link]:
     """Return the opened links of `options.forward` to ground stations behind us; `urls` are those to the boat.
+
+    allow: networks from which they may come to listening links; none: all.
 
     Raises InputError where there is nothing to forward, LinkError where one cannot be opened.
     """
@@ -399,7 +417,8 @@ def build_forward_links(urls: Sequence[str], options: LinkOptions, router: Route
                     f"--forward {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550"
                 )
             signing = options.signing.link() if options.signing else None
-            links.append(ForwardLink(open_transport(url), router, budget, signing))
+            door = options.doors.link() if options.doors else None
+            links.append(ForwardLink(open_transport(url, allow), router, budget, signing, door))
     except BaseException:
         for link in links:
             link.close()
@@ -414,7 +433,7 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     try:
         for url in urls:
             links.append(build_link(vessel, url, options, router))  # noqa: PERF401 - what is open must be closed on error
-        behind = build_forward_links(urls, options, router) if router is not None else []
+        behind = build_forward_links(urls, options, router, networks_of(vessel)) if router is not None else []
     except BaseException:
         for link in links:
             link.close()

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
+from autopilot.links.transports.sockets import is_everywhere
 from sitl.wire_ardupilot_json import ArdupilotPhysics
 
 DATAGRAM_LIMIT = 4096
@@ -30,6 +31,8 @@ def open_socket(address: str) -> socket.socket:
             f"--listen {address}: cannot listen there: {error.strerror or error}; stop what uses the port, or choose "
             "another and give ArduPilot the same (--sim-port-out)"
         ) from error
+    if is_everywhere(host):
+        print(f"--listen {address} listens on every network of this machine; name one address instead", file=sys.stderr)
     line.settimeout(WAIT_S)
     return line
 

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from autopilot import __version__
-from autopilot.build import track_settings_of
+from autopilot.build import networks_of, track_settings_of
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide
+from autopilot.links.admission import Doors
 from autopilot.links.base import Link
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands, Helmsman
@@ -92,12 +93,14 @@ def open_boat_links(
     vessel_path: str,
     saver: BackgroundSaver,
     signing: Signing | None = None,
+    doors: Doors | None = None,
 ) -> list[Link]:
     """Return the opened links to ground stations, over which the vessel in force is tuned. Raises LinkError.
 
     The first one is to nobody: it brings the alarms of the route's guide.
     """
     mission, path = serving.mission, mission_file(vessel_path)
+    networks, doors = networks_of(in_force.vessel), doors or Doors()
 
     def keep_course_settings(vessel: Vessel) -> None:
         mission.guide.settings = track_settings_of(vessel)
@@ -110,9 +113,10 @@ def open_boat_links(
     links: list[Link] = [GuideAlarms(mission.guide, "track")]
     try:
         for url in serving.urls:
-            transport = open_transport(url)
+            transport = open_transport(url, networks)
             ours = signing.link() if signing is not None else None
-            links.append(BoatLink(transport, commands, ParameterServer(in_force), serving.system, ours, files))
+            server = ParameterServer(in_force)
+            links.append(BoatLink(transport, commands, server, serving.system, ours, files, doors.link()))
     except BaseException:
         for link in links:
             link.close()

@@ -13,12 +13,13 @@ from types import FrameType
 
 from autopilot import __version__
 from autopilot.angles import compass_deg
-from autopilot.build import LinkOptions, build_links, build_pilot
+from autopilot.build import LinkOptions, admission_of, build_links, build_pilot
 from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
 from autopilot.errors import ExitCode, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
+from autopilot.links.admission import Doors
 from autopilot.links.base import LinkError
 from autopilot.links.signing import Signing, hint_of
 from autopilot.loop.clock import MonotonicClock
@@ -136,8 +137,9 @@ def steer(
     pilot = build_pilot(vessel, law, learns=desk is not None)
     clock = MonotonicClock(arguments.speedup)
     signing = signing_of(arguments)
+    doors = Doors(admission_of(vessel))
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
-    options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward))
+    options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward), doors)
     links = build_links(vessel, arguments.link, options)
     recorder = None
     saver = BackgroundSaver()
@@ -145,7 +147,7 @@ def steer(
     is_tuned = desk is not None or (serving is not None and bool(serving.urls))
     try:
         if serving is not None:
-            links = [*links, *open_boat_links(serving, in_force, arguments.vessel, saver, signing)]
+            links = [*links, *open_boat_links(serving, in_force, arguments.vessel, saver, signing, doors)]
         if is_tuned:
             print(_which_file(arguments.vessel, in_force))
         if desk is not None:
@@ -177,13 +179,18 @@ def steer(
         saver.close()
         for number, handler in before.items():
             signal.signal(number, handler)
-    if signing is not None and signing.refused:
-        print(signing.summary)
+    _print_refusals(signing, doors)
     last = session.tick
     if last is not None and last.mode is Mode.FAILSAFE:
         print(f"ended in fail-safe: {'; '.join(last.alarms)}", file=sys.stderr)
         return int(ExitCode.FAILSAFE)
     return int(ExitCode.OK)
+
+
+def _print_refusals(signing: Signing | None, doors: Doors) -> None:
+    for summary in (signing.summary if signing is not None else "", doors.summary):
+        if summary:
+            print(summary)
 
 
 def _open_log(path: Path | None, vessel: Vessel, law: str | None, now: float) -> Recorder | None:

@@ -6,6 +6,7 @@ noise is skipped byte by byte, so that one damaged frame never swallows a good o
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable
 from operator import attrgetter
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.extra_messages import EXTRA_MESSAGES
-from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning
+from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum
 
 Message: TypeAlias = Any
 """A pymavlink message; `get_msgbuf()` gives its raw packet, `get_srcSystem()` its sender."""
@@ -22,6 +23,11 @@ Message: TypeAlias = Any
 MAGIC_V1 = 0xFE
 FRAME_MAX = 280
 """Longest frame: header 10, payload 255, checksum 2, signature 13."""
+
+TRIES = 300
+"""Places of one chunk looked at in vain before the rest of it is dropped: more than the bytes of one damaged frame.
+Bytes made to look like the beginnings of frames cannot hold the loop."""
+ANY_MAGIC = re.compile(rb"[\xfd\xfe]")
 
 HEADER = struct.Struct("<BBBBBBBHB")
 """Magic, payload length, incompatibility and compatibility flags, sequence, system, component, id (16 + 8 bits)."""
@@ -126,6 +132,7 @@ class MavlinkCodec:
         end = len(buffer)
         start = 0
         in_noise = False
+        tries = TRIES
         while start < end:
             length = frame_length(buffer, start)
             incomplete = length == 0 or start + length > end
@@ -141,7 +148,8 @@ class MavlinkCodec:
             if not in_noise:
                 self.bad += 1
                 in_noise = True
-            start = next_magic(buffer, start + 1)
+            tries -= 1
+            start = next_magic(buffer, start + 1) if tries else end
         if self._is_stream:
             self._rest = bytes(buffer[start:])
         self.received += len(messages)
@@ -160,9 +168,13 @@ class MavlinkCodec:
             layout = _layout_of(identity)
             if layout is not None:
                 return _decode_plain(frame, layout, -2 if frame[2] == 0 else -2 - SIGNATURE)
-        if identity not in dialect.mavlink_map:
+        kind = dialect.mavlink_map.get(identity)
+        if kind is None:
             # pymavlink would accept what it does not know, whatever its checksum
             return None
+        end = -2 - SIGNATURE if is_new and frame[2] else -2
+        if checksum(frame[1:end], kind.crc_extra) != frame[end : end + 2 or None]:
+            return None  # noise costs little: pymavlink's own check takes ten times as long
         try:
             return self._mavlink.decode(bytearray(frame))
         except dialect.MAVError:
@@ -240,8 +252,8 @@ def frame_length(buffer: bytes, start: int) -> int:
 
 def next_magic(buffer: bytes, start: int) -> int:
     """Return where, from `start` on, a frame could next begin; the buffer's length where nowhere."""
-    found = [place for place in (buffer.find(MAGIC_V2, start), buffer.find(MAGIC_V1, start)) if place >= 0]
-    return min(found, default=len(buffer))
+    found = ANY_MAGIC.search(buffer, start)
+    return found.start() if found is not None else len(buffer)
 
 
 def is_mavlink(data: bytes) -> bool:

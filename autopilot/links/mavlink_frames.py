@@ -9,7 +9,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.extra_messages import EXTRA_MESSAGES
-from autopilot.links.mavlink_codec import MAGIC_V1, next_magic
+from autopilot.links.mavlink_codec import MAGIC_V1, TRIES, next_magic
 from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, checksum, identity_of
 
 _known = {**EXTRA_MESSAGES, **dialect.mavlink_map}
@@ -45,7 +45,7 @@ class Framer:
         found: list[bytes] = []
         buffer = self._rest + data
         self._in_step = self._in_step or not self._is_stream
-        place = 0
+        place, tries = 0, TRIES
         while place < len(buffer):
             length = _claimed_length(buffer, place)
             if self._is_stream and (length == 0 or place + length > len(buffer)):
@@ -56,7 +56,8 @@ class Framer:
                 place += length
                 self._in_step = True
             else:
-                place = next_magic(buffer, place + 1)
+                tries -= 1
+                place = next_magic(buffer, place + 1) if tries else len(buffer)
                 self._in_step = False
         self._rest = bytes(buffer[place:]) if self._is_stream else b""
         return found

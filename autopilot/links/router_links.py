@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
+from autopilot.links.admission import Budget, Door, Doors
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink_codec import is_mavlink
 from autopilot.links.mavlink_frames import Framer, source_of
@@ -15,6 +15,7 @@ from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample
 
 FRAMES_PER_TURN = 200
 """Frames of one ground station passed on in one turn of the loop; what a flood brings beyond them is dropped."""
+BYTES_PER_TURN = 16_000
 NETWORK_BYTES_S = 200_000.0
 BURST_S = 0.5
 LINE_SHARE = 0.5
@@ -23,28 +24,10 @@ BITS_A_BYTE = 10
 PACKETS_KEPT = 5000
 
 
-class Budget:
-    """Bytes that may be passed on: `rate` bytes a second, saved up for half a second at most."""
-
-    def __init__(self, rate: float) -> None:
-        self._rate = rate
-        self._left = rate * BURST_S
-        self._since = -math.inf
-
-    def spend(self, now: float, size: int) -> bool:
-        """Return whether `size` bytes may pass at `now` [s], and take them off."""
-        gained = (now - self._since) * self._rate if now > self._since else 0.0
-        self._left = min(self._left + gained, self._rate * BURST_S)
-        self._since = now
-        if size > self._left:
-            return False
-        self._left -= size
-        return True
-
-
 def budget_for(baud: int) -> Budget:
     """Return what ground stations may send to a flight controller on a line of `baud`, 0 for a network."""
-    return Budget(LINE_SHARE * baud / BITS_A_BYTE if baud else NETWORK_BYTES_S)
+    rate = LINE_SHARE * baud / BITS_A_BYTE if baud else NETWORK_BYTES_S
+    return Budget(rate, rate * BURST_S)
 
 
 class RoutedTransport:
@@ -102,14 +85,19 @@ class RoutedTransport:
 class ForwardLink:
     """A `Link` to a ground station that sees the flight controller through us. It brings no samples, moves no rudder.
 
-    budget: shared by all such links of a flight controller.
+    budget: shared by all such links of a flight controller.  door: which system ids are heard; None: all.
 
     Attributes:
         dropped: frames beyond what a turn or the budget allows.
     """
 
     def __init__(
-        self, transport: Transport, router: Router, budget: Budget, signing: LinkSigning | None = None
+        self,
+        transport: Transport,
+        router: Router,
+        budget: Budget,
+        signing: LinkSigning | None = None,
+        door: Door | None = None,
     ) -> None:
         self.name = transport.name
         self.dropped = 0
@@ -117,6 +105,7 @@ class ForwardLink:
         self._router = router
         self._budget = budget
         self._signing = signing
+        self._door = door or Doors().link()
         self._framer = Framer(transport.is_stream)
         self._number = router.join(self._sent)
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
@@ -125,7 +114,7 @@ class ForwardLink:
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
-        return -1 if self._lost else self._transport.fileno()
+        return -1 if self._lost or self._door.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a lost ground station: an alarm."""
@@ -137,23 +126,32 @@ class ForwardLink:
         except LinkError as error:
             self._lost = f"forwarding to a ground station ended, steering goes on: {error}"
             return [AlarmSample(now, self._lost, self.name)]
-        taken = 0
+        taken, room = 0, BYTES_PER_TURN
         for chunk in chunks:
-            for frame in self._framer.frames(chunk):
+            frames = self._framer.frames(chunk[:room])
+            room = max(0, room - len(chunk))
+            for frame in frames:
                 taken += 1
                 if taken > FRAMES_PER_TURN or not self._budget.spend(now, len(frame)):
                     self.dropped += 1
+                elif not self._door.lets_in_system(source_of(frame).system):
+                    continue
                 elif self._signing is None or not self._signing.refuses(frame):
                     if is_mavlink(frame):  # the log's readers know no other messages
                         self._packets.append((now, frame))
                     self._router.take(self._number, frame)
+        self._door.crowded = self._door.crowded or taken > FRAMES_PER_TURN or not room
         return []
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing: the rudder is elsewhere."""
 
     def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
-        """Do nothing: what is wrong goes out as STATUSTEXT over the flight controller's link, which is shown here."""
+        """Say nothing: what is wrong goes out as STATUSTEXT over the flight controller's link, which is shown here.
+
+        A station that floods us has been looked away from since; a tick has passed, it may wake the loop again.
+        """
+        self._door.crowded = False
 
     def keep(self, now: float) -> None:
         """Do nothing: what we say goes out over the flight controller's link."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 from autopilot.links.base import LinkError, Transport
@@ -16,6 +17,7 @@ from autopilot.links.transports import (
     UdpInTransport,
     UdpOutTransport,
 )
+from autopilot.links.transports.sockets import Network, is_everywhere, only_from
 from autopilot.links.url_options import UrlOptions, parse_options
 
 Protocol = Literal["mavlink", "nmea", "pypilot", "jrk", "maestro", "n2k"]
@@ -25,13 +27,13 @@ EXAMPLES = {
     "udpin": "udpin:127.0.0.1:14550",
     "udpout": "udpout:192.168.1.10:14550",
     "tcp": "tcp:127.0.0.1:5760",
-    "tcpin": "tcpin:0.0.0.0:5760",
+    "tcpin": "tcpin:127.0.0.1:5760",
     "serial": "serial:/dev/ttyUSB0:115200",
     "nmea": "nmea:/dev/ttyUSB1:4800",
-    "nmea-udp": "nmea-udp:0.0.0.0:10110",
+    "nmea-udp": "nmea-udp:127.0.0.1:10110",
     "nmea-udpout": "nmea-udpout:192.168.1.20:10110",
     "nmea-tcp": "nmea-tcp:192.168.1.20:10110",
-    "nmea-tcpin": "nmea-tcpin:0.0.0.0:10110",
+    "nmea-tcpin": "nmea-tcpin:wlan0:10110",
     "pypilot": "pypilot:/dev/ttyUSB2:38400",
     "jrk": "jrk:/dev/ttyACM0:115200",
     "maestro": "maestro:/dev/ttyACM0:115200",
@@ -54,7 +56,9 @@ SCHEMES: dict[str, tuple[Protocol, Medium]] = {
     "n2k": ("n2k", "can"),
 }
 OPTIONS: dict[Protocol, tuple[str, ...]] = {"nmea": ("steer", "send", "talker"), "n2k": ("steer",)}
-"""What may stand behind the `?`, by what is spoken; nothing elsewhere."""
+"""What may stand behind the `?`, by what is spoken."""
+LISTENING = ("udpin", "tcpin")
+"""Media that others come to; these also take `allow`."""
 BAUD_MIN, BAUD_MAX = 300, 4_000_000
 
 
@@ -82,7 +86,8 @@ def parse_url(text: str) -> LinkUrl:
         raise LinkError(f"link {text!r}: unknown kind {scheme!r}; write one of {allowed}")
     protocol, medium = SCHEMES[scheme]
     rest, mark, query = rest.partition("?")
-    options = parse_options(text, query, OPTIONS.get(protocol, ())) if mark else UrlOptions()
+    takes = (*OPTIONS.get(protocol, ()), *(("allow",) if medium in LISTENING else ()))
+    options = parse_options(text, query, takes) if mark else UrlOptions()
     place, colon, number = rest.rpartition(":")
     if not colon or not place:
         raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
@@ -93,26 +98,40 @@ def parse_url(text: str) -> LinkUrl:
         if not number or any(c.isspace() for c in place + number):
             raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
         return LinkUrl(text, protocol, medium, host=place, path=number, options=options)
-    listens = medium in ("udpin", "tcpin")
-    port = _number(text, scheme, "port", number, 0 if listens else 1, 65535)
+    port = _number(text, scheme, "port", number, 0 if medium in LISTENING else 1, 65535)
     return LinkUrl(text, protocol, medium, host=_host(text, scheme, place), port=port, options=options)
 
 
-def open_transport(url: LinkUrl | str) -> Transport:
-    """Open the transport of `url`; LinkError with one sentence where that fails."""
+def open_transport(url: LinkUrl | str, allow: Sequence[Network] = ()) -> Transport:
+    """Open the transport of `url`; LinkError with one sentence where that fails.
+
+    allow: networks that may come to a listening transport whose URL names none; none at all: everybody. One that
+    listens on every interface of the machine says so on the terminal.
+    """
     link = parse_url(url) if isinstance(url, str) else url
     if link.medium == "serial":
         return SerialTransport(link.text, link.path, link.baud)
     if link.medium == "can":
         raise LinkError(f"link {link.text!r}: NMEA 2000 is no stream of bytes; use it with autopilot run")
+    allows = only_from(link.options.allow or allow)
     if link.medium == "udpin":
         accepts: Callable[[bytes], bool] = is_mavlink if link.protocol == "mavlink" else is_nmea
-        return UdpInTransport(link.text, link.host, link.port, accepts)
+        return _exposed(link, UdpInTransport(link.text, link.host, link.port, accepts, allows))
     if link.medium == "udpout":
         return UdpOutTransport(link.text, link.host, link.port)
     if link.medium == "tcp":
         return TcpClientTransport(link.text, link.host, link.port)
-    return TcpServerTransport(link.text, link.host, link.port)
+    return _exposed(link, TcpServerTransport(link.text, link.host, link.port, allows))
+
+
+def _exposed(link: LinkUrl, transport: Transport) -> Transport:
+    if is_everywhere(link.host):
+        print(
+            f"link {link.text!r} listens on every network of this machine; "
+            "name one interface or address instead, such as wlan0 or 127.0.0.1, unless that is meant",
+            file=sys.stderr,
+        )
+    return transport
 
 
 def believe_signed(transport: Transport, signing: LinkSigning | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from autopilot.links.base import LinkError
+from autopilot.links.transports.sockets import Network, network_of
 
 SENTENCES = ("HDG", "HDT", "HTD", "ROT", "RSA", "XDR")
 """Sentences that a link can be asked to send, by their types."""
@@ -15,12 +16,13 @@ DEFAULT_RATE = 1.0
 class UrlOptions(NamedTuple):
     """steers: whether rudder orders leave on this link.  sends: sentence type and rate [Hz] of what is repeated.
 
-    talker: the two letters before the type of what is repeated.
+    talker: the two letters before the type of what is repeated.  allow: who may come in; empty: everybody.
     """
 
     steers: bool = True
     sends: tuple[tuple[str, float], ...] = ()
     talker: str = "AG"
+    allow: tuple[Network, ...] = ()
 
 
 def parse_options(text: str, query: str, allowed: tuple[str, ...]) -> UrlOptions:
@@ -41,9 +43,21 @@ def parse_options(text: str, query: str, allowed: tuple[str, ...]) -> UrlOptions
             if not (len(value) == 2 and value.isascii() and value.isalpha() and value.isupper()):
                 raise LinkError(f"link {text!r}: talker is {value!r}; write two capital letters, such as talker=II")
             options = options._replace(talker=value)
+        elif name == "allow":
+            options = options._replace(allow=tuple(_network(text, item) for item in value.split(",")))
         else:
             options = options._replace(sends=_sends(text, value))
     return options
+
+
+def _network(text: str, value: str) -> Network:
+    try:
+        return network_of(value)
+    except ValueError as error:
+        raise LinkError(
+            f"link {text!r}: {value!r} is no network ({error}); write addresses or networks, such as "
+            "allow=192.168.1.20,10.0.0.0/24"
+        ) from None
 
 
 def _sends(text: str, value: str) -> tuple[tuple[str, float], ...]:

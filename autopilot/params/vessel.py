@@ -222,6 +222,18 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class Security:
+    """Whom ground stations' links hear, and how much. No parameter: it is not tuned from afar."""
+
+    allow_systems: tuple[Annotated[int, Bounds(1, 255, "MAVLink system id of a ground station")], ...] = ()
+    """Ground stations that are heard over --serve and --forward; empty: all."""
+    allow_addresses: tuple[str, ...] = ()
+    """Addresses and networks that may come to listening links (192.168.1.20, 10.0.0.0/24); empty: all."""
+    commands_per_s: Annotated[float, Bounds(0.1, 1000.0, "commands heeded, four seconds' worth at once")] = 10.0
+    writes_per_s: Annotated[float, Bounds(0.1, 1000.0, "parameter writes heeded, four seconds' worth at once")] = 25.0
+
+
+@dataclass(frozen=True)
 class Vessel:
     """One boat: identity, identified model, rudder, sensors, gains, limits and fail-safes."""
 
@@ -239,3 +251,4 @@ class Vessel:
     alarms: Alarms = field(default_factory=Alarms)
     helm: Helm = field(default_factory=Helm)
     drive: Drive = field(default_factory=Drive)
+    security: Security = field(default_factory=Security)

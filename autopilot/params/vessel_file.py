@@ -7,6 +7,7 @@ import re
 import typing
 from collections.abc import Iterator
 from importlib import resources
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Any
 
@@ -85,12 +86,25 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
             f"sensors.heading_latency_s ({vessel.sensors.heading_latency_s:g}), or every heading is stale on arrival.",
         )
     yield from _deviation_problems(vessel.sensors.deviation_deg)
+    yield from _address_problems(vessel.security.allow_addresses)
     for pattern, stale_s in vessel.sensors.priority:
         if not pattern.strip() or not 0.1 <= stale_s <= 60.0:
             yield (
                 "sensors.priority",
                 f"sensors.priority has [{pattern}, {stale_s:g}]; needed are the name of an instrument, "
                 'such as HEHDT or "HC*", and the age from 0.1 to 60 s at which it is stale.',
+            )
+
+
+def _address_problems(addresses: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    for text in addresses:
+        try:
+            ip_network(text)
+        except ValueError as error:
+            yield (
+                "security.allow_addresses",
+                f"security.allow_addresses has '{text}', which is no network ({error}); write 192.168.1.20 or "
+                "10.0.0.0/24.",
             )
 
 

@@ -273,7 +273,7 @@ def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:
         bench.far.send(bench.station.encode(dialect.MAVLink_param_request_read_message(7, 1, b"ONE", -1)))
     answers = bench.run(0.05)
     assert sum(m.get_type() == "PARAM_VALUE" for m in answers) == 100
-    assert bench.link.dropped == 900
+    assert 100 < bench.link.dropped < 900  # the rest was not even looked at
 
     def gone() -> list[bytes]:
         raise LinkError("tcpin:x: the other side is gone")

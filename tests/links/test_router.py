@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.admission import Budget
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.mavlink_frames import EVERYBODY, Address, Framer, source_of, target_of
 from autopilot.links.router import MOST_ADDRESSES, REMEMBERED, Router
-from autopilot.links.router_links import FRAMES_PER_TURN, Budget, ForwardLink, RoutedTransport, budget_for
+from autopilot.links.router_links import FRAMES_PER_TURN, ForwardLink, RoutedTransport, budget_for
 from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpServerTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair

@@ -142,7 +142,7 @@ def test_options_of_a_link() -> None:
         ("nmea:/dev/x:4800?talker=I", "write two capital letters"),
         ("nmea:/dev/x:4800?talker=Ä1", "write two capital letters"),
         ("nmea:/dev/x:4800?", "option '' behind the ? is unknown"),
-        ("udpin:127.0.0.1:14550?steer=no", "this kind of link takes none"),
+        ("udpout:127.0.0.1:14550?steer=no", "this kind of link takes none"),
     ],
 )
 def test_bad_options_are_one_sentence(url: str, words: str) -> None:

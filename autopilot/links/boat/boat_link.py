@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.admission import Door, Doors
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.commands import Commands
 from autopilot.links.boat.metadata import NO_FILES
@@ -34,12 +35,14 @@ STATES = {
 SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL}
 REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"
+STRANGERS = "refused: a system id that is not allowed"
 
 
 class BoatLink:
     """One ground station's side: heartbeat, telemetry, parameters, commands, texts, under system `system`.
 
     `signing`: everything sent is signed, and nothing is obeyed that is not.
+    `door`: which system ids are heard, and how much; None: all of them, at the usual rates.
     `files`: what is served over MAVLink FTP, by path; the file GENERAL is announced as metadata of our parameters.
 
     Attributes:
@@ -54,6 +57,7 @@ class BoatLink:
         system: int = 1,
         signing: LinkSigning | None = None,
         files: Mapping[str, bytes] = NO_FILES,
+        door: Door | None = None,
     ) -> None:
         self.name = transport.name
         self.dropped = 0
@@ -61,18 +65,19 @@ class BoatLink:
         self._commands = commands
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
         believe_signed(transport, signing)
+        self._door = door or Doors().link()
         self._telemetry = Telemetry(commands.mission)
         self._texts = StatusTexts()
         self._service = StationService(commands, parameters, self._telemetry, self._texts, files)
         self._next_heartbeat = -math.inf
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
-        self._next_refusal = -math.inf
+        self._refusals: dict[str, float] = {}
         self._alarms: tuple[str, ...] = ()
         self._lost = ""
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
-        return -1 if self._lost else self._transport.fileno()
+        return -1 if self._lost or self._door.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Answer what has arrived by `now` [s]. Nothing comes from a ground station but word of its loss: an alarm."""
@@ -83,19 +88,33 @@ class BoatLink:
         except LinkError as error:
             chunks, self._lost = [], f"ground station lost, steering goes on: {error}"
             return [AlarmSample(now, self._lost, self.name)]
-        for data in chunks:
+        for data in self._door.taken(now, chunks):
             for message in self._codec.decode(data):
                 heeded += 1
                 if heeded > MESSAGES_PER_TURN:
                     self.dropped += 1
-                    continue
-                self._packets.append((now, bytes(message._msgbuf)))
-                if self._is_for_us(message):
-                    self._transmit(now, *self._service.take(now, message))
-        if self._codec.refused > refused and now >= self._next_refusal:
-            self._next_refusal = now + REFUSAL_S
-            self._texts.say(now, dialect.MAV_SEVERITY_WARNING, REFUSAL)
+                elif self._door.lets_in_system(message.get_srcSystem()):
+                    self._packets.append((now, bytes(message._msgbuf)))
+                    self._heed(now, message)
+                else:
+                    self._refuse(now, STRANGERS)
+        if self._codec.refused > refused:
+            self._refuse(now, REFUSAL)
         return []
+
+    def _heed(self, now: float, message: Message) -> None:
+        if not self._is_for_us(message):
+            return
+        refusal = self._door.refusal(now, message)
+        if refusal:
+            self._refuse(now, refusal)
+        else:
+            self._transmit(now, *self._service.take(now, message))
+
+    def _refuse(self, now: float, reason: str) -> None:
+        if now >= self._refusals.get(reason, -math.inf):
+            self._refusals[reason] = now + REFUSAL_S
+            self._texts.say(now, dialect.MAV_SEVERITY_WARNING, reason)
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing: the rudder is elsewhere."""
@@ -110,7 +129,8 @@ class BoatLink:
         self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
 
     def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
-        """Say every new alarm as STATUSTEXT."""
+        """Say every new alarm as STATUSTEXT. A flood that was looked away from may wake the loop again."""
+        self._door.crowded = False
         for alarm in alarms:
             if alarm not in self._alarms:
                 self._texts.say(now, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING), alarm)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 
 from autopilot.links.base import LinkError
-from autopilot.links.transports.sockets import open_error, resolve
+from autopilot.links.transports.sockets import Allows, everyone, open_error, resolve
 
 CONNECT_TIMEOUT_S = 3.0
 CHUNK_LIMIT = 65536
@@ -113,12 +113,17 @@ class TcpClientTransport:
 
 
 class TcpServerTransport:
-    """Listens for one client at a time. When it leaves, the next may come; that is no error."""
+    """Listens for one client at a time. When it leaves, the next may come; that is no error.
+
+    allows: says of an address whether it may connect; others are hung up on, and counted as `strangers`.
+    """
 
     is_stream = True
 
-    def __init__(self, name: str, host: str, port: int) -> None:
+    def __init__(self, name: str, host: str, port: int, allows: Allows = everyone) -> None:
         self.name = name
+        self.strangers = 0
+        self._allows = allows
         family, address = resolve(name, host, port, socket.SOCK_STREAM, passive=True)
         self._listener = socket.socket(family, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -176,9 +181,13 @@ class TcpServerTransport:
 
     def _accept(self) -> _Connection | None:
         try:
-            sock, _ = self._listener.accept()
+            sock, sender = self._listener.accept()
         except (BlockingIOError, ConnectionError):
             return None
         except OSError as error:
             raise LinkError(f"{self.name}: the link is closed; open it again") from error
+        if not self._allows(sender[0]):
+            self.strangers += 1
+            sock.close()
+            return None
         return _Connection(sock)

@@ -10,11 +10,15 @@ import socket
 from collections.abc import Callable
 
 from autopilot.links.base import LinkError
-from autopilot.links.transports.sockets import open_error, resolve
+from autopilot.links.transports.sockets import Allows, everyone, open_error, resolve
 
 DATAGRAM_LIMIT = 65536
 RECEIVE_LIMIT = 500
 """Datagrams taken in one `receive`, so that a flood cannot hold the loop."""
+JUDGE_LIMIT = 20
+"""Datagrams of strangers looked into in one `receive`: checking a signature costs more than dropping a datagram."""
+STRANGER_LIMIT = 1500
+"""Bytes of a stranger's datagram that may be looked into: a heartbeat, with what a router packs around it."""
 WOULD_BLOCK = (errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS)
 TRANSIENT = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EINTR)
 """Errors that pass by themselves: the peer has not started yet, or the network is away for a while."""
@@ -61,9 +65,17 @@ class UdpInTransport(_UdpTransport):
         name: the URL as written, for messages.
         host, port: the local address; port 0 lets the system choose (see `port`).
         accepts: says of a datagram whether its sender may become the peer.
+        allows: says of an address whether its datagrams are looked at.
     """
 
-    def __init__(self, name: str, host: str, port: int, accepts: Callable[[bytes], bool] = anything) -> None:
+    def __init__(
+        self,
+        name: str,
+        host: str,
+        port: int,
+        accepts: Callable[[bytes], bool] = anything,
+        allows: Allows = everyone,
+    ) -> None:
         family, address = resolve(name, host, port, socket.SOCK_DGRAM, passive=True)
         sock = socket.socket(family, socket.SOCK_DGRAM)
         sock.setblocking(False)
@@ -75,6 +87,7 @@ class UdpInTransport(_UdpTransport):
         super().__init__(name, sock)
         self.accepts = accepts
         """May be set anew, by a link that knows better which sender is the right one."""
+        self._allows = allows
         self._peer: tuple[str | int, ...] | None = None
 
     @property
@@ -91,6 +104,7 @@ class UdpInTransport(_UdpTransport):
         """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
         chunks: list[bytes] = []
         receive, room = self._socket.recvfrom_into, self._room
+        judged = 0
         for _ in range(RECEIVE_LIMIT):
             try:
                 length, sender = receive(room)
@@ -100,14 +114,16 @@ class UdpInTransport(_UdpTransport):
                 if error.errno in TRANSIENT:
                     continue
                 raise self._failed(error, "receiving") from error
-            data = bytes(room[:length])
             if sender == self._peer:
-                chunks.append(data)
-            elif self._peer is None and self.accepts(data):
-                self._peer = sender
-                chunks.append(data)
-            else:
-                self.strangers += 1
+                chunks.append(bytes(room[:length]))
+                continue
+            self.strangers += 1
+            if self._peer is None and judged < JUDGE_LIMIT and self._allows(sender[0]):
+                judged += 1
+                if self.accepts(bytes(room[: min(length, STRANGER_LIMIT)])):
+                    self._peer = sender
+                    self.strangers -= 1
+                    chunks.append(bytes(room[:length]))
         return chunks
 
     def send(self, data: bytes) -> bool:

@@ -1,0 +1,149 @@
+"""Who of a ground station's side is heard, and how much of it: allowed system ids, and rates. Pure.
+
+Behind the signature, which says who holds the key: a station that does, or a boat without a key, is held to this. What
+gives the rudder back is never held to a rate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.boat.modes import MANUAL
+from autopilot.links.mavlink_codec import Message
+
+BURST_S = 4.0
+"""What was not used for so long may be used at once: a ground station asks for much when it connects."""
+BYTES_S = 50_000.0
+BYTES_AT_ONCE = 8_000.0
+"""Of one ground station, in all: a hundred times what one sends, and a twentieth of a core to look at."""
+COMMANDS = frozenset(
+    {
+        *("COMMAND_LONG", "COMMAND_INT", "COMMAND_CANCEL", "SET_MODE"),
+        *("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST"),
+    }
+)
+STRANGER, TOO_MANY_COMMANDS, TOO_MANY_WRITES = "from system ids not allowed", "commands too many", "writes too many"
+
+
+class Budget:
+    """Bytes or messages that may pass: `rate` a second, saved up to `most`."""
+
+    def __init__(self, rate: float, most: float) -> None:
+        self._rate = rate
+        self._most = self._left = most
+        self._since = math.inf
+
+    def spend(self, now: float, size: float) -> bool:
+        """Return whether `size` may pass at `now` [s], and take it off."""
+        self._gain(now)
+        if size > self._left:
+            return False
+        self._left -= size
+        return True
+
+    def part(self, now: float, size: int) -> int:
+        """Return how much of `size` may pass at `now` [s], and take it off."""
+        self._gain(now)
+        part = min(size, int(self._left))
+        self._left -= part
+        return part
+
+    def _gain(self, now: float) -> None:
+        if now > self._since:
+            self._left = min(self._left + (now - self._since) * self._rate, self._most)
+        self._since = now
+
+
+class Admission(NamedTuple):
+    """What is let in. systems: MAVLink system ids of ground stations, all where empty.
+
+    commands_hz, writes_hz: commands and parameter writes a second over one link, four seconds' worth at once.
+    """
+
+    systems: frozenset[int] = frozenset()
+    commands_hz: float = 10.0
+    writes_hz: float = 25.0
+
+
+class Doors:
+    """One rule for all links to ground stations of this process; `refused` counts what was not let in, by reason."""
+
+    def __init__(self, admission: Admission = Admission()) -> None:  # noqa: B008 - a tuple that nobody can change
+        self.admission = admission
+        self.refused: Counter[str] = Counter()
+
+    def link(self) -> Door:
+        """Return the door of one more link."""
+        return Door(self)
+
+    @property
+    def summary(self) -> str:
+        """Say in half a sentence what was not let in; '' where nothing was."""
+        counts = (f"{count} {reason}" for reason, count in self.refused.most_common())
+        return f"{self.refused.total()} MAVLink messages were not let in: " + ", ".join(counts) if self.refused else ""
+
+
+class Door:
+    """The door of one link.
+
+    Attributes:
+        crowded: more came than is looked at since it was last set to False.
+    """
+
+    def __init__(self, doors: Doors) -> None:
+        self.crowded = False
+        self._doors = doors
+        rules = doors.admission
+        self._bytes = Budget(BYTES_S, BYTES_AT_ONCE)
+        self._commands = Budget(rules.commands_hz, max(1.0, BURST_S * rules.commands_hz))
+        self._writes = Budget(rules.writes_hz, max(1.0, BURST_S * rules.writes_hz))
+
+    def taken(self, now: float, chunks: list[bytes]) -> list[bytes]:
+        """Return as much of what has arrived by `now` [s] as is looked at; the rest of a flood is dropped unseen."""
+        taken: list[bytes] = []
+        for chunk in chunks:
+            part = self._bytes.part(now, len(chunk))
+            if part < len(chunk):
+                self.crowded = True
+                self._doors.refused["in chunks beyond what one link may bring"] += 1
+            if part:
+                taken.append(chunk[:part])
+        return taken
+
+    def lets_in_system(self, system: int) -> bool:
+        """Return whether a sender's system id is heard; counts it where it is not."""
+        systems = self._doors.admission.systems
+        if not systems or system in systems:
+            return True
+        self._doors.refused[STRANGER] += 1
+        return False
+
+    def refusal(self, now: float, message: Message) -> str:
+        """Return '' where `message`, of a system that is heard, is let in at `now` [s]; else the sentence why not."""
+        kind = message.get_type()
+        rules = self._doors.admission
+        if kind == "PARAM_SET" and not self._writes.spend(now, 1.0):
+            self._doors.refused[TOO_MANY_WRITES] += 1
+            return f"dropped: parameter writes beyond {rules.writes_hz:g} a second"
+        if kind in COMMANDS and not gives_rudder_back(message) and not self._commands.spend(now, 1.0):
+            self._doors.refused[TOO_MANY_COMMANDS] += 1
+            return f"dropped: commands beyond {rules.commands_hz:g} a second"
+        return ""
+
+
+def gives_rudder_back(message: Message) -> bool:
+    """Return whether a message takes the pilot from the helm: disarm, mode MANUAL, the end of a trial."""
+    kind = message.get_type()
+    if kind == "COMMAND_CANCEL":
+        return True
+    if kind == "SET_MODE":
+        return bool(message.custom_mode == MANUAL)
+    if kind not in ("COMMAND_LONG", "COMMAND_INT"):
+        return False
+    if message.command == dialect.MAV_CMD_COMPONENT_ARM_DISARM:
+        return bool(message.param1 == 0.0)
+    return bool(message.command == dialect.MAV_CMD_DO_SET_MODE and message.param2 == MANUAL)

@@ -1,0 +1,247 @@
+"""Who is let in and how much of it: system ids, addresses, rates, bytes; where links listen."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.guidance.track import TrackGuide
+from autopilot.links.admission import BYTES_AT_ONCE, Admission, Budget, Doors
+from autopilot.links.base import LinkError
+from autopilot.links.boat.boat_link import BoatLink
+from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.mavlink_codec import TRIES, MavlinkCodec
+from autopilot.links.router import Router
+from autopilot.links.router_links import ForwardLink, budget_for
+from autopilot.links.transports import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
+from autopilot.links.transports.memory import loopback_pair
+from autopilot.links.transports.sockets import interface_address, is_everywhere, only_from
+from autopilot.links.url import open_transport, parse_url
+from autopilot.params.strict_yaml import parse_document
+from autopilot.params.vessel import Security
+from autopilot.params.vessel_file import dump_vessel, load_vessel, vessel_from
+from autopilot.params.vessel_parameters import parameters_of
+from autopilot.signals import Mode
+
+ARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
+DISARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 0, 0, 0, 0, 0)
+TUNE = dialect.MAVLink_param_set_message(1, 1, b"GAIN", 3.0, 9)
+
+
+class Store:
+    names = ("GAIN",)
+    written = 0
+
+    def get(self, name: str) -> float:
+        return 1.0
+
+    def set(self, name: str, value: float) -> str:
+        self.written += 1
+        return ""
+
+
+class Hand:
+    released = 0
+
+    def stand_by(self) -> None:
+        self.released += 1
+
+
+class Bench:
+    def __init__(self, admission: Admission) -> None:
+        self.near, self.far = loopback_pair()
+        self.store, self.hand, self.doors = Store(), Hand(), Doors(admission)
+        self.commands = Commands(self.hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+        server = ParameterServer(self.store)
+        self.boat = BoatLink(self.near, self.commands, server, door=self.doors.link())
+
+    def say(self, now: float, *messages: Any, system: int = 255) -> None:
+        codec = MavlinkCodec(system, 190)
+        for message in messages:
+            self.far.send(codec.encode(message))
+        self.boat.receive(now)
+
+    def texts(self, now: float) -> list[str]:
+        self.boat.keep(now)
+        read = MavlinkCodec()
+        messages = [message for data in self.far.receive() for message in read.decode(data)]
+        return [message.text for message in messages if message.get_type() == "STATUSTEXT"]
+
+
+def test_only_the_systems_that_are_allowed_are_obeyed() -> None:
+    bench = Bench(Admission(systems=frozenset({255, 254})))
+    bench.say(0.0, ARM, TUNE, system=77)
+    assert not bench.commands.armed and not bench.store.written
+    assert bench.doors.refused == {"from system ids not allowed": 2}
+    assert [text for text in bench.texts(0.1) if "system id that is not allowed" in text]
+    assert "2 from system ids not allowed" in bench.doors.summary
+    bench.say(1.0, ARM, TUNE, system=254)
+    assert bench.commands.armed and bench.store.written == 1
+
+
+def test_writes_and_commands_have_a_rate_and_what_frees_the_rudder_has_none() -> None:
+    bench = Bench(Admission(commands_hz=2.0, writes_hz=5.0))
+    bench.say(0.0, *[TUNE] * 90)
+    assert bench.store.written == 20  # four seconds' worth at once
+    bench.say(1.0, *[TUNE] * 90)
+    assert bench.store.written == 25
+    assert bench.doors.refused["writes too many"] == 70 + 85
+    assert any("parameter writes beyond 5 a second" in text for text in bench.texts(1.1))
+    bench.say(10.0, *[ARM] * 50)
+    assert bench.doors.refused["commands too many"] == 42
+    released = bench.hand.released
+    bench.say(10.0, DISARM)
+    assert not bench.commands.armed and bench.hand.released == released + 1
+    bench.say(10.0, ARM)
+    assert not bench.commands.armed
+    bench.say(10.0, dialect.MAVLink_set_mode_message(1, 1, 0))
+    assert bench.hand.released == released + 2
+
+
+def test_a_flood_is_cut_off_unseen_and_wakes_nobody_until_the_next_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(Admission())
+    monkeypatch.setattr(bench.near, "fileno", lambda: 7)
+    assert bench.boat.fileno() == 7
+    flood = MavlinkCodec(255, 190).encode(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)) * 4000
+    bench.far.send(flood)
+    bench.boat.receive(0.0)
+    assert len(bench.boat.take_packets()) <= BYTES_AT_ONCE / 21
+    assert bench.boat.fileno() == -1
+    bench.boat.tell(0.05, Mode.STANDBY, ())
+    assert bench.boat.fileno() == 7
+    assert any("beyond what one link may bring" in reason for reason in bench.doors.refused)
+
+
+def test_forwarding_passes_on_the_systems_that_are_allowed() -> None:
+    to_station, station = loopback_pair()
+    seen: list[bytes] = []
+    router = Router()
+    router.join(lambda frame: bool(seen.append(frame)) or True, has_vehicle=True)
+    link = ForwardLink(to_station, router, budget_for(0), door=Doors(Admission(frozenset({255}))).link())
+    beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+    frames = [MavlinkCodec(system, 190).encode(beat) for system in (9, 255)]
+    for frame in frames:
+        station.send(frame)
+    link.receive(0.0)
+    assert seen == frames[1:]
+
+
+@given(st.floats(0.1, 100.0), st.lists(st.tuples(st.floats(0.0, 2.0), st.integers(0, 50)), max_size=50))
+def test_a_budget_never_gives_more_than_its_rate_and_what_was_saved(
+    rate: float, asked: list[tuple[float, int]]
+) -> None:
+    budget, most, now, got = Budget(rate, 10.0), 10.0, 0.0, 0
+    for wait, size in asked:
+        now += wait
+        got += budget.part(now, size)
+    assert got <= most + rate * now + 1e-6
+    assert not Budget(rate, 10.0).spend(now, 10.5)
+    assert Budget(rate, 10.0).spend(now, 10.0)
+
+
+@pytest.mark.parametrize("fill", [b"\xfe", b"\xfd", b"\xfd\x00\x00", b"\xfe\x09\x00\x01\x01\x00"])
+def test_noise_made_of_beginnings_is_given_up_and_a_frame_behind_some_of_it_is_not(fill: bytes, monkeypatch) -> None:
+    frame = MavlinkCodec(1, 1).encode(ARM)
+    (read,) = MavlinkCodec().decode(b"\xfd" * (TRIES - 100) + frame)
+    assert read.command == dialect.MAV_CMD_COMPONENT_ARM_DISARM
+    for is_stream in (False, True):
+        codec, looks = MavlinkCodec(is_stream=is_stream), 0
+        real = codec._decode_frame
+
+        def counted(data: bytes, real: Any = real) -> Any:
+            nonlocal looks
+            looks += 1
+            return real(data)
+
+        monkeypatch.setattr(codec, "_decode_frame", counted)
+        assert codec.decode((fill * 65536)[:65536] + frame) in ([], [None])
+        assert looks <= TRIES
+
+
+def test_addresses_that_may_come_in() -> None:
+    allows = only_from([ipaddress.ip_network("127.0.0.0/30"), ipaddress.ip_network("fe80::/10")])
+    assert allows("127.0.0.1") and allows("::ffff:127.0.0.2") and allows("fe80::1%eth0")
+    assert not allows("127.0.0.9") and not allows("::1")
+    assert only_from([])("203.0.113.7")
+
+
+def test_an_address_that_is_not_allowed_never_becomes_the_peer() -> None:
+    link = open_transport("udpin:127.0.0.1:0?allow=127.0.0.2")
+    assert isinstance(link, UdpInTransport)
+    hello = MavlinkCodec(1, 1).encode(ARM)
+    stranger = UdpOutTransport("stranger", "127.0.0.1", link.port)
+    stranger.send(hello)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as friend:
+        friend.bind(("127.0.0.2", 0))
+        friend.sendto(hello, ("127.0.0.1", link.port))
+        got: list[bytes] = []
+        while not got:
+            got = link.receive()
+        assert got == [hello] and link.peer == friend.getsockname() and link.strangers == 1
+    for each in (stranger, link):
+        each.close()
+
+
+def test_a_connection_from_elsewhere_is_hung_up_on() -> None:
+    link = open_transport("nmea-tcpin:127.0.0.1:0", [ipaddress.ip_network("10.0.0.0/8")])
+    assert isinstance(link, TcpServerTransport)
+    client = TcpClientTransport("client", "127.0.0.1", link.port)
+    with pytest.raises(LinkError, match="closed the connection"):
+        while True:
+            assert link.receive() == [] and not link.send(b"$")
+            client.receive()
+    assert link.strangers == 1
+    client.close()
+    link.close()
+
+
+def test_listening_everywhere_is_said_and_an_interface_can_be_named(capsys: pytest.CaptureFixture[str]) -> None:
+    for url in ("udpin:0.0.0.0:0", "tcpin:0.0.0.0:0", "nmea-udp:0.0.0.0:0", "nmea-tcpin:0.0.0.0:0"):
+        open_transport(url).close()
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and repr(url) in said and "listens on every network" in said
+    assert is_everywhere("0.0.0.0") and is_everywhere("::") and not is_everywhere("localhost")
+    assert interface_address("lo") == "127.0.0.1" and interface_address("nosuch0") is None
+    link = open_transport("udpin:lo:0")
+    assert isinstance(link, UdpInTransport) and link._socket.getsockname()[0] == "127.0.0.1"
+    link.close()
+    assert capsys.readouterr().err == ""
+    with pytest.raises(LinkError, match="incomplete"):
+        parse_url("udpin::14550")
+
+
+@pytest.mark.parametrize(
+    ("url", "sentence"),
+    [
+        ("udpin:127.0.0.1:14550?allow=10.0.0.1/24", "'10.0.0.1/24' is no network"),
+        ("tcpin:127.0.0.1:5760?allow=", "'' is no network"),
+        ("udpout:127.0.0.1:14550?allow=10.0.0.1", "takes none"),
+    ],
+)
+def test_bad_allowances_are_one_sentence(url: str, sentence: str) -> None:
+    with pytest.raises(LinkError, match=sentence):
+        parse_url(url)
+
+
+def test_the_vessel_file_says_who_may_come_and_no_station_can_change_it() -> None:
+    text = dump_vessel(load_vessel("lanxin"))
+    text = "\n".join(line for line in text.splitlines() if not line.startswith("security") and "_per_s" not in line)
+    asked = (
+        "\nsecurity:\n  allow_systems: [255, 254]\n  allow_addresses: [127.0.0.1/32, 10.0.0.0/24]\n  writes_per_s: 3\n"
+    )
+    vessel = vessel_from(parse_document(text + asked, "boat.yaml"))
+    assert vessel.security == Security((255, 254), ("127.0.0.1/32", "10.0.0.0/24"), 10.0, 3.0)
+    assert vessel_from(parse_document(dump_vessel(vessel), "again")) == vessel
+    assert not [each for each in parameters_of(vessel) if "security" in each.path]
+    with pytest.raises(Exception, match=r"allow_addresses has '10\.0\.0\.300', which is no network"):
+        vessel_from(parse_document(text + "\nsecurity:\n  allow_addresses: [10.0.0.300]\n", "boat.yaml"))
+    with pytest.raises(Exception, match="needed is a whole number from 1 to 255"):
+        vessel_from(parse_document(text + "\nsecurity:\n  allow_systems: [0]\n", "boat.yaml"))
