@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import gc
 import math
 import signal
 import sys
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from types import FrameType
 
-from autopilot import __version__
 from autopilot.angles import compass_deg
 from autopilot.build import LinkOptions, admission_of, build_links, build_pilot
 from autopilot.cli.learning_desk import LearningDesk
+from autopilot.cli.log_keeping import add_log_options, alarm_links, gaps_of, open_log
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
 from autopilot.errors import ExitCode, RefusedError
@@ -23,11 +23,9 @@ from autopilot.links.admission import Doors
 from autopilot.links.base import LinkError
 from autopilot.links.signing import Signing, hint_of
 from autopilot.loop.clock import MonotonicClock
-from autopilot.loop.record import Recorder
 from autopilot.loop.session import Orders, Session
 from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
 from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import dump_vessel
 from autopilot.signals import Mode, OrderKind, Tick
 
 STATUS_PERIOD = 0.5
@@ -46,7 +44,7 @@ def add_steering_options(parser: argparse.ArgumentParser) -> None:
         metavar="URL",
         help="udpin:127.0.0.1:14550, tcp:HOST:PORT, serial:/dev/ttyUSB0:115200, nmea:/dev/ttyUSB1:4800; repeatable",
     )
-    parser.add_argument("--log", metavar="FILE.tlog", type=Path, help="write everything to this log")
+    add_log_options(parser)
     parser.add_argument(
         "--as-gcs", action="store_true", help="send steering with the ground station's id, which ArduPilot obeys"
     )
@@ -152,7 +150,8 @@ def steer(
             print(_which_file(arguments.vessel, in_force))
         if desk is not None:
             desk.attach(pilot, in_force)
-        in_force.log = recorder = _open_log(arguments.log, vessel, law, clock.now())
+        in_force.log = recorder = open_log(arguments, vessel, law, clock.now())
+        links = [*links, *alarm_links(recorder)]
     except Exception:
         for link in links:
             link.close()
@@ -160,26 +159,22 @@ def steer(
     status = StatusLine(describe)
 
     def after(tick: Tick) -> bool:
-        status.show(tick, recorder)
+        status.show(tick)
         if desk is not None and (news := desk.news(tick)):
             status.say(news)
         return ending(tick) or watch(tick)
 
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        ending.stop = True
-
     _quiet_collector()
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        with Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder) as session:
+        with _signals_end(ending), Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder) as session:
             session.run(clock.now() + duration, after)
         ending.final(session.tick)
     finally:
         status.end()
         saver.close()
-        for number, handler in before.items():
-            signal.signal(number, handler)
     _print_refusals(signing, doors)
+    if gaps := gaps_of(recorder):
+        print(gaps)
     last = session.tick
     if last is not None and last.mode is Mode.FAILSAFE:
         print(f"ended in fail-safe: {'; '.join(last.alarms)}", file=sys.stderr)
@@ -193,11 +188,19 @@ def _print_refusals(signing: Signing | None, doors: Doors) -> None:
             print(summary)
 
 
-def _open_log(path: Path | None, vessel: Vessel, law: str | None, now: float) -> Recorder | None:
-    """Return the log at `path`, None where there is to be none. Raises InputError."""
-    if path is None:
-        return None
-    return Recorder(path, {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": law}, now)
+@contextlib.contextmanager
+def _signals_end(ending: Ending) -> Iterator[None]:
+    """SIGINT and SIGTERM end the run after the tick they come in."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        ending.stop = True
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _which_file(vessel_path: str, in_force: VesselInForce) -> str:
@@ -224,12 +227,12 @@ class StatusLine:
         self._next = -math.inf
         self._said: tuple[Mode, tuple[str, ...]] | None = None
 
-    def show(self, tick: Tick, recorder: Recorder | None) -> None:
+    def show(self, tick: Tick) -> None:
         """Show the tick where it is time to."""
-        alarms = tick.alarms + ((recorder.failed,) if recorder is not None and recorder.failed else ())
-        if (tick.mode, alarms) != self._said:
-            self._said = (tick.mode, alarms)
-            self._print_line(f"{tick.now:8.1f} s  {tick.mode.name}" + "".join(f"  ! {alarm}" for alarm in alarms))
+        if (tick.mode, tick.alarms) != self._said:
+            self._said = (tick.mode, tick.alarms)
+            said = "".join(f"  ! {alarm}" for alarm in tick.alarms)
+            self._print_line(f"{tick.now:8.1f} s  {tick.mode.name}{said}")
         elif self._live and tick.now >= self._next:
             self._next = tick.now + STATUS_PERIOD
             ahead = self._describe(tick) if self._describe is not None else ""

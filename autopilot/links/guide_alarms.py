@@ -10,7 +10,9 @@ from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample
 class Guide(Protocol):
     """Who has something to say."""
 
-    alarm: str
+    @property
+    def alarm(self) -> str:
+        """What the skipper should know, '' while all is well."""
 
 
 class GuideAlarms:

@@ -3,11 +3,13 @@
 A .tlog is a row of (8-byte big-endian time in microseconds since 1970, MAVLink packet). Norrbin writes into it
 what its MAVLink links received and sent, a few NAMED_VALUE_FLOAT and ATTITUDE for plotting, and TUNNEL
 messages that carry the records of `tick_codec` in pieces. One write call a tick, not buffered here: a killed
-process loses at most the tick it was in.
+process loses at most the tick it was in. Where the log is kept in parts, or ticks could not be written, it goes on
+with a header, so that every part can be read alone; parts with no tick missing between them are read as one log.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import struct
@@ -21,6 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MavlinkCodec, frame_length
 from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
+from autopilot.loop.log_files import FileSink, Sink
 from autopilot.loop.tick_codec import (
     HEADER,
     TICK,
@@ -44,20 +47,35 @@ SETUP_SIGNING = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 
 
 class Recorder:
-    """Writes one log. Opening it raises InputError where the place cannot be written."""
+    """Writes one log into a file or another sink. InputError where the file cannot be written."""
 
-    def __init__(self, path: Path, header: dict[str, Any], clock_now: float, system: int = 1) -> None:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
-        except OSError as error:
-            raise InputError(f"log {path}: {error.strerror}; give another place with --log") from error
+    def __init__(self, place: Path | Sink, header: dict[str, Any], clock_now: float, system: int = 1) -> None:
+        self._sink = FileSink(place) if isinstance(place, Path) else place
         self._codec = MavlinkCodec(system, COMPONENT)
         self._offset = time.time() - clock_now
         self._serial = 0
         self._next_plot = 0.0
-        self.failed = ""
-        self._write(self._tunnel(clock_now, encode_header({"format": FORMAT, **header})))
+        self._stopped = ""
+        self._header = {"format": FORMAT, "run": f"{os.getpid()}-{time.time_ns()}", **header}
+        self._part = 0
+        self._written = 0
+        self._lost = 0
+        self._write(self._opening(clock_now, 0))
+
+    @property
+    def failed(self) -> str:
+        """Why nothing is written now and what to do, '' while all is well."""
+        return self._stopped or self._sink.trouble
+
+    @property
+    def alarm(self) -> str:
+        """The same, for whoever brings it to the skipper."""
+        return self.failed
+
+    @property
+    def dropped(self) -> int:
+        """How many ticks were not written."""
+        return self._sink.dropped
 
     def record(self, tick: Tick, packets: list[tuple[float, bytes]]) -> None:
         """Append one tick and the MAVLink packets that went with it. A full disk stops the log, not the boat."""
@@ -66,9 +84,11 @@ class Recorder:
             self._next_plot = tick.now + PLOT_PERIOD
             parts.extend(self._plots(tick))
         try:
+            if self._begins_anew():
+                parts.insert(0, self._opening(tick.now, tick.number))
             parts.append(self._tunnel(tick.now, encode_tick(tick)))
         except (struct.error, InputError) as error:
-            self.failed = f"log stopped: tick {tick.number} cannot be written ({error}); start a new log"
+            self._stopped = f"log stopped: tick {tick.number} cannot be written ({error}); start a new log"
             return
         self._write(b"".join(parts))
 
@@ -78,24 +98,31 @@ class Recorder:
 
     def keep_vessel(self, text: str) -> None:
         """Append the vessel as it is from the next tick on."""
+        self._header["vessel"] = text
         self._write(self._tunnel(time.time() - self._offset, bytes([VESSEL]) + text.encode()))
 
     def close(self) -> None:
         """Close the file; further calls do nothing."""
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
+        self._sink.close()
 
     def _write(self, data: bytes) -> None:
-        if self._file < 0 or self.failed:
-            return
-        try:
-            written = os.write(self._file, data)
-        except OSError as error:
-            self.failed = f"log stopped: {error.strerror}; free the disk and start a new log"
-            return
-        if written < len(data):
-            self.failed = "log stopped: disk full; free the disk and start a new log"
+        if data and not self._stopped:
+            self._sink.write(data)
+            self._written += len(data)
+
+    def _begins_anew(self) -> bool:
+        """Return whether a header must come first: in a new part, and behind what was lost."""
+        if self._sink.part_bytes is not None and self._written >= self._sink.part_bytes:
+            self._sink.next_part()
+            return True
+        return self._sink.dropped != self._lost
+
+    def _opening(self, now: float, tick_number: int) -> bytes:
+        """Return the header; `first` is the tick that follows, by which a reader knows what is missing before it."""
+        self._part += 1
+        self._written = 0
+        self._lost = self._sink.dropped
+        return self._tunnel(now, encode_header({**self._header, "part": self._part, "first": tick_number}))
 
     def _stamped(self, packets: list[tuple[float, bytes]]) -> list[bytes]:
         """Nothing goes into a log that helps towards a signing key: no signatures, no message that carries one."""
@@ -165,22 +192,39 @@ def read_packets(path: Path) -> Iterator[tuple[float, bytes]]:
         place += 8 + length
 
 
-def read_logs(path: Path) -> list[Log]:
-    """Return the logs in a file, several where it was put together from several; a torn last record is left out.
+def read_logs(*paths: Path) -> list[Log]:
+    """Return the logs in files, several where one was put together from several; a torn last record is left out.
 
-    Raises InputError where there is none.
+    Parts that follow one another without a gap are one log. Raises InputError where there is none.
     """
     logs: list[Log] = []
-    for record in _records(path):
+    for record in itertools.chain.from_iterable(map(_records, paths)):
         if record[0] == HEADER:
-            logs.append(Log(decode_header(record), [], {}))
+            _take_header(logs, decode_header(record))
         elif record[0] in (TICK, TICK_BEFORE_WAVES) and logs:
             logs[-1].ticks.append(decode_tick(record))
         elif record[0] == VESSEL and logs:
             logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")
     if not logs:
-        raise InputError(f"{path}: holds no Norrbin ticks; give a log that `autopilot run --log` wrote")
+        raise InputError(f"{paths[0]}: holds no Norrbin ticks; give a log that `autopilot run --log` wrote")
     return logs
+
+
+def is_headless(log: Log) -> bool:
+    """Return whether ticks are missing before the first one."""
+    return int(log.header.get("part", 1)) > 1
+
+
+def _take_header(logs: list[Log], header: dict[str, Any]) -> None:
+    """Begin a log with a header, or go on with the last one where it is the next part and no tick is missing."""
+    last = logs[-1] if logs else None
+    is_next = last is not None and header.get("run") is not None and header["run"] == last.header.get("run")
+    if last is None or not is_next or not last.ticks or header.get("first") != last.ticks[-1].number + 1:
+        logs.append(Log(header, [], {}))
+        return
+    in_force = list(last.changes.values())[-1] if last.changes else last.header.get("vessel")
+    if header.get("vessel") != in_force:
+        last.changes[len(last.ticks)] = str(header.get("vessel"))
 
 
 def read_log(path: Path) -> Log:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from autopilot.build import build_pilot, law_of, pilot_config
 from autopilot.errors import InputError
-from autopilot.loop.record import Log, read_logs
+from autopilot.loop.log_files import following_parts
+from autopilot.loop.record import Log, is_headless, read_logs
 from autopilot.params.vessel_file import parse_vessel
 from autopilot.signals import RudderCommand
 
@@ -23,9 +24,18 @@ class ReplayResult(NamedTuple):
 
 
 def replay(path: Path) -> ReplayResult:
-    """Run every log in the file at `path` again, each from its own header. Raises InputError."""
+    """Run every log in the file at `path`, and in the parts that follow it, again, each from its own header.
+
+    What comes behind a gap is left out. Raises InputError.
+    """
     count = 0
-    for log in read_logs(path):
+    logs = read_logs(*following_parts(path))
+    if is_headless(logs[0]):
+        part = logs[0].header["part"]
+        raise InputError(f"{path}: is part {part} of a log; a replay starts with part 1, and needs all of them")
+    for log in logs:
+        if is_headless(log):
+            continue
         count += len(log.ticks)
         difference = _first_difference(path, log)
         if difference is not None:

@@ -1,0 +1,286 @@
+"""Where a log's bytes go: one file, or a folder of parts that never grows beyond a size; written by a thread or not.
+
+A part is one file that can be read alone. Whoever writes says where a part may begin, for only he knows its header.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import re
+import threading
+import time
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from autopilot.errors import InputError
+
+RETRY_S = 5.0
+"""A disk that would not take the log is asked again after this time."""
+SYNC_S = 5.0
+"""A power cut costs at most about this much of the log."""
+WAITING_MAX = 200
+"""Writes that may wait for the disk: ten seconds of a 20 Hz loop."""
+CLOSING_S = 5.0
+"""A disk that does not answer is left alone after this time when the log is closed."""
+MEGABYTE = 1_000_000
+TOO_SLOW = "log has a gap: the disk is too slow; use a faster card, or log elsewhere"
+PART_NAME = re.compile(r"(?P<run>.*\.)(?P<part>\d{3,})\.tlog")
+RUN_NAME = re.compile(r"norrbin-(?P<number>\d{5,})-\d{8}T\d{6}Z\.\d{3,}\.tlog")
+
+
+class Sink(Protocol):
+    """Takes a log's bytes in order.
+
+    Attributes:
+        trouble: why nothing is written now, '' while all is well.  part_bytes: size of a part, None for one file.
+        dropped: writes that were lost. When it has grown, what is written next must begin with a header again.
+    """
+
+    trouble: str
+    part_bytes: int | None
+    dropped: int
+
+    def write(self, data: bytes) -> None:
+        """Append all of `data`, or nothing of it."""
+
+    def next_part(self) -> None:
+        """Let what is written next begin a new part, where there are parts."""
+
+    def close(self) -> None:
+        """Write what waits, for a limited time; further calls do nothing."""
+
+
+class FileSink:
+    """One file, emptied at first; written at once. Raises InputError where it cannot be written."""
+
+    part_bytes: int | None = None
+
+    def __init__(self, path: Path) -> None:
+        self.trouble = ""
+        self.dropped = 0
+        self._file = _opened(path, os.O_TRUNC, "--log")
+
+    def write(self, data: bytes) -> None:
+        """Append."""
+        if self._file >= 0:
+            self.trouble = appended(self._file, data)
+            self.dropped += bool(self.trouble)
+
+    def next_part(self) -> None:
+        """There is one file."""
+
+    def sync(self) -> None:
+        """Have what was written on the disk itself."""
+        with contextlib.suppress(OSError):
+            os.fdatasync(self._file)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+
+class FolderLimits(NamedTuple):
+    """Sizes [bytes] of all logs of a folder together and of one part, and what is left free on its disk."""
+
+    total: int = 2000 * MEGABYTE
+    part: int = 64 * MEGABYTE
+    free: int = 100 * MEGABYTE
+
+
+class FolderSink:
+    """Parts in a folder: norrbin-00012-20260504T101500Z.001.tlog is part 1 of the folder's 12th run.
+
+    The number orders the runs where the clock cannot: many boards know no time before the network or the GPS has told
+    them. Before a part begins the oldest parts are removed until it fits; another program's files are left alone.
+    Raises InputError where the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path, limits: FolderLimits = FolderLimits()) -> None:  # noqa: B008 - immutable
+        self.trouble = ""
+        self.dropped = 0
+        self.part_bytes: int | None = limits.part
+        self._folder, self._limits = folder, limits
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            number = 1 + max((run_number(path) for path in folder.iterdir()), default=0)
+        except OSError as error:
+            raise InputError(f"log folder {folder}: {error.strerror}; give another one with --log-dir") from error
+        self._run = f"norrbin-{number:05d}-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}"
+        self._part = 0
+        self._file = -1
+        self.path = self._next_path()
+        self._make_room()
+        self._file = _opened(self.path, os.O_EXCL, "--log-dir")
+
+    def write(self, data: bytes) -> None:
+        """Append, in a new part where it is time for one."""
+        self.trouble = self._opened_part() or appended(self._file, data)
+        self.dropped += bool(self.trouble)
+
+    def next_part(self) -> None:
+        """Begin another file with the next write."""
+        self.sync()
+        self.close()
+
+    def sync(self) -> None:
+        """Have what was written on the disk itself."""
+        with contextlib.suppress(OSError):
+            os.fdatasync(self._file)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def _opened_part(self) -> str:
+        """Have a part open; return why there is none."""
+        if self._file >= 0:
+            return ""
+        self.path = self._next_path()
+        try:
+            self._make_room()
+            self._file = _opened(self.path, os.O_EXCL, "--log-dir")
+        except (OSError, InputError) as error:
+            self._part -= 1
+            return f"log stopped: {error}"
+        return ""
+
+    def _next_path(self) -> Path:
+        self._part += 1
+        return self._folder / f"{self._run}.{self._part:03d}.tlog"
+
+    def _make_room(self) -> None:
+        """Remove the oldest parts until the next one fits into the folder's size and onto the disk."""
+        parts = sorted(
+            (path for path in self._folder.iterdir() if RUN_NAME.fullmatch(path.name)),
+            key=lambda path: (run_number(path), part_number(path)),
+        )
+        sizes = {path: path.stat().st_size for path in parts}
+        total = sum(sizes.values())
+        for path in parts:
+            disk = os.statvfs(self._folder)
+            fits = disk.f_bavail * disk.f_frsize >= self._limits.free + self._limits.part
+            if total + self._limits.part <= self._limits.total and fits:
+                return
+            path.unlink()
+            total -= sizes[path]
+
+
+class ThreadedSink:
+    """Writes to another sink from a thread: a disk that stalls keeps nobody waiting, and what waits is bounded.
+
+    `write` only puts into a queue. When the queue is full, or the disk refused, writes are dropped and counted.
+    """
+
+    def __init__(self, inside: FileSink | FolderSink, waiting_max: int = WAITING_MAX, retry: float = RETRY_S) -> None:
+        self.trouble = ""
+        self.dropped = 0
+        self.part_bytes = inside.part_bytes
+        self._inside, self._waiting_max, self._retry = inside, waiting_max, retry
+        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._refused_until = 0.0
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="log", daemon=True)
+        self._thread.start()
+
+    def write(self, data: bytes) -> None:
+        """Put into the queue, where it is not full and the disk has not just refused."""
+        if self._closed:
+            return
+        if self._queue.qsize() >= self._waiting_max:
+            self.trouble = TOO_SLOW
+            self.dropped += 1
+        elif time.monotonic() < self._refused_until:
+            self.dropped += 1
+        else:
+            self._queue.put(data)
+
+    def next_part(self) -> None:
+        """Begin another file when the queue has come to here."""
+        if self.part_bytes is not None:
+            self._queue.put(b"")
+
+    def close(self) -> None:
+        """Write what waits; a disk that does not answer is left with it after CLOSING_S."""
+        if self._closed:
+            return
+        self._closed = True
+        self._queue.put(None)
+        self._thread.join(CLOSING_S)
+        if self._thread.is_alive():
+            self.dropped += self._queue.qsize()
+
+    def _work(self) -> None:
+        synced = time.monotonic()
+        while (data := self._queue.get()) is not None:
+            if not data:
+                self._inside.next_part()
+                continue
+            if time.monotonic() < self._refused_until:
+                self.dropped += 1  # it was put here before the refusal; what follows begins with a header
+                continue
+            self._inside.write(data)
+            if self._inside.trouble:
+                self.trouble = self._inside.trouble
+                self.dropped += 1
+                self._refused_until = time.monotonic() + self._retry
+            elif self._queue.qsize() < self._waiting_max // 2:
+                self.trouble = ""
+            if time.monotonic() - synced >= SYNC_S:
+                self._inside.sync()
+                synced = time.monotonic()
+        self._inside.sync()
+        self._inside.close()
+
+
+def appended(file: int, data: bytes) -> str:
+    """Append all of `data` to an open file; where it does not fit nothing of it stays. Return what went wrong, or ''.
+
+    A record in two halves would make all behind it unreadable.
+    """
+    try:
+        written = os.write(file, data)
+    except OSError as error:
+        return f"log stopped: {error.strerror}; free the disk"
+    if written == len(data):
+        return ""
+    with contextlib.suppress(OSError):
+        os.ftruncate(file, os.fstat(file).st_size - written)
+    return "log stopped: No space left on device; free the disk"
+
+
+def following_parts(path: Path) -> list[Path]:
+    """Return the log at `path` and the parts that follow it beside it, in their order."""
+    found = PART_NAME.fullmatch(path.name)
+    parts = [path]
+    while found is not None:
+        later = path.with_name(f"{found['run']}{int(found['part']) + len(parts):03d}.tlog")
+        if not later.exists():
+            break
+        parts.append(later)
+    return parts
+
+
+def run_number(path: Path) -> int:
+    """Return the number of the run that a log of a folder is of, 0 for any other file."""
+    found = RUN_NAME.fullmatch(path.name)
+    return int(found["number"]) if found else 0
+
+
+def part_number(path: Path) -> int:
+    """Return the number of a part in its run, 0 for any other file."""
+    found = PART_NAME.fullmatch(path.name)
+    return int(found["part"]) if found else 0
+
+
+def _opened(path: Path, flags: int, option: str) -> int:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | flags, 0o644)
+    except OSError as error:
+        raise InputError(f"log {path}: {error.strerror}; give another place with {option}") from error

@@ -1,0 +1,206 @@
+"""The log on a disk that is full, slow, or small; parts that are read as one; nothing of it keeps the loop waiting."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from lockstep import Lockstep
+
+from autopilot.errors import InputError
+from autopilot.loop import log_files
+from autopilot.loop.log_files import FileSink, FolderLimits, FolderSink, ThreadedSink, appended, following_parts
+from autopilot.loop.record import Recorder, is_headless, read_log, read_logs
+from autopilot.loop.replay import replay
+from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.signals import Mode
+
+VESSEL = load_vessel("lanxin")
+HEADER = {"vessel": dump_vessel(VESSEL), "law": None}
+SMALL = FolderLimits(total=100_000, part=15_000, free=0)
+
+
+def sail(recorder: Recorder, seconds: float = 9.0, hook: Callable[[Lockstep], None] = lambda _: None) -> Lockstep:
+    """Sail in lockstep with this log, and close it."""
+    run = Lockstep(VESSEL)
+    run.session._recorder = recorder
+    run.hooks.append(hook)
+    run.order = run.order._replace(serial=1)
+    run.engage(30.0)
+    run.run(seconds)
+    run.session.close()
+    return run
+
+
+class Disk:
+    """Stands for os.write on the log: refuses while `full`, and can hang."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.full = False
+        self.goes_on = threading.Event()
+        self.goes_on.set()
+        self._write = os.write
+        monkeypatch.setattr(log_files.os, "write", self)
+
+    def __call__(self, file: int, data: bytes) -> int:
+        self.goes_on.wait(30.0)
+        if self.full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._write(file, data)
+
+
+def test_parts_are_read_alone_and_replayed_as_one(tmp_path: Path) -> None:
+    run = sail(Recorder(FolderSink(tmp_path, SMALL._replace(total=10**9)), HEADER, 0.0))
+    parts = sorted(tmp_path.iterdir())
+    assert len(parts) > 3
+    assert following_parts(parts[0]) == parts
+    (whole,) = read_logs(*parts)
+    assert [tick.number for tick in whole.ticks] == [tick.number for tick in run.ticks]
+    assert replay(parts[0])[:2] == (len(run.ticks), True)
+    for part in parts:
+        assert 14_000 < part.stat().st_size < 25_000 or part == parts[-1]
+        assert read_log(part).header["vessel"] == HEADER["vessel"]
+    with pytest.raises(InputError, match="is part 2 of a log; a replay starts with part 1"):
+        replay(parts[1])
+
+
+def test_a_change_of_the_vessel_holds_over_the_parts(tmp_path: Path) -> None:
+    recorder = Recorder(FolderSink(tmp_path, SMALL._replace(total=10**9)), HEADER, 0.0)
+    changed = HEADER["vessel"] + "# changed\n"  # type: ignore[operator]
+
+    def change(run: Lockstep) -> None:
+        if run.now == 6.0:
+            recorder.keep_vessel(changed)
+
+    sail(recorder, hook=change)
+    parts = sorted(tmp_path.iterdir())
+    assert read_log(parts[-1]).header["vessel"] == changed
+    (whole,) = read_logs(*parts)
+    assert list(whole.changes.values()) == [changed]
+
+
+def test_a_folder_stays_below_its_size_and_other_files_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "holiday.tlog").write_bytes(bytes(150_000))
+    for _ in range(4):
+        sail(Recorder(FolderSink(tmp_path, SMALL), HEADER, 0.0), 6.0)
+        kept = sorted(tmp_path.glob("norrbin-*"))
+        assert sum(path.stat().st_size for path in kept) <= SMALL.total + 10_000  # a part ends with its tick
+    assert (tmp_path / "holiday.tlog").stat().st_size == 150_000
+    assert kept[-1].name.startswith("norrbin-00004-")
+    assert kept[0].name > "norrbin-00002"
+
+
+def test_a_restart_never_touches_an_earlier_log(tmp_path: Path) -> None:
+    sail(Recorder(FolderSink(tmp_path), HEADER, 0.0), 3.0)
+    (first,) = tmp_path.iterdir()
+    content = first.read_bytes()
+    sail(Recorder(FolderSink(tmp_path), HEADER, 0.0), 3.0)
+    assert len(list(tmp_path.iterdir())) == 2
+    assert first.read_bytes() == content
+
+
+@pytest.mark.parametrize("in_parts", [False, True])
+def test_when_the_disk_has_room_again_the_log_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_parts: bool
+) -> None:
+    disk = Disk(monkeypatch)
+    path = tmp_path / "a.tlog"
+    recorder = Recorder(FolderSink(tmp_path) if in_parts else FileSink(path), HEADER, 0.0)
+    said = set()
+
+    def fill(run: Lockstep) -> None:
+        disk.full = 4.0 <= run.now < 6.5
+        said.add(recorder.failed)
+
+    run = sail(recorder, hook=fill)
+    assert run.tick.mode is Mode.ENGAGED
+    assert said == {"", "log stopped: No space left on device; free the disk"}
+    (path,) = tmp_path.iterdir()
+    before, after = read_logs(path)
+    assert is_headless(after)
+    assert not is_headless(before)
+    numbers = [tick.number for tick in (*before.ticks, *after.ticks)]
+    assert recorder.dropped == len(run.ticks) - len(numbers) > 25
+    assert after.header["first"] == after.ticks[0].number == before.ticks[-1].number + recorder.dropped + 1
+    assert replay(path)[:2] == (len(before.ticks), True)
+
+
+def test_a_record_that_fits_only_in_part_leaves_nothing_behind(tmp_path: Path) -> None:
+    file = os.open(tmp_path / "a", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    assert appended(file, b"whole") == ""
+    before = os.write
+    try:
+        log_files.os.write = lambda file, data: before(file, data[:3])  # type: ignore[assignment]
+        assert "No space left" in appended(file, b"torn")
+    finally:
+        log_files.os.write = before  # type: ignore[assignment]
+    assert appended(file, b"again") == ""
+    os.close(file)
+    assert (tmp_path / "a").read_bytes() == b"wholeagain"
+
+
+def test_a_disk_that_hangs_keeps_nobody_waiting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = Disk(monkeypatch)
+    recorder = Recorder(ThreadedSink(FileSink(tmp_path / "a.tlog"), waiting_max=20), HEADER, 0.0)
+    said = set()
+
+    def hang(run: Lockstep) -> None:
+        # a loop that waited for this disk would never come to the second of these
+        if run.now == 3.0:
+            disk.goes_on.clear()
+        elif run.now == 8.0:
+            disk.goes_on.set()
+            deadline = time.monotonic() + 20.0
+            while recorder.failed and time.monotonic() < deadline:
+                time.sleep(0.01)
+        said.add(recorder.failed)
+
+    run = sail(recorder, hook=hang)
+    assert "log has a gap: the disk is too slow; use a faster card, or log elsewhere" in said
+    logs = read_logs(tmp_path / "a.tlog")
+    assert len(logs) == 2
+    written = [tick.number for log in logs for tick in log.ticks]
+    assert recorder.dropped == len(run.ticks) - len(written) > 50
+    assert written == sorted(written)
+    assert written[-1] == run.tick.number
+
+
+def test_a_disk_that_never_answers_does_not_keep_the_end_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_files, "CLOSING_S", 0.1)
+    disk = Disk(monkeypatch)
+    recorder = Recorder(ThreadedSink(FileSink(tmp_path / "a.tlog")), HEADER, 0.0)
+    disk.goes_on.clear()
+    recorder.keep_packets([(0.0, bytes(20)), (0.0, bytes(20))])
+    recorder.close()
+    disk.goes_on.set()
+
+
+def test_a_full_disk_refuses_for_a_while_and_is_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = Disk(monkeypatch)
+    sink = ThreadedSink(FileSink(tmp_path / "a"), retry=0.05)
+    disk.full = True
+    sink.write(b"lost")
+    deadline = time.monotonic() + 20.0
+    while not sink.trouble and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert sink.trouble.startswith("log stopped: No space left")
+    disk.full = False
+    while sink.trouble and time.monotonic() < deadline:
+        sink.write(b"x")
+        time.sleep(0.005)
+    sink.close()
+    assert set((tmp_path / "a").read_bytes()) == {ord("x")}
+    assert sink.dropped >= 1
+
+
+def test_the_log_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"log folder .*file: .*; give another one with --log-dir"):
+        FolderSink(tmp_path / "file")
