@@ -6,11 +6,14 @@ import argparse
 import dataclasses
 from collections.abc import Callable
 
+import numpy as np
+
 from autopilot.errors import InputError
 from autopilot.links.signing import LinkSigning, Signing
 from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
 from autopilot.links.url_options import UrlOptions
 from autopilot.params.vessel_file import load_vessel
+from sitl.chaos import ChaosPort, chaos_faults
 from sitl.drive_line import DriveLine
 from sitl.firmware import Firmware
 from sitl.pty_line import PtyTransport
@@ -36,7 +39,10 @@ def world_from(arguments: argparse.Namespace) -> World:
     """Return the world that vessel, scenario and options describe. Raises InputError."""
     vessel = load_vessel(arguments.vessel)
     scenario = with_options(load_scenario(arguments.scenario), arguments.armed, arguments.mode, arguments.speed_m_s)
-    return World(vessel, scenario, arguments.seed)
+    world = World(vessel, scenario, arguments.seed)
+    for fault in chaos_faults(arguments.chaos) if arguments.chaos else ():
+        world.faults.add(fault)
+    return world
 
 
 def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed: float | None) -> Scenario:
@@ -76,7 +82,13 @@ def open_ports(
         for _, port in ports:
             port.transport.close()
         raise
-    return ports
+    seeds = world.chaos_seed.spawn(len(ports))
+    return [(line, behind_bad_line(world, port, seed)) for (line, port), seed in zip(ports, seeds, strict=True)]
+
+
+def behind_bad_line(world: World, port: Port, seed: np.random.SeedSequence) -> Port:
+    """Return the port with a line before it that is as bad as the faults of the moment say."""
+    return Port(port.transport, ChaosPort(port.endpoint, world, port.transport.is_stream, seed))
 
 
 def mavlink_port(firmware: Firmware, url: str, signing: LinkSigning | None = None) -> Port:

@@ -11,6 +11,7 @@ from types import FrameType
 
 from autopilot.errors import ExitCode, InputError
 from autopilot.links.base import LinkError
+from sitl.fault_command import DEFAULT_DESK, add_fault_command
 from sitl.scenario import shipped_scenarios
 
 DEFAULT_MAVLINK = "udpout:127.0.0.1:14550"
@@ -50,6 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_physics_options(physics)
+    add_fault_command(commands, EXIT_CODES)
     glider = commands.add_parser(
         "wave-glider",
         help="a recorded zigzag of a simulated wave glider, float and glider",
@@ -116,6 +118,15 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
     )
     serve.add_argument(
         "--signing-key", metavar="FILE", help="the flight controller signs with the key in FILE and obeys only what is"
+    )
+    serve.add_argument(
+        "--chaos",
+        metavar="LIST",
+        help="bad lines from the start: loss=0.05,delay=0.1,jitter=,duplicate=,reorder=,corrupt=,truncate=,flood=,"
+        "half_open=",
+    )
+    serve.add_argument(
+        "--control", metavar="HOST:PORT", help=f"listen there for `sitl fault`, e.g. {DEFAULT_DESK}; loopback only"
     )
     serve.add_argument("--speedup", metavar="X", type=_positive, default=1.0, help="simulated seconds per second")
     serve.add_argument("--seed", metavar="N", type=_seed, help="seed of all that is random (default: the scenario's)")
@@ -207,23 +218,29 @@ def run_serve(arguments: argparse.Namespace) -> int:
     """Serve until told to stop."""
     from autopilot.links.signing_key import open_signing
     from sitl.assembly import open_ports, world_from
+    from sitl.fault_desk import FaultDesk
     from sitl.serve import Pace, TruthFile, serve
 
     should_stop = _StopOnSignal()
     world = world_from(arguments)
     truth = TruthFile(arguments.truth, world) if arguments.truth else None
-    ports = []
+    ports, desk = [], None
     try:
         urls = arguments.mavlink or ([] if arguments.nmea or arguments.drive else [DEFAULT_MAVLINK])
         signing = open_signing(arguments.signing_key) if arguments.signing_key else None
         ports = open_ports(world, urls, arguments.nmea, arguments.sentences, arguments.drive, signing)
+        if arguments.control:
+            desk = FaultDesk(world, arguments.control)
+            print(f"ready control {arguments.control}", flush=True)
         for line, _ in ports:
             print(f"ready {line}", flush=True)
         pace = Pace(arguments.speedup)
-        serve(world, [port for _, port in ports], pace, arguments.duration, should_stop)
+        serve(world, [port for _, port in ports], pace, arguments.duration, should_stop, desk)
     finally:
         for _, port in ports:
             port.transport.close()
+        if desk is not None:
+            desk.close()
         if truth:
             truth.close()
     if pace.lost > 0.0:

@@ -13,6 +13,7 @@ from sitl.firmware_parameters import ParameterTable, default_parameters
 from sitl.firmware_setup import Setup, setup_of
 from sitl.guided import TIMEOUT_S, GuidedHelm, Target
 from sitl.radio import CHANNELS, STEERING_FULL, THROTTLE_FULL, Overrides, input_angle, output_pulse
+from sitl.vehicle_faults import VehicleFaults
 from sitl.world import Orders, World
 
 SWITCH_LOW_US = 1200
@@ -48,11 +49,13 @@ class Firmware:
         self._setup_changes = self.parameters.changes
         self.overrides = Overrides()
         self.guided = GuidedHelm()
-        self.receiver = vehicle.receiver
+        self.receiver = self.has_receiver = vehicle.receiver
         self.sticks = self._resting_sticks()
         self.notices: list[tuple[int, str]] = []
         self._wanted_mode = FirmwareMode[vehicle.mode]
         self._wants_arming = vehicle.armed
+        self._faults = VehicleFaults(self)
+        self.reboots = 0
         self._boot(world.time, vehicle.boot_s)
         world.helms.append(self)
 
@@ -79,6 +82,7 @@ class Firmware:
     def reboot(self, time: float) -> None:
         """Start again: time since boot from zero, disarmed, in the first mode, parameters kept."""
         self._wants_arming = False
+        self.reboots += 1
         self._boot(time, max(self.world.scenario.vehicle.boot_s, 1.0))
 
     def _become_ready(self) -> None:
@@ -91,7 +95,8 @@ class Firmware:
 
     def has_position(self, time: float) -> bool:
         """Return whether the firmware knows where it is."""
-        return self.time_since_boot(time) >= self.world.scenario.vehicle.position_after_s
+        late = self.time_since_boot(time) >= self.world.scenario.vehicle.position_after_s
+        return late and not self.world.faults.is_on("position_lost", time)
 
     @property
     def setup(self) -> Setup:
@@ -133,6 +138,7 @@ class Firmware:
 
     def orders(self, time: float) -> Orders:
         """Run one loop of the firmware; return where the servos put the rudder and the engine."""
+        self._faults.work(time)
         if self.mode is FirmwareMode.INITIALISING:
             if time < self._ready_time:
                 return Orders(0.0, 0.0)

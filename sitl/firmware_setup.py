@@ -23,6 +23,7 @@ class Setup(NamedTuple):
 
     steering_channel: int
     throttle_channel: int
+    pitch_channel: int
     steering_input: Calibration
     throttle_input: Calibration
     steering_outputs: tuple[tuple[int, Calibration], ...]
@@ -46,6 +47,7 @@ def setup_of(parameters: ParameterTable) -> Setup:
     return Setup(
         steering_channel=steering,
         throttle_channel=throttle,
+        pitch_channel=_channel(parameters["RCMAP_PITCH"]),
         steering_input=input_calibration(parameters, steering),
         throttle_input=input_calibration(parameters, throttle),
         steering_outputs=_outputs(parameters, STEERING_FUNCTION),

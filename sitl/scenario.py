@@ -13,6 +13,7 @@ from autopilot.errors import InputError
 from autopilot.params import schema
 from autopilot.params.schema import Bounds, nearest
 from autopilot.params.strict_yaml import Node, parse_document, read_document
+from sitl.fault_kinds import FaultKind, wrong_size
 
 SCHEMA_VERSION = 1
 
@@ -117,16 +118,20 @@ class SensorsSection:
     """Whether HDG carries the variation; many a compass leaves the field empty."""
 
 
-FaultKind = Literal["heading_dropout", "heading_frozen", "rudder_stuck", "silence"]
-
-
 @dataclass(frozen=True)
 class FaultSection:
-    """One fault and when it lasts, in simulated seconds since the start."""
+    """One fault and when it lasts, in simulated seconds since the start; to_s null: to the end of the run."""
 
     kind: FaultKind
     from_s: Seconds
-    to_s: Seconds
+    to_s: Seconds | None = None
+    size: Annotated[float, Bounds(None, None, "its unit is that of its kind")] | None = None
+    """Null: as large as its kind is by default."""
+    ramp_s: Annotated[float, Bounds(0.0, 1.0e6, "time in which the size grows from 0")] = 0.0
+    every_s: Annotated[float, Bounds(0.01, 1.0e6, "mean time without it, for a fault that comes and goes")] | None = (
+        None
+    )
+    lasts_s: Annotated[float, Bounds(0.01, 1.0e6, "how long it stays when it comes and goes")] = 1.0
 
 
 @dataclass(frozen=True)
@@ -199,10 +204,12 @@ def scenario_from(root: Node) -> Scenario:
             f"schema_version is {scenario.schema_version}, this version of Norrbin reads {SCHEMA_VERSION}."
         )
     for index, fault in enumerate(scenario.faults):
-        if fault.to_s <= fault.from_s:
+        if fault.to_s is not None and fault.to_s <= fault.from_s:
             raise root.at("faults").fault(
                 f"faults[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
             )
+        if wrong := wrong_size(fault.kind, fault.size):
+            raise root.at("faults").fault(f"faults[{index}]: {wrong}")
     for index, (one, other) in enumerate(itertools.pairwise(scenario.route)):
         if math.hypot(other[0] - one[0], other[1] - one[1]) < 1.0:
             raise root.at("route").fault(f"route[{index + 1}] is the place of the waypoint before it; leave one out.")

@@ -4,50 +4,29 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
 from autopilot.angles import wrap, wrap_positive
 from autopilot.params.vessel import Vessel
 from sitl.boat import BoatState
-from sitl.faults import is_at_work
+from sitl.faults import FaultBoard
+from sitl.reading import EARTH_RADIUS, Reading
 from sitl.scenario import Scenario
 from sitl.sea import Deviates
-
-EARTH_RADIUS = 6371008.8
-"""Mean radius [m], IUGG."""
-
-
-class Reading(NamedTuple):
-    """One set of measured values and when they were measured, `time` [s] since the start.
-
-    heading [rad] in [0, 2 pi), true; rate [rad/s]; roll [rad]; roll_rate [rad/s]; rudder [rad]; water_speed,
-    ground_speed [m/s]; course [rad] over the ground; latitude, longitude [deg]; north_speed, east_speed [m/s].
-    """
-
-    time: float
-    heading: float
-    rate: float
-    roll: float
-    roll_rate: float
-    rudder: float
-    water_speed: float
-    ground_speed: float
-    course: float
-    latitude: float
-    longitude: float
-    north_speed: float
-    east_speed: float
+from sitl.sensor_faults import SensorFaults
 
 
 class Sensors:
     """The boat's instruments. `sample` is called once a step; `latest` gives what has left the sensor by then."""
 
-    def __init__(self, vessel: Vessel, scenario: Scenario, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self, vessel: Vessel, scenario: Scenario, seed: np.random.SeedSequence, faults: FaultBoard | None = None
+    ) -> None:
         section = scenario.sensors
         self._section = section
-        self._faults = scenario.faults
+        self._faults = faults = FaultBoard(scenario.faults) if faults is None else faults
+        self._spoiler = SensorFaults(faults, seed.spawn(1)[0])
         self._start = scenario.start
         self._heading_noise = math.radians(_or(section.heading_noise_deg, vessel.sensors.heading_noise_deg))
         self._rate_noise = math.radians(_or(section.rate_noise_deg_s, vessel.sensors.rate_noise_deg_s))
@@ -55,7 +34,6 @@ class Sensors:
         self._deviates = Deviates(np.random.default_rng(seed))
         self._on_their_way: deque[Reading] = deque()
         self._latest: Reading | None = None
-        self._frozen: float | None = None
         variation_deg = _or(section.variation_deg, _or(vessel.sensors.variation_deg, 0.0))
         self.variation = math.radians(variation_deg)
         """Magnetic variation [rad] where the boat is, east positive; 0 where neither file says."""
@@ -72,31 +50,25 @@ class Sensors:
         latitude = self._start.latitude_deg + math.degrees((state.north + position * deviate()) / EARTH_RADIUS)
         parallel = EARTH_RADIUS * math.cos(math.radians(latitude))
         longitude = self._start.longitude_deg + math.degrees((state.east + position * deviate()) / parallel)
-        self._on_their_way.append(
-            Reading(
-                time=time,
-                heading=self._shown_heading(time, heading),
-                rate=state.rate + self._rate_noise * deviate(),
-                roll=state.roll + math.radians(section.roll_noise_deg) * deviate(),
-                roll_rate=state.roll_rate + self._rate_noise * deviate(),
-                rudder=state.rudder + math.radians(section.rudder_noise_deg) * deviate(),
-                water_speed=state.speed + speed_noise * deviate(),
-                ground_speed=math.hypot(north_speed, east_speed),
-                course=wrap_positive(math.atan2(east_speed, north_speed)),
-                latitude=latitude,
-                longitude=math.degrees(wrap(math.radians(longitude))),
-                north_speed=north_speed,
-                east_speed=east_speed,
-            )
+        reading = Reading(
+            time=time,
+            heading=self._shown_heading(heading),
+            rate=state.rate + self._rate_noise * deviate(),
+            roll=state.roll + math.radians(section.roll_noise_deg) * deviate(),
+            roll_rate=state.roll_rate + self._rate_noise * deviate(),
+            rudder=state.rudder + math.radians(section.rudder_noise_deg) * deviate(),
+            water_speed=state.speed + speed_noise * deviate(),
+            ground_speed=math.hypot(north_speed, east_speed),
+            course=wrap_positive(math.atan2(east_speed, north_speed)),
+            latitude=latitude,
+            longitude=math.degrees(wrap(math.radians(longitude))),
+            north_speed=north_speed,
+            east_speed=east_speed,
         )
+        self._on_their_way.append(self._spoiler.spoil(time, reading))
 
-    def _shown_heading(self, time: float, heading: float) -> float:
-        """Resolution and freezing, after noise and offset."""
-        if is_at_work(self._faults, "heading_frozen", time):
-            if self._frozen is None:
-                self._frozen = wrap_positive(heading)
-            return self._frozen
-        self._frozen = None
+    def _shown_heading(self, heading: float) -> float:
+        """Resolution, after noise and offset."""
         step = math.radians(self._section.heading_step_deg)
         return wrap_positive(round(heading / step) * step if step > 0.0 else heading)
 
@@ -105,17 +77,23 @@ class Sensors:
 
         Times must not go backwards.
         """
-        while self._on_their_way and self._on_their_way[0].time + self._latency <= time + 1.0e-9:
+        latency = self._latency + (self._faults.size("heading_late", time) or 0.0)
+        while self._on_their_way and self._on_their_way[0].time + latency <= time + 1.0e-9:
             self._latest = self._on_their_way.popleft()
         return self._latest
 
+    def second(self, time: float) -> Reading | None:
+        """Return the newest reading as the instruments on the NMEA line show it, which have faults of their own."""
+        reading = self.latest(time)
+        return None if reading is None else self._spoiler.second(time, reading)
+
     def has_heading(self, time: float) -> bool:
         """Return whether the heading sensor speaks at `time` [s]."""
-        return not is_at_work(self._faults, "heading_dropout", time)
+        return not self._faults.is_on("heading_dropout", time)
 
     def is_silent(self, time: float) -> bool:
         """Return whether nothing leaves the boat at all at `time` [s]."""
-        return is_at_work(self._faults, "silence", time)
+        return self._faults.is_on("silence", time)
 
 
 def _or(value: float | None, otherwise: float) -> float:

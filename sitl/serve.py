@@ -33,6 +33,16 @@ class Endpoint(Protocol):
         """Return what has left by `now` [s]."""
 
 
+class Desk(Protocol):
+    """Where faults are ordered while the boat sails."""
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on."""
+
+    def serve(self) -> None:
+        """Answer every line that waits."""
+
+
 class Port(NamedTuple):
     """An endpoint and the transport that carries it."""
 
@@ -99,6 +109,7 @@ def serve(
     pace: Pace,
     duration: float | None,
     should_stop: Callable[[], bool],
+    desk: Desk | None = None,
 ) -> None:
     """Run until `should_stop` or for `duration` simulated seconds. Raises LinkError when a transport is gone."""
     while not should_stop():
@@ -111,12 +122,14 @@ def serve(
             for data in transport.receive():
                 endpoint.receive(now, data)
         world.advance(now)
+        if desk is not None:
+            desk.serve()
         for transport, endpoint in ports:
             for packet in endpoint.transmit(now):
                 transport.send(packet)
-        _sleep(ports, pace.wait_for(world.time + STEP))
+        descriptors = [port.transport.fileno() for port in ports] + ([desk.fileno()] if desk is not None else [])
+        _sleep(descriptors, pace.wait_for(world.time + STEP))
 
 
-def _sleep(ports: Sequence[Port], seconds: float) -> None:
-    descriptors = [port.transport.fileno() for port in ports]
+def _sleep(descriptors: Sequence[int], seconds: float) -> None:
     select.select([descriptor for descriptor in descriptors if descriptor >= 0], [], [], seconds)

@@ -14,7 +14,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from sitl.firmware import Firmware, FirmwareMode
-from sitl.sensors import Reading
+from sitl.reading import Reading
+from sitl.vehicle_faults import battery_mv
 
 UNKNOWN_HEADING = 65535
 FIRMWARE_VERSION = (4 << 24) | (6 << 16) | (0 << 8) | 255
@@ -57,11 +58,12 @@ def _state(firmware: Firmware) -> int:
 
 def attitude(firmware: Firmware, time: float, reading: Reading) -> Any:
     """ATTITUDE: radians, yaw in (-pi, pi]; stamped with the time of measurement."""
+    is_number = not firmware.world.faults.is_on("heading_nan", time)
     return dialect.MAVLink_attitude_message(
         boot_ms(firmware, reading.time),
         reading.roll,
         0.0,
-        wrap(reading.heading),
+        wrap(reading.heading) if is_number else math.nan,
         reading.roll_rate,
         0.0,
         reading.rate,
@@ -174,9 +176,14 @@ def sys_status(firmware: Firmware, time: float, reading: Reading) -> Any:
     failed = 0 if firmware.has_position(time) else dialect.MAV_SYS_STATUS_SENSOR_GPS
     if not firmware.world.sensors.has_heading(time):
         failed |= dialect.MAV_SYS_STATUS_SENSOR_3D_MAG | dialect.MAV_SYS_STATUS_AHRS
+    battery = firmware.world.faults.size("battery_low", time)
+    fitted |= dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    failed |= dialect.MAV_SYS_STATUS_SENSOR_BATTERY if battery is not None else 0
+    left = 90.0 if battery is None else battery
     enabled = fitted if firmware.armed else fitted & ~dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
     return dialect.MAVLink_sys_status_message(
-        fitted, enabled, fitted & ~failed, 120, 12600, 100 + 20 * abs(firmware.throttle), 90, 0, 0, 0, 0, 0, 0
+        *(fitted, enabled, fitted & ~failed, 120, battery_mv(left)),
+        *(100 + 20 * abs(firmware.throttle), round(left), 0, 0, 0, 0, 0, 0),
     )
 
 

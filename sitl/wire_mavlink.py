@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -16,12 +17,23 @@ from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.signing import LinkSigning
 from sitl import radio
 from sitl.commands import ACCEPTED, FAILED, UNSUPPORTED, execute
+from sitl.fault_kinds import FaultKind
 from sitl.firmware import Firmware
 from sitl.firmware_parameters import Parameter, ParameterTable
 from sitl.guided import Target
 from sitl.streams import REQUESTS, Streams
 from sitl.telemetry import BUILDERS
 
+SILENCED_BY: Mapping[int, tuple[FaultKind, ...]] = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: ("heartbeat_lost",),
+    dialect.MAVLINK_MSG_ID_ATTITUDE: ("heading_dropout",),
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: ("speed_lost",),
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: ("speed_lost",),
+    dialect.MAVLINK_MSG_ID_VFR_HUD: ("speed_lost",),
+    dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: ("feedback_lost",),
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: ("feedback_lost",),
+}
+"""Faults that keep a message from being sent."""
 INT16_MAX = 32767
 PARAMETERS_PER_STEP = 5
 """How fast a parameter list leaves: 500 a second."""
@@ -44,6 +56,7 @@ class MavlinkVehicle:
         self._outgoing: list[bytes] = []
         self._parameter_queue: deque[int] = deque()
         self._notices_seen = len(firmware.notices)
+        self._reboots_seen = firmware.reboots
         self._handlers = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._on_override,
@@ -92,7 +105,7 @@ class MavlinkVehicle:
         reading = self.world.sensors.latest(time)
         if identity not in BUILDERS or reading is None:
             return False
-        if identity == dialect.MAVLINK_MSG_ID_ATTITUDE and not self.world.sensors.has_heading(time):
+        if any(self.world.faults.is_on(fault, time) for fault in SILENCED_BY.get(identity, ())):
             return False
         message = BUILDERS[identity](self.firmware, time, reading)
         if message is None:
@@ -112,6 +125,8 @@ class MavlinkVehicle:
         if self.reboots_at is not None and time > self.reboots_at:
             self.reboots_at = None
             self.firmware.reboot(time)
+        if self._reboots_seen != self.firmware.reboots:
+            self._reboots_seen = self.firmware.reboots
             self.streams.reset(time)
 
     def _is_for_us(self, message: Any) -> bool:
@@ -136,6 +151,8 @@ class MavlinkVehicle:
         if not self._is_from_station(message):
             return
         self.firmware.station_heard(time)
+        if self.world.faults.is_on("overrides_ignored", time):
+            return
         for channel in range(1, radio.CHANNELS + 1):
             pulse = getattr(message, f"chan{channel}_raw")
             if channel <= 8:
@@ -150,6 +167,8 @@ class MavlinkVehicle:
         if not self._is_from_station(message) or message.target != self.codec.system:
             return
         self.firmware.station_heard(time)
+        if self.world.faults.is_on("overrides_ignored", time):
+            return
         setup = self.firmware.setup
         for value, channel, calibration in (
             (message.y, setup.steering_channel, setup.steering_input),

@@ -16,8 +16,9 @@ from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.links import nmea_encoders as encode
 from autopilot.links.nmea0183 import NmeaFramer, Sentence
+from sitl.fault_kinds import FaultKind
 from sitl.plotter import ChartPlotter
-from sitl.sensors import Reading
+from sitl.reading import Reading
 from sitl.uart import UartLine
 from sitl.world import Orders, World
 
@@ -57,6 +58,13 @@ PLOTTER = ("APB", "RMB", "XTE", "HTD")
 """What a chart plotter says; it needs a route in the scenario."""
 """Bytes of a sentence with its line end, for sharing out a slow line."""
 
+SILENCED_BY: Mapping[str, FaultKind] = {
+    "VHW": "speed_lost",
+    "VTG": "speed_lost",
+    "RMC": "position_lost",
+    "RSA": "feedback_lost",
+}
+"""Faults that keep a sentence from being said."""
 FULLEST_LINE = 0.8
 """Default rates are lowered until the line is this full at most: a full line makes every heading late."""
 
@@ -212,12 +220,14 @@ class NmeaInstruments:
 
     def _say(self, name: str, time: float) -> None:
         sensors = self.world.sensors
-        reading = sensors.latest(time)
+        reading = sensors.second(time)
         if reading is None or sensors.is_silent(time):
             return
         if name in PLOTTER:
             self._plotter.update(reading)
         if name in ("HDG", "HDM", "HDT") and not sensors.has_heading(time):
+            return
+        if (fault := SILENCED_BY.get(name)) and self.world.faults.is_on(fault, time):
             return
         if self._to_listener.backlog(time) > BACKLOG_MAX_S:
             self.skipped += 1

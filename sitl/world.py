@@ -12,7 +12,8 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Vessel
 from sitl.boat import Boat, BoatState, Hull, Plant
-from sitl.faults import is_at_work
+from sitl.faults import FaultBoard
+from sitl.rudder_faults import RudderFaults, pushed, thrust_left
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.sensors import Sensors
@@ -45,7 +46,9 @@ class World:
     def __init__(self, vessel: Vessel, scenario: Scenario, seed: int | None = None, epoch: float = 0.0) -> None:
         self.vessel = vessel
         self.scenario = scenario
-        sea_seed, sensor_seed = np.random.SeedSequence(scenario.seed if seed is None else seed).spawn(2)
+        seeds = np.random.SeedSequence(scenario.seed if seed is None else seed).spawn(4)
+        sea_seed, sensor_seed, fault_seed, self.chaos_seed = seeds
+        self.faults = FaultBoard(scenario.faults, fault_seed)
         plant = plant_of(vessel, scenario)
         start = scenario.start
         self.cruise_speed = vessel.model.reference_speed_m_s if start.speed_m_s is None else start.speed_m_s
@@ -60,7 +63,8 @@ class World:
             ),
         )
         self._sea = Sea(scenario, plant.hull, sea_seed, STEP)
-        self.sensors = Sensors(vessel, scenario, sensor_seed)
+        self._rudder_faults = RudderFaults(self.faults, plant.gear)
+        self.sensors = Sensors(vessel, scenario, sensor_seed, self.faults)
         self.helms: list[Helm] = []
         self.watchers: list[Callable[[float], None]] = []
         self._epoch = epoch
@@ -93,9 +97,14 @@ class World:
         time = self.time
         state = self.boat.state
         order, thrust = self._orders(time)
-        if is_at_work(self.scenario.faults, "rudder_stuck", time):
-            order = state.rudder
-        state = self.boat.step(time, order, thrust, self._sea.step(time, state), STEP)
+        order = self._rudder_faults.order(time, order, state.rudder)
+        thrust = thrust_left(self.faults, time, thrust, self.cruise_speed)
+        disturbance = pushed(self.faults, time, self._sea.step(time, state))
+        after = self.boat.step(time, order, thrust, disturbance, STEP)
+        rudder = self._rudder_faults.reached(time, state.rudder, after.rudder, STEP)
+        if rudder != after.rudder:
+            after = self.boat.state = after._replace(rudder=rudder)
+        state = after
         self._steps += 1
         self.sensors.sample(self.time, state)
 

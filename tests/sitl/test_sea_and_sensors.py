@@ -11,9 +11,10 @@ import pytest
 from autopilot.models import waves
 from autopilot.params.vessel_file import load_vessel
 from sitl.boat import BoatState, Hull
+from sitl.reading import Reading
 from sitl.scenario import FaultSection, IttcSection, Scenario, SensorsSection, load_scenario
 from sitl.sea import IttcSea, Sea
-from sitl.sensors import Reading, Sensors
+from sitl.sensors import Sensors
 from sitl.world import STEP, Orders, World
 
 

@@ -1,0 +1,88 @@
+"""What faults make of a set of readings, on its way from the sensors to the wire."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from autopilot.angles import wrap_positive
+from sitl.fault_kinds import FaultKind
+from sitl.faults import FaultBoard
+from sitl.reading import EARTH_RADIUS, Reading
+from sitl.sea import Deviates
+
+
+class SensorFaults:
+    """Spoils readings one after the other. Memory: the values that have frozen."""
+
+    def __init__(self, faults: FaultBoard, seed: np.random.SeedSequence) -> None:
+        self._faults = faults
+        rng = np.random.default_rng(seed)
+        self._deviate = Deviates(rng).next
+        self._chance = rng.random
+        self._held: dict[str, tuple[float, ...]] = {}
+
+    def spoil(self, time: float, reading: Reading) -> Reading:
+        """Return the reading measured at `time` [s] as the faults of that time leave it."""
+        if not self._faults:
+            return reading
+        rate, roll_rate = self._rates(time, reading)
+        water_speed, ground_speed = self._speeds(time, reading)
+        jump = self._faults.size("position_jump", time) or 0.0
+        return reading._replace(
+            heading=self._heading(time, reading.heading),
+            rate=rate,
+            roll_rate=roll_rate,
+            rudder=self._feedback(time, reading.rudder),
+            water_speed=water_speed,
+            ground_speed=ground_speed,
+            latitude=reading.latitude + math.degrees(jump / EARTH_RADIUS),
+        )
+
+    def second(self, time: float, reading: Reading) -> Reading:
+        """Return the reading as the compass on the NMEA line shows it."""
+        off = self._off("second_heading_jump", "second_heading_drift", time)
+        return reading._replace(heading=wrap_positive(reading.heading + off)) if off else reading
+
+    def _heading(self, time: float, heading: float) -> float:
+        size = self._faults.size
+        (heading,) = self._freeze("heading_frozen", time, heading)
+        off = self._off("heading_jump", "heading_drift", time)
+        if (noise := size("heading_noise", time)) is not None:
+            off += math.radians(noise) * self._deviate()
+        if (share := size("heading_spikes", time)) is not None and self._chance() < share:
+            off += 2.0 * math.pi * self._chance()
+        return wrap_positive(heading + off) if off else heading
+
+    def _off(self, jump: FaultKind, drift: FaultKind, time: float) -> float:
+        by = self._faults.size(jump, time) or 0.0
+        per_second = self._faults.size(drift, time) or 0.0
+        return math.radians(by + per_second * self._faults.lasted(drift, time))
+
+    def _rates(self, time: float, reading: Reading) -> tuple[float, float]:
+        size = self._faults.size
+        rate, roll_rate = self._freeze("rate_frozen", time, reading.rate, reading.roll_rate)
+        if self._faults.is_on("rate_reversed", time):
+            rate = -rate
+        if (bias := size("rate_bias", time)) is not None:
+            rate += math.radians(bias)
+        if (noise := size("rate_noise", time)) is not None:
+            rate += math.radians(noise) * self._deviate()
+        return rate, roll_rate
+
+    def _speeds(self, time: float, reading: Reading) -> tuple[float, float]:
+        water, ground = self._freeze("speed_frozen", time, reading.water_speed, reading.ground_speed)
+        times = self._faults.size("speed_wrong", time)
+        return (water, ground) if times is None else (water * times, ground * times)
+
+    def _feedback(self, time: float, rudder: float) -> float:
+        (rudder,) = self._freeze("feedback_frozen", time, rudder)
+        return rudder + math.radians(self._faults.size("feedback_offset", time) or 0.0)
+
+    def _freeze(self, kind: FaultKind, time: float, *values: float) -> tuple[float, ...]:
+        """The values of the moment when the fault began, for as long as it lasts."""
+        if not self._faults.is_on(kind, time):
+            self._held.pop(kind, None)
+            return values
+        return self._held.setdefault(kind, values)
