@@ -1,13 +1,15 @@
 """The very functions of the loop, compiled by numba: no second copy of an equation for the sake of speed.
 
-`compiled(function)` compiles a function and everything it calls by name within `autopilot` and `sitl`. The functions
-stay as they are, plain scalars over NamedTuples, for everybody else.
+`compiled(function)` compiles a function and everything it calls within `autopilot` and `sitl`, by its name or through
+its module. The functions stay as they are, plain scalars over NamedTuples, for everybody else.
 """
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any
 
 from autopilot.errors import InputError
@@ -21,6 +23,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         import numba
     except ImportError as exc:
         raise InputError("compiled studies need numba: pip install 'norrbin[fast]'") from exc
+    _teach_remainder()
     ready: Callable[..., Any] = _compile(function, numba.njit, {})
     return ready
 
@@ -28,13 +31,47 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
     if function in done:
         return done[function]
-    names = {
-        name: value
-        for name, value in function.__globals__.items()
-        if name in function.__code__.co_names and isinstance(value, FunctionType) and value.__module__.startswith(OURS)
-    }
+    called = function.__code__.co_names
     scope = dict(function.__globals__)
-    scope.update({name: _compile(value, jit, done) for name, value in names.items()})
+    for name in called:
+        value = scope.get(name)
+        if isinstance(value, FunctionType) and value.__module__.startswith(OURS):
+            scope[name] = _compile(value, jit, done)
+        elif isinstance(value, ModuleType) and value.__name__.startswith(OURS):
+            scope[name] = _module(value, called, jit, done)
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
     done[function] = jit(copy)
     return done[function]
+
+
+def _module(module: ModuleType, called: tuple[str, ...], jit: Any, done: dict[Any, Any]) -> ModuleType:
+    """Return a stand-in for one of our modules, with those of its functions compiled that are called."""
+    stand_in = ModuleType(module.__name__)
+    for name, value in vars(module).items():
+        is_called = name in called and isinstance(value, FunctionType) and value.__module__.startswith(OURS)
+        setattr(stand_in, name, _compile(value, jit, done) if is_called else value)
+    return stand_in
+
+
+@functools.cache
+def _teach_remainder() -> None:
+    """Give numba math.remainder, which it lacks: IEEE 754 remainder by the exact modulo, as CPython does it."""
+    from numba.extending import overload
+
+    def remainder(x: float, y: float) -> float:
+        size, step = abs(x), abs(y)
+        left = size % step
+        rest = step - left
+        if left < rest:
+            result = left
+        elif left > rest:
+            result = -rest
+        else:
+            # half way: to the even multiple
+            result = left - 2.0 * (0.5 * (size - left) % step)
+        return math.copysign(1.0, x) * result
+
+    def remainder_of(x: float, y: float) -> Callable[[float, float], float]:
+        return remainder
+
+    overload(math.remainder)(remainder_of)

@@ -37,6 +37,12 @@ class BacksteppingGains(NamedTuple):
     gamma: float = 1.0
 
 
+def gains_at(gains: BacksteppingGains, speed_ratio: float) -> BacksteppingGains:
+    """Return the gains at `speed_ratio` times the speed at which they hold."""
+    ratio = clip(speed_ratio, SPEED_RANGE[0], SPEED_RANGE[1])
+    return BacksteppingGains(gains.k1 * ratio, gains.k2 * ratio, gains.gamma * ratio * ratio)
+
+
 def errors(gains: BacksteppingGains, heading: float, rate: float, reference: Reference) -> tuple[float, float]:
     """Return z1 [rad] and z2 [rad/s], eqs (6), (9) and (14)."""
     z1 = wrap(heading - reference.heading)
@@ -87,6 +93,5 @@ class BacksteppingLaw:
 
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
         """Return the rudder demand [rad]."""
-        ratio = clip(model.reference_speed / self._reference_speed, *SPEED_RANGE)
-        gains = BacksteppingGains(self.gains.k1 * ratio, self.gains.k2 * ratio, self.gains.gamma * ratio * ratio)
+        gains = gains_at(self.gains, model.reference_speed / self._reference_speed)
         return backstepping_rudder(model, gains, reference, state.heading, state.rate, state.bias)

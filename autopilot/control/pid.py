@@ -31,10 +31,10 @@ class PidGains(NamedTuple):
 
 
 class PidMemory(NamedTuple):
-    """Integrator [rad of rudder] and the demand [rad] of the tick before (None: none yet)."""
+    """Integrator [rad of rudder] and the demand [rad] of the tick before (nan: none yet)."""
 
     integral: float = 0.0
-    wanted: float | None = None
+    wanted: float = math.nan
 
 
 def pid_step(
@@ -45,20 +45,25 @@ def pid_step(
     rate: float,
     last_rudder: float,
     dt: float,
-    feed_forward: float = 0.0,
+    turning: float = 0.0,
 ) -> tuple[float, PidMemory]:
     """Return the unlimited demand [rad] and the new memory; `last_rudder` [rad] is what was really told before.
 
-    `feed_forward` [rad] is F of the module's docstring.
+    `turning` [rad] is F of the module's docstring.
     """
     z1 = wrap(heading - reference.heading)
     integral = memory.integral
     if gains.ki > 0.0:
-        excess = 0.0 if memory.wanted is None else last_rudder - memory.wanted
+        excess = 0.0 if math.isnan(memory.wanted) else last_rudder - memory.wanted
         tracking = clip(dt * gains.ki / max(gains.kp, gains.ki), 0.0, 1.0)
         integral = clip(integral - gains.ki * z1 * dt + tracking * excess, -INTEGRAL_MAX, INTEGRAL_MAX)
-    wanted = integral - gains.kp * z1 - gains.kd * (rate - reference.rate) + feed_forward
+    wanted = integral - gains.kp * z1 - gains.kd * (rate - reference.rate) + turning
     return wanted, PidMemory(integral, wanted)
+
+
+def feed_forward(model: Norrbin, reference: Reference) -> float:
+    """Return F [rad] of the module's docstring; what holds the boat straight is the integrator's to find."""
+    return rudder_for(model, reference.rate, reference.acceleration) - rudder_for(model, 0.0, 0.0)
 
 
 class PidLaw:
@@ -78,8 +83,7 @@ class PidLaw:
 
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
         """Return the rudder demand [rad]; the model serves the feed-forward alone."""
-        # what holds the boat straight is the integrator's to find
-        turning = rudder_for(model, reference.rate, reference.acceleration) - rudder_for(model, 0.0, 0.0)
+        turning = feed_forward(model, reference)
         demand, self._memory = pid_step(
             self.gains, self._memory, reference, state.heading, state.rate, last_rudder, dt, turning
         )

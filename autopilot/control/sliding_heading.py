@@ -47,6 +47,12 @@ class SlidingGains(NamedTuple):
     boundary: float
 
 
+def gains_at(gains: SlidingGains, speed_ratio: float) -> SlidingGains:
+    """Return the gains at `speed_ratio` times the speed at which they hold."""
+    ratio = clip(speed_ratio, SPEED_RANGE[0], SPEED_RANGE[1])
+    return SlidingGains(gains.slope * ratio, gains.reach * ratio * ratio, gains.boundary * ratio)
+
+
 def sliding_rudder(
     model: Norrbin, gains: SlidingGains, reference: Reference, heading: float, rate: float, bias: float = 0.0
 ) -> float:
@@ -76,9 +82,7 @@ class SlidingLaw:
 
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
         """Return the rudder demand [rad]."""
-        ratio = clip(model.reference_speed / self._reference_speed, *SPEED_RANGE)
-        slope, reach, boundary = self.gains
-        gains = SlidingGains(slope * ratio, reach * ratio * ratio, boundary * ratio)
+        gains = gains_at(self.gains, model.reference_speed / self._reference_speed)
         return sliding_rudder(model, gains, reference, state.heading, state.rate, state.bias)
 
 

@@ -15,36 +15,15 @@ from typing import NamedTuple
 from autopilot.angles import wrap
 from autopilot.estimation import heading_filter as ekf
 from autopilot.estimation import wave_motion
+from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
-from autopilot.estimation.heading_update import (
-    fuse_heading,
-    fuse_rate,
-    heading_variance,
-    is_sound,
-    learn_waves,
-    surprise,
-)
+from autopilot.estimation.heading_update import is_sound
 from autopilot.estimation.rudder_track import RudderTrack
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
 
 KEPT_SAMPLES = 24
-GATE_SIGMAS = 6.0
-GATE_LEAST = math.radians(10.0)
-GATE_PATIENCE = 5
-"""A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
-SURPRISE_TIME = 3.0
-SURPRISE_MOST = 5.0
-SURPRISED = 1.5
-"""White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
-longer, wind has changed or the model is wrong, and neither is a wave."""
-PREDICT_LONGEST = 2.0
-"""The boat is not carried forward further than this [s] from its newest measurement."""
-LONGEST_SHARE = 0.5
-"""A step of the filter is at most this share of the boat's time constant."""
-GRAIN_SHARE = 0.1
-"""Rudder movements inside this share of the time constant act on the boat as their mean."""
 BIAS_MOST = 0.5
 """Largest bias [rad] handed to the law."""
 SPEED_SMOOTHING = 2.0
@@ -95,7 +74,7 @@ class Estimator:
 
     def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         self._reference_model = model
-        self._noise, self._pushed = noise, _pushed(noise)
+        self._noises = Noises(noise, _pushed(noise))
         self._steerage = steerage
         self.rudder = RudderTrack(gear)
         self.reset()
@@ -105,12 +84,9 @@ class Estimator:
         self.model = self._reference_model
         self.counters = Counters()
         self.rudder.reset()
-        self._state: FilterState | None = None
+        self._fusion: Fusion | None = None
         self._fused: deque[_Fused] = deque(maxlen=KEPT_SAMPLES)
         self._begun: HeadingSample | None = None
-        self._spikes_in_row = 0
-        self._spike = 0.0
-        self._surprise = 0.0
         self._heading_time = -math.inf
         self._speed: float | None = None
         self._speed_time = -math.inf
@@ -118,8 +94,7 @@ class Estimator:
 
     def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         """Go on with another model, steering gear and noise; what is known of the boat stays known."""
-        self._reference_model, self._noise, self._steerage = model, noise, steerage
-        self._pushed = _pushed(noise)
+        self._reference_model, self._noises, self._steerage = model, Noises(noise, _pushed(noise)), steerage
         self.rudder.reconfigure(gear)
         most = SPEED_RATIO_MOST * model.reference_speed
         self.model = model if self._speed is None else at_speed(model, clip(self._speed, -most, most))
@@ -144,8 +119,8 @@ class Estimator:
 
     def forget_bias(self) -> None:
         """Hold the bias for unknown: the rudder has been moved by somebody who did not tell us."""
-        if self._state is not None:
-            self._state = ekf.without_bias(self._state)
+        if self._fusion is not None:
+            self._fusion = self._fusion._replace(state=ekf.without_bias(self._fusion.state))
             self._fused.clear()
 
     def _take_rudder(self, now: float, sample: RudderSample) -> None:
@@ -182,16 +157,16 @@ class Estimator:
         # a clock that is a little ahead must not carry the filter into the future
         if sample.time > now:
             sample = sample._replace(time=now)
-        if self._state is None:
+        if self._fusion is None:
             if isinstance(sample, HeadingSample):
                 self._begin(sample)
             return
         if sample == self._begun or self._has_fused(sample):
             self.counters.repeated += 1
             return
-        if sample.time < self._state.time:
+        if sample.time < self._fusion.state.time:
             self._fuse_late(sample)
-        elif sample.time - self._state.time > PREDICT_LONGEST and isinstance(sample, HeadingSample):
+        elif sample.time - self._fusion.state.time > PREDICT_LONGEST and isinstance(sample, HeadingSample):
             self._begin(sample)
         else:
             self._fuse(sample)
@@ -203,21 +178,25 @@ class Estimator:
         return any(entry.sample == sample for entry in self._fused)
 
     def _begin(self, sample: HeadingSample) -> None:
-        self._state = ekf.initial(sample.time, wrap(sample.heading), sample.rate, self._noise, self._state)
+        before = self._fusion
+        state = ekf.initial(
+            sample.time, wrap(sample.heading), sample.rate, self._noises.usual, before.state if before else None
+        )
+        self._fusion = Fusion(state, before.surprise if before else 0.0)
         self._begun = sample
         self._fused.clear()
-        self._spikes_in_row = 0
         self._heading_time = sample.time
         self.counters.fused += 1
 
     def _fuse_late(self, sample: HeadingSample | RateSample) -> None:
+        assert self._fusion is not None
         index = next((i for i, entry in enumerate(self._fused) if entry.sample.time > sample.time), len(self._fused))
         if index == len(self._fused) or self._fused[index].before.time > sample.time:
             self.counters.too_late += 1
             return
         self.counters.late += 1
         after = [entry.sample for entry in list(self._fused)[index:]]
-        self._state = self._fused[index].before
+        self._fusion = self._fusion._replace(state=self._fused[index].before)
         while len(self._fused) > index:
             self._fused.pop()
         self._fuse(sample)
@@ -225,77 +204,34 @@ class Estimator:
             self._fuse(later)
 
     def _fuse(self, sample: HeadingSample | RateSample) -> None:
-        assert self._state is not None
-        before = self._state
-        state = self._carried(before, sample.time)
-        self._note_surprise(state, sample, sample.time - before.time)
-        if isinstance(sample, RateSample):
-            state = fuse_rate(state, sample.rate, self._noise.rate)
-        else:
-            if self._is_spike(state, sample.heading):
-                if self._spikes_in_row > GATE_PATIENCE:
-                    self._begin(sample)
-                return
-            state = fuse_heading(state, sample.heading, self._noise.heading)
-            if sample.rate is not None:
-                state = fuse_rate(state, sample.rate, self._noise.rate)
-            self._heading_time = max(self._heading_time, sample.time)
-        if self._noise.waves and abs(self._surprise) < SURPRISED:
-            state = learn_waves(state, sample.time - before.time)
+        assert self._fusion is not None
+        before = self._fusion.state
+        heading = sample.heading if isinstance(sample, HeadingSample) else math.nan
+        rate = math.nan if sample.rate is None else sample.rate
+        self._fusion, is_fused = fuse_measured(
+            self.model, self._noises, self._fusion, self.rudder.past, sample.time, heading, rate
+        )
+        if not is_fused:
+            self.counters.spikes += 1
+            if self._fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):
+                self._begin(sample)
+            return
         if self._speed is not None and self._speed < self._steerage:
-            state = ekf.with_bias_of(before, state)
+            self._fusion = self._fusion._replace(state=ekf.with_bias_of(before, self._fusion.state))
+        if isinstance(sample, HeadingSample):
+            self._heading_time = max(self._heading_time, sample.time)
         self._fused.append(_Fused(before, sample))
-        self._state = state
         self.counters.fused += 1
-
-    def _note_surprise(self, state: FilterState, sample: HeadingSample | RateSample, dt: float) -> None:
-        """Average what lies between expectation and measurement, in standard deviations: only what lasts stays."""
-        heading = sample.heading if isinstance(sample, HeadingSample) else None
-        off = clip(surprise(state, heading, sample.rate, self._noise), -SURPRISE_MOST, SURPRISE_MOST)
-        self._surprise += -math.expm1(-dt / SURPRISE_TIME) * (off - self._surprise)
-
-    def _is_spike(self, state: FilterState, heading: float) -> bool:
-        variance = heading_variance(state) + self._noise.heading
-        gate = max(GATE_LEAST, GATE_SIGMAS * math.sqrt(variance))
-        if abs(wrap(heading - state.psi - state.wave)) <= gate:
-            self._spikes_in_row = 0
-            return False
-        agrees = self._spikes_in_row > 0 and abs(wrap(heading - self._spike)) <= gate
-        self._spikes_in_row = self._spikes_in_row + 1 if agrees else 1
-        self._spike = heading
-        self.counters.spikes += 1
-        return True
-
-    def _carried(self, state: FilterState, to: float) -> FilterState:
-        longest = LONGEST_SHARE * self.model.time_constant
-        noise = self._noise if abs(self._surprise) < SURPRISED else self._pushed
-        for until, angle in self._held(state.time, to):
-            for left in range(math.ceil((until - state.time) / longest), 1, -1):
-                state = ekf.predict(self.model, noise, state, angle, state.time + (until - state.time) / left)
-            state = ekf.predict(self.model, noise, state, angle, until)
-        return state if state.time == to else state._replace(time=to)
-
-    def _held(self, start: float, end: float) -> list[tuple[float, float]]:
-        return self.rudder.held(start, min(end, start + PREDICT_LONGEST), GRAIN_SHARE * self.model.time_constant)
-
-    def _mean_at(self, state: FilterState, now: float) -> tuple[float, float, float, float]:
-        """Return psi, r, h and s of the filter at `now` [s]; what is a moment away needs no covariance."""
-        if now <= state.time:
-            return state.psi, state.rate, state.wave, state.wave_rate
-        held = self._held(state.time, now)
-        if len(held) == 1 and held[0][0] - state.time <= LONGEST_SHARE * self.model.time_constant:
-            return ekf.predict_mean(self.model, state, held[0][1], held[0][0])
-        ahead = self._carried(state, now)
-        return ahead.psi, ahead.rate, ahead.wave, ahead.wave_rate
 
     def _nav_state(self, now: float) -> NavState:
         speed = self._reference_model.reference_speed if self._speed is None else self._speed
-        state = self._state
-        if state is None:
+        fusion = self._fusion
+        if fusion is None:
             return NavState(now, 0.0, 0.0, speed, self.rudder.angle, 0.0, math.inf, False)
+        state = fusion.state
         if not is_sound(state):
             return NavState(now, math.nan, math.nan, speed, self.rudder.angle, 0.0, now - self._heading_time, False)
-        heading, rate, wave, wave_rate = self._mean_at(state, now)
+        heading, rate, wave, wave_rate = mean_at(self.model, self._noises, fusion, self.rudder.past, now)
         return NavState(
             now,
             wrap(heading + wave),

@@ -147,7 +147,7 @@ def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float)
     acceleration = yaw_acceleration(model, state.rate, rudder + state.bias)
     wave, wave_rate = state.wave, state.wave_rate
     if state.sea.heading > 0.0:
-        a33, a34, a35, a43, a44, a45, *_ = wave_motion.wave_step(state.sea, dt)
+        a33, a34, a35, a43, a44, a45, _, _, _ = wave_motion.wave_step(state.sea, dt)
         wave, wave_rate = (
             a33 * state.wave + a34 * state.wave_rate + a35 * state.wave_lag,
             a43 * state.wave + a44 * state.wave_rate + a45 * state.wave_lag,

@@ -51,13 +51,12 @@ def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
     )
 
 
-def surprise(state: FilterState, heading: float | None, rate: float | None, noise: FilterNoise) -> float:
+def surprise(state: FilterState, heading: float, rate: float, noise: FilterNoise) -> float:
     """Return how many standard deviations the measured rate [rad/s] is above the expected one; by the heading [rad]
-    where no rate is measured."""
-    if rate is not None:
+    where the rate is nan, not measured."""
+    if not math.isnan(rate):
         total = state.p11 + 2.0 * state.p14 + state.p44 + noise.rate
         return (rate - state.rate - state.wave_rate) / math.sqrt(total)
-    assert heading is not None
     return wrap(heading - state.psi - state.wave) / math.sqrt(heading_variance(state) + noise.heading)
 
 
@@ -114,7 +113,7 @@ def learn_waves(state: FilterState, dt: float) -> FilterState:
     if wave_motion.is_extreme(state.sea, state.wave):
         return state
     heading, rate = state.wave * state.wave + state.p33, state.wave_rate * state.wave_rate + state.p44
-    return state._replace(sea=wave_motion.learn(state.sea, heading, rate, dt))
+    return FilterState(*state[:-1], wave_motion.learn(state.sea, heading, rate, dt))
 
 
 def is_sound(state: FilterState) -> bool:

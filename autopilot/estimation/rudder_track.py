@@ -8,14 +8,66 @@ feedback the model stands alone. Memory: the last `KEPT` ticks.
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
 
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 
 KEPT = 256
 FEEDBACK_FRESH = 2.0
 """Feedback older than this [s] is not believed any more."""
+
+
+class Ring(Protocol):
+    """A list here, an array where runs are compiled."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> float: ...
+
+
+class RudderPast(NamedTuple):
+    """Rudder angles [rad] from their times [s] on, in rings: tick n, of `ticks` so far, is at n modulo their length."""
+
+    times: Ring
+    angles: Ring
+    ticks: int
+
+
+def held(past: RudderPast, start: float, end: float, grain: float) -> Iterator[tuple[float, float]]:
+    """Yield (until [s], angle [rad]) from `start` to `end` [s], oldest first.
+
+    Neighbours that together last no longer than `grain` [s] are given as one, with their mean angle.
+    """
+    times, angles, newest, size = past.times, past.angles, past.ticks - 1, len(past.times)
+    if end <= start:
+        return
+    if newest < 0 or start >= times[newest % size]:
+        yield end, angles[newest % size] if newest >= 0 else 0.0
+        return
+    begun = at = start
+    turned = 0.0
+    for tick in range(tick_at(past, start), newest + 1):
+        until = min(times[(tick + 1) % size], end) if tick < newest else end
+        if until <= at:
+            continue
+        if until - begun > grain and at > begun:
+            yield at, turned / (at - begun)
+            begun, turned = at, 0.0
+        turned += (until - at) * angles[tick % size]
+        at = until
+        if at >= end:
+            break
+    yield end, turned / (end - begun)
+
+
+def tick_at(past: RudderPast, time: float) -> int:
+    """Return the newest tick at or before `time` [s], or the oldest that is known; there must be one."""
+    tick, size = past.ticks - 1, len(past.times)
+    oldest = max(past.ticks - size, 0)
+    while tick > oldest and past.times[tick % size] > time:
+        tick -= 1
+    return tick
 
 
 class RudderTrack:
@@ -30,9 +82,10 @@ class RudderTrack:
         """Forget everything: rudder amidships."""
         self._line.reset()
         self._modelled = 0.0
-        self._times: deque[float] = deque(maxlen=KEPT)
-        self._gears: deque[float] = deque(maxlen=KEPT)
-        self._angles: deque[float] = deque(maxlen=KEPT)
+        self._times = [0.0] * KEPT
+        self._gears = [0.0] * KEPT
+        self._angles = [0.0] * KEPT
+        self._ticks = 0
         self._feedback: tuple[float, float] | None = None
 
     def reconfigure(self, gear: SteeringGear) -> None:
@@ -43,9 +96,14 @@ class RudderTrack:
         self._gear = gear
 
     @property
+    def past(self) -> RudderPast:
+        """Where the rudder was."""
+        return RudderPast(self._times, self._angles, self._ticks)
+
+    @property
     def angle(self) -> float:
         """Newest estimate [rad]."""
-        return self._angles[-1] if self._angles else 0.0
+        return self._angles[(self._ticks - 1) % KEPT] if self._ticks else 0.0
 
     def is_known(self, now: float) -> bool:
         """Return whether feedback at `now` [s] says where the rudder is, whoever moves it."""
@@ -62,47 +120,24 @@ class RudderTrack:
 
     def advance(self, now: float) -> float:
         """Move the model to `now` [s] and return the estimate [rad]."""
-        if self._times:
-            dt = now - self._times[-1]
+        if self._ticks:
+            dt = now - self._times[(self._ticks - 1) % KEPT]
             if dt <= 0.0:
-                return self._angles[-1]
+                return self.angle
             self._modelled = gear_step(self._gear, self._modelled, self._line.effective(now), dt)
         angle = self._modelled
         if self._feedback is not None and self.is_known(now):
             angle += self._feedback[1] - self._modelled_at(self._feedback[0])
-        self._times.append(now)
-        self._gears.append(self._modelled)
-        self._angles.append(angle)
+        place = self._ticks % KEPT
+        self._times[place], self._gears[place], self._angles[place] = now, self._modelled, angle
+        self._ticks += 1
         return angle
 
     def _modelled_at(self, time: float) -> float:
-        if not self._times or time >= self._times[-1]:
+        if not self._ticks or time >= self._times[(self._ticks - 1) % KEPT]:
             return self._modelled
-        return self._gears[max(bisect_right(self._times, time) - 1, 0)]
+        return self._gears[tick_at(self.past, time) % KEPT]
 
     def held(self, start: float, end: float, grain: float) -> list[tuple[float, float]]:
-        """Return (until [s], angle [rad]) from `start` to `end` [s], oldest first.
-
-        Neighbours that together last no longer than `grain` [s] are given as one, with their mean angle.
-        """
-        if end <= start:
-            return []
-        times, angles = self._times, self._angles
-        if not times or start >= times[-1]:
-            return [(end, angles[-1] if angles else 0.0)]
-        parts: list[tuple[float, float]] = []
-        begun = at = start
-        turned = 0.0
-        for index in range(max(bisect_right(times, start) - 1, 0), len(times)):
-            until = min(times[index + 1], end) if index + 1 < len(times) else end
-            if until <= at:
-                continue
-            if until - begun > grain and at > begun:
-                parts.append((at, turned / (at - begun)))
-                begun, turned = at, 0.0
-            turned += (until - at) * angles[index]
-            at = until
-            if at >= end:
-                break
-        parts.append((end, turned / (end - begun)))
-        return parts
+        """Return what `held` yields of this rudder's past."""
+        return list(held(self.past, start, end, grain))

@@ -63,7 +63,7 @@ def turn_limits(
     """
     usable = share * rudder_max
     drive = model.gain * usable
-    symmetric = model._replace(n0=0.0, n2=0.0)
+    symmetric = symmetric_of(model)
     if model.n1 > 0.0:
         bound = steady_rate(symmetric, usable)
         braking = drive
@@ -77,6 +77,11 @@ def turn_limits(
     quickness, pull = STABLE_STOP if model.n1 > 0.0 else UNSTABLE_STOP
     kappa = quickness * jerk / acceleration
     return TurnLimits(usable, fastest, min(rate_max, 0.98 * bound), acceleration, kappa, pull * kappa * kappa)
+
+
+def symmetric_of(model: Norrbin) -> Norrbin:
+    """Return the model without what makes one side differ from the other."""
+    return Norrbin(model.gain, model.time_constant, model.n3, 0.0, model.n1, 0.0, model.reference_speed)
 
 
 def _rate_held_by(model: Norrbin, drive: float) -> float:
