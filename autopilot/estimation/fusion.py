@@ -1,0 +1,112 @@
+"""One measurement taken in: gate, filter and sea, as scalar functions that `sitl.compiled` compiles as they are.
+
+The estimator keeps the memory around them: late samples, broken instruments, and where the rudder was.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import wrap
+from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation.heading_filter import FilterNoise, FilterState
+from autopilot.estimation.heading_update import (
+    fuse_heading,
+    fuse_rate,
+    heading_variance,
+    learn_waves,
+    surprise,
+)
+from autopilot.estimation.rudder_track import RudderPast, held
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import clip
+
+GATE_SIGMAS = 6.0
+GATE_LEAST = math.radians(10.0)
+GATE_PATIENCE = 5
+"""A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
+SURPRISE_TIME = 3.0
+SURPRISE_MOST = 5.0
+SURPRISED = 1.5
+"""White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
+longer, wind has changed or the model is wrong, and neither is a wave."""
+PREDICT_LONGEST = 2.0
+"""The boat is not carried forward further than this [s] from its newest measurement."""
+LONGEST_SHARE = 0.5
+"""A step of the filter is at most this share of the boat's time constant."""
+GRAIN_SHARE = 0.1
+"""Rudder movements inside this share of the time constant act on the boat as their mean."""
+
+
+class Fusion(NamedTuple):
+    """What the measurements have left: the filter's state, what lies between expectation and measurement on average
+    [standard deviations], how many spikes in a row agree, and the newest of them [rad]."""
+
+    state: FilterState
+    surprise: float = 0.0
+    spikes: int = 0
+    spike: float = 0.0
+
+
+class Noises(NamedTuple):
+    """The filter's noise, and that of a boat that something lasting pushes."""
+
+    usual: FilterNoise
+    pushed: FilterNoise
+
+
+def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:
+    """Return the filter's state carried to the time `to` [s] under the rudder that was."""
+    state = fusion.state
+    longest = LONGEST_SHARE * model.time_constant
+    end = min(to, state.time + PREDICT_LONGEST)
+    noise = noises.usual if abs(fusion.surprise) < SURPRISED else noises.pushed
+    for until, angle in held(past, state.time, end, GRAIN_SHARE * model.time_constant):
+        for left in range(math.ceil((until - state.time) / longest), 1, -1):
+            state = ekf.predict(model, noise, state, angle, state.time + (until - state.time) / left)
+        state = ekf.predict(model, noise, state, angle, until)
+    return state if state.time == to else FilterState(to, *state[1:])
+
+
+def mean_at(
+    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, now: float
+) -> tuple[float, float, float, float]:
+    """Return psi, r, h and s of the filter at `now` [s]; what is a moment away needs no covariance."""
+    state = fusion.state
+    if now <= state.time:
+        return state.psi, state.rate, state.wave, state.wave_rate
+    end = min(now, state.time + PREDICT_LONGEST)
+    parts, until, angle = 0, end, 0.0
+    for part_until, part_angle in held(past, state.time, end, GRAIN_SHARE * model.time_constant):
+        parts, until, angle = parts + 1, part_until, part_angle
+    if parts == 1 and until - state.time <= LONGEST_SHARE * model.time_constant:
+        return ekf.predict_mean(model, state, angle, until)
+    ahead = carried(model, noises, fusion, past, now)
+    return ahead.psi, ahead.rate, ahead.wave, ahead.wave_rate
+
+
+def fuse_measured(
+    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, time: float, heading: float, rate: float
+) -> tuple[Fusion, bool]:
+    """Return what a measurement at `time` [s] leaves, and whether it was fused: a spike is not.
+
+    heading [rad] and rate [rad/s] are nan where they were not measured.
+    """
+    noise, dt = noises.usual, time - fusion.state.time
+    state = carried(model, noises, fusion, past, time)
+    off = clip(surprise(state, heading, rate, noise), -SURPRISE_MOST, SURPRISE_MOST)
+    lasting = fusion.surprise - math.expm1(-dt / SURPRISE_TIME) * (off - fusion.surprise)
+    spikes, spike = fusion.spikes, fusion.spike
+    if not math.isnan(heading):
+        gate = max(GATE_LEAST, GATE_SIGMAS * math.sqrt(heading_variance(state) + noise.heading))
+        if abs(wrap(heading - state.psi - state.wave)) > gate:
+            agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
+            return Fusion(fusion.state, lasting, spikes + 1 if agrees else 1, heading), False
+        spikes = 0
+        state = fuse_heading(state, heading, noise.heading)
+    if not math.isnan(rate):
+        state = fuse_rate(state, rate, noise.rate)
+    if noise.waves and abs(lasting) < SURPRISED:
+        state = learn_waves(state, dt)
+    return Fusion(state, lasting, spikes, spike), True
