@@ -73,6 +73,10 @@ Waves = tuple[
     float, float, float, float, float, float, float, float, float,
 ]  # fmt: skip
 """h, s, e and p03 to p55."""
+NO_WAVES: Waves = (
+    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+)  # fmt: skip
 
 
 class FilterNoise(NamedTuple):
@@ -194,7 +198,7 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
         p22 + wandered * dt,
     )
     if state.sea.heading <= 0.0:
-        return FilterState(*boat)
+        return FilterState(*boat, *NO_WAVES, NO_SEA)
     return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), state.sea)
 
 

@@ -9,7 +9,8 @@ import math
 
 from autopilot.angles import wrap
 from autopilot.estimation import wave_motion
-from autopilot.estimation.heading_filter import FilterNoise, FilterState
+from autopilot.estimation.heading_filter import NO_WAVES, FilterNoise, FilterState
+from autopilot.estimation.wave_motion import NO_SEA
 
 
 def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
@@ -81,7 +82,7 @@ def _fuse(
         p22 - g2 * c2,
     )
     if state.sea.heading <= 0.0:
-        return FilterState(*boat)
+        return FilterState(*boat, *NO_WAVES, NO_SEA)
     h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea = state[10:]
     g3, g4, g5 = c3 * share, c4 * share, c5 * share
     return FilterState(
