@@ -33,6 +33,9 @@ def add_parser(subparsers: Any) -> None:
     measures.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     measures.add_argument("--length-m", type=float, metavar="L", help="the boat's length, for the criteria")
     measures.add_argument("--json", action="store_true", help="print JSON")
+    measures.add_argument(
+        "--report", metavar="FILE.html", help="write a page with the figures (extra: norrbin[report])"
+    )
     for action in (info, table, measures):
         add_log_options(action)
     parser.set_defaults(run=run)
@@ -72,9 +75,19 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
     length = arguments.length_m
     if length is not None and not 0.0 < length < math.inf:
         raise InputError(f"--length-m {length:g}: a number above 0 is allowed")
+    if arguments.report:
+        from autopilot.report import require_extra
+
+        require_extra("without --report")
     record = record_of(arguments.log, table_of(recording, options.rudder).columns)
+    measures = measures_of(record)
     shown = report.as_json if arguments.json else report.as_text
-    print(shown(arguments.log, measures_of(record), length))
+    print(shown(arguments.log, measures, length))
+    if arguments.report:
+        from autopilot.report.trials import trials_page
+
+        command = f"autopilot log measures {arguments.log}" + ("" if length is None else f" --length-m {length:g}")
+        _write(Path(arguments.report), trials_page(arguments.log, record, measures, length, command), "--report")
     return int(ExitCode.OK)
 
 
@@ -89,11 +102,15 @@ def write_csv(path: Path, columns: dict[str, Any], uses: dict[str, str], source:
     ]
     for row in zip(*(column.tolist() for column in values), strict=True):
         lines.append(",".join("" if value != value else f"{value:.10g}" for value in row))  # noqa: PERF401
-    try:
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}; give another place with --out.") from error
+    _write(path, "\n".join(lines) + "\n", "--out")
     return len(lines) - len(uses) - 2
+
+
+def _write(path: Path, text: str, option: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}; give another place with {option}.") from error
 
 
 def as_json(info: LogInfo) -> str:

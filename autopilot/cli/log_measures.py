@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from typing import Any
 
 from autopilot.identification import manoeuvring_criteria as criteria
-from autopilot.identification.trial_measures import Circle, Measures, PullOut, Spiral, Zigzag
+from autopilot.identification.trial_measures import Measures
+from autopilot.report.measure_rows import blocks_of
 
 NOTHING = (
     "No manoeuvre found: a zigzag needs three executes, a turning circle 180 deg at a held rudder, a pull-out a turn "
     "and then the rudder amidships, a spiral five angles down and up again."
 )
-ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 
 def as_json(source: str, measures: Measures, length: float | None) -> str:
@@ -42,111 +41,14 @@ def _without_nan(value: Any) -> Any:
 def as_text(source: str, measures: Measures, length: float | None) -> str:
     """Return the measures for people, each beside its criterion where there is one and `length` [m] is known."""
     lines = [f"{source}: positions by {measures.position}"]
-    for zigzag in measures.zigzags:
-        lines += _block(_zigzag(zigzag, length))
-    for circle in measures.circles:
-        lines += _block(_circle(circle, length))
-    for pull_out in measures.pull_outs:
-        lines += _block(_pull_out(pull_out))
-    if measures.spiral is not None:
-        lines += _block(_spiral(measures.spiral, length, _speed(measures)))
-    if len(lines) == 1:
+    blocks = blocks_of(measures, length)
+    if not blocks:
         return f"{lines[0]}\n{NOTHING}"
+    for block in blocks:
+        lines += ["", block.title]
+        for name, value, criterion in block.rows:
+            lines.append(f"  {name:34s} {value:>22s}{'   criterion ' + criterion if criterion else ''}")
     lines += ["", f"({criteria.SHIPS})"]
     if length is None:
         lines.append("Give the boat's length with --length-m to see distances in lengths and all criteria.")
     return "\n".join(lines)
-
-
-Row = tuple[str, str, str]
-
-
-def _block(rows: Iterator[Row]) -> list[str]:
-    title, *rest = list(rows)
-    lines = ["", title[0]]
-    for name, value, criterion in rest:
-        lines.append(f"  {name:34s} {value:>22s}{'   criterion ' + criterion if criterion else ''}")
-    return lines
-
-
-def _zigzag(found: Zigzag, length: float | None) -> Iterator[Row]:
-    kind = criteria.zigzag_kind(found.rudder, found.execute)
-    yield (
-        f"Zigzag {_deg(found.rudder)}/{_deg(found.execute)} from {found.begins:.1f} s at {found.speed:.2f} m/s",
-        "",
-        "",
-    )
-    yield "initial turning time", _s(found.initial_time), ""
-    time, distance = found.initial_turn
-    limit = f"{criteria.INITIAL_LENGTHS:g} L" if kind == 10 else ""
-    yield "way until heading changed by 10 deg", f"{_m(distance, length)} in {_s(time)}", limit
-    for number, angle in enumerate(found.overshoots):
-        name = ORDINALS[number] if number < len(ORDINALS) else f"{number + 1}th"
-        yield f"{name} overshoot", _deg(angle), _overshoot_limit(kind, number, found.speed, length)
-        yield "  heading checked after", _s(found.checks[number]), ""
-    yield "reach", _s(found.reach), ""
-    yield "period", _s(found.period), ""
-
-
-def _overshoot_limit(kind: int, number: int, speed: float, length: float | None) -> str:
-    if kind == 20 and number == 0:
-        return _deg(criteria.FIRST_OVERSHOOT_20)
-    if kind != 10 or number > 1 or length is None or not speed > 0.0:
-        return ""
-    limit = (criteria.first_overshoot_10, criteria.second_overshoot_10)[number](length, speed)
-    return f"{_deg(limit)} (L/V {length / speed:.1f} s)"
-
-
-def _circle(found: Circle, length: float | None) -> Iterator[Row]:
-    yield (
-        f"Turning circle at {_deg(found.rudder, sign=True)} from {found.begins:.1f} s at {found.speed:.2f} m/s",
-        "",
-        "",
-    )
-    yield "advance", _m(found.advance, length), f"{criteria.ADVANCE_LENGTHS:g} L"
-    yield "transfer", _m(found.transfer, length), ""
-    yield "tactical diameter", _m(found.tactical_diameter, length), f"{criteria.TACTICAL_LENGTHS:g} L"
-    yield "steady radius (speed/yaw rate)", _m(found.radius, length), ""
-    yield "steady yaw rate", _rate(found.rate), ""
-    yield "time to 90, 180, 360 deg", ", ".join(_s(one) for one in (found.time_90, found.time_180, found.time_360)), ""
-    yield "speed lost in the turn", "-" if math.isnan(found.speed_lost) else f"{100.0 * found.speed_lost:.0f} %", ""
-
-
-def _pull_out(found: PullOut) -> Iterator[Row]:
-    yield f"Pull-out from {_deg(found.rudder, sign=True)} at {found.begins:.1f} s", "", ""
-    yield "steady yaw rate before", _rate(found.turn_rate), ""
-    yield f"residual yaw rate after {found.time:.0f} s", _rate(found.residual_rate), ""
-
-
-def _spiral(found: Spiral, length: float | None, speed: float) -> Iterator[Row]:
-    yield f"Spiral of {len(found.down)} and {len(found.up)} angles from {found.begins:.1f} s", "", ""
-    limit = "" if length is None or not speed > 0.0 else _deg(criteria.loop_width(length, speed)) + " (MSC/Circ.1053)"
-    yield "loop width", _deg(found.width), limit
-    yield "loop height at rudder amidships", _rate(found.height), ""
-    back = {round(math.degrees(angle), 1): rate for angle, rate in found.up}
-    for angle, rate in found.down:
-        other = back.get(round(math.degrees(angle), 1))
-        yield f"  rudder {_deg(angle, sign=True)}", _rate(rate) + ("" if other is None else f" / {_rate(other)}"), ""
-
-
-def _speed(measures: Measures) -> float:
-    speeds = [one.speed for one in measures.zigzags] + [one.speed for one in measures.circles]
-    return speeds[0] if speeds else math.nan
-
-
-def _deg(angle: float, sign: bool = False) -> str:
-    return "-" if math.isnan(angle) else f"{math.degrees(angle):{'+' if sign else ''}.1f} deg"
-
-
-def _rate(rate: float) -> str:
-    return "-" if math.isnan(rate) else f"{math.degrees(rate):+.2f} deg/s"
-
-
-def _s(seconds: float) -> str:
-    return "-" if math.isnan(seconds) else f"{seconds:.1f} s"
-
-
-def _m(metres: float, length: float | None) -> str:
-    if math.isnan(metres):
-        return "-"
-    return f"{metres:.1f} m" if length is None else f"{metres:.1f} m = {metres / length:.1f} L"

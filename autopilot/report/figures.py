@@ -13,6 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 COLOURS = ("#0b5fa5", "#c8501e", "#2e7d32", "#7b4fa3")
 WANTED = "#8a8f98"
 SIZE = (9.0, 2.6)
+PLANE_SIZE = (9.0, 5.2)
 LEGEND_COLUMNS = 3
 
 
@@ -35,6 +36,24 @@ class Panel(NamedTuple):
 
     label: str
     lines: Sequence[Line]
+
+
+def plane_figure(panel: Panel, abscissa: str, *, equal: bool = False) -> str:
+    """Return one panel over an `abscissa` of its own, dots joined in the order given; `equal`: a chart, as SVG."""
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    from matplotlib import pyplot
+
+    with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 9}):
+        figure, axis = pyplot.subplots(figsize=PLANE_SIZE, layout="constrained")
+        _draw(axis, panel)
+        axis.set_xlabel(abscissa)
+        if equal:
+            axis.set_aspect("equal", adjustable="datalim")
+        text = _svg_of(figure)
+        pyplot.close(figure)
+    return text
 
 
 def time_figure(panels: Sequence[Panel], abscissa: str = "time [s]", *, logarithmic: bool = False) -> str:

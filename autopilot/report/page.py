@@ -17,6 +17,10 @@ h1 { font-size: 1.7rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 table { border-collapse: collapse; margin: 1rem 0; }
 th, td { padding: .3rem .9rem; text-align: right; border-bottom: 1px solid #d8dde3; }
 th:first-child, td:first-child { text-align: left; }
+.wide { overflow-x: auto; }
+th button { font: inherit; font-weight: 600; color: inherit; background: none; border: 0; padding: 0; cursor: pointer; }
+th[aria-sort=ascending] button::after { content: " \\2191"; }
+th[aria-sort=descending] button::after { content: " \\2193"; }
 figure { margin: 1rem 0; background: #fff; } figure svg { width: 100%; height: auto; }
 figcaption, .note { color: #4b5563; font-size: .9rem; }
 code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
@@ -31,15 +35,38 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 <p>{{ lead }}</p>
 {% for section in sections %}
 <h2>{{ section.title }}</h2>
-{% if section.table %}<table>
-<tr>{% for cell in section.table[0] %}<th>{{ cell }}</th>{% endfor %}</tr>
+{% if section.table %}<div class="wide"><table>
+<thead><tr>{% for cell in section.table[0] %}<th>{{ cell }}</th>{% endfor %}</tr></thead><tbody>
 {% for row in section.table[1:] %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
-{% endfor %}</table>{% endif %}
+{% endfor %}</tbody></table></div>{% endif %}
 {% for paragraph in section.text %}<p>{{ paragraph }}</p>{% endfor %}
 {% if section.figure %}<figure>{{ section.figure | safe }}
 <figcaption>{{ section.caption }}</figcaption></figure>{% endif %}
 {% endfor %}
 <p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }}.</p>
+<script>
+// a click on a head sorts its table: by the first number of each cell where all have one, else as text
+const text = cell => cell?.textContent ?? "";
+const number = cell => {
+  const found = text(cell).replace("\\u2212", "-").match(/-?\\d+(\\.\\d+)?(e-?\\d+)?/);
+  return found ? +found[0] : NaN;
+};
+for (const table of document.querySelectorAll("table")) {
+  const heads = [...table.tHead.rows[0].cells], body = table.tBodies[0];
+  heads.forEach((head, column) => {
+    const button = document.createElement("button");
+    button.type = "button"; button.append(...head.childNodes); head.append(button);
+    button.addEventListener("click", () => {
+      const up = head.getAttribute("aria-sort") !== "ascending", rows = [...body.rows];
+      const numeric = rows.every(row => !Number.isNaN(number(row.cells[column])));
+      rows.sort((a, b) => { const [x, y] = [a.cells[column], b.cells[column]];
+        return (up ? 1 : -1) * (numeric ? number(x) - number(y) : text(x).localeCompare(text(y))); });
+      heads.forEach(other => other.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", up ? "ascending" : "descending"); body.append(...rows);
+    });
+  });
+}
+</script>
 </body>
 </html>
 """

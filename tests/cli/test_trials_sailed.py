@@ -20,8 +20,9 @@ from autopilot.cli.trial_script import TrialScript
 from autopilot.guidance.trial_limits import TrialLimits, TrialWatch
 from autopilot.guidance.trials import BinaryHelm, SteadyRate, Turned, binary_sequence, spiral_angles
 from autopilot.identification.trial_measures import Measures, measures_of
-from autopilot.identification.trial_record import record_of
+from autopilot.identification.trial_record import TrialRecord, record_of
 from autopilot.params.vessel_file import load_vessel
+from autopilot.report.trials import trials_page
 from autopilot.signals import HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
 
 VESSEL = load_vessel("lanxin")
@@ -59,7 +60,7 @@ def sail(
     return ticks, plant
 
 
-def measured(ticks: list[Tick]) -> Measures:
+def record(ticks: list[Tick]) -> TrialRecord:
     columns = {
         "time_s": np.array([tick.now for tick in ticks]),
         "heading_rad": np.array([tick.state.heading for tick in ticks]),
@@ -67,7 +68,11 @@ def measured(ticks: list[Tick]) -> Measures:
         "rudder_rad": np.array([tick.state.rudder for tick in ticks]),
         "speed_m_s": np.array([tick.state.speed for tick in ticks]),
     }
-    return measures_of(record_of("sailed", columns))
+    return record_of("sailed", columns)
+
+
+def measured(ticks: list[Tick]) -> Measures:
+    return measures_of(record(ticks))
 
 
 def steady_rate(rudder: float) -> float:
@@ -272,3 +277,24 @@ def test_the_rudder_stays_inside_the_limits_of_the_vessel_file() -> None:
     most = math.degrees(limits_of(narrow).angle_max)
     steps = steps_of(options("turning-circle"), most, model_of(narrow))
     assert max(abs(step.order.rudder) for step in steps) == pytest.approx(math.radians(12.0))
+
+
+def test_the_page_of_a_spiral_shows_every_angle_the_track_and_the_steady_turns() -> None:
+    sailed = record(sail(script_of("spiral"), 3000.0)[0])
+    measures = measures_of(sailed)
+    assert measures.spiral is not None
+    page = trials_page("<spiral>.tlog", sailed, measures, 7.0, "autopilot log measures spiral.tlog")
+    assert page.count("<svg") == 3
+    assert "&lt;spiral&gt;.tlog" in page
+    assert "<spiral>" not in page
+    for angle, rate in measures.spiral.down:
+        assert f"<td>rudder {math.degrees(angle):+.1f} deg</td><td>{math.degrees(rate):+.2f} deg/s" in page
+
+
+def test_a_record_without_speed_has_no_track_and_one_without_manoeuvre_says_so() -> None:
+    time = np.arange(0.0, 20.0, 0.1)
+    columns = {"time_s": time, "heading_rad": 0.0 * time, "rudder_rad": 0.0 * time}
+    straight = record_of("straight", columns)
+    page = trials_page("straight.tlog", straight, measures_of(straight), None, "autopilot log measures straight.tlog")
+    assert page.count("<svg") == 1
+    assert "No manoeuvre was found" in page
