@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from autopilot.alarms import CATALOGUE, Response, text_of
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rudder
 from autopilot.models.steering_gear import clip
-from autopilot.signals import HeadingSample, NavState, RollSample, Sample
+from autopilot.signals import ConditionSample, HeadingSample, NavState, RollSample, Sample
 
 LONGEST_STEP_S = 0.5
 FROZEN_SAMPLES = 10
@@ -31,11 +32,8 @@ SETTLED = 3.0
 """Time constants after which what the rudder did before is forgotten."""
 ROLL_SECONDS = 2.0
 
-FROZEN = "heading frozen: the compass stands still while the boat turns; steer by hand, restart the compass"
-RUNAWAY = (
-    "the boat turns against its rudder: steer by hand, check that the rudder moves, its sign, and the way through the "
-    "water"
-)
+FROZEN = text_of("heading_frozen")
+RUNAWAY = text_of("runaway")
 
 
 class AlarmLimits(NamedTuple):
@@ -73,16 +71,23 @@ class Monitors:
     def reset(self) -> None:
         """Forget everything."""
         self._frozen.reset()
-        self.trouble = ""
+        self.findings: dict[str, str] = {}
+        """What is the case now: the texts by the names of the catalogue of alarms."""
+        self._conditions: dict[tuple[str, str], str] = {}
         self._off_since: float | None = None
         self._off = ""
         self._against_since: float | None = None
         self._roll_since: float | None = None
         self._roll = ""
 
+    @property
+    def trouble(self) -> str:
+        """Return the text of what is a reason to leave off steering, "" where nothing is."""
+        return next((text for name, text in self.findings.items() if _ends_steering(name)), "")
+
     def alarms(self) -> tuple[str, ...]:
         """Return what is to be said now though steering goes on."""
-        return tuple(text for text in (self._off, self._roll) if text)
+        return tuple(text for name, text in self.findings.items() if not _ends_steering(name))
 
     def hear(self, samples: tuple[Sample, ...]) -> None:
         """Take the instruments' samples of this tick."""
@@ -91,14 +96,29 @@ class Monitors:
                 self._frozen.hear(sample)
             elif isinstance(sample, RollSample):
                 self._hear_roll(sample)
+            elif isinstance(sample, ConditionSample):
+                self._hear_condition(sample)
 
     def look(self, model: Norrbin, watched: Watched) -> None:
         """Judge a tick; `model` at the present speed."""
-        self.trouble = ""
+        found = {name: text for (name, _), text in self._conditions.items()}
         if self.limits.frozen_heading and self._frozen.is_frozen(model, watched):
-            self.trouble = FROZEN
+            found["heading_frozen"] = FROZEN
         self._look_at_course(watched)
-        self._look_for_runaway(model, watched)
+        if self._runs_away(model, watched):
+            found["runaway"] = RUNAWAY
+        if self._off:
+            found["off_course"] = self._off
+        if self._roll:
+            found["roll"] = self._roll
+        self.findings = found
+
+    def _hear_condition(self, sample: ConditionSample) -> None:
+        key = (sample.name, sample.source)
+        if sample.present and sample.name in CATALOGUE:
+            self._conditions[key] = text_of(sample.name, sample.detail)
+        else:
+            self._conditions.pop(key, None)
 
     def _hear_roll(self, sample: RollSample) -> None:
         if abs(sample.roll) <= self.limits.roll:
@@ -128,17 +148,21 @@ class Monitors:
             return f"{off}, the rudder at its stop: more way or less sail, check that the rudder moves"
         return f"{off}: check rudder, speed and wind, or order another course"
 
-    def _look_for_runaway(self, model: Norrbin, watched: Watched) -> None:
+    def _runs_away(self, model: Norrbin, watched: Watched) -> bool:
         """Rudder hard over, and the boat turns to the other side nearly as it would for a rudder hard over there.
 
         A gust heavier than the rudder turns it more slowly, or not for long: that is fought, not given up.
         """
         if not _is_hard_over(watched) or not _turns_against(model, watched):
             self._against_since = None
-        elif self._against_since is None:
+            return False
+        if self._against_since is None:
             self._against_since = watched.now
-        elif watched.now - self._against_since >= self.limits.off_course_time + SETTLED * model.time_constant:
-            self.trouble = self.trouble or RUNAWAY
+        return watched.now - self._against_since >= self.limits.off_course_time + SETTLED * model.time_constant
+
+
+def _ends_steering(name: str) -> bool:
+    return CATALOGUE[name].response in (Response.FAILSAFE, Response.LET_GO, Response.FAULT)
 
 
 def _is_hard_over(watched: Watched) -> bool:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from autopilot.angles import shortest_turn
 from autopilot.control.roll_damping import RollDamper, RollDamping
+from autopilot.envelope import Envelope, Picture
 from autopilot.estimation.estimator import Estimator, is_rudder
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.wave_motion import left_alone
@@ -20,7 +21,7 @@ from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.monitors import STEERAGE_SHARE, AlarmLimits, Monitors, Watched
-from autopilot.safety import Envelope, FailsafeAction, Supervisor
+from autopilot.safety import FailsafeAction, Supervisor
 from autopilot.signals import (
     AlarmSample,
     HelmSample,
@@ -57,6 +58,10 @@ NO_TURN = math.radians(5.0)
 TURNING_SLACK = 1.5
 SETTLING_TIME_CONSTANTS = 5.0
 """A turn may take this much longer than planned, and this many time constants to settle, before it is off course."""
+
+
+def _envelope_of(config: PilotConfig) -> Envelope:
+    return Envelope(*config.limits, config.failsafe.heading_timeout)
 
 
 class HeadingLaw(Protocol):
@@ -104,7 +109,7 @@ class Pilot:
         self.law = law
         self.learner = learner
         self.estimator = Estimator(config.model, config.gear, config.noise, config.steerage)
-        self.supervisor = Supervisor(Envelope(*config.limits), config.failsafe)
+        self.supervisor = Supervisor(_envelope_of(config), config.failsafe)
         self.damper = RollDamper(config.roll) if config.roll is not None else None
         self.monitors = Monitors(config.alarms)
         self.reset()
@@ -149,7 +154,7 @@ class Pilot:
         self.config, self.law = config._replace(rudder_is_ours=self.config.rudder_is_ours), law
         law.reset(self._told.angle)
         self.estimator.reconfigure(config.model, config.gear, config.noise, config.steerage)
-        self.supervisor.reconfigure(Envelope(*config.limits), config.failsafe)
+        self.supervisor.reconfigure(_envelope_of(config), config.failsafe)
         self.monitors.limits = config.alarms
         self._turn_limits = None
         if self.learner is not None and config.model != self.learner.present:
@@ -169,7 +174,7 @@ class Pilot:
         state = self.estimator.update(now, samples)
         was = self.supervisor.mode
         self.monitors.look(self.estimator.model, self._watched(now, state))
-        mode = self.supervisor.decide(now, order, state, self.monitors.trouble)
+        mode = self.supervisor.decide(now, order, state, self.monitors.findings)
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
             state = self._engage(now, state)
         steady = self._steady(state)
@@ -178,7 +183,8 @@ class Pilot:
         demand = self._demand(mode, order, reference, steady, dt) + self._against_roll(now, dt, mode, order)
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
-        command = self.supervisor.check(now, order, previous, demand, limited, dt)
+        picture = self._picture(order, reference, steady)
+        command = self.supervisor.check(now, order, previous, demand, limited, dt, picture)
         if command.engaged and self.config.rudder_is_ours:
             self.estimator.rudder.order(now, command.angle)
         self._told = command
@@ -194,7 +200,14 @@ class Pilot:
             command=command,
             mode=self.supervisor.mode,
             alarms=(*self.supervisor.alarms(), *self.monitors.alarms()),
+            supervisor=self.supervisor.state,
         )
+
+    def _picture(self, order: Order, reference: Reference, state: NavState) -> Picture:
+        """Return what the command was worked out from, for the check that shares no code with the law."""
+        follows = order.kind is OrderKind.HEADING and not self._waits and self.config.rudder_is_ours
+        error = shortest_turn(state.heading, reference.heading) if follows else math.nan
+        return Picture(state.time, state.heading_age, error, state.rate, state.bias)
 
     def _watched(self, now: float, state: NavState) -> Watched:
         """Return what the monitors look at: the course that was being held until this tick, and how."""

@@ -1,23 +1,17 @@
-"""The supervisor: who has the rudder, and the last word on every command.
+"""The supervisor at work: notices what happens in a tick, looks it up in the table, and has the last word on commands.
 
-    STANDBY  --order with a new serial, heading fresh, helm free-->  ENGAGED
-    ENGAGED  --order STANDBY-->                                      STANDBY
-    ENGAGED, FAILSAFE --human or firmware takes the helm-->          OVERRIDE
-    ENGAGED  --heading stale, anything not finite, envelope broken,
-               compass frozen, boat turns against its rudder-->      FAILSAFE
-    OVERRIDE, FAILSAFE  --order with a new serial-->                 ENGAGED
-    OVERRIDE, FAILSAFE  --order STANDBY-->                           STANDBY
-    FAILSAFE, heading lost --heading back for RESUME_AFTER, file says resume--> ENGAGED
-    OVERRIDE, FAILSAFE  --vehicle rebooted and ready again, file says so-->    ENGAGED
-
-The envelope check shares no code with the limits that the law obeys.
+The table is `autopilot.supervisor`, what the alarms say and lead to `autopilot.alarms`, and the envelope check, which
+shares no code with the limits that the law obeys, `autopilot.envelope`. What a fail-safe tells the rudder is here.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
+from autopilot.alarms import CATALOGUE, Response, text_of
+from autopilot.envelope import NOT_FINITE, CommandCheck, Envelope, Picture
 from autopilot.signals import (
     REBOOTED,
     SILENT,
@@ -28,18 +22,20 @@ from autopilot.signals import (
     Order,
     OrderKind,
     RudderCommand,
+    SupervisorState,
     Tick,
 )
+from autopilot.supervisor import ENDED, ENGAGED, MODES, TABLE, Action, Event, Says
 
 RESUME_AFTER = 2.0
 REENGAGE_WITHIN = 120.0
 """A vehicle that is ready this much later [s] than its reboot was noticed has been seen to by people."""
-ENVELOPE_SLACK = 1.0e-9
+ORDER_WAITS = 30.0
+"""An order to engage that is blocked for longer [s] is dropped: nobody expects to be obeyed by then."""
 
-WAITING_HEADING = "waiting for a heading: check that the compass or the vehicle sends one"
-HEADING_LOST = "heading lost: steer by hand, check the compass and its link"
-NOT_FINITE = "a value was not finite: steer by hand, keep the log"
-ENVELOPE = "command outside its envelope: steer by hand, keep the log"
+HEADING_LOST = "heading_lost"
+STEERING_ACTIONS = ("dead_reckoning", "windward")
+"""Fail-safe actions that the law carries out; the others need no more than the rudder's last place."""
 OVERRIDDEN = "overridden"
 CANNOT_ENGAGE = "cannot engage"
 
@@ -50,7 +46,8 @@ def waits_to_engage(tick: Tick) -> bool:
 
 
 class FailsafeAction(NamedTuple):
-    """heading_timeout [s]; action release, amidships or hold; release_after [s]; resume by itself or not.
+    """heading_timeout [s]; action: release, amidships, hold, dead_reckoning, windward or firmware; release_after [s];
+    resume by itself or not.
 
     reengage: engage again by itself when the vehicle, having rebooted under us, is ready again.
     """
@@ -62,37 +59,40 @@ class FailsafeAction(NamedTuple):
     reengage: bool = False
 
 
-class Envelope(NamedTuple):
-    """What no command may exceed: angle_max [rad], rate_max [rad/s]."""
-
-    angle_max: float
-    rate_max: float
-
-
 class Supervisor:
-    """The state machine in the module's docstring. Memory: mode, since when, and which order is spent."""
+    """The state machine of `autopilot.supervisor`. Memory: state, what moves the rudder, which order is spent."""
 
     def __init__(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
-        self._envelope = envelope
         self._failsafe = failsafe
+        self._command_check = CommandCheck(envelope)
         self.reset()
 
     def reset(self) -> None:
         """Stand by, with no order seen."""
-        self.mode = Mode.STANDBY
+        self.state = SupervisorState.STANDBY
         self.reason = ""
+        self.name = ""
+        """Which alarm of the catalogue `reason` is."""
+        self._command_check.reset()
         self._cause = ""
         self._since = -math.inf
+        self._rudder = Action.RELEASE
         self._spent = 0
+        self._blocked_since: float | None = None
         self._helm: dict[str, HelmSample] = {}
         self._notes: dict[str, str] = {}
         self._heading_since: float | None = None
         self._rebooted = False
         self._reboot_time = -math.inf
 
+    @property
+    def mode(self) -> Mode:
+        """What the state comes to."""
+        return MODES[self.state]
+
     def reconfigure(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
-        """Go on under other limits; mode and memory stay."""
-        self._envelope, self._failsafe = envelope, failsafe
+        """Go on under other limits; state and memory stay."""
+        self._command_check.envelope, self._failsafe = envelope, failsafe
 
     def hear(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
@@ -106,115 +106,211 @@ class Supervisor:
         else:
             self._notes.pop(sample.source, None)
 
-    def decide(self, now: float, order: Order, state: NavState, monitored: str = "") -> Mode:
-        """Return the mode at `now` [s]: the table in the module's docstring.
+    def decide(self, now: float, order: Order, state: NavState, findings: Mapping[str, str] | None = None) -> Mode:
+        """Return the mode at `now` [s].
 
-        `monitored`: the trouble that a monitor has found, "" for none.
+        `findings`: what the monitors have found, the texts by the names of the catalogue.
         """
-        trouble = self._trouble(state) or monitored
-        self._watch_heading(now, trouble)
+        found = dict(findings or {})
+        lost = self._lost(state)
+        if lost:
+            found = {lost: text_of(lost), **found}
+        against = self._first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE)
+        self._watch_heading(now, against)
         self._watch_reboot(now)
         taken = next((sample.reason for sample in self._helm.values() if not sample.available), None)
         if order.kind is OrderKind.STANDBY:
-            self._enter(now, Mode.STANDBY, "")
-        elif taken is not None and self._steers(now):
-            # a fail-safe that still moves the rudder gives way to a hand on the helm as well
-            self._enter(now, Mode.OVERRIDE, f"{OVERRIDDEN}: {taken}", spend=order)
-        elif self.mode is Mode.ENGAGED:
-            if trouble:
-                self._enter(now, Mode.FAILSAFE, trouble, spend=order)
-        elif order.serial != self._spent or self._may_resume(now):
-            if taken is not None:
-                self.reason = f"{CANNOT_ENGAGE}: {taken}"
-            elif trouble:
-                self.reason = WAITING_HEADING if trouble == HEADING_LOST else trouble
-            else:
-                self._enter(now, Mode.ENGAGED, "")
+            self._fire(now, Event.RELEASE, order)
+        elif taken is not None and self.state not in (SupervisorState.STANDBY, SupervisorState.OVERRIDE):
+            self._fire(now, Event.HELM_TAKEN, order, *_word_of(taken))
+        elif against and self._is_ended_by(against):
+            self._fire(now, _event_of(against), order, against, found[against])
+        elif self.state in ENGAGED:
+            self._change(now, order, found)
+        else:
+            self._wait(now, order, state, taken, against, found)
         return self.mode
 
-    def check(
-        self, now: float, order: Order, previous: float, demand: float, limited: float, dt: float
-    ) -> RudderCommand:
-        """Return the command that leaves: `limited` [rad] when engaged and inside the envelope, else the fail-safe's.
+    def _is_ended_by(self, against: str) -> bool:
+        """A fail-safe that moves the rudder is ended by what is worse than a lost heading, too."""
+        moves = self.state is SupervisorState.FAILSAFE and self._rudder is not Action.RELEASE
+        return self.state in ENGAGED or (moves and CATALOGUE[against].response is not Response.FAILSAFE)
 
-        `previous` [rad] is what the rudder was told `dt` [s] before; `demand` [rad] is what the law wanted.
+    def _change(self, now: float, order: Order, found: Mapping[str, str]) -> None:
+        """While engaged: what doubts come and go, and what is ordered instead."""
+        doubt = self._first(found, Response.DEGRADE)
+        if doubt:
+            self._fire(now, Event.DOUBT, order, doubt)
+        else:
+            self._fire(now, Event.DOUBT_OVER, order)
+            self._fire(now, _order_event(order), order)
+
+    def _wait(
+        self, now: float, order: Order, state: NavState, taken: str | None, against: str, found: Mapping[str, str]
+    ) -> None:
+        """While not engaged: whether an order, or what has come back, engages."""
+        back = self._returned(now)
+        if order.serial == self._spent and back is None:
+            self._blocked_since = None
+            return
+        if taken is not None:
+            self._block(now, order, state, "cannot_engage", taken)
+        elif against:
+            waits = against == HEADING_LOST
+            self._block(now, order, state, "waiting_heading" if waits else against, "" if waits else found[against])
+        else:
+            self._fire(now, _order_event(order) if order.serial != self._spent else back, order)
+            # what came back holds a heading; what it is that was ordered is seen at once
+            self._fire(now, _order_event(order), order)
+
+    def _block(self, now: float, order: Order, state: NavState, name: str, text: str) -> None:
+        """An order that cannot be carried out yet: said, and dropped when nobody expects it any more."""
+        said = f"{CANNOT_ENGAGE}: {text}" if name == "cannot_engage" else text or text_of(name)
+        self._fire(now, Event.ORDER_BLOCKED, order, name, said)
+        if order.serial == self._spent or not state.valid:
+            # what comes back by itself is no order, and a pilot that never had a heading is not ready yet
+            self._blocked_since = None
+        elif self._blocked_since is None:
+            self._blocked_since = now
+        elif now - self._blocked_since >= ORDER_WAITS:
+            dropped = f"{CATALOGUE['order_dropped'].text}: {text or said}; order again"
+            self._fire(now, Event.ORDER_EXPIRED, order, "order_dropped", dropped)
+
+    def _run_out(self, now: float, order: Order) -> None:
+        held = self._rudder is not Action.RELEASE
+        if self.state in ENDED and held and now - self._since >= self._failsafe.release_after:
+            self._fire(now, Event.TIME_UP, order)
+
+    def check(
+        self,
+        now: float,
+        order: Order,
+        previous: float,
+        demand: float,
+        limited: float,
+        dt: float,
+        picture: Picture | None = None,
+    ) -> RudderCommand:
+        """Return the command that leaves: `limited` [rad] while the law steers and it is fit, else the fail-safe's.
+
+        `previous` [rad] is what the rudder was told `dt` [s] before; `demand` [rad] is what the law wanted; `picture`
+        is what it was worked out from.
         """
-        if self.mode is Mode.ENGAGED:
-            if not math.isfinite(demand):
-                self._enter(now, Mode.FAILSAFE, NOT_FINITE, spend=order)
-            elif not self._inside(previous, limited, dt):
-                self._enter(now, Mode.FAILSAFE, ENVELOPE, spend=order)
-            else:
+        self._run_out(now, order)
+        if self.law_steers:
+            name, wrong = self._command_check.fault(now, previous, demand, limited, dt, picture)
+            if not name:
                 return RudderCommand(now, limited, True)
-        if self.mode is Mode.FAILSAFE:
-            return self._failsafe_command(now, previous, dt)
-        return RudderCommand(now, 0.0, False)
+            self._fire(now, Event.UNFIT_COMMAND, order, name, text_of(name, wrong))
+        if self._rudder is Action.RELEASE:
+            return RudderCommand(now, 0.0, False)
+        return self._held_command(now, previous, dt)
+
+    @property
+    def law_steers(self) -> bool:
+        """Whether the command is the law's: engaged, or in a fail-safe that steers."""
+        by_law = self._rudder is Action.FAILSAFE and self._failsafe.action in STEERING_ACTIONS
+        return self.state in ENGAGED or (self.state is SupervisorState.FAILSAFE and by_law)
 
     def alarms(self) -> tuple[str, ...]:
         """Return what the skipper must hear now, with what to do; () when all is well."""
         notes = tuple(self._notes.values())
         return (self.reason, *notes) if self.reason else notes
 
-    def _trouble(self, state: NavState) -> str:
+    def _lost(self, state: NavState) -> str:
         if math.isnan(state.heading) or math.isnan(state.rate):
             return NOT_FINITE
         if not state.valid or not state.heading_age <= self._failsafe.heading_timeout:
             return HEADING_LOST
         return ""
 
-    def _watch_heading(self, now: float, trouble: str) -> None:
-        if trouble:
+    @staticmethod
+    def _first(found: Mapping[str, str], *responses: Response) -> str:
+        """Return the name of the first finding that calls for one of `responses`, in their order."""
+        for response in responses:
+            for name in found:
+                if CATALOGUE[name].response is response:
+                    return name
+        return ""
+
+    def _watch_heading(self, now: float, against: str) -> None:
+        if against:
             self._heading_since = None
         elif self._heading_since is None:
             self._heading_since = now
 
-    def _steers(self, now: float) -> bool:
-        return self.mode is Mode.ENGAGED or (self.mode is Mode.FAILSAFE and not self._is_released(now))
-
-    def _is_released(self, now: float) -> bool:
-        return self._failsafe.action == "release" or now - self._since >= self._failsafe.release_after
-
     def _watch_reboot(self, now: float) -> None:
-        """Note a reboot heard of, unless we stand by; in the tick that ends the engagement the old mode is still on."""
-        if self._rebooted and self.mode is not Mode.STANDBY:
+        """Note a reboot heard of, unless we stand by; when it ends an engagement, that is still on."""
+        if self._rebooted and self.state is not SupervisorState.STANDBY:
             self._reboot_time = now
         self._rebooted = False
 
     def _ended_by_reboot(self, now: float) -> bool:
         """Return whether a reboot not long ago, or the silence that went with it, is what ended the engagement."""
-        causes = (HEADING_LOST, f"{OVERRIDDEN}: {REBOOTED}", f"{OVERRIDDEN}: {SILENT}")
-        return now - self._reboot_time < REENGAGE_WITHIN and self._cause.startswith(causes)
+        causes = (HEADING_LOST, "link_silent", "firmware_rebooted")
+        return now - self._reboot_time < REENGAGE_WITHIN and self._cause in causes
 
-    def _may_resume(self, now: float) -> bool:
+    def _returned(self, now: float) -> Event | None:
         """Only a lost heading and a reboot heal by themselves: what else ended the engagement would end it again."""
         if self._heading_since is None or now - self._heading_since < RESUME_AFTER:
-            return False
+            return None
         if self._failsafe.reengage and self._ended_by_reboot(now):
-            return True
-        return self.mode is Mode.FAILSAFE and self._failsafe.resume and self._cause == HEADING_LOST
+            return Event.VEHICLE_BACK
+        failed = self.state is SupervisorState.FAILSAFE
+        return Event.HEADING_BACK if failed and self._failsafe.resume and self._cause == HEADING_LOST else None
 
-    def _enter(self, now: float, mode: Mode, reason: str, spend: Order | None = None) -> None:
-        if spend is not None:
-            self._spent = spend.serial
-        if mode is not self.mode:
+    def _fire(self, now: float, event: Event | None, order: Order, name: str = "", text: str = "") -> None:
+        """Carry out the row of the table for the present state and `event`; `name` and `text` are of its alarm."""
+        if event is None:
+            return
+        row = TABLE[self.state, event]
+        for action in row.actions:
+            if action is Action.SPEND:
+                self._spent = order.serial
+            elif action is Action.FORGET:
+                self._reboot_time = -math.inf
+            else:
+                self._rudder = self._told_by(action)
+        if row.next is not self.state:
             self._since = now
-        if mode in (Mode.ENGAGED, Mode.STANDBY):
-            self._reboot_time = -math.inf
-        self.mode = mode
-        self.reason = self._cause = reason
+            self._command_check.reset()
+            self._cause = name
+        self.state = row.next
+        if row.says is not Says.NOTHING:
+            self.name, self.reason = name, text
 
-    def _inside(self, previous: float, command: float, dt: float) -> bool:
-        if not math.isfinite(command) or abs(command) > self._envelope.angle_max + ENVELOPE_SLACK:
-            return False
-        return abs(command - previous) <= self._reach(dt) + ENVELOPE_SLACK
+    def _told_by(self, action: Action) -> Action:
+        """Return what moves the rudder from now on: a file that says release, or firmware, leaves it nothing."""
+        lets_go = self._failsafe.action in ("release", "firmware") or self._failsafe.release_after <= 0.0
+        return Action.RELEASE if lets_go and action in (Action.FAILSAFE, Action.HOLD) else action
 
-    def _reach(self, dt: float) -> float:
-        return self._envelope.rate_max * dt if math.isfinite(self._envelope.rate_max) else math.inf
-
-    def _failsafe_command(self, now: float, previous: float, dt: float) -> RudderCommand:
-        if self._is_released(now):
-            return RudderCommand(now, 0.0, False)
-        safe = previous if math.isfinite(previous) else 0.0
-        if self._failsafe.action == "hold":
+    def _held_command(self, now: float, previous: float, dt: float) -> RudderCommand:
+        most = self._command_check.envelope.angle_max
+        safe = max(-most, min(previous, most)) if math.isfinite(previous) else 0.0
+        if self._rudder is Action.HOLD or self._failsafe.action == "hold":
             return RudderCommand(now, safe, True)
-        return RudderCommand(now, math.copysign(max(abs(safe) - self._reach(dt), 0.0), safe), True)
+        rate = self._command_check.envelope.rate_max
+        reach = rate * dt if math.isfinite(rate) else math.inf
+        return RudderCommand(now, math.copysign(max(abs(safe) - reach, 0.0), safe), True)
+
+
+def _event_of(name: str) -> Event:
+    """Return the event that an alarm of the catalogue is, which ends an engagement."""
+    events = {Response.FAULT: Event.UNFIT_COMMAND, Response.LET_GO: Event.RUDDER_TROUBLE}
+    return events.get(CATALOGUE[name].response, Event.TROUBLE)
+
+
+def _order_event(order: Order) -> Event:
+    if order.kind is not OrderKind.HEADING:
+        return Event.ORDER_TRIAL
+    return Event.ORDER_TRACK if order.is_led else Event.ORDER_HEADING
+
+
+def _word_of(taken: str) -> tuple[str, str]:
+    """Return the name of the alarm, and what is said, where a link gives `taken` as the reason for the lost helm."""
+    name = "human_override"
+    if taken.startswith(REBOOTED):
+        name = "firmware_rebooted"
+    elif taken.startswith(SILENT):
+        name = "link_silent"
+    return name, f"{OVERRIDDEN}: {taken}; {CATALOGUE[name].remedy}"

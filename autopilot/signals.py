@@ -88,8 +88,49 @@ class AlarmSample(NamedTuple):
     source: str = ""
 
 
+class ConditionSample(NamedTuple):
+    """Whether something from outside of the pilot is the case that its alarms know by `name` (`autopilot.alarms`).
+
+    A battery that runs low, a full disk, a missed deadline: who sees it says so when it begins and when it ends, and
+    what follows from it stands in the catalogue of alarms. `detail` is shown behind the alarm's text.
+    """
+
+    time: float
+    name: str
+    present: bool
+    detail: str = ""
+    source: str = ""
+
+
+class AcknowledgeSample(NamedTuple):
+    """The skipper has heard the alarm `name`, or with "" all that sound: they are silent, and shown while they last."""
+
+    time: float
+    name: str = ""
+    source: str = ""
+
+
+class WindSample(NamedTuple):
+    """Apparent wind: the angle [rad] it comes from, clockwise from the bow, and its speed [m/s]."""
+
+    time: float
+    angle: float
+    speed: float
+    source: str = ""
+
+
 Sample = (
-    HeadingSample | RateSample | RudderSample | SpeedSample | RollSample | PositionSample | HelmSample | AlarmSample
+    HeadingSample
+    | RateSample
+    | RudderSample
+    | SpeedSample
+    | RollSample
+    | PositionSample
+    | HelmSample
+    | AlarmSample
+    | ConditionSample
+    | AcknowledgeSample
+    | WindSample
 )
 
 
@@ -108,7 +149,8 @@ class Order(NamedTuple):
     `heading` [rad] is the course for HEADING (nan: adopt the present heading on engagement) and the base
     course for ZIGZAG; `rudder` [rad] is the angle for RUDDER and ZIGZAG; `heading_change` [rad] is the
     deviation at which a zigzag reverses. Every intended action raises `serial`: after an override or a
-    fail-safe the pilot engages again only for an order with a new one.
+    fail-safe the pilot engages again only for an order with a new one. `is_led`: a route or a pattern moves the
+    heading.
     """
 
     kind: OrderKind = OrderKind.STANDBY
@@ -116,6 +158,7 @@ class Order(NamedTuple):
     rudder: float = 0.0
     heading_change: float = 0.0
     serial: int = 0
+    is_led: bool = False
 
     def is_same(self, other: Order) -> bool:
         """Return whether both ask for the same: two headings that are nan are the same wish."""
@@ -165,12 +208,34 @@ class Reference(NamedTuple):
 
 
 class Mode(IntEnum):
-    """State of the supervisor."""
+    """Who has the rudder, in few words: what the states of the supervisor come to."""
 
     STANDBY = 0
     ENGAGED = 1
     OVERRIDE = 2
     FAILSAFE = 3
+    FAULT = 4
+
+
+class SupervisorState(IntEnum):
+    """State of the supervisor; `autopilot.supervisor` has the table."""
+
+    STANDBY = 0
+    HEADING = 1
+    TRACK = 2
+    TRIAL = 3
+    DEGRADED = 4
+    OVERRIDE = 5
+    FAILSAFE = 6
+    FAULT = 7
+
+
+class Siren(IntEnum):
+    """What is to be heard: nothing, an alarm that nobody has acknowledged, one that nobody has for long."""
+
+    QUIET = 0
+    SOUNDING = 1
+    ESCALATED = 2
 
 
 class RudderCommand(NamedTuple):
@@ -194,3 +259,5 @@ class Tick(NamedTuple):
     command: RudderCommand
     mode: Mode
     alarms: tuple[str, ...]
+    supervisor: SupervisorState = SupervisorState.STANDBY
+    siren: Siren = Siren.QUIET

@@ -24,7 +24,8 @@ class PlotterSkipper(Skipper):
         if tick.mode is not Mode.ENGAGED or self._adopt:
             return order
         # the same serial: a plotter must not engage the pilot anew after an override
-        self._order = order._replace(heading=self._guide.course(now, tick.state.heading, tick.state.speed))
+        course = self._guide.course(now, tick.state.heading, tick.state.speed)
+        self._order = order._replace(heading=course, is_led=True)
         return self._order
 
     def engage(self, heading: float | None) -> None:

@@ -54,6 +54,8 @@ class RouteSkipper(PlotterSkipper):
         order = super().__call__(now, tick)
         leader = self.track if self.track.following else self.patterns
         if not leader.following or tick is None:
+            if order.is_led and not self._guide.following:
+                self._order = order = order._replace(is_led=False)
             return order
         if tick.mode is Mode.OVERRIDE and self._has_led:
             # who has taken the helm keeps it: nothing of the route is left when the pilot is engaged again
@@ -61,7 +63,8 @@ class RouteSkipper(PlotterSkipper):
         elif tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING and not self._adopt:
             self._has_led = True
             # the same serial: a route must not engage the pilot anew after an override
-            self._order = order._replace(heading=leader.course(now, tick.state.heading, tick.state.speed))
+            course = leader.course(now, tick.state.heading, tick.state.speed)
+            self._order = order._replace(heading=course, is_led=True)
         return self._order
 
     def engage(self, heading: float | None) -> None:
@@ -178,7 +181,11 @@ class RouteSkipper(PlotterSkipper):
         """After a trial: steer what was steered before it, or give the rudder back; the same intended action."""
         self._script = None
         back = self._before
-        if back.kind is OrderKind.STANDBY and tick is not None and tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE):
+        if (
+            back.kind is OrderKind.STANDBY
+            and tick is not None
+            and tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE, Mode.FAULT)
+        ):
             # standing by would take back what the skipper has to hear
             back = Order(OrderKind.HEADING, math.nan)
         self._order = back._replace(serial=self._order.serial)

@@ -41,7 +41,7 @@ class Skipper:
         """Change the heading [rad] ordered; the same serial: no wish to engage again after an override."""
         if self._order.kind is OrderKind.HEADING:
             self._adopt = False
-            self._order = self._order._replace(heading=wrap(heading))
+            self._order = self._order._replace(heading=wrap(heading), is_led=False)
 
     def stand_by(self) -> None:
         """Order the rudder to be given back."""
@@ -76,7 +76,7 @@ class Skipper:
             raise InputError("no heading is being steered yet: engage first with e")
         heading = wrap(self._order.heading + turn)
         # the same serial: a change of heading is no wish to engage again after an override
-        self._order = self._order._replace(heading=heading)
+        self._order = self._order._replace(heading=heading, is_led=False)
         return f"heading {compass_deg(heading):05.1f} deg"
 
     def _give(self, kind: OrderKind, heading: float) -> None:

@@ -176,8 +176,10 @@ def steer(
     if gaps := gaps_of(recorder):
         print(gaps)
     last = session.tick
-    if last is not None and last.mode is Mode.FAILSAFE:
-        print(f"ended in fail-safe: {'; '.join(last.alarms)}", file=sys.stderr)
+    if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):
+        print(
+            f"ended in {'fault' if last.mode is Mode.FAULT else 'fail-safe'}: {'; '.join(last.alarms)}", file=sys.stderr
+        )
         return int(ExitCode.FAILSAFE)
     return int(ExitCode.OK)
 

@@ -14,12 +14,22 @@ from autopilot.loop.clock import Clock
 from autopilot.loop.record import Recorder
 from autopilot.loop.tick_codec import MOST_SAMPLES
 from autopilot.pilot import Pilot
-from autopilot.signals import AlarmSample, HeadingSample, HelmSample, Order, Sample, Tick
+from autopilot.signals import (
+    AcknowledgeSample,
+    AlarmSample,
+    ConditionSample,
+    HeadingSample,
+    HelmSample,
+    Order,
+    Sample,
+    Tick,
+)
 
 SHORTEST_PERIOD = 0.4
 """Headings that come quicker than this share of the control period wait for the next tick."""
 PATIENCE = 1.5
 """After a tick that a heading caused, the timer waits this many control periods for the next heading."""
+NEVER_DROPPED = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
 
 Orders = Callable[[float, Tick | None], Order]
 """What the skipper wants at a time [s], in view of the tick before."""
@@ -35,7 +45,7 @@ def newest(samples: Sequence[Sample]) -> tuple[Sample, ...]:
     surplus = len(samples) - MOST_SAMPLES
     kept = []
     for sample in samples:
-        if surplus > 0 and not isinstance(sample, HelmSample | AlarmSample):
+        if surplus > 0 and not isinstance(sample, NEVER_DROPPED):
             surplus -= 1
         else:
             kept.append(sample)

@@ -13,7 +13,9 @@ from typing import Any
 
 from autopilot.errors import InputError
 from autopilot.signals import (
+    AcknowledgeSample,
     AlarmSample,
+    ConditionSample,
     HeadingSample,
     HelmSample,
     Mode,
@@ -27,8 +29,11 @@ from autopilot.signals import (
     RudderCommand,
     RudderSample,
     Sample,
+    Siren,
     SpeedSample,
+    SupervisorState,
     Tick,
+    WindSample,
 )
 
 HEADER = 1
@@ -37,19 +42,24 @@ TICK_BEFORE_WAVES = 2
 VESSEL = 3
 """A vessel file's text, in force from the next tick on."""
 
-TICK = 4
+TICK_BEFORE_SUPERVISOR = 4
+"""A tick whose mode is all that is known of the supervisor."""
+TICK = 5
 
 MOST_SAMPLES = 255
 """Samples one tick can hold: their count is one byte."""
 
 _INPUTS = struct.Struct("<IdBdddIB")
-"""number, now, order kind, order heading, rudder, heading change, serial, count of samples."""
-_OUTPUTS = struct.Struct("<7d?4d3dd?dB")
+"""number, now, order kind (with LED where a guide leads), order heading, rudder, heading change, serial, count of
+samples."""
+_OUTPUTS = struct.Struct("<7d?4d3dd?dBBB")
 """state: heading, rate, speed, rudder, bias, age, time; valid; its four of the waves; reference; demand; engaged;
-angle; mode."""
+angle; mode; state of the supervisor; siren."""
+_OUTPUTS_BEFORE_SUPERVISOR = struct.Struct("<7d?4d3dd?dB")
 _OUTPUTS_BEFORE_WAVES = struct.Struct("<7d?3dd?dB")
 _SAMPLE = struct.Struct("<Bdd")
 _NUMBER = struct.Struct("<d")
+_LED = 0x80
 
 
 def encode_header(fields: dict[str, Any]) -> bytes:
@@ -76,7 +86,7 @@ def encode_tick(tick: Tick) -> bytes:
         _INPUTS.pack(
             tick.number,
             tick.now,
-            order.kind,
+            order.kind | (_LED if order.is_led else 0),
             order.heading,
             order.rudder,
             order.heading_change,
@@ -101,6 +111,8 @@ def encode_tick(tick: Tick) -> bytes:
             tick.command.engaged,
             tick.command.angle,
             tick.mode,
+            tick.supervisor,
+            tick.siren,
         )
     )
     parts.extend(_text(alarm) for alarm in tick.alarms)
@@ -124,8 +136,12 @@ def _decode_tick(record: bytes) -> Tick:
         samples.append(sample)
     if record[0] == TICK_BEFORE_WAVES:
         old = _OUTPUTS_BEFORE_WAVES.unpack_from(record, place)
-        out = (*old[:8], 0.0, 0.0, 0.0, 0.0, *old[8:])
+        out = (*old[:8], 0.0, 0.0, 0.0, 0.0, *old[8:], _STATES[old[-1]], 0)
         place += _OUTPUTS_BEFORE_WAVES.size
+    elif record[0] == TICK_BEFORE_SUPERVISOR:
+        old = _OUTPUTS_BEFORE_SUPERVISOR.unpack_from(record, place)
+        out = (*old, _STATES[old[-1]], 0)
+        place += _OUTPUTS_BEFORE_SUPERVISOR.size
     else:
         out = _OUTPUTS.unpack_from(record, place)
         place += _OUTPUTS.size
@@ -137,13 +153,15 @@ def _decode_tick(record: bytes) -> Tick:
         number=number,
         now=now,
         samples=tuple(samples),
-        order=Order(OrderKind(kind), heading, rudder, change, serial),
+        order=Order(OrderKind(kind & ~_LED), heading, rudder, change, serial, bool(kind & _LED)),
         state=NavState(out[6], out[0], out[1], out[2], out[3], out[4], out[5], *out[7:12]),
         reference=Reference(*out[12:15]),
         demand=out[15],
         command=RudderCommand(now, out[17], out[16]),
         mode=Mode(out[18]),
         alarms=tuple(alarms),
+        supervisor=SupervisorState(out[19]),
+        siren=Siren(out[20]),
     )
 
 
@@ -156,7 +174,12 @@ _KINDS: tuple[type[Any], ...] = (
     HelmSample,
     AlarmSample,
     PositionSample,
+    ConditionSample,
+    AcknowledgeSample,
+    WindSample,
 )
+_STATES = (SupervisorState.STANDBY, SupervisorState.HEADING, SupervisorState.OVERRIDE, SupervisorState.FAILSAFE)
+"""What an old log's mode comes to."""
 
 
 def _encode_sample(sample: Sample) -> bytes:
@@ -165,6 +188,12 @@ def _encode_sample(sample: Sample) -> bytes:
         body = _SAMPLE.pack(kind, sample.time, float(sample.available)) + _text(sample.reason)
     elif isinstance(sample, AlarmSample):
         body = _SAMPLE.pack(kind, sample.time, 0.0) + _text(sample.text)
+    elif isinstance(sample, ConditionSample):
+        body = _SAMPLE.pack(kind, sample.time, float(sample.present)) + _text(sample.name) + _text(sample.detail)
+    elif isinstance(sample, AcknowledgeSample):
+        body = _SAMPLE.pack(kind, sample.time, 0.0) + _text(sample.name)
+    elif isinstance(sample, WindSample):
+        body = _SAMPLE.pack(kind, sample.time, sample.angle) + _NUMBER.pack(sample.speed)
     elif isinstance(sample, PositionSample):
         body = _SAMPLE.pack(kind, sample.time, sample.latitude) + _NUMBER.pack(sample.longitude)
     elif isinstance(sample, HeadingSample):
@@ -192,13 +221,19 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
         text, place = _read_text(record, place)
         source, place = _read_text(record, place)
         return AlarmSample(time, text, source), place
+    if made is ConditionSample:
+        (name, detail, source), place = _read_texts(record, place, 3)
+        return ConditionSample(time, name, bool(value), detail, source), place
+    if made is AcknowledgeSample:
+        (name, source), place = _read_texts(record, place, 2)
+        return AcknowledgeSample(time, name, source), place
     if made is RateSample:
         source, place = _read_text(record, place)
         return RateSample(time, value, source), place
-    if made is PositionSample:
-        (longitude,) = _NUMBER.unpack_from(record, place)
+    if made in (PositionSample, WindSample):
+        (second,) = _NUMBER.unpack_from(record, place)
         source, place = _read_text(record, place + _NUMBER.size)
-        return PositionSample(time, value, longitude, source), place
+        return made(time, value, second, source), place
     if made in (HeadingSample, RollSample):
         (second,) = _NUMBER.unpack_from(record, place)
         source, place = _read_text(record, place + _NUMBER.size)
@@ -224,6 +259,14 @@ def _is_absent(value: float) -> bool:
 def _text(text: str) -> bytes:
     data = text.encode()[:255]
     return bytes([len(data)]) + data
+
+
+def _read_texts(record: bytes, place: int, count: int) -> tuple[list[str], int]:
+    texts = []
+    for _ in range(count):
+        text, place = _read_text(record, place)
+        texts.append(text)
+    return texts, place
 
 
 def _read_text(record: bytes, place: int) -> tuple[str, int]:

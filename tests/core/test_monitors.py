@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.monitors import FROZEN, RUNAWAY, AlarmLimits, Monitors, Watched
-from autopilot.signals import HeadingSample, NavState, RollSample
+from autopilot.signals import ConditionSample, HeadingSample, NavState, RollSample
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
 LIMITS = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0, roll=math.radians(40.0))
@@ -164,8 +164,10 @@ def test_heel_is_said_when_it_lasts() -> None:
     monitors = Monitors(LIMITS)
     for k in range(30):
         monitors.hear((RollSample(k * DT, math.radians(-50.0)),))
+    monitors.look(BOAT, watched(3.0, 0.0))
     assert "heeling 50 deg" in monitors.alarms()[0]
     monitors.hear((RollSample(4.0, 0.1),))
+    monitors.look(BOAT, watched(4.0, 0.0))
     assert monitors.alarms() == ()
 
 
@@ -183,3 +185,18 @@ def test_nothing_that_comes_in_makes_it_stumble(ticks: list[tuple[float, float, 
         monitors.hear((HeadingSample(k * DT, heading, rudder), RollSample(k * DT, heading if heels else 0.0)))
         monitors.look(BOAT, watched(k * DT, heading, rudder, holds=holds))
         assert all(isinstance(text, str) for text in monitors.alarms())
+
+
+def test_what_others_see_is_said_until_they_take_it_back() -> None:
+    monitors = Monitors(LIMITS)
+    monitors.hear((ConditionSample(0.0, "battery_low", True, "11 %", "vehicle"),))
+    monitors.hear((ConditionSample(0.0, "battery_low", True, "9 %", "second"), ConditionSample(0.0, "no such", True)))
+    monitors.look(BOAT, watched(0.0, 0.0))
+    assert monitors.findings.keys() == {"battery_low"}
+    assert monitors.trouble == ""
+    monitors.hear((ConditionSample(1.0, "battery_low", False, "", "second"),))
+    monitors.look(BOAT, watched(1.0, 0.0))
+    assert "11 %" in monitors.alarms()[0]
+    monitors.hear((ConditionSample(2.0, "battery_low", False, "", "vehicle"),))
+    monitors.look(BOAT, watched(2.0, 0.0))
+    assert monitors.alarms() == ()

@@ -6,8 +6,9 @@ import math
 
 import pytest
 
-from autopilot.safety import RESUME_AFTER, Envelope, FailsafeAction, Supervisor
-from autopilot.signals import AlarmSample, HelmSample, Mode, NavState, Order, OrderKind, RudderCommand
+from autopilot.envelope import Envelope
+from autopilot.safety import RESUME_AFTER, FailsafeAction, Supervisor
+from autopilot.signals import AlarmSample, HelmSample, Mode, NavState, Order, OrderKind, RudderCommand, SupervisorState
 
 ENVELOPE = Envelope(0.5, 0.3)
 ENGAGE = Order(OrderKind.HEADING, 1.0, serial=1)
@@ -52,7 +53,9 @@ def test_a_note_is_an_alarm_that_changes_nothing_until_its_source_takes_it_back(
     tested.note(AlarmSample(2.0, "", "drive"))
     tested.hear(HelmSample(2.0, False, "mode HOLD was chosen", "link"))
     tested.decide(2.0, ENGAGE, state(2.0))
-    assert tested.alarms() == ("overridden: mode HOLD was chosen", "two compasses disagree")
+    overridden, note = tested.alarms()
+    assert overridden.startswith("overridden: mode HOLD was chosen")
+    assert note == "two compasses disagree"
     tested.reset()
     assert tested.alarms() == ()
 
@@ -96,16 +99,16 @@ def test_a_stale_heading_is_a_fail_safe(age: float) -> None:
     assert tested.decide(4.0, ENGAGE._replace(serial=2), state(4.0)) is Mode.ENGAGED
 
 
-def test_a_heading_that_is_not_finite_is_a_fail_safe() -> None:
+def test_a_heading_that_is_not_finite_is_a_fault() -> None:
     tested = engaged()
-    assert tested.decide(1.0, ENGAGE, state(1.0, heading=math.nan)) is Mode.FAILSAFE
+    assert tested.decide(1.0, ENGAGE, state(1.0, heading=math.nan)) is Mode.FAULT
 
 
 @pytest.mark.parametrize("demand", [math.nan, math.inf, -math.inf])
 def test_a_demand_that_is_not_finite_never_leaves(demand: float) -> None:
     tested = engaged()
     command = tested.check(1.0, ENGAGE, 0.1, demand, 0.1, 0.1)
-    assert tested.mode is Mode.FAILSAFE
+    assert tested.mode is Mode.FAULT
     assert math.isfinite(command.angle)
 
 
@@ -113,7 +116,7 @@ def test_a_demand_that_is_not_finite_never_leaves(demand: float) -> None:
 def test_a_command_outside_the_envelope_never_leaves(previous: float, limited: float) -> None:
     tested = engaged()
     command = tested.check(1.0, ENGAGE, previous, limited, limited, 0.1)
-    assert tested.mode is Mode.FAILSAFE
+    assert tested.mode is Mode.FAULT
     assert abs(command.angle - previous) <= ENVELOPE.rate_max * 0.1 + 1e-9
 
 
@@ -155,3 +158,44 @@ def test_it_resumes_by_itself_only_where_the_file_says_so() -> None:
         fail(tested)
         assert tested.decide(11.0, ENGAGE, state(11.0)) is Mode.FAILSAFE
         assert tested.decide(11.0 + RESUME_AFTER, ENGAGE, state(13.0)) is mode
+
+
+def test_a_fault_holds_the_rudder_for_a_while_and_then_lets_go() -> None:
+    tested = engaged()
+    assert tested.check(1.0, ENGAGE, 0.1, math.nan, 0.1, 0.1) == RudderCommand(1.0, 0.1, True)
+    assert "not finite" in tested.alarms()[0]
+    assert tested.check(5.9, ENGAGE, 0.1, 0.0, 0.1, 0.1) == RudderCommand(5.9, 0.1, True)
+    assert not tested.check(6.0, ENGAGE, 0.1, 0.0, 0.1, 0.1).engaged
+    assert tested.decide(6.1, ENGAGE, state(6.1)) is Mode.FAULT, "nothing but a new order ends it"
+    assert tested.decide(7.0, ENGAGE._replace(serial=2), state(7.0)) is Mode.ENGAGED
+
+
+def test_an_order_that_meets_a_taken_helm_waits_half_a_minute_and_is_dropped() -> None:
+    tested = supervisor()
+    tested.hear(HelmSample(0.0, False, "disarmed; arm it", "link"))
+    assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
+    assert tested.decide(29.0, ENGAGE, state(29.0)) is Mode.STANDBY
+    assert tested.alarms() == ("cannot engage: disarmed; arm it",)
+    tested.decide(30.0, ENGAGE, state(30.0))
+    assert tested.alarms() == ("the order to engage was dropped: disarmed; arm it; order again",)
+    tested.hear(HelmSample(31.0, True, "", "link"))
+    assert tested.decide(31.0, ENGAGE, state(31.0)) is Mode.STANDBY, "nobody expects to be obeyed by now"
+    assert tested.decide(32.0, ENGAGE._replace(serial=2), state(32.0)) is Mode.ENGAGED
+
+
+def test_a_trouble_of_the_rudder_lets_go_at_once() -> None:
+    tested = engaged()
+    assert tested.decide(1.0, ENGAGE, state(1.0), {"rudder_stuck": "the rudder does not move"}) is Mode.FAILSAFE
+    assert not tested.check(1.0, ENGAGE, 0.2, 0.2, 0.2, 0.1).engaged
+
+
+def test_a_doubt_degrades_and_its_end_gives_back_what_was_ordered() -> None:
+    tested = engaged()
+    track = ENGAGE._replace(is_led=True)
+    assert tested.decide(0.5, track, state(0.5)) is Mode.ENGAGED
+    assert tested.state is SupervisorState.TRACK
+    assert tested.decide(1.0, track, state(1.0), {"rate_disagrees": "rate"}) is Mode.ENGAGED
+    assert tested.state is SupervisorState.DEGRADED
+    assert tested.check(1.0, track, 0.1, 0.1, 0.1, 0.1).engaged
+    tested.decide(2.0, track, state(2.0))
+    assert tested.state is SupervisorState.TRACK

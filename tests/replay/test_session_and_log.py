@@ -21,10 +21,12 @@ from autopilot.loop.logs.table import table_of
 from autopilot.loop.record import Recorder, read_log, read_logs, read_packets
 from autopilot.loop.replay import replay
 from autopilot.loop.session import Session
-from autopilot.loop.tick_codec import TICK_BEFORE_WAVES, decode_tick, encode_tick
+from autopilot.loop.tick_codec import TICK_BEFORE_SUPERVISOR, TICK_BEFORE_WAVES, decode_tick, encode_tick
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import (
+    AcknowledgeSample,
     AlarmSample,
+    ConditionSample,
     HeadingSample,
     HelmSample,
     Mode,
@@ -38,8 +40,11 @@ from autopilot.signals import (
     RudderCommand,
     RudderSample,
     Sample,
+    Siren,
     SpeedSample,
+    SupervisorState,
     Tick,
+    WindSample,
 )
 
 VESSEL = load_vessel("lanxin")
@@ -233,19 +238,24 @@ samples = st.one_of(
     st.builds(HelmSample, number, st.booleans(), text, text),
     st.builds(AlarmSample, number, text, text),
     st.builds(PositionSample, number, number, number, text),
+    st.builds(ConditionSample, number, text, st.booleans(), text, text),
+    st.builds(AcknowledgeSample, number, text, text),
+    st.builds(WindSample, number, number, number, text),
 )
 ticks = st.builds(
     Tick,
     st.integers(0, 2**32 - 1),
     number,
     st.lists(samples, max_size=5).map(tuple),
-    st.builds(Order, st.sampled_from(OrderKind), number, number, number, st.integers(0, 2**32 - 1)),
+    st.builds(Order, st.sampled_from(OrderKind), number, number, number, st.integers(0, 2**32 - 1), st.booleans()),
     st.builds(NavState, *[number] * 7, st.booleans(), *[number] * 4),
     st.builds(Reference, number, number, number),
     number,
     st.builds(RudderCommand, number, number, st.booleans()),
     st.sampled_from(Mode),
     st.lists(text, max_size=3).map(tuple),
+    st.sampled_from(SupervisorState),
+    st.sampled_from(Siren),
 )
 
 
@@ -256,15 +266,40 @@ def test_a_tick_comes_back_with_every_bit(tick: Tick) -> None:
     assert encode_tick(decode_tick(encode_tick(tick))) == encode_tick(tick)
 
 
+def old_tick(tick: Tick) -> Tick:
+    """A tick as it comes out of an old log: of the supervisor it knows the mode, of the order not who leads."""
+    states = {Mode.STANDBY: SupervisorState.STANDBY, Mode.ENGAGED: SupervisorState.HEADING}
+    states |= {Mode.OVERRIDE: SupervisorState.OVERRIDE, Mode.FAILSAFE: SupervisorState.FAILSAFE}
+    mode = Mode.FAILSAFE if tick.mode is Mode.FAULT else tick.mode
+    return tick._replace(
+        command=tick.command._replace(time=tick.now),
+        order=tick.order._replace(is_led=False),
+        mode=mode,
+        supervisor=states[mode],
+        siren=Siren.QUIET,
+    )
+
+
+def cut_out(record: bytes, tick: Tick, kind: int, behind: str, count: int) -> bytes:
+    """Return the record under another kind, without the `count` bytes before what `behind` describes."""
+    at = len(record) - struct.calcsize(behind) - count - sum(1 + len(alarm.encode()[:255]) for alarm in tick.alarms)
+    assert record[at : at + count].strip(bytes(range(8))) == b""
+    return bytes([kind]) + record[1:at] + record[at + count :]
+
+
+@given(ticks)
+def test_a_tick_from_before_the_supervisor_is_read(tick: Tick) -> None:
+    tick = old_tick(tick)
+    before = cut_out(encode_tick(tick), tick, TICK_BEFORE_SUPERVISOR, "<", 2)
+    assert repr(decode_tick(before)) == repr(tick)
+
+
 @given(ticks)
 def test_a_tick_of_the_first_version_is_read(tick: Tick) -> None:
     state = tick.state._replace(wave_heading=0.0, wave_rate=0.0, wave_deviation=0.0, wave_frequency=0.0)
-    tick = tick._replace(command=tick.command._replace(time=tick.now), state=state)
-    record = encode_tick(tick)
-    # behind the waves stand reference, demand, engaged, angle and mode, and then the alarms
-    at = len(record) - struct.calcsize("<3dd?dB") - 32 - sum(1 + len(alarm.encode()[:255]) for alarm in tick.alarms)
-    assert record[at : at + 32] == bytes(32)
-    before = bytes([TICK_BEFORE_WAVES]) + record[1:at] + record[at + 32 :]
+    tick = old_tick(tick)._replace(state=state)
+    without_waves = cut_out(encode_tick(tick), tick, TICK_BEFORE_WAVES, "<3dd?dBBB", 32)
+    before = cut_out(without_waves, tick, TICK_BEFORE_WAVES, "<", 2)
     assert repr(decode_tick(before)) == repr(tick)
 
 

@@ -31,8 +31,9 @@ STATES = {
     Mode.ENGAGED: dialect.MAV_STATE_ACTIVE,
     Mode.OVERRIDE: dialect.MAV_STATE_STANDBY,
     Mode.FAILSAFE: dialect.MAV_STATE_CRITICAL,
+    Mode.FAULT: dialect.MAV_STATE_EMERGENCY,
 }
-SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL}
+SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL, Mode.FAULT: dialect.MAV_SEVERITY_ALERT}
 REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"
 STRANGERS = "refused: a system id that is not allowed"

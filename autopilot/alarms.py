@@ -1,0 +1,387 @@
+"""Every alarm in one table: what it says, what to do about it, what the pilot does, and where its limit stands.
+
+The pages docs/alarms.md and the pilot both come from it (`python -m autopilot.report.supervisor`). Who watches for
+something outside of the pilot says so with a `ConditionSample` of the alarm's name. Pure.
+"""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum
+from typing import NamedTuple
+
+
+class Severity(IntEnum):
+    """How bad it is, in the numbers of MAV_SEVERITY (MAVLink, common.xml)."""
+
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+
+
+class Response(Enum):
+    """What the pilot does about an alarm; the value says what it is."""
+
+    TELL = "steers on"
+    DEGRADE = "steers on, degraded"
+    FAILSAFE = "fail-safe of the vessel file"
+    LET_GO = "fail-safe, rudder released at once"
+    FAULT = "fault: rudder held, then released"
+    OVERRIDE = "override: rudder released"
+    WAIT = "does not engage"
+
+
+class Watcher(Enum):
+    """Who watches for it; the value says so in words."""
+
+    PILOT = "the pilot, every tick"
+    LINK = "the link to the vehicle or the rudder drive"
+    LOOP = "the loop around the pilot"
+    VEHICLE = "the vehicle, in SYS_STATUS, BATTERY_STATUS or STATUSTEXT"
+
+
+class AlarmKind(NamedTuple):
+    """One alarm. text: what is the case; remedy: what to do; limit: when it is raised; key: where the file says so."""
+
+    name: str
+    text: str
+    remedy: str
+    response: Response
+    severity: Severity
+    watcher: Watcher
+    limit: str
+    key: str = ""
+
+
+_PILOT, _LINK, _LOOP, _VEHICLE = Watcher.PILOT, Watcher.LINK, Watcher.LOOP, Watcher.VEHICLE
+_TELL, _DEGRADE, _FAILSAFE, _LET_GO = Response.TELL, Response.DEGRADE, Response.FAILSAFE, Response.LET_GO
+_ALERT, _CRITICAL, _ERROR, _WARNING = Severity.ALERT, Severity.CRITICAL, Severity.ERROR, Severity.WARNING
+
+_HEADING = [
+    AlarmKind(
+        "heading_lost",
+        "heading lost",
+        "steer by hand, check the compass and its link",
+        _FAILSAFE,
+        _CRITICAL,
+        _PILOT,
+        "no heading for the time in the file",
+        "failsafe.heading_timeout_s",
+    ),
+    AlarmKind(
+        "heading_frozen",
+        "heading frozen: the compass stands still while the boat turns",
+        "steer by hand, restart the compass",
+        _FAILSAFE,
+        _CRITICAL,
+        _PILOT,
+        "the same to the last digit while rate, rudder or sea must have moved it",
+        "alarms.frozen_heading",
+    ),
+    AlarmKind(
+        "heading_jumping",
+        "the heading jumps further than the boat can turn",
+        "steer by hand, look for iron, loose plugs or a second compass at the same line",
+        _FAILSAFE,
+        _CRITICAL,
+        _PILOT,
+        "three times within 10 s, or once and for good",
+        "alarms.heading_jump_deg",
+    ),
+    AlarmKind(
+        "heading_disagrees",
+        "two compasses disagree",
+        "compare both with the hand-bearing compass, take the wrong one out of sensors.priority",
+        _DEGRADE,
+        _WARNING,
+        _LINK,
+        "further apart than the file says for several seconds",
+        "sensors.heading_monitor_deg",
+    ),
+    AlarmKind(
+        "rate_disagrees",
+        "the rate of turn and the heading do not go together",
+        "check the rate sensor's sign and scale, and the compass for iron nearby",
+        _DEGRADE,
+        _WARNING,
+        _PILOT,
+        "the turn that the rate adds up to in 5 s is so far from the heading's",
+        "alarms.rate_disagrees_deg",
+    ),
+    AlarmKind(
+        "innovation",
+        "the boat does not move as her model says",
+        "look for a fouled propeller, a tow or a shifted load; identify the boat anew if it stays",
+        _DEGRADE,
+        _WARNING,
+        _PILOT,
+        "measurements off to one side by so many standard deviations for 20 s",
+        "alarms.innovation_sigmas",
+    ),
+]
+
+_RUDDER = [
+    AlarmKind(
+        "rudder_stuck",
+        "the rudder does not move",
+        "steer by hand, check drive, clutch and fuse",
+        _LET_GO,
+        _CRITICAL,
+        _PILOT,
+        "off its order by more than the tolerance and standing for 1.5 s and the gear's delay",
+        "rudder.follow_tolerance_deg",
+    ),
+    AlarmKind(
+        "rudder_not_following",
+        "the rudder does not follow its orders",
+        "steer by hand, check drive, clutch and rudder sensor",
+        _LET_GO,
+        _CRITICAL,
+        _PILOT,
+        "off its order by more than the tolerance and not on its way for 1.5 s and the gear's delay",
+        "rudder.follow_tolerance_deg",
+    ),
+    AlarmKind(
+        "rudder_reversed",
+        "the rudder moves the wrong way",
+        "steer by hand, check drive.reversed or helm.reversed and the rudder sensor's sign",
+        _LET_GO,
+        _CRITICAL,
+        _PILOT,
+        "the sensor shows it going away from its order, or the boat answers as to the opposite rudder",
+        "alarms.reversed_rudder",
+    ),
+    AlarmKind(
+        "runaway",
+        "the boat turns against her rudder",
+        "steer by hand, check that the rudder moves, its sign, and the way through the water",
+        _LET_GO,
+        _CRITICAL,
+        _PILOT,
+        "rudder hard over, the boat turning to the other side as fast, for off_course_s and three time constants",
+        "alarms.off_course_s",
+    ),
+    AlarmKind(
+        "rudder_at_stop",
+        "the rudder stands at its stop",
+        "slow down or ease sheets: there is no rudder left to steer with",
+        _DEGRADE,
+        _WARNING,
+        _PILOT,
+        "nine tenths of the limit for 15 s, turns apart",
+        "limits.angle_max_deg",
+    ),
+]
+
+_MOTION = [
+    AlarmKind(
+        "off_course",
+        "off course",
+        "check rudder, speed and wind, or order another course",
+        _TELL,
+        _WARNING,
+        _PILOT,
+        "this angle for this time, not while a turn may last",
+        "alarms.off_course_deg, alarms.off_course_s",
+    ),
+    AlarmKind(
+        "low_speed",
+        "too slow to steer, or astern",
+        "make way ahead; until then the rudder waits amidships",
+        _DEGRADE,
+        _WARNING,
+        _PILOT,
+        "slower than this",
+        "control.steerage_m_s",
+    ),
+    AlarmKind(
+        "roll",
+        "heeling far",
+        "ease sheets, slow down, or change course",
+        _TELL,
+        _WARNING,
+        _PILOT,
+        "this angle for 2 s",
+        "alarms.roll_deg",
+    ),
+    AlarmKind(
+        "no_wind",
+        "the wind is not known, so the fail-safe cannot turn to windward: rudder amidships",
+        "steer by hand, check the wind vane and its link",
+        _TELL,
+        _ERROR,
+        _PILOT,
+        "no wind for 5 s while failsafe.action is windward",
+        "failsafe.action",
+    ),
+]
+
+_OWN = [
+    AlarmKind(
+        "not_finite",
+        "a value was not finite",
+        "steer by hand, keep the log and report it",
+        Response.FAULT,
+        _ALERT,
+        _PILOT,
+        "a state, demand or command that is no number",
+    ),
+    AlarmKind(
+        "envelope",
+        "a command was outside its envelope",
+        "steer by hand, keep the log and report it",
+        Response.FAULT,
+        _ALERT,
+        _PILOT,
+        "angle, rate, age or side of a command, by the second implementation",
+        "limits.angle_max_deg, limits.rate_max_deg_s",
+    ),
+    AlarmKind(
+        "deadline_missed",
+        "the loop runs late",
+        "stop other programs on this machine, run autopilot doctor",
+        _DEGRADE,
+        _WARNING,
+        _LOOP,
+        "ticks later than two control periods",
+        "control.rate_hz",
+    ),
+    AlarmKind(
+        "clock_stepped",
+        "the machine's clock was set while steering",
+        "check the log's times; steering goes by a clock that cannot be set",
+        _TELL,
+        Severity.NOTICE,
+        _LOOP,
+        "wall clock and monotonic clock apart by more than 1 s",
+    ),
+    AlarmKind(
+        "disk_full",
+        "the disk is full and the log has stopped",
+        "free space; steering goes on without a log",
+        _TELL,
+        _WARNING,
+        _LOOP,
+        "a write to the log fails",
+    ),
+]
+
+_OUTSIDE = [
+    AlarmKind(
+        "human_override",
+        "overridden",
+        "the helm is yours; order the course again when you want to give it back",
+        Response.OVERRIDE,
+        _WARNING,
+        _LINK,
+        "another mode, disarmed, a stick moved, or a rudder that somebody else moves",
+    ),
+    AlarmKind(
+        "link_silent",
+        "the vehicle is silent",
+        "steer by hand, check its power and the line to it",
+        Response.OVERRIDE,
+        _CRITICAL,
+        _LINK,
+        "nothing for 3 s, or no heartbeat for 8 s",
+    ),
+    AlarmKind(
+        "firmware_rebooted",
+        "the vehicle has rebooted",
+        "steer by hand, arm it and order the course again",
+        Response.OVERRIDE,
+        _CRITICAL,
+        _LINK,
+        "its clock goes backwards",
+        "failsafe.reengage_after_reboot",
+    ),
+    AlarmKind(
+        "link_flooded",
+        "more comes in over a link than can be read",
+        "find out who sends so much, and take them off the line",
+        _DEGRADE,
+        _WARNING,
+        _LINK,
+        "messages dropped to keep the loop in time",
+    ),
+    AlarmKind(
+        "handback_refused",
+        "the vehicle did not take over in the mode of the fail-safe",
+        "steer by hand, or set the vehicle's mode from the ground station",
+        _TELL,
+        _ALERT,
+        _LINK,
+        "the mode is not seen within 3 s",
+        "failsafe.firmware_mode",
+    ),
+    AlarmKind(
+        "geofence",
+        "the vehicle says that its fence is breached",
+        "turn back inside the fence, or change it in the vehicle",
+        _TELL,
+        _ERROR,
+        _VEHICLE,
+        "FENCE_STATUS, or the fence in SYS_STATUS enabled and unhealthy",
+    ),
+    AlarmKind(
+        "shallow",
+        "shallow water",
+        "slow down and turn to deeper water",
+        _TELL,
+        _ERROR,
+        _VEHICLE,
+        "the vehicle's STATUSTEXT says so",
+    ),
+    AlarmKind(
+        "battery_low",
+        "the vehicle's battery is low",
+        "make for harbour, switch off what is not needed",
+        _TELL,
+        _ERROR,
+        _VEHICLE,
+        "what remains in SYS_STATUS or BATTERY_STATUS, or its charge state",
+        "alarms.battery_percent",
+    ),
+]
+
+_WAITING = [
+    AlarmKind(
+        "waiting_heading",
+        "waiting for a heading",
+        "check that the compass or the vehicle sends one",
+        Response.WAIT,
+        Severity.NOTICE,
+        _PILOT,
+        "an order to engage before a heading",
+    ),
+    AlarmKind(
+        "cannot_engage",
+        "cannot engage",
+        "put right what is said here; the order waits for it 30 s",
+        Response.WAIT,
+        _WARNING,
+        _PILOT,
+        "an order to engage while the helm is taken or a trouble lasts",
+    ),
+    AlarmKind(
+        "order_dropped",
+        "the order to engage was dropped",
+        "put right what is said here and order again",
+        Response.WAIT,
+        _WARNING,
+        _PILOT,
+        "such an order has waited 30 s",
+    ),
+]
+
+CATALOGUE = {kind.name: kind for kind in (*_HEADING, *_RUDDER, *_MOTION, *_OWN, *_OUTSIDE, *_WAITING)}
+"""Every alarm by its name."""
+
+assert len(CATALOGUE) == sum(map(len, (_HEADING, _RUDDER, _MOTION, _OWN, _OUTSIDE, _WAITING)))
+
+
+def text_of(name: str, detail: str = "") -> str:
+    """Return what is said: the alarm, the detail, and what to do. KeyError for a name that is not in the catalogue."""
+    kind = CATALOGUE[name]
+    return f"{kind.text}{f' ({detail})' if detail else ''}: {kind.remedy}"

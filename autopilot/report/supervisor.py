@@ -1,0 +1,136 @@
+"""The pages docs/supervisor.md and docs/alarms.md, from the very tables that the pilot obeys.
+
+python -m autopilot.report.supervisor docs
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from itertools import groupby
+from pathlib import Path
+
+from autopilot.alarms import CATALOGUE, AlarmKind, Response
+from autopilot.signals import SupervisorState
+from autopilot.supervisor import ENDED, ENGAGED, MEANING, MODES, TABLE, Action, Event, Row, Says
+
+COMMAND = "python -m autopilot.report.supervisor docs"
+GROUPS = ((SupervisorState.STANDBY,), ENGAGED, ENDED)
+
+
+def supervisor_page() -> str:
+    """Return docs/supervisor.md."""
+    parts = [
+        "# The supervisor",
+        "Who has the rudder, drawn from the table in `autopilot/supervisor.py` by\n"
+        f"`{COMMAND}`. A pair of state and event that is in none of the rows below\n"
+        "changes nothing.",
+        _diagram(),
+        "## States",
+        _rows(("State", "Mode", "Meaning"), ((_name(s), MODES[s].name, MEANING[s]) for s in SupervisorState)),
+        "## Events",
+        "In a tick the helm comes first, then troubles, then orders; what is said further up goes before what is said\n"
+        "below.",
+        _rows(("Event", "When"), ((event.name.lower(), event.value) for event in Event)),
+        "## The table",
+        _transitions(),
+        "## Actions",
+        _rows(("Action", "What is done"), ((action.name.lower(), action.value) for action in Action)),
+        "What each alarm does, and where its limit stands: [alarms.md](alarms.md).",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def alarms_page() -> str:
+    """Return docs/alarms.md."""
+    kinds = sorted(CATALOGUE.values(), key=lambda kind: list(Response).index(kind.response))
+    parts = [
+        "# Alarms",
+        f"Drawn from `autopilot/alarms.py` by `{COMMAND}`. An alarm is shown and\n"
+        "logged as long as it lasts, and sounds until it is acknowledged or over; one that ends steering sounds until it is acknowledged. What nobody has\n"
+        "acknowledged for 30 s is said again, louder.",
+    ]
+    for response, group in groupby(kinds, key=lambda kind: kind.response):
+        parts += [f"## {response.value[0].upper()}{response.value[1:]}", _alarm_table(group)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _alarm_table(kinds: Iterable[AlarmKind]) -> str:
+    return _rows(
+        ("Name", "Alarm", "What to do", "Raised when", "Vessel file", "Severity", "Who watches"),
+        (
+            (
+                f"`{kind.name}`",
+                kind.text,
+                kind.remedy,
+                kind.limit,
+                ", ".join(f"`{key}`" for key in kind.key.split(", ")) if kind.key else "",
+                kind.severity.name.lower(),
+                kind.watcher.value,
+            )
+            for kind in kinds
+        ),
+    )
+
+
+def _diagram() -> str:
+    """What all engaged states share is one arrow from, or to, the box around them."""
+    inside = "\n".join(f"        {_name(state)}" for state in ENGAGED)
+    lines = ["```mermaid", "stateDiagram-v2", "    [*] --> standby", f"    state engaged {{\n{inside}\n    }}"]
+    between: dict[tuple[str, str], list[str]] = {}
+    for event in Event:
+        leaving = [state for state in SupervisorState if TABLE[state, event].next is not state]
+        for start in [ENGAGED, *((state,) for state in leaving)]:
+            follows = {TABLE[state, event].next for state in start}
+            if len(follows) > 1 or not set(start) <= set(leaving) or (len(start) == 1 and _shared(start[0], event)):
+                continue
+            name = "engaged" if start is ENGAGED else _name(start[0])
+            between.setdefault((name, _name(follows.pop())), []).append(event.name.lower())
+    lines += [f"    {a} --> {b}: {', '.join(events)}" for (a, b), events in between.items()]
+    return "\n".join([*lines, "```"])
+
+
+def _shared(state: SupervisorState, event: Event) -> bool:
+    """Return whether the arrow leaves the box of the engaged states, all of them alike."""
+    follows = {TABLE[other, event].next for other in ENGAGED}
+    return state in ENGAGED and len(follows) == 1 and not follows & set(ENGAGED)
+
+
+def _transitions() -> str:
+    """One line for each event and outcome, the states with the same outcome together."""
+    lines = []
+    for event in Event:
+        outcomes: dict[tuple[str, tuple[Action, ...], Says], list[str]] = {}
+        for state in SupervisorState:
+            row = TABLE[state, event]
+            if row != Row(state):
+                following = "stays" if row.next is state else _name(row.next)
+                outcomes.setdefault((following, row.actions, row.says), []).append(_name(state))
+        for (following, actions, says), states in outcomes.items():
+            done = ", ".join(action.name.lower() for action in actions)
+            lines.append((event.name.lower(), ", ".join(states), following, done, says.value))
+    return _rows(("Event", "In", "Next", "Actions", "Said"), lines)
+
+
+def _rows(head: tuple[str, ...], lines: Iterable[tuple[str, ...]]) -> str:
+    ruled = [head, tuple("---" for _ in head), *lines]
+    return "\n".join(f"| {' | '.join(line)} |" for line in ruled)
+
+
+def _name(state: SupervisorState) -> str:
+    return state.name.lower()
+
+
+def main(arguments: list[str]) -> int:
+    """Write both pages into the folder named."""
+    if len(arguments) != 1 or not Path(arguments[0]).is_dir():
+        print(f"name the folder of the pages: {COMMAND}", file=sys.stderr)
+        return 2
+    folder = Path(arguments[0])
+    (folder / "supervisor.md").write_text(supervisor_page(), encoding="utf-8")
+    (folder / "alarms.md").write_text(alarms_page(), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

@@ -1,0 +1,109 @@
+"""The supervisor's table, as data: every cell, the ways through it, and its pages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.alarms import CATALOGUE, Response, text_of
+from autopilot.report.supervisor import alarms_page, supervisor_page
+from autopilot.signals import SupervisorState
+from autopilot.supervisor import ENDED, ENDINGS, ENGAGED, MEANING, MODES, ORDERS, RETURNS, TABLE, Action, Event, Says
+
+DOCS = Path(__file__).parents[2] / "docs"
+states = st.sampled_from(SupervisorState)
+events = st.sampled_from(Event)
+
+
+@given(states, events)
+def test_every_state_and_event_has_its_row(state: SupervisorState, event: Event) -> None:
+    row = TABLE[state, event]
+    assert row.next in MODES
+    assert row.next in MEANING
+    # an end that nobody hears of is none
+    assert row.says is not Says.NOTHING or row.next not in ENDED or row.next is state
+
+
+def test_the_table_has_nothing_else() -> None:
+    assert len(TABLE) == len(SupervisorState) * len(Event)
+
+
+@given(states, st.lists(events, max_size=30))
+def test_from_wherever_one_comes_an_order_to_stand_by_releases(state: SupervisorState, way: list[Event]) -> None:
+    for event in way:
+        state = TABLE[state, event].next
+    row = TABLE[state, Event.RELEASE]
+    assert row.next is SupervisorState.STANDBY
+    assert Action.RELEASE in row.actions
+
+
+@given(states, st.lists(events, max_size=30))
+def test_who_takes_the_helm_has_it(state: SupervisorState, way: list[Event]) -> None:
+    for event in way:
+        state = TABLE[state, event].next
+    row = TABLE[state, Event.HELM_TAKEN]
+    assert row.next in (SupervisorState.OVERRIDE, SupervisorState.STANDBY)
+    assert row.next is state or {Action.RELEASE, Action.SPEND} <= set(row.actions)
+
+
+@given(st.sampled_from((SupervisorState.STANDBY, *ENDED)), st.lists(events, max_size=40))
+def test_nothing_but_an_order_engages_or_what_the_file_allows(state: SupervisorState, way: list[Event]) -> None:
+    for event in way:
+        following = TABLE[state, event].next
+        if state not in ENGAGED and following in ENGAGED:
+            assert event in (*ORDERS, *RETURNS)
+            assert Action.TAKE_HELM in TABLE[state, event].actions
+        state = following
+
+
+@given(st.sampled_from(ENDED), st.lists(events.filter(lambda e: e not in (*ORDERS, *RETURNS)), max_size=40))
+def test_without_an_order_and_a_file_that_allows_it_steering_never_begins_again(
+    state: SupervisorState, way: list[Event]
+) -> None:
+    for event in way:
+        state = TABLE[state, event].next
+        assert state not in ENGAGED
+
+
+def test_a_fault_heals_by_nothing_but_an_order() -> None:
+    for event in RETURNS:
+        assert TABLE[SupervisorState.FAULT, event].next is SupervisorState.FAULT
+
+
+@pytest.mark.parametrize("event", ENDINGS)
+@pytest.mark.parametrize("state", ENGAGED)
+def test_what_ends_an_engagement_spends_the_order_and_says_so(state: SupervisorState, event: Event) -> None:
+    row = TABLE[state, event]
+    assert row.next in ENDED
+    assert Action.SPEND in row.actions
+    assert row.says in (Says.OVERRIDDEN, Says.UNFIT, Says.MONITOR)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_alarm_says_what_to_do(name: str) -> None:
+    kind = CATALOGUE[name]
+    assert kind.text
+    assert len(kind.remedy.split()) >= 3
+    assert kind.limit
+    text = text_of(name, "17 deg")
+    assert text.index("17 deg") < text.index(kind.remedy)
+    # STATUSTEXT is ASCII, and people read it in pieces of fifty characters
+    assert text.isascii()
+    assert len(text) <= 200
+
+
+def test_what_ends_steering_sounds_like_it() -> None:
+    for kind in CATALOGUE.values():
+        if kind.response in (Response.FAILSAFE, Response.LET_GO, Response.FAULT):
+            assert kind.severity <= 2, kind.name
+
+
+@pytest.mark.parametrize(("name", "page"), [("supervisor.md", supervisor_page), ("alarms.md", alarms_page)])
+def test_the_pages_are_as_the_tables_are(name: str, page: object) -> None:
+    assert callable(page)
+    assert (DOCS / name).read_text(encoding="utf-8") == page(), (
+        "write them anew: python -m autopilot.report.supervisor docs"
+    )
