@@ -47,8 +47,8 @@ def alarms_page() -> str:
     parts = [
         "# Alarms",
         f"Drawn from `autopilot/alarms.py` by `{COMMAND}`. An alarm is shown and\n"
-        "logged as long as it lasts, and sounds until it is acknowledged or over; one that ends steering sounds until it is acknowledged. What nobody has\n"
-        "acknowledged for 30 s is said again, louder.",
+        "logged as long as it lasts, and sounds until it is acknowledged or over; one that ends steering sounds until\n"
+        "it is acknowledged. What nobody has acknowledged for 30 s is said again, louder.",
     ]
     for response, group in groupby(kinds, key=lambda kind: kind.response):
         parts += [f"## {response.value[0].upper()}{response.value[1:]}", _alarm_table(group)]
