@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import gc
 import math
 import signal
 import sys
@@ -17,6 +16,7 @@ from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.log_keeping import add_log_options, alarm_links, gaps_of, open_log
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
+from autopilot.cli.upkeep import Upkeep, add_upkeep_options, real_time_of, resumption_of
 from autopilot.errors import ExitCode, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.admission import Doors
@@ -29,7 +29,6 @@ from autopilot.params.vessel import Vessel
 from autopilot.signals import Mode, OrderKind, Tick
 
 STATUS_PERIOD = 0.5
-COLLECTOR_THRESHOLDS = (50_000, 20, 20)
 ENGAGE_PATIENCE = 20.0
 """Time [s] after the first heading in which an ordered engagement must come about."""
 
@@ -45,6 +44,7 @@ def add_steering_options(parser: argparse.ArgumentParser) -> None:
         help="udpin:127.0.0.1:14550, tcp:HOST:PORT, serial:/dev/ttyUSB0:115200, nmea:/dev/ttyUSB1:4800; repeatable",
     )
     add_log_options(parser)
+    add_upkeep_options(parser)
     parser.add_argument(
         "--as-gcs", action="store_true", help="send steering with the ground station's id, which ArduPilot obeys"
     )
@@ -130,8 +130,13 @@ def steer(
     serving: Serving | None = None,
     desk: LearningDesk | None = None,
     describe: Callable[[Tick], str] | None = None,
+    resumes: Callable[[float], None] | None = None,
 ) -> int:
-    """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released."""
+    """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released.
+
+    `resumes` is told the heading [rad] that a process which died has held, where the vessel file lets it be held again.
+    """
+    wanted = real_time_of(arguments)
     pilot = build_pilot(vessel, law, learns=desk is not None)
     clock = MonotonicClock(arguments.speedup)
     signing = signing_of(arguments)
@@ -141,6 +146,8 @@ def steer(
     links = build_links(vessel, arguments.link, options)
     recorder = None
     saver = BackgroundSaver()
+    resumption = resumption_of(arguments, vessel, saver) if resumes is not None else None
+    upkeep = Upkeep(wanted, resumption)
     in_force = VesselInForce(vessel, pilot, law, tuned_file(arguments.vessel), saver)
     is_tuned = desk is not None or (serving is not None and bool(serving.urls))
     try:
@@ -156,17 +163,25 @@ def steer(
         for link in links:
             link.close()
         raise
+    if resumes is not None and resumption is not None and (heading := resumption.left()) is not None:
+        print(f"the process before this one ended while it held {compass_deg(heading):.0f} deg: engaging on it again")
+        resumes(heading)
     status = StatusLine(describe)
 
     def after(tick: Tick) -> bool:
         status.show(tick)
         if desk is not None and (news := desk.news(tick)):
             status.say(news)
+        upkeep.ticked(tick)
         return ending(tick) or watch(tick)
 
-    _quiet_collector()
     try:
-        with _signals_end(ending), Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder) as session:
+        # leaving the session, which comes first, gives the rudder back whatever happened
+        with (
+            _signals_end(ending),
+            upkeep,
+            Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder) as session,
+        ):
             session.run(clock.now() + duration, after)
         ending.final(session.tick)
     finally:
@@ -210,13 +225,6 @@ def _which_file(vessel_path: str, in_force: VesselInForce) -> str:
     kept = in_force.saved_as
     older = f"; changes of an earlier run are in {kept}: start with that file to use them" if kept.exists() else ""
     return f"in force: {vessel_path}; what is changed while it runs is kept in {kept}{older}"
-
-
-def _quiet_collector() -> None:
-    """Keep the garbage collector off the tick: what start-up made is never looked through again, the rest seldom."""
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(*COLLECTOR_THRESHOLDS)
 
 
 class StatusLine:

@@ -177,6 +177,9 @@ class Failsafe:
     """Engage again by itself when the heading is back: only where the skipper has said so."""
     reengage_after_reboot: bool = False
     """Engage again by itself when a flight controller that rebooted is ready again, armed and in the mode to steer."""
+    reengage_after_restart_s: Annotated[
+        float, Bounds(0.0, 600.0, "hold the heading again when our own process died and is back within this; 0: never")
+    ] = 0.0
     source: str = ""
     date: str = ""
 

@@ -45,6 +45,7 @@ NAMES = {
     "guidance.off_track_alarm_m": "GUI_XTRACK_ALARM",
     "failsafe.heading_timeout_s": "FS_HDG_TIMEOUT",
     "failsafe.reengage_after_reboot": "FS_REENGAGE",
+    "failsafe.reengage_after_restart_s": "FS_RESTART_HOLD",
     "helm.guided_speed_share": "HELM_GUIDED_SPD",
 }
 """Names that the rule would spoil."""

@@ -1,0 +1,121 @@
+"""A process that died leaves word of what it steered; the next goes on only where the file allows."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from lockstep import Lockstep
+
+from autopilot.cli.resumption import Resumption
+from autopilot.cli.upkeep import Upkeep, resumption_of
+from autopilot.errors import RefusedError
+from autopilot.links.base import LinkError
+from autopilot.loop.real_time import RealTime
+from autopilot.params.saving import save_text
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import Order
+
+VESSEL = load_vessel("lanxin")
+
+
+def kept_by(path: Path, run: Lockstep, within: float = 10.0, boot: str = "boot") -> Resumption:
+    return Resumption(path, within, save_text, lambda: run.now, boot)
+
+
+@pytest.fixture
+def held(tmp_path: Path) -> tuple[Path, Lockstep]:
+    """A note that a run left which held 90 deg at 20 s, and the run."""
+    run, path = Lockstep(VESSEL), tmp_path / "held.json"
+    keeper = kept_by(path, run)
+    run.engage(90.0)
+    run.run(20.0, until=lambda tick: bool(keeper.ticked(tick)))
+    assert run.engaged(run.tick)
+    return path, run
+
+
+def test_what_was_held_is_found_by_the_next_process(held: tuple[Path, Lockstep]) -> None:
+    path, run = held
+    assert kept_by(path, run).left() == pytest.approx(math.radians(90.0))
+    run.clock.time += 8.0
+    assert kept_by(path, run).left() is not None
+
+
+def test_it_is_forgotten_after_the_time_the_file_gives(held: tuple[Path, Lockstep]) -> None:
+    path, run = held
+    run.clock.time += 10.1
+    assert kept_by(path, run).left() is None
+
+
+def test_another_boot_and_a_clock_from_before_know_nothing_of_it(held: tuple[Path, Lockstep]) -> None:
+    path, run = held
+    assert kept_by(path, run, boot="another").left() is None
+    run.clock.time = 1.0
+    assert kept_by(path, run).left() is None
+
+
+def test_the_present_heading_is_noted_as_the_one_that_was_taken(tmp_path: Path) -> None:
+    run, path = Lockstep(VESSEL), tmp_path / "held.json"
+    keeper = kept_by(path, run)
+    run.order = Order(run.order.kind.HEADING, math.nan, serial=1)
+    run.run(10.0, until=lambda tick: bool(keeper.ticked(tick)))
+    left = kept_by(path, run).left()
+    assert left == pytest.approx(run.tick.reference.heading, abs=0.01)
+
+
+def test_standing_by_takes_it_back_at_once(held: tuple[Path, Lockstep]) -> None:
+    path, run = held
+    keeper = kept_by(path, run)
+    keeper.ticked(run.tick)
+    run.order = Order(serial=run.order.serial + 1)
+    assert run.run(1.0, until=lambda tick: bool(keeper.ticked(tick)) or tick.mode.name == "STANDBY") is True
+    keeper.ticked(run.tick)
+    assert kept_by(path, run).left() is None
+
+
+@pytest.mark.parametrize(
+    ("error", "resumes"),
+    [(None, False), (LinkError, False), (RefusedError, False), (ValueError, True), (MemoryError, True)],
+)
+def test_only_a_fault_of_ours_is_resumed_from(
+    held: tuple[Path, Lockstep], error: type[Exception] | None, resumes: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, run = held
+
+    def sail() -> None:
+        with Upkeep(RealTime(), kept_by(path, run)) as upkeep:
+            upkeep.ticked(run.tick)
+            if error is not None:
+                raise error("it happened")
+
+    if error is None:
+        sail()
+    else:
+        with pytest.raises(error):
+            sail()
+    assert (kept_by(path, run).left() is not None) is resumes
+    assert ("the program failed; the rudder was given back" in capsys.readouterr().err) is resumes
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "null", '{"heading": "x"}', '{"heading": NaN, "since": 1, "boot": "boot"}']
+)
+def test_a_note_that_is_none_is_no_note(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "held.json"
+    path.write_text(text)
+    assert Resumption(path, 10.0, save_text, lambda: 2.0, "boot").left() is None
+
+
+def test_the_vessel_file_decides_and_the_service_gives_the_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = argparse.Namespace(state=None)
+    allowed = replace(VESSEL, failsafe=replace(VESSEL.failsafe, reengage_after_restart_s=5.0))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    assert resumption_of(arguments, allowed, save_text) is None
+    monkeypatch.setenv("RUNTIME_DIRECTORY", f"{tmp_path}:/other")
+    assert resumption_of(arguments, VESSEL, save_text) is None
+    assert resumption_of(arguments, allowed, save_text) is not None

@@ -1,0 +1,110 @@
+"""An exception in any block of the tick: the rudder is given back, the links are closed, the log stays whole."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lockstep import STEP, Lockstep
+
+from autopilot import pilot as pilot_module
+from autopilot.links.base import LinkError
+from autopilot.loop.record import read_log
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import Mode
+
+VESSEL = load_vessel("lanxin")
+BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
+    "receive": lambda run: (run.link, "receive"),
+    "transport receive": lambda run: (run.near, "receive"),
+    "orders": lambda run: (run.session, "_orders"),
+    "estimator": lambda run: (run.pilot.estimator, "update"),
+    "monitors": lambda run: (run.pilot.monitors, "look"),
+    "supervisor decides": lambda run: (run.pilot.supervisor, "decide"),
+    "guidance": lambda _: (pilot_module, "turn_step"),
+    "law": lambda run: (run.pilot.law, "update"),
+    "limits": lambda _: (pilot_module, "limit"),
+    "supervisor checks": lambda run: (run.pilot.supervisor, "check"),
+    "alarms": lambda run: (run.pilot.supervisor, "alarms"),
+    "send": lambda run: (run.link, "send"),
+    "transport send": lambda run: (run.near, "send"),
+    "show": lambda run: (run.link, "show"),
+    "tell": lambda run: (run.link, "tell"),
+    "keep": lambda run: (run.link, "keep"),
+    "packets": lambda run: (run.link, "take_packets"),
+    "record": lambda run: (run.session._recorder, "record"),
+    "learn": lambda run: (run.pilot, "learn"),
+}
+
+
+class Fails:
+    """Stands in a block's place: does what it did, and fails once when told to."""
+
+    def __init__(self, block: Callable[..., Any], error: type[BaseException]) -> None:
+        self.block, self.error = block, error
+        self.now = False
+        self.called = 0
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        self.called += 1
+        if self.now:
+            self.now = False
+            raise self.error("the block failed")
+        return self.block(*arguments, **named)
+
+
+def alone(run: Lockstep, seconds: float) -> None:
+    """Let the vehicle go on by itself, with what was sent before the link was closed."""
+    with contextlib.suppress(LinkError):
+        for data in run.far.receive():
+            run.vehicle.receive(run.now, data)
+    for _ in range(round(seconds / STEP)):
+        run.clock.time += STEP
+        run.vehicle.advance(run.now)
+
+
+@pytest.mark.parametrize("error", [ValueError, MemoryError])
+@pytest.mark.parametrize("block", BLOCKS)
+def test_the_rudder_is_given_back(
+    block: str, error: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Lockstep(VESSEL, log=tmp_path / "a.tlog")
+    run.engage(90.0)
+    assert run.run(20.0, until=run.engaged)
+    owner, name = BLOCKS[block](run)
+    failing = Fails(getattr(owner, name), error)
+    monkeypatch.setattr(owner, name, failing)
+    # hard over in the turn: a rudder left there would take the boat round
+    assert run.run(5.0, until=lambda tick: abs(tick.command.angle) > math.radians(5.0))
+    assert run.firmware.overrides.active(run.now, 3.0)
+    before = len(run.ticks)
+    assert failing.called
+    failing.now = True
+    with pytest.raises(error, match="the block failed"), run.session:
+        run.run(2.0)
+    alone(run, 5.0)
+    assert not run.firmware.overrides.active(run.now, math.inf)
+    assert abs(run.world.boat.state.rudder) < math.radians(0.5)
+    ticks = read_log(tmp_path / "a.tlog").ticks
+    assert before - 1 <= len(ticks) <= before + 1
+    assert ticks[-1].mode is Mode.ENGAGED
+
+
+def test_a_release_that_fails_leaves_the_rudder_to_the_vehicles_own_timeout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Lockstep(VESSEL)
+    run.engage(90.0)
+    assert run.run(20.0, until=lambda tick: abs(tick.command.angle) > math.radians(5.0))
+    monkeypatch.setattr(run.link, "release", Fails(run.link.release, ValueError))
+    run.link.release.now = True  # type: ignore[attr-defined]
+    with pytest.raises(ValueError, match="the block failed"):
+        run.session.close()
+    assert run.firmware.overrides.active(run.now, 3.0)
+    alone(run, 3.75)
+    assert not run.firmware.overrides.active(run.now, 3.0)
+    assert abs(run.world.boat.state.rudder) < math.radians(0.5)
