@@ -99,7 +99,7 @@ class Download:
             self._hash = value.value
             return
         if value.position == NO_INDEX:
-            self._update_by_name(value)
+            self.update(value)
             return
         if not value.position < value.table_size:
             return
@@ -115,7 +115,7 @@ class Download:
             self._gaps.answered(value.position, now)
         self.finished = len(self._by_index) == self._count
 
-    def _update_by_name(self, value: ParameterValue) -> None:
+    def update(self, value: ParameterValue) -> None:
         """Somebody set a parameter meanwhile: the newer value counts."""
         for index, known in self._by_index.items():
             if known.name == value.name:

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.admission import Door, Doors
 from autopilot.links.base import LinkError, Transport
+from autopilot.links.boat.alarm_list import ALARMS, alarm_list
 from autopilot.links.boat.commands import Commands
 from autopilot.links.boat.metadata import NO_FILES
 from autopilot.links.boat.parameter_server import ParameterServer
@@ -69,7 +70,9 @@ class BoatLink:
         self._door = door or Doors().link()
         self._telemetry = Telemetry(commands.mission)
         self._texts = StatusTexts()
-        self._service = StationService(commands, parameters, self._telemetry, self._texts, files)
+        self._service = StationService(
+            commands, parameters, self._telemetry, self._texts, {**files, ALARMS: self._alarm_file}
+        )
         self._next_heartbeat = -math.inf
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._refusals: dict[str, float] = {}
@@ -154,6 +157,9 @@ class BoatLink:
     def close(self) -> None:
         """Close the transport."""
         self._transport.close()
+
+    def _alarm_file(self) -> bytes:
+        return alarm_list(self._alarms)
 
     def _heartbeat(self, now: float, state: int) -> None:
         tick = self._telemetry.tick

@@ -27,6 +27,7 @@ SET_STANDARD_MODE = 262
 """MAV_CMD_DO_SET_STANDARD_MODE, which the dialect does not have."""
 ZIGZAG, TURNING = int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)
 PATTERN = int(dialect.MAV_CMD_USER_3)
+LEARNING, LEVEL = int(dialect.MAV_CMD_USER_4), int(dialect.MAV_CMD_USER_5)
 """USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
 USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""

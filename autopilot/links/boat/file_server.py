@@ -1,4 +1,4 @@
-"""MAVLink FTP, read only: a handful of files that are made at the start, listed, read, burst and summed. Pure.
+"""MAVLink FTP, read only: a handful of files, listed, read, burst and summed. Pure.
 
 Source: https://mavlink.io/en/services/ftp.html, as QGroundControl (FTPManager.cc), MAVProxy and pymavlink's mavftp use
 it: a burst is numbered on from its request, its last packet says so, and a read behind the end is refused with EOF.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -54,15 +54,19 @@ class _Burst(NamedTuple):
     packets: int
 
 
+Content = bytes | Callable[[], bytes]
+"""A file as it stays, or what makes it as it is now."""
+
+
 def checksum(content: bytes) -> int:
     """Return the CRC-32 of MAVLink FTP: as zlib's, but begun with 0 and not inverted at the end."""
     return zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
 class FileServer:
-    """Serves `files`: absolute path ("/general.json") to content."""
+    """Serves `files`: absolute path ("/general.json") to content; what is made anew is made when it is opened."""
 
-    def __init__(self, files: Mapping[str, bytes]) -> None:
+    def __init__(self, files: Mapping[str, Content]) -> None:
         self._files = dict(files)
         self._open: OrderedDict[Session, bytes] = OrderedDict()
         self._bursts: OrderedDict[Session, _Burst] = OrderedDict()
@@ -122,9 +126,9 @@ class FileServer:
         path = "/" + request.data.split(b"\0", 1)[0].decode("utf-8", "replace").strip("/")
         if request.opcode == LIST:
             return self._list(request) if path == "/" else _nak(request, NOT_FOUND)
-        content = self._files.get(path)
-        if content is None:
+        if path not in self._files:
             return _nak(request, NOT_FOUND)
+        content = _now(self._files[path])
         if request.opcode == CHECKSUM:
             return _ack(request, checksum(content).to_bytes(4, "little"))
         self._bursts.pop(session, None)
@@ -136,7 +140,7 @@ class FileServer:
         return _ack(request, len(content).to_bytes(4, "little"))
 
     def _list(self, request: Request) -> bytes:
-        entries = [f"F{path[1:]}\t{len(content)}\0".encode() for path, content in sorted(self._files.items())]
+        entries = [f"F{path[1:]}\t{len(_now(self._files[path]))}\0".encode() for path in sorted(self._files)]
         listed = b""
         for entry in entries[request.offset :]:
             if len(listed) + len(entry) > DATA_MAX:
@@ -168,6 +172,10 @@ class FileServer:
                 offset=following, sequence=(burst.sequence + 1) & 0xFFFF, packets=burst.packets - 1
             )
         return HEADER.pack(burst.sequence, session[2], ACK, len(data), BURST, is_last, burst.offset) + data
+
+
+def _now(content: Content) -> bytes:
+    return content if isinstance(content, bytes) else content()
 
 
 def _ack(request: Request, data: bytes = b"") -> bytes:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.boat.commands import ACCEPTED, DENIED, IN_PROGRESS, UNSUPPORTED, Commands
-from autopilot.links.boat.file_server import FileServer
+from autopilot.links.boat.file_server import Content, FileServer
 from autopilot.links.boat.long_commands import CANCELLED, ProgressReports, acknowledgement
 from autopilot.links.boat.metadata import GENERAL, NO_FILES, metadata_messages
 from autopilot.links.boat.mission_items import FRAMES
@@ -33,13 +33,14 @@ class StationService:
         parameters: ParameterServer,
         telemetry: Telemetry,
         texts: StatusTexts,
-        files: Mapping[str, bytes] = NO_FILES,
+        files: Mapping[str, Content] = NO_FILES,
     ) -> None:
         self._commands, self._parameters, self._telemetry, self._texts = commands, parameters, telemetry, texts
         self._mission = commands.mission
         self._missions = MissionServer(commands.mission)
         self._progress = ProgressReports()
-        self._files, self._metadata = FileServer(files), files.get(GENERAL)
+        general = files.get(GENERAL)
+        self._files, self._metadata = FileServer(files), general if isinstance(general, bytes) else None
         self._passed = 0
         self._replies = {
             "COMMAND_LONG": self._command_long,

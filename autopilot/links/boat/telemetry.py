@@ -18,7 +18,7 @@ from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.modes import current_mode, mode_of
 from autopilot.links.extra_messages import CurrentMode
 from autopilot.links.mavlink_codec import Message
-from autopilot.signals import Mode, PositionSample, RollSample, Tick
+from autopilot.signals import Mode, OrderKind, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0
 FURTHEST = 65535
@@ -163,7 +163,7 @@ class Telemetry:
     def _navigation(self, tick: Tick) -> list[Message]:
         if tick.mode is not Mode.ENGAGED:
             return []
-        target = tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
+        target = self._target(tick)
         distance, cross_track = 0, 0.0
         leg = self._mission.guide.leg
         if leg is not None and self._mission.guide.following:
@@ -171,11 +171,22 @@ class Telemetry:
         bearings = (_signed_deg(tick.reference.heading), _signed_deg(target))
         return [dialect.MAVLink_nav_controller_output_message(0.0, 0.0, *bearings, distance, 0.0, 0.0, cross_track)]
 
+    def _target(self, tick: Tick) -> float:
+        """Return the heading [rad] ordered; the one held where none was named."""
+        return tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
+
+    def _compass(self, tick: Tick, heading: float) -> float:
+        """Return a heading [rad] from 0 to 2 pi, not a number while none is steered."""
+        steered = tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
+        return heading % (2.0 * math.pi) if steered else math.nan
+
     def _rudder(self, tick: Tick) -> list[Message]:
         values = {
             "rud_deg": tick.state.rudder,
             "rudcmd_deg": tick.command.angle if tick.command.engaged else math.nan,
             "bias_deg": tick.state.bias,
+            "ref_deg": self._compass(tick, tick.reference.heading),
+            "ord_deg": self._compass(tick, self._target(tick)),
         }
         return self._named(tick, {name: math.degrees(value) for name, value in values.items()})
 
@@ -186,6 +197,7 @@ class Telemetry:
             "ticks_hz": self._ticks / passed if passed > 0.0 else math.nan,
             "gap_ms": 1000.0 * self._longest_gap,
             "hdg_age_ms": 1000.0 * tick.state.heading_age,
+            "alarms": float(len(tick.alarms)),
         }
         self._told, self._ticks, self._longest_gap = tick.now, 0, 0.0
         return self._named(tick, values)

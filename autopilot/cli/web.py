@@ -1,0 +1,105 @@
+"""`autopilot web`: the live helm page of a running pilot, in its own process."""
+
+from __future__ import annotations
+
+import argparse
+import ipaddress
+from pathlib import Path
+from typing import Any
+
+from autopilot.errors import ExitCode, InputError
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the subcommand."""
+    from autopilot.cli.signing import add_signing_option
+
+    parser = subparsers.add_parser(
+        "web",
+        help="the helm as a page for phone, tablet and desktop",
+        description="Serve the live helm page of a pilot that runs with `autopilot run --serve`. It is one more "
+        "MAVLink client in a process of its own; who opens the address with the token may steer, others look.",
+    )
+    parser.add_argument(
+        "--link", required=True, metavar="URL", help="where the pilot serves: udpin:127.0.0.1:14550, tcp:HOST:PORT"
+    )
+    parser.add_argument(
+        "--listen", default="127.0.0.1:8080", metavar="ADDRESS:PORT", help="where browsers come (127.0.0.1:8080)"
+    )
+    parser.add_argument("--logs", type=Path, metavar="DIR", help="offer the logs of this folder for download")
+    parser.add_argument(
+        "--token-file", type=Path, metavar="FILE", help="keep the token here, so that it stays the same (mode 0600)"
+    )
+    add_signing_option(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until interrupted."""
+    from autopilot.web import require_extra
+
+    require_extra()
+    import uvicorn
+
+    from autopilot.cli.signing import signing_of
+    from autopilot.web.access import Access, token_of
+    from autopilot.web.hub import Hub
+    from autopilot.web.line import BoatLine
+    from autopilot.web.log_shelf import LogShelf
+    from autopilot.web.server import build_app
+    from autopilot.web.station import Station
+
+    host, port = listening_address(arguments.listen)
+    shelf = LogShelf(arguments.logs)
+    token = token_of(arguments.token_file)
+    station = Station()
+    sock = _bound(host, port)
+    try:
+        line = BoatLine(arguments.link, station, signing_of(arguments))
+    except Exception:
+        sock.close()
+        raise
+    app = build_app(Hub(station, line), Access(token), shelf)
+    _announce(host, sock.getsockname()[1], token)
+    config = uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=2, ws="none")
+    uvicorn.Server(config).run(sockets=[sock])
+    return int(ExitCode.OK)
+
+
+def listening_address(text: str) -> tuple[str, int]:
+    """Return address and port of `127.0.0.1:8080` or `[::1]:8080`. Raises InputError."""
+    place, _, digits = text.rpartition(":")
+    host = place[1:-1] if place.startswith("[") and place.endswith("]") else place
+    is_port = digits.isascii() and digits.isdecimal() and len(digits) <= 5 and int(digits) <= 65535
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        is_port = False
+    if not is_port:
+        raise InputError(f"--listen {text}: write an address and a port, like 127.0.0.1:8080 or 0.0.0.0:8080")
+    return host, int(digits)
+
+
+def _bound(host: str, port: int) -> Any:
+    import socket
+
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        sock.bind((host, port))
+    except OSError as error:
+        sock.close()
+        raise InputError(f"--listen {host}:{port}: {error.strerror}; choose another port or address") from error
+    return sock
+
+
+def _announce(host: str, port: int, token: str) -> None:
+    shown = f"[{host}]" if ":" in host else host
+    print(f"to steer:   http://{shown}:{port}/#token={token}")
+    print(f"to look:    http://{shown}:{port}/", flush=True)
+    address = ipaddress.ip_address(host)
+    if address.is_unspecified:
+        print("(from another machine write this machine's own address instead)")
+    if not address.is_loopback:
+        print("the page is not encrypted: use it on a network that is yours alone, or over ssh -L", flush=True)

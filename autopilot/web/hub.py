@@ -1,0 +1,171 @@
+"""Between the boat's line and the browsers: one task keeps the line, one tells every browser ten times a second.
+
+What is told is put into words once for all browsers; one that does not keep up is let go, and comes back by itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+from autopilot.web.line import BoatLine
+from autopilot.web.orders import Told
+from autopilot.web.station import Station
+
+UPDATES_HZ = 10.0
+TURN_S = 0.05
+BEHIND_MOST = 50
+"""Events that may wait for one browser: five seconds."""
+CLIENTS_MOST = 32
+ANSWER_S = 8.0
+REASON_S = 1.2
+"""Why something was refused comes as a text of its own, after the refusal, in pieces."""
+
+Asked = Callable[[float, Told], None]
+"""What carries an order out at a time [s], and is told how it ended."""
+
+
+class Hub:
+    """Start `run` in the event loop; `follow` gives one browser its events, `ask` carries an order out."""
+
+    def __init__(self, station: Station, line: BoatLine, clock: Callable[[], float] = time.monotonic) -> None:
+        self.station, self.line, self.clock = station, line, clock
+        self._queues: set[asyncio.Queue[bytes | None]] = set()
+        self._told: dict[str, bytes] = {}
+        self._texts = 0
+
+    async def run(self) -> None:
+        """Keep the line and tell the browsers, until cancelled."""
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        watched = -1
+        try:
+            while True:
+                descriptor = self.line.fileno()
+                if descriptor != watched:
+                    if watched >= 0:
+                        loop.remove_reader(watched)
+                    watched = descriptor
+                    if watched >= 0:
+                        loop.add_reader(watched, self._turn)
+                self._turn()
+                if loop.time() >= due:
+                    due = max(due + 1.0 / UPDATES_HZ, loop.time())
+                    self.tell()
+                await asyncio.sleep(min(TURN_S, max(0.0, due - loop.time())))
+        finally:
+            if watched >= 0:
+                loop.remove_reader(watched)
+            self.line.close()
+
+    def tell(self) -> None:
+        """Tell every browser what is known now, and what has changed of what changes seldom."""
+        now = self.clock()
+        row = self.station.view.keep_history(now)
+        if not self._queues:
+            return
+        events = self._changes()
+        if row is not None:
+            events += event("row", row)
+        events += event("state", self._state(now))
+        for queue in list(self._queues):
+            try:
+                queue.put_nowait(events)
+            except asyncio.QueueFull:
+                self._queues.discard(queue)
+
+    async def follow(self) -> AsyncIterator[bytes]:
+        """Yield the events for one browser: all that is known at first, then what changes."""
+        queue: asyncio.Queue[bytes | None] = asyncio.Queue(BEHIND_MOST)
+        if len(self._queues) >= CLIENTS_MOST:
+            return
+        now = self.clock()
+        first = b"retry: 1000\n\n" + event("state", self._state(now))
+        first += b"".join(event(name, content) for name, content in self._seldom().items())
+        first += b"".join(event("text", text) for text in self._texts_after(0))
+        self._queues.add(queue)
+        try:
+            yield first
+            while queue in self._queues or not queue.empty():
+                data = await queue.get()
+                if data is None:
+                    return
+                yield data
+        finally:
+            self._queues.discard(queue)
+
+    async def ask(self, asked: Asked) -> tuple[bool, str]:
+        """Give an order; return whether it was taken, and in words why not."""
+        done: asyncio.Future[tuple[bool, str]] = asyncio.get_running_loop().create_future()
+        said = self.station.view.texts.said
+
+        def told(taken: bool, words: str) -> None:
+            if not done.done():
+                done.set_result((taken, words))
+
+        asked(self.clock(), told)
+        self._turn()
+        try:
+            taken, words = await asyncio.wait_for(done, ANSWER_S)
+        except TimeoutError:
+            return False, "the boat does not answer"
+        return (True, words) if taken else (False, await self._reason(said, words))
+
+    def close(self) -> None:
+        """Let every browser go."""
+        for queue in list(self._queues):
+            self._queues.discard(queue)
+            while not queue.empty():
+                queue.get_nowait()
+            queue.put_nowait(None)
+
+    async def _reason(self, said: int, words: str) -> str:
+        """Return the boat's own words for a refusal where they come soon, `words` where not."""
+        texts = self.station.view.texts
+        until = self.clock() + REASON_S
+        while self.clock() < until and words.startswith("refused"):
+            new = [text.words for text in texts.kept if text.number > said]
+            if new:
+                return new[-1]
+            await asyncio.sleep(TURN_S)
+        return words
+
+    def _turn(self) -> None:
+        self.line.turn(self.clock())
+
+    def _state(self, now: float) -> dict[str, Any]:
+        return {**self.station.view.snapshot(now), "line": self.line.trouble}
+
+    def _seldom(self) -> dict[str, Any]:
+        """What changes seldom, by the name of its event."""
+        station = self.station
+        trial = station.view.trial
+        return {
+            "alarms": station.alarms.shown,
+            "learning": station.view.learning(),
+            "dodge": station.course.before,
+            "trial": None if trial is None else trial._asdict(),
+        }
+
+    def _changes(self) -> bytes:
+        events = b""
+        for name, content in self._seldom().items():
+            data = event(name, content)
+            if self._told.get(name) != data:
+                self._told[name] = data
+                events += data
+        new = self._texts_after(self._texts)
+        self._texts = self.station.view.texts.said
+        return events + b"".join(event("text", text) for text in new)
+
+    def _texts_after(self, number: int) -> list[dict[str, Any]]:
+        return [text._asdict() for text in self.station.view.texts.kept if text.number > number]
+
+
+def event(name: str, content: Any) -> bytes:
+    """Return one server-sent event with JSON in it."""
+    data = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    return f"event: {name}\ndata: {data}\n\n".encode()

@@ -1,0 +1,47 @@
+"""The logs that can be downloaded: the files of one folder, by their plain names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from autopilot.errors import InputError
+
+SUFFIXES = (".tlog", ".html", ".csv", ".yaml")
+SHOWN_MOST = 200
+
+
+class LogShelf:
+    """`listing` and `path_of` see nothing outside of the folder. None: no folder was given, nothing is listed."""
+
+    def __init__(self, folder: Path | None) -> None:
+        if folder is not None and not folder.is_dir():
+            raise InputError(f"--logs {folder}: no folder there; give the folder that `autopilot run --log` writes to")
+        self._folder = folder
+
+    @property
+    def is_there(self) -> bool:
+        """Whether a folder was given."""
+        return self._folder is not None
+
+    def listing(self) -> list[dict[str, Any]]:
+        """Return name, size [bytes] and time of change [s since 1970] of each log, the newest first."""
+        if self._folder is None:
+            return []
+        rows: list[dict[str, Any]] = []
+        for path in self._folder.iterdir():
+            if self._is_log(path):
+                about = path.stat()
+                rows.append({"name": path.name, "bytes": about.st_size, "changed": round(about.st_mtime)})
+        rows.sort(key=lambda row: row["changed"], reverse=True)
+        return rows[:SHOWN_MOST]
+
+    def path_of(self, name: str) -> Path | None:
+        """Return the path of a log by its name, None where there is no such log."""
+        if self._folder is None or "/" in name or "\0" in name or name.startswith("."):
+            return None
+        path = self._folder / name
+        return path if self._is_log(path) else None
+
+    def _is_log(self, path: Path) -> bool:
+        return path.suffix in SUFFIXES and not path.name.startswith(".") and not path.is_symlink() and path.is_file()

@@ -1,0 +1,157 @@
+"""Orders of a helm display to the boat: command by command, each asked until it is acknowledged or given up. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.boat.commands import LEARNING, LEVEL, PATTERN, TURNING, ZIGZAG
+from autopilot.links.boat.modes import HEADING, MANUAL, TRACK
+from autopilot.links.extra_messages import CommandCancel
+from autopilot.links.mavlink_codec import Message
+from autopilot.params.protocol import Target
+
+AGAIN_S = 0.5
+TRIES = 4
+WAITING_MOST = 8
+"""Orders that wait behind one that is not answered; beyond them the link is as good as gone."""
+CANCELLED = 6
+RESULTS = {
+    dialect.MAV_RESULT_TEMPORARILY_REJECTED: "refused for now",
+    dialect.MAV_RESULT_DENIED: "refused",
+    dialect.MAV_RESULT_UNSUPPORTED: "not known to this pilot",
+    dialect.MAV_RESULT_FAILED: "failed",
+    CANCELLED: "cancelled",
+}
+DONE = (int(dialect.MAV_RESULT_ACCEPTED), int(dialect.MAV_RESULT_IN_PROGRESS))
+NO_ANSWER = "the boat does not answer"
+
+Told = Callable[[bool, str], None]
+"""How an order ended: whether it was taken, and in words."""
+
+
+class Command(NamedTuple):
+    """One COMMAND_LONG: its number and its first parameters."""
+
+    number: int
+    parameters: tuple[float, ...] = ()
+
+    def message(self, target: Target, confirmation: int) -> Message:
+        """Return the message to the target."""
+        values = (*self.parameters, *[0.0] * (7 - len(self.parameters)))
+        return dialect.MAVLink_command_long_message(target.system, target.component, self.number, confirmation, *values)
+
+
+def _mode(mode: int) -> Command:
+    return Command(int(dialect.MAV_CMD_DO_SET_MODE), (float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode)))
+
+
+ARM = Command(int(dialect.MAV_CMD_COMPONENT_ARM_DISARM), (1.0,))
+STANDBY = _mode(MANUAL)
+RELEASE = (STANDBY, Command(int(dialect.MAV_CMD_COMPONENT_ARM_DISARM), (0.0,)))
+"""Rudder given back, and nobody engages again before arming. Standby comes first: it is what counts."""
+ENGAGE = (ARM, _mode(HEADING))
+FOLLOW = (ARM, _mode(TRACK))
+
+
+def turn_to(heading_deg: float) -> Command:
+    """Return the command that orders a heading [deg]."""
+    return Command(int(dialect.MAV_CMD_CONDITION_YAW), (heading_deg % 360.0, 0.0, 0.0, 0.0))
+
+
+def zigzag(rudder_deg: float, change_deg: float, duration_s: float) -> tuple[Command, ...]:
+    """Return the commands that begin a zigzag."""
+    return ARM, Command(ZIGZAG, (rudder_deg, change_deg, duration_s))
+
+
+def turning(rudder_deg: float, duration_s: float) -> tuple[Command, ...]:
+    """Return the commands that begin a turn at a held rudder."""
+    return ARM, Command(TURNING, (rudder_deg, duration_s))
+
+
+def pattern(number: int, side: float, sizes: Sequence[float]) -> tuple[Command, ...]:
+    """Return the commands that begin a turn pattern."""
+    return ARM, Command(PATTERN, (float(number), side, *sizes))
+
+
+def level(number: int) -> Command:
+    """Return the command that puts a response level from 1 (calm) to 9 (quick) in force."""
+    return Command(LEVEL, (float(number),))
+
+
+ADOPT, REVERT = Command(LEARNING, (1.0,)), Command(LEARNING, (2.0,))
+"""Steer with the model learnt, or go back to the one before."""
+
+
+class _Waiting(NamedTuple):
+    commands: tuple[Command, ...]
+    told: Told
+
+
+class Orders:
+    """Carries orders out one after the other; `release` goes before all that waits."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[_Waiting] = deque()
+        self._step = 0
+        self._tries = 0
+        self._next = -math.inf
+        self._cancels: list[int] = []
+
+    def give(self, commands: Sequence[Command], told: Told) -> None:
+        """Give an order; `told` hears once how it ended."""
+        if len(self._waiting) >= WAITING_MOST:
+            told(False, NO_ANSWER)
+            return
+        self._waiting.append(_Waiting(tuple(commands), told))
+
+    def release(self, told: Told) -> None:
+        """Give the rudder back at once: what waits is dropped."""
+        dropped, self._waiting = self._waiting, deque([_Waiting(RELEASE, told)])
+        self._step = self._tries = 0
+        self._next = -math.inf
+        for each in dropped:
+            each.told(False, "dropped for the release")
+
+    def cancel(self, command: int) -> None:
+        """End a trial before its time."""
+        self._cancels.append(command)
+
+    def receive(self, now: float, message: Message) -> None:
+        """Take a COMMAND_ACK of the boat."""
+        if not self._waiting or self._tries == 0:
+            return
+        order = self._waiting[0]
+        if message.command != order.commands[self._step].number:
+            return
+        if message.result not in DONE:
+            self._end(False, RESULTS.get(message.result, f"result {message.result}"))
+        elif self._step + 1 == len(order.commands):
+            self._end(True, "")
+        else:
+            self._step, self._tries, self._next = self._step + 1, 0, -math.inf
+
+    def due(self, now: float, target: Target) -> list[Message]:
+        """Return what to send at `now` [s]."""
+        messages: list[Message] = [CommandCancel(*target[:2], command) for command in self._cancels]
+        self._cancels.clear()
+        if not self._waiting or now < self._next:
+            return messages
+        if self._tries >= TRIES:
+            self._end(False, NO_ANSWER)
+            return messages
+        command = self._waiting[0].commands[self._step]
+        messages.append(command.message(target, self._tries))
+        self._tries += 1
+        self._next = now + AGAIN_S
+        return messages
+
+    def _end(self, taken: bool, words: str) -> None:
+        order = self._waiting.popleft()
+        self._step = self._tries = 0
+        self._next = -math.inf
+        order.told(taken, words)

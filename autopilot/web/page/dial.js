@@ -1,0 +1,110 @@
+// The compass and the rudder.
+import { boat } from "./boat.js";
+
+const byId = (id) => document.getElementById(id);
+const SVG = "http://www.w3.org/2000/svg";
+const CARDINALS = { 0: "N", 90: "E", 180: "S", 270: "W" };
+const RUDDER_SHOWN = 40, RUDDER_PX = 180;
+const shown = {};
+
+function make(parent, name, attributes, words) {
+  const element = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (words !== undefined) element.textContent = words;
+  parent.append(element);
+  return element;
+}
+
+function drawRose() {
+  const rose = byId("rose");
+  make(rose, "circle", { r: 192 });
+  for (let angle = 0; angle < 360; angle += 5) {
+    const long = angle % 30 === 0, half = angle % 10 === 0;
+    make(rose, "line", {
+      y1: -192, y2: long ? -174 : half ? -180 : -186, transform: `rotate(${angle})`, class: half ? "" : "fine",
+    });
+    if (!long) continue;
+    const cardinal = CARDINALS[angle];
+    make(rose, "text", { y: cardinal ? -144 : -150, transform: `rotate(${angle})`, class: cardinal ? "cardinal" : "" },
+      cardinal ?? String(angle).padStart(3, "0"));
+  }
+  const ticks = byId("rudder-ticks");
+  for (let angle = -40; angle <= 40; angle += 10) {
+    const x = angle / RUDDER_SHOWN * RUDDER_PX;
+    make(ticks, "line", { x1: x, x2: x, y1: 16, y2: angle % 20 ? 22 : 26 });
+    if (angle % 20 === 0) make(ticks, "text", { x, y: 42 }, String(Math.abs(angle)));
+  }
+}
+
+/* Turns an element the short way round: 359 to 1 is two degrees, not 358. */
+function turn(id, degrees) {
+  const element = byId(id);
+  const known = typeof degrees === "number";
+  element.style.visibility = known ? "" : "hidden";
+  if (!known) { delete shown[id]; return; }
+  const before = shown[id] ?? degrees;
+  const angle = before + ((degrees - before) % 360 + 540) % 360 - 180;
+  shown[id] = angle;
+  element.style.transform = `rotate(${angle.toFixed(2)}deg)`;
+}
+
+const compass = (degrees) => String(Math.round(degrees) % 360).padStart(3, "0") + "°";
+const side = (value, digits) => `${Math.abs(value).toFixed(digits)}°${Math.abs(value) < 0.05 ? "" : value < 0 ? " port" : " stbd"}`;
+const sideOf = (value) => typeof value !== "number" || Math.abs(value) < 0.05 ? "" : value < 0 ? ", port" : ", stbd";
+const put = (id, words) => { const element = byId(id); if (element.textContent !== words) element.textContent = words; };
+const tile = (id, value, unit) => {
+  const element = byId(id);
+  const words = value === null || value === undefined ? "--" : value;
+  if (element.dataset.words === words) return;
+  element.dataset.words = words;
+  element.replaceChildren(words);
+  if (words !== "--") {
+    const small = document.createElement("small");
+    small.textContent = ` ${unit}`;
+    element.append(small);
+  }
+};
+
+export function drawDial() {
+  const state = boat.state;
+  if (!state) return;
+  const { heading, order, reference } = state;
+  const known = typeof heading === "number";
+  const steered = typeof order === "number" && state.mode !== "standby";
+  if (known) turn("rose", -heading);
+  turn("order-mark", known && steered ? order - heading : null);
+  turn("reference-mark", known && steered && typeof reference === "number" ? reference - heading : null);
+  put("heading", known ? compass(heading).slice(0, 3) : "---");
+  byId("heading-sign").style.visibility = known ? "" : "hidden";
+  put("order", steered ? `order ${compass(order)}` : "no course ordered");
+  byId("order").classList.toggle("none", !steered);
+  const age = boat.age("attitude");
+  put("heading-age", age !== null && boat.isStale("attitude") ? `${Math.round(age)} s old` : "");
+  byId("dial").setAttribute("aria-label", known ? `Heading ${Math.round(heading)} degrees${steered ? `, order ${Math.round(order)}` : ""}` : "No heading");
+  drawRudder(state);
+  tile("t-rudder", typeof state.rudder === "number" ? Math.abs(state.rudder).toFixed(1) : null, "°");
+  put("t-rudder-side", `Rudder${sideOf(state.rudder)}`);
+  tile("t-rate", typeof state.rate === "number" ? (Math.abs(state.rate) < 0.05 ? "" : state.rate > 0 ? "+" : "−") + Math.abs(state.rate).toFixed(1) : null, "°/s");
+  tile("t-speed", typeof state.speed === "number" ? state.speed.toFixed(1) : null, "kn");
+  const onTrack = state.mode === "route" && typeof state.xte === "number";
+  tile("t-xte", onTrack ? Math.abs(state.xte).toFixed(1) : null, "m");
+  put("t-xte-side", `Off${onTrack ? sideOf(state.xte) || " track" : " track"}`);
+}
+
+function drawRudder(state) {
+  const clip = (value) => Math.max(-RUDDER_SHOWN, Math.min(RUDDER_SHOWN, value)) / RUDDER_SHOWN * RUDDER_PX;
+  const known = typeof state.rudder === "number";
+  const x = known ? clip(state.rudder) : 0;
+  const fill = byId("rudder-fill");
+  fill.setAttribute("x", Math.min(0, x));
+  fill.setAttribute("width", Math.abs(x));
+  fill.setAttribute("class", x < 0 ? "port" : "starboard");
+  byId("rudder-now").setAttribute("transform", `translate(${x.toFixed(1)})`);
+  byId("rudder-now").style.visibility = known ? "" : "hidden";
+  const ordered = typeof state.rudder_order === "number";
+  byId("rudder-order").style.visibility = ordered ? "" : "hidden";
+  if (ordered) byId("rudder-order").setAttribute("transform", `translate(${clip(state.rudder_order).toFixed(1)})`);
+  byId("rudder").setAttribute("aria-label", known ? `Rudder ${side(state.rudder, 0)}` : "Rudder not known");
+}
+
+drawRose();

@@ -1,0 +1,53 @@
+// Logs to download, and what the boat has said.
+import { boat, get } from "./boat.js";
+
+const byId = (id) => document.getElementById(id);
+const SEVERITIES = ["emergency", "alert", "critical", "error", "warning", "notice", "info", "debug"];
+let told = 0, say = null;
+
+export function setUpLogs(tell) {
+  say = tell;
+  byId("logs-again").addEventListener("click", showLogs);
+}
+
+const size = (bytes) => bytes < 1e6 ? `${Math.ceil(bytes / 1000)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
+
+export async function showLogs() {
+  let list;
+  try { list = await get("/api/logs"); } catch { return; }
+  const word = byId("logs-word");
+  word.textContent = list.words ?? (!list.folder ? "No folder of logs is offered: start autopilot web with --logs." : list.logs.length ? "" : "No logs yet.");
+  byId("log-rows").replaceChildren(...(list.logs ?? []).map((log) => {
+    const row = document.createElement("li"), about = document.createElement("span");
+    const when = new Date(log.changed * 1000).toLocaleString();
+    about.append(log.name, Object.assign(document.createElement("small"), { textContent: `${size(log.bytes)}, ${when}` }));
+    const button = Object.assign(document.createElement("button"), { type: "button", textContent: "Download" });
+    button.setAttribute("aria-label", `Download ${log.name}`);
+    button.addEventListener("click", () => download(log.name));
+    row.append(about, button);
+    return row;
+  }));
+}
+
+async function download(name) {
+  const answer = await get(`/api/logs/${encodeURIComponent(name)}/ticket`, { method: "POST" });
+  if (!answer.href) { say(answer.words); return; }
+  const link = Object.assign(document.createElement("a"), { href: answer.href, download: name });
+  document.body.append(link);
+  link.click();
+  link.remove();
+}
+
+export function drawTexts() {
+  const newest = boat.texts.at(-1);
+  if (!newest || newest.number === told) return;
+  told = newest.number;
+  byId("texts").replaceChildren(...boat.texts.slice().reverse().map((text) => {
+    const row = document.createElement("li");
+    row.append(
+      Object.assign(document.createElement("time"), { textContent: text.at.toLocaleTimeString() }),
+      `${SEVERITIES[text.severity] ?? ""}: ${text.words}`,
+    );
+    return row;
+  }));
+}

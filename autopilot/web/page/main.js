@@ -1,0 +1,222 @@
+// The page's entry: which panel is shown, who may steer, keys, and the parts that draw what comes from the boat.
+import { boat, connect, ask, may, learnToken } from "./boat.js";
+import { drawDial } from "./dial.js";
+import { Plots } from "./plots.js";
+import { drawDesks, setUpDesks } from "./desks.js";
+import { setUpParameters, showParameters } from "./parameters.js";
+import { setUpLogs, showLogs, drawTexts } from "./logs.js";
+
+const byId = (id) => document.getElementById(id);
+const PAGES = ["helm", "plots", "learning", "trials", "parameters", "logs"];
+const MODES = { standby: "Standby", heading: "Heading", route: "Route", trial: "Trial" };
+const CRITICAL = 5;
+const THEMES = ["day", "dusk", "night"];
+const plots = new Plots();
+
+export function say(words, seconds = 5) {
+  byId("said").textContent = words;
+  clearTimeout(say.timer);
+  say.timer = setTimeout(() => { byId("said").textContent = ""; }, seconds * 1000);
+}
+
+async function order(wish, button) {
+  if (!may()) {
+    say("Only looking. Open the address that autopilot web has printed to steer.");
+    return false;
+  }
+  navigator.vibrate?.(15);
+  button?.classList.add("waits");
+  const { taken, words } = await ask(wish);
+  button?.classList.remove("waits");
+  if (!taken) say(words || "not taken");
+  return taken;
+}
+
+function page() {
+  const wanted = location.hash.slice(1);
+  return PAGES.includes(wanted) ? wanted : "helm";
+}
+
+function turnPage() {
+  const shown = page();
+  document.body.dataset.page = shown;
+  for (const link of document.querySelectorAll("nav a")) {
+    if (link.hash.slice(1) === shown) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  scrollTo(0, 0);
+  if (shown === "parameters") showParameters();
+  if (shown === "logs") showLogs();
+  plots.show();
+}
+
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  byId("theme").textContent = theme[0].toUpperCase() + theme.slice(1);
+  try { localStorage.setItem("theme", theme); } catch { /* it lasts as long as the page */ }
+  const back = getComputedStyle(document.documentElement).getPropertyValue("--back");
+  document.querySelector('meta[name="theme-color"]').content = back.trim();
+  plots.restyle();
+}
+
+function nextTheme() {
+  const now = THEMES.indexOf(document.documentElement.dataset.theme);
+  setTheme(THEMES[(now + 1) % THEMES.length]);
+}
+
+function keyPressed(event) {
+  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.key === "Escape") { order({ do: "release" }, byId("release")); return; }
+  if (event.target.closest("input, select, textarea, summary")) return;
+  const step = event.shiftKey ? 10 : 1;
+  const actions = {
+    ArrowLeft: () => order({ do: "turn", degrees: -step }),
+    ArrowRight: () => order({ do: "turn", degrees: step }),
+    e: () => order({ do: "engage" }, byId("engage")),
+    s: () => order({ do: "standby" }, byId("standby")),
+    b: () => order({ do: "back" }, byId("back")),
+    a: () => order({ do: "acknowledge" }),
+    n: nextTheme,
+  };
+  const action = actions[event.key];
+  if (action && !(event.repeat && event.key.length === 1)) {
+    event.preventDefault();
+    action();
+  }
+}
+
+/* A button that asks once more before it acts: the second touch within three seconds counts. */
+export function surely(button, act) {
+  const words = button.textContent;
+  let timer = 0;
+  const calm = () => { clearTimeout(timer); timer = 0; button.classList.remove("sure"); button.textContent = words; };
+  return () => {
+    if (timer) { calm(); act(); return; }
+    button.classList.add("sure");
+    button.textContent = button.dataset.sure;
+    timer = setTimeout(calm, 3000);
+  };
+}
+
+function drawMode() {
+  const state = boat.state;
+  const element = byId("mode");
+  let word = "No boat", kind = "off", more = "";
+  if (state && state.ages.beat !== undefined) {
+    word = state.ours ? MODES[state.mode] ?? state.mode : "Not ours";
+    kind = state.mode === "standby" ? "off" : "on";
+    if (state.status === CRITICAL) { word = "Fail-safe"; kind = "bad"; }
+    if (!state.ours) more = "another kind of autopilot: only looking";
+    else if (kind === "off") more = state.armed ? "ready, you steer" : "you steer";
+    else if (state.mode === "route" && state.distance !== undefined) more = `waypoint ${state.waypoint ?? "?"} in ${Math.round(state.distance)} m`;
+  }
+  byId("mode-word").textContent = word;
+  byId("mode-more").textContent = more;
+  element.dataset.state = kind;
+  for (const [id, mode] of [["engage", "heading"], ["route", "route"], ["standby", "standby"]]) {
+    byId(id).setAttribute("aria-pressed", String(kind !== "off" ? state.mode === mode : mode === "standby" && Boolean(state?.ours)));
+  }
+  const back = byId("back");
+  back.disabled = boat.dodge === null || boat.dodge === undefined;
+  back.textContent = back.disabled ? "Back" : `Back to ${String(Math.round(boat.dodge) % 360).padStart(3, "0")}°`;
+}
+
+function drawLink() {
+  const silent = boat.silence();
+  const age = boat.age("beat");
+  const stale = byId("stale");
+  let word = "live", trouble = "";
+  if (silent > 2.5) {
+    word = "no connection";
+    trouble = `This page has lost its server for ${Math.round(silent)} s. What you see is old. It comes back by itself.`;
+  } else if (boat.state?.line) {
+    word = "link down";
+    trouble = boat.state.line;
+  } else if (age === null) {
+    word = "no boat yet";
+    trouble = "No pilot is heard yet. Is autopilot run --serve started, towards this machine?";
+  } else if (age > 3) {
+    word = "no data";
+    trouble = `No data from the boat for ${Math.round(age)} s. What you see is old: steer by hand if in doubt.`;
+  }
+  document.body.dataset.link = word;
+  byId("link-word").textContent = word;
+  byId("who-word").textContent = may() ? "you may steer" : "only looking";
+  stale.hidden = !trouble;
+  if (stale.textContent !== trouble) stale.textContent = trouble;
+}
+
+function drawAlarms() {
+  const element = byId("alarms");
+  const alarms = boat.alarms ?? [];
+  const key = JSON.stringify(alarms);
+  if (element.dataset.key === key) return;
+  element.dataset.key = key;
+  element.hidden = alarms.length === 0;
+  element.classList.toggle("seen", alarms.every((alarm) => alarm.acknowledged));
+  const list = document.createElement("ul");
+  for (const { words } of alarms) {
+    // what is wrong stands before the colon, what to do behind it
+    const colon = words.indexOf(": ");
+    const item = document.createElement("li");
+    item.textContent = colon > 0 ? words.slice(0, colon) : words;
+    if (colon > 0) {
+      const what = document.createElement("small");
+      what.textContent = words.slice(colon + 2);
+      item.append(what);
+    }
+    list.append(item);
+  }
+  element.replaceChildren(list);
+  if (alarms.some((alarm) => !alarm.acknowledged)) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = "Acknowledge";
+    button.addEventListener("click", () => order({ do: "acknowledge" }, button));
+    element.append(button);
+  }
+}
+
+function markStale() {
+  for (const element of document.querySelectorAll("[data-group]")) {
+    element.classList.toggle("stale", boat.isStale(element.dataset.group));
+  }
+}
+
+function draw() {
+  markStale();
+  drawMode();
+  drawLink();
+  drawAlarms();
+  drawDial();
+  drawDesks();
+  drawTexts();
+}
+
+function setUp() {
+  learnToken();
+  for (const button of document.querySelectorAll("button[data-do]")) {
+    button.addEventListener("click", () => order({ do: button.dataset.do }, button));
+  }
+  for (const button of document.querySelectorAll("button[data-turn]")) {
+    button.addEventListener("click", () => order({ do: "turn", degrees: Number(button.dataset.turn) }, button));
+  }
+  for (const button of document.querySelectorAll("button[data-dodge]")) {
+    button.addEventListener("click", () => order({ do: "dodge", degrees: Number(button.dataset.dodge) }, button));
+  }
+  setUpDesks(order, surely, plots);
+  setUpParameters(order, say);
+  setUpLogs(say);
+  byId("theme").addEventListener("click", nextTheme);
+  document.addEventListener("keydown", keyPressed);
+  addEventListener("hashchange", () => { if (learnToken()) connect(); turnPage(); });
+  turnPage();
+  setTheme(document.documentElement.dataset.theme);
+  boat.onState = draw;
+  boat.onRow = (row) => plots.add(row);
+  boat.onHistory = (history) => plots.fill(history);
+  setInterval(draw, 500);
+  connect();
+}
+
+setUp();

@@ -1,0 +1,183 @@
+"""The page's server: the page itself, events to look at, orders from who may, parameters and logs."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from importlib.resources import files
+from typing import Any
+from urllib.parse import quote
+
+from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from autopilot.errors import InputError
+from autopilot.web.access import Access
+from autopilot.web.hub import Hub
+from autopilot.web.log_shelf import LogShelf
+from autopilot.web.requests import asked_of
+from autopilot.web.view import COLUMNS
+
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css",
+    ".svg": "image/svg+xml",
+}
+ORDER_MOST_BYTES = 4096
+HEADERS = {
+    "content-security-policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "frame-ancestors 'none'; base-uri 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "x-frame-options": "DENY",
+}
+"""Nothing from elsewhere, nobody puts the helm into a frame of theirs. Styles inline: the plots set their sizes so."""
+
+Answer = Callable[[Request], Awaitable[Response]]
+
+
+class SafeHeaders:
+    """Adds HEADERS to every answer."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on, headers added."""
+
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self._app(scope, receive, sent)
+
+
+class Page:
+    """The answers to a browser's requests."""
+
+    def __init__(self, hub: Hub, access: Access, shelf: LogShelf) -> None:
+        self._hub, self._access, self._shelf = hub, access, shelf
+        folder = files("autopilot.web").joinpath("page")
+        self._assets = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
+
+    def routes(self) -> list[Route]:
+        """Return the routes."""
+        return [
+            Route("/", self.asset),
+            Route("/{name:str}", self.asset),
+            Route("/api/events", self.events),
+            Route("/api/history", self.history),
+            Route("/api/order", self.order, methods=["POST"]),
+            Route("/api/may", self.may),
+            Route("/api/parameters", self.parameters),
+            Route("/api/logs", self.logs),
+            Route("/api/logs/{name:str}/ticket", self.ticket, methods=["POST"]),
+            Route("/api/logs/{name:str}", self.log),
+        ]
+
+    async def asset(self, request: Request) -> Response:
+        """The page and what it needs."""
+        name = request.path_params.get("name", "index.html")
+        content = self._assets.get(name)
+        if content is None:
+            return _refusal(404, "there is no such page")
+        kind = KINDS.get(name[name.rfind(".") :], "text/plain; charset=utf-8")
+        return Response(content, media_type=kind, headers={"cache-control": "no-cache"})
+
+    async def events(self, _: Request) -> Response:
+        """What is known of the boat, ten times a second, as server-sent events."""
+        return StreamingResponse(
+            self._hub.follow(), media_type="text/event-stream", headers={"cache-control": "no-store"}
+        )
+
+    async def history(self, _: Request) -> Response:
+        """The last minutes for the plots, column by column."""
+        return JSONResponse({"columns": COLUMNS, "rows": list(self._hub.station.view.history)})
+
+    async def may(self, request: Request) -> Response:
+        """Whether the token that comes with the request lets its bearer give orders."""
+        return JSONResponse({"may": self._may(request)})
+
+    async def order(self, request: Request) -> Response:
+        """An order for the boat, from who may."""
+        if not self._may(request):
+            return _refusal(403, "only looking: open the page with the address that `autopilot web` has printed")
+        body = await request.body()
+        if len(body) > ORDER_MOST_BYTES:
+            return _refusal(413, "an order is short")
+        try:
+            asked = asked_of(self._hub.station, json.loads(body))
+        except InputError as error:
+            return _refusal(422, str(error))
+        except ValueError:
+            return _refusal(422, "an order is JSON")
+        if self._hub.station.target is None:
+            return _refusal(503, "no boat that runs this pilot is heard")
+        taken, words = await self._hub.ask(asked)
+        return JSONResponse({"taken": taken, "words": words})
+
+    async def parameters(self, _: Request) -> Response:
+        """The boat's parameters as far as they have come; asked for, they are fetched."""
+        self._hub.station.parameters.read()
+        return JSONResponse(self._hub.station.parameters.table())
+
+    async def logs(self, request: Request) -> Response:
+        """The list of logs, for who may give orders: a log says where the boat has been."""
+        if not self._may(request):
+            return _refusal(403, "logs are for who may give orders")
+        return JSONResponse({"folder": self._shelf.is_there, "logs": self._shelf.listing()})
+
+    async def ticket(self, request: Request) -> Response:
+        """The address of one log, good for two minutes, that a browser can download by itself."""
+        if not self._may(request):
+            return _refusal(403, "logs are for who may give orders")
+        name = request.path_params["name"]
+        if self._shelf.path_of(name) is None:
+            return _refusal(404, "there is no such log")
+        ticket = self._access.ticket(name, self._hub.clock())
+        return JSONResponse({"href": f"/api/logs/{quote(name)}?ticket={ticket}"})
+
+    async def log(self, request: Request) -> Response:
+        """One log, to who has a ticket for it."""
+        name = request.path_params["name"]
+        if not self._access.admits(request.query_params.get("ticket", ""), name, self._hub.clock()):
+            return _refusal(403, "the address of this download is no longer good: list the logs again")
+        path = self._shelf.path_of(name)
+        if path is None:
+            return _refusal(404, "there is no such log")
+        return FileResponse(path, filename=name, media_type="application/octet-stream")
+
+    def _may(self, request: Request) -> bool:
+        return self._access.allows(request.headers.get("authorization", ""))
+
+
+def build_app(hub: Hub, access: Access, shelf: LogShelf) -> ASGIApp:
+    """Return the application; the hub runs as long as it does."""
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        task = asyncio.create_task(hub.run())
+        try:
+            yield
+        finally:
+            hub.close()
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    return SafeHeaders(Starlette(routes=Page(hub, access, shelf).routes(), lifespan=lifespan))
+
+
+def _refusal(status: int, words: str) -> Response:
+    content: dict[str, Any] = {"taken": False, "words": words}
+    return JSONResponse(content, status_code=status)

@@ -1,0 +1,197 @@
+"""What a helm display knows of the boat, and how old each piece of it is: built from the messages of its link. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.boat.modes import HEADING, MANUAL, TRACK, TRIAL
+from autopilot.links.mavlink_codec import Message
+from autopilot.params.session import NORRBIN, Vehicle, vehicle_of
+from autopilot.web.texts import TextPieces
+
+MODE_NAMES = {MANUAL: "standby", HEADING: "heading", TRACK: "route", TRIAL: "trial"}
+HISTORY_PERIOD_S = 0.5
+HISTORY_ROWS = 600
+COLUMNS = ("t", "heading", "reference", "order", "rudder", "rudder_order", "xte", "gap", "hz")
+"""A row of the history, in degrees, metres and milliseconds."""
+TRIAL_COMMANDS = frozenset({int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)})
+GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed")
+"""Each ages by itself: what is old is shown as old, though other messages still come."""
+NAMED = {
+    "rud_deg": ("rudder", "rudder"),
+    "rudcmd_deg": ("rudder_order", "rudder"),
+    "bias_deg": ("bias", "rudder"),
+    "ref_deg": ("reference", "rudder"),
+    "ord_deg": ("order", "rudder"),
+    "ticks_hz": ("hz", "loop"),
+    "gap_ms": ("gap", "loop"),
+    "hdg_age_ms": ("heading_age", "loop"),
+    "alarms": ("alarm_count", "loop"),
+    "level": ("level", "loop"),
+}
+"""NAMED_VALUE_FLOAT to our value and the group it ages with; `lrn_` values are kept under their own names."""
+LEARNT = "lrn_"
+
+
+class Trial(NamedTuple):
+    """A trial that was begun: its command, share done in percent, MAV_RESULT (5 while it lasts), when it was told."""
+
+    command: int
+    percent: int
+    result: int
+    told: float
+
+
+class BoatView:
+    """Takes every message of the link; `snapshot` and `row` say what is known.
+
+    Attributes:
+        vehicle: the boat that was heard first, None before; only it is listened to.
+        texts: what it said lately.  trial: the trial of this session, None before one.
+    """
+
+    def __init__(self) -> None:
+        self.vehicle: Vehicle | None = None
+        self.texts = TextPieces()
+        self.trial: Trial | None = None
+        self.history: deque[tuple[float | None, ...]] = deque(maxlen=HISTORY_ROWS)
+        self._values: dict[str, float] = {}
+        self._heard: dict[str, float] = {}
+        self._status = 0
+        self._mode = MANUAL
+        self._next_row = -math.inf
+        self._takers = {
+            "HEARTBEAT": self._heartbeat,
+            "ATTITUDE": self._attitude,
+            "VFR_HUD": self._hud,
+            "NAV_CONTROLLER_OUTPUT": self._navigation,
+            "NAMED_VALUE_FLOAT": self._named,
+            "MISSION_CURRENT": self._mission,
+            "STATUSTEXT": self._text,
+            "COMMAND_ACK": self._acknowledged,
+        }
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether the boat is a running Norrbin, whose modes and commands we know."""
+        return self.vehicle is not None and self.vehicle.firmware == NORRBIN
+
+    @property
+    def mode(self) -> int:
+        """The boat's mode as last heard."""
+        return self._mode
+
+    def value(self, name: str) -> float | None:
+        """Return a value by name, None where it is not known."""
+        found = self._values.get(name, math.nan)
+        return found if math.isfinite(found) else None
+
+    def age(self, group: str, now: float) -> float | None:
+        """Return the seconds since anything of the group came, None where nothing has."""
+        heard = self._heard.get(group)
+        return None if heard is None else max(0.0, now - heard)
+
+    def take(self, now: float, message: Message) -> None:
+        """Take a message that came at `now` [s]."""
+        if self.vehicle is None:
+            self.vehicle = vehicle_of(message)
+        vehicle = self.vehicle
+        if vehicle is None or (message.get_srcSystem(), message.get_srcComponent()) != vehicle[:2]:
+            return
+        taker = self._takers.get(message.get_type())
+        if taker is not None:
+            taker(now, message)
+
+    def forget(self) -> None:
+        """Forget which boat it is: the link was opened anew, and another may be there."""
+        self.vehicle = None
+
+    def snapshot(self, now: float) -> dict[str, Any]:
+        """Return all that is known at `now` [s]: numbers in degrees, knots, metres; None for what is not known."""
+        vehicle = self.vehicle
+        values = {name: _rounded(value) for name, value in self._values.items() if not name.startswith(LEARNT)}
+        ages = {group: _rounded(age) for group in GROUPS if (age := self.age(group, now)) is not None}
+        return {
+            "t": round(now, 2),
+            "ours": self.is_ours,
+            "system": vehicle.system if vehicle is not None else None,
+            "armed": vehicle.armed if vehicle is not None else False,
+            "status": self._status,
+            "mode": MODE_NAMES.get(self._mode, f"mode {self._mode}"),
+            **values,
+            "ages": ages,
+        }
+
+    def learning(self) -> dict[str, float | None]:
+        """Return what the boat says of its live identification; empty where it does not learn."""
+        return {name: _exact(value) for name, value in self._values.items() if name.startswith(LEARNT)}
+
+    def keep_history(self, now: float) -> tuple[float | None, ...] | None:
+        """Add a row where it is time to, and return it. What is stale leaves a gap in the plots."""
+        if now < self._next_row:
+            return None
+        self._next_row = now + HISTORY_PERIOD_S
+        fresh = {group for group in GROUPS if (age := self.age(group, now)) is not None and age < 2.0}
+        groups = ("attitude", "rudder", "rudder", "rudder", "rudder", "navigation", "loop", "loop")
+        row = (
+            round(now, 2),
+            *(
+                _rounded(self._values.get(name, math.nan)) if group in fresh else None
+                for name, group in zip(COLUMNS[1:], groups, strict=True)
+            ),
+        )
+        self.history.append(row)
+        return row
+
+    def _set(self, now: float, group: str, **values: float) -> None:
+        self._heard[group] = now
+        self._values.update(values)
+
+    def _heartbeat(self, now: float, message: Message) -> None:
+        self._heard["beat"] = now
+        self._status, self._mode = int(message.system_status), int(message.custom_mode)
+        vehicle = vehicle_of(message)
+        if vehicle is not None:
+            self.vehicle = vehicle
+
+    def _attitude(self, now: float, message: Message) -> None:
+        heading = math.degrees(message.yaw) % 360.0
+        self._set(now, "attitude", heading=heading, rate=math.degrees(message.yawspeed))
+        self._values["roll"] = math.degrees(message.roll)
+
+    def _hud(self, now: float, message: Message) -> None:
+        self._set(now, "speed", speed=message.groundspeed * 3600.0 / 1852.0)
+
+    def _navigation(self, now: float, message: Message) -> None:
+        self._set(now, "navigation", xte=message.xtrack_error, distance=float(message.wp_dist))
+
+    def _named(self, now: float, message: Message) -> None:
+        name = message.name if isinstance(message.name, str) else message.name.decode("ascii", "replace")
+        name = name.rstrip("\0")
+        if name in NAMED:
+            ours, group = NAMED[name]
+            self._set(now, group, **{ours: message.value})
+        elif name.startswith(LEARNT):
+            self._set(now, "learning", **{name: message.value})
+
+    def _mission(self, now: float, message: Message) -> None:
+        self._values["waypoint"] = float(message.seq)
+
+    def _text(self, now: float, message: Message) -> None:
+        self.texts.take(now, message)
+
+    def _acknowledged(self, now: float, message: Message) -> None:
+        if message.command in TRIAL_COMMANDS:
+            self.trial = Trial(int(message.command), int(message.progress), int(message.result), now)
+
+
+def _rounded(value: float) -> float | None:
+    return round(value, 2) if math.isfinite(value) else None
+
+
+def _exact(value: float) -> float | None:
+    return float(f"{value:.5g}") if math.isfinite(value) else None

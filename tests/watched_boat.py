@@ -1,0 +1,71 @@
+"""A pilot at sea with its route, parameters and alarms, and a helm display on a line to it, all on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from boat_at_sea import STEP, Sea
+from boats import BOATS, vessel_of
+
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.boat.boat_link import BoatLink
+from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.transports import loopback_pair
+from autopilot.loop.vessel_in_force import LATER, VesselInForce
+from autopilot.params.component_metadata import metadata_files
+from autopilot.params.vessel_parameters import parameters_of
+from autopilot.web.line import BoatLine
+from autopilot.web.requests import asked_of
+from autopilot.web.station import Station
+
+
+class Watched(Sea):
+    """`watch` moves boat and display on together; `order` gives an order as the page does and returns how it ended."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.in_force = VesselInForce(vessel_of(BOATS["lanxin"]), self.pilot, None, folder / "boat.tuned.yaml")
+        self.files = metadata_files(parameters_of(self.in_force.vessel), LATER, "0.2.0")
+        self.commands = Commands(self.skipper, False, self.mission)
+        self.is_cut = False
+        self.keeps_history = True
+        self.station = Station()
+        self.line = BoatLine("udpin:127.0.0.1:14550", self.station, opens=self._connect)
+
+    def _connect(self, url: str) -> Transport:
+        if self.is_cut:
+            raise LinkError(f"link {url!r}: cannot be opened")
+        near, self.far = loopback_pair("boat")
+        self.links = [BoatLink(near, self.commands, ParameterServer(self.in_force), files=self.files)]
+        return self.far
+
+    @property
+    def now(self) -> float:
+        return self.box.time
+
+    def watch(self, seconds: float, **options: Any) -> None:
+        for _ in range(round(seconds / STEP)):
+            self.sail(STEP, **options)
+            self.line.turn(self.now)
+            if self.keeps_history:
+                self.station.view.keep_history(self.now)
+
+    def until(self, happens: Callable[[], bool], seconds: float = 20.0) -> None:
+        for _ in range(round(seconds / STEP)):
+            if happens():
+                return
+            self.watch(STEP)
+        raise AssertionError(f"not within {seconds:g} s of sailing")
+
+    def answer(self, asked: Callable[[float, Any], None]) -> tuple[bool, str]:
+        ends: list[tuple[bool, str]] = []
+        asked(self.now, lambda taken, words: ends.append((taken, words)))
+        self.until(lambda: bool(ends))
+        assert len(ends) == 1
+        return ends[0]
+
+    def order(self, **wish: Any) -> tuple[bool, str]:
+        return self.answer(asked_of(self.station, wish))

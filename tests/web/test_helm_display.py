@@ -1,0 +1,257 @@
+"""What a helm display knows and orders, on a simulated boat and clock: every order, loss, silence, another start."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from watched_boat import Watched
+
+from autopilot.errors import InputError
+from autopilot.links.base import LinkError
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.params.protocol import Target
+from autopilot.signals import AlarmSample, HelmSample
+from autopilot.web.orders import Command, Orders
+from autopilot.web.requests import asked_of
+from autopilot.web.station import Station
+from autopilot.web.texts import TextPieces
+
+
+def test_engage_turn_and_release_reach_the_pilot_and_are_seen(sea: Watched) -> None:
+    assert sea.order(do="turn", degrees=10) == (False, "engage first: no course is being steered")
+    assert sea.order(do="engage") == (True, "")
+    sea.watch(2.0)
+    shown = sea.station.view.snapshot(sea.now)
+    assert (shown["mode"], shown["armed"], shown["ours"]) == ("heading", True, True)
+    before = shown["order"]
+    assert sea.order(do="turn", degrees=10) == (True, "")
+    sea.watch(20.0)
+    shown = sea.station.view.snapshot(sea.now)
+    assert shown["order"] == pytest.approx((before + 10.0) % 360.0, abs=0.02)
+    assert shown["heading"] == pytest.approx(shown["order"], abs=1.5)
+    assert shown["heading"] == pytest.approx(math.degrees(sea.box.heading) % 360.0, abs=1.0)
+    assert sea.order(do="release") == (True, "")
+    sea.watch(2.0)
+    shown = sea.station.view.snapshot(sea.now)
+    assert (shown["mode"], shown["armed"], shown["rudder_order"]) == ("standby", False, None)
+    assert not sea.commands.armed
+
+
+def test_ten_quick_steps_turn_ten_degrees_and_a_lost_answer_turns_no_further(sea: Watched) -> None:
+    sea.order(do="engage")
+    sea.watch(2.0)
+    before = sea.station.view.value("order")
+    assert before is not None
+    ends: list[bool] = []
+    for _ in range(6):
+        asked_of(sea.station, {"do": "turn", "degrees": 1})(sea.now, lambda taken, _: ends.append(taken))
+    lost = sea.far.receive
+    sea.far.receive = lambda: [data for data in lost() if data[7] != dialect.MAVLINK_MSG_ID_COMMAND_ACK]  # type: ignore[method-assign]
+    sea.watch(1.2)
+    assert ends == []
+    sea.far.receive = lost  # type: ignore[method-assign]
+    sea.until(lambda: len(ends) == 6)
+    sea.watch(1.0)
+    assert ends == [True] * 6
+    assert sea.station.view.value("order") == pytest.approx((before + 6.0) % 360.0, abs=0.02)
+
+
+def test_dodging_keeps_the_way_back(sea: Watched) -> None:
+    sea.order(do="engage")
+    sea.watch(2.0)
+    before = sea.station.view.value("order")
+    assert sea.order(do="back") == (False, "nothing to go back to")
+    sea.order(do="dodge", degrees=-20)
+    sea.order(do="dodge", degrees=-20)
+    sea.watch(1.0)
+    assert sea.station.view.value("order") == pytest.approx((before or 0.0) - 40.0 + 360.0, abs=0.05)
+    assert sea.station.course.before == before
+    assert sea.order(do="back") == (True, "")
+    sea.watch(1.0)
+    assert sea.station.view.value("order") == before and sea.station.course.before is None
+    sea.order(do="dodge", degrees=20)
+    sea.order(do="standby")
+    sea.watch(2.0)
+    assert sea.station.course.before is None
+
+
+def test_a_trial_shows_its_progress_and_can_be_ended(sea: Watched) -> None:
+    assert sea.order(do="zigzag", rudder=10, change=10, duration=30) == (True, "")
+    sea.watch(8.0)
+    trial = sea.station.view.trial
+    assert trial is not None and trial.result == dialect.MAV_RESULT_IN_PROGRESS and 15 <= trial.percent <= 30
+    assert sea.station.view.snapshot(sea.now)["mode"] == "trial"
+    assert sea.order(do="cancel") == (True, "")
+    sea.watch(2.0)
+    trial = sea.station.view.trial
+    assert trial is not None and trial.result == 6
+    assert sea.order(do="zigzag", rudder=80, change=10, duration=30)[0] is False
+
+
+def test_a_pattern_and_a_refusal_in_the_boats_own_words(sea: Watched) -> None:
+    assert sea.order(do="pattern", number=1, side=1, sizes=[60])[0]
+    sea.watch(5.0)
+    assert sea.station.view.snapshot(sea.now)["rudder"] > 1.0
+    said = sea.station.view.texts.said
+    taken, words = sea.order(do="route")
+    assert not taken and words.startswith("refused")
+    sea.watch(2.0)
+    assert any(
+        "route" in text.words or "mission" in text.words for text in sea.station.view.texts.kept if text.number > said
+    )
+
+
+def test_alarms_come_go_and_are_acknowledged_here(sea: Watched) -> None:
+    long = (
+        "the gear is hot: look at the pump, and if it is dry stop the engine, then steer by hand until it is cool again"
+    )
+    sea.pilot.supervisor.note(AlarmSample(sea.now, long, "gear"))
+    sea.watch(2.0)
+    assert sea.station.alarms.shown == [{"words": long, "acknowledged": False}]
+    assert sea.station.view.texts.kept[-1].words == long
+    assert sea.order(do="acknowledge") == (True, "")
+    sea.pilot.supervisor.note(AlarmSample(sea.now, "bilge: pump", "bilge"))
+    sea.watch(2.0)
+    assert [(each["words"], each["acknowledged"]) for each in sea.station.alarms.shown] == [
+        (long, True),
+        ("bilge: pump", False),
+    ]
+    sea.pilot.supervisor.note(AlarmSample(sea.now, "", "gear"))
+    sea.watch(2.0)
+    assert [each["words"] for each in sea.station.alarms.shown] == ["bilge: pump"]
+    sea.pilot.supervisor.note(AlarmSample(sea.now, "", "bilge"))
+    sea.watch(2.0)
+    assert sea.station.alarms.shown == []
+
+
+def test_a_display_that_comes_later_sees_the_alarms_that_are_on(sea: Watched) -> None:
+    sea.order(do="engage")
+    sea.watch(1.0, helm=HelmSample(sea.now, False, "the skipper has taken the helm"))
+    sea.station = Station()
+    sea.line._station = sea.station
+    sea.watch(3.0)
+    (alarm,) = sea.station.alarms.shown
+    assert "the skipper has taken the helm" in alarm["words"]
+
+
+def test_parameters_come_with_range_and_meaning_and_are_set_or_refused(sea: Watched) -> None:
+    desk = sea.station.parameters
+    assert desk.table()["rows"] == []
+    desk.read()
+    sea.until(lambda: bool(desk.table()["complete"]) and "shortDesc" in desk.table()["rows"][0])
+    rows = {row["name"]: row for row in desk.table()["rows"]}
+    assert set(rows) == set(sea.in_force.names)
+    lookahead = rows["GUI_LOOKAHEAD"]
+    assert lookahead["value"] == sea.in_force.vessel.guidance.lookahead_s and lookahead["units"] == "s"
+    assert sea.order(do="set", name="GUI_LOOKAHEAD", value=12.5) == (True, "")
+    assert sea.in_force.vessel.guidance.lookahead_s == 12.5
+    assert {row["name"]: row for row in desk.table()["rows"]}["GUI_LOOKAHEAD"]["value"] == 12.5
+    taken, words = sea.order(do="set", name="GUI_LOOKAHEAD", value=-1)
+    assert not taken and "old value" in words
+    assert sea.in_force.vessel.guidance.lookahead_s == 12.5
+
+
+def test_silence_ages_every_value_and_leaves_a_gap_in_the_plots(sea: Watched) -> None:
+    sea.links = []
+    sea.watch(6.0)
+    ages = sea.station.view.snapshot(sea.now)["ages"]
+    assert min(ages["beat"], ages["attitude"], ages["rudder"]) > 4.9
+    rows = list(sea.station.view.history)
+    assert rows[-1][1] is None and rows[3][1] is not None
+
+
+def test_orders_to_a_silent_boat_end_with_a_word(sea: Watched) -> None:
+    sea.links = []
+    assert sea.order(do="engage") == (False, "the boat does not answer")
+
+
+def test_a_lost_line_is_opened_again_by_itself(sea: Watched) -> None:
+    def broken() -> list[bytes]:
+        raise LinkError("link 'boat': the adapter is gone")
+
+    sea.far.receive = broken  # type: ignore[method-assign]
+    sea.is_cut = True
+    sea.watch(3.0)
+    assert sea.line.trouble == "link 'udpin:127.0.0.1:14550': cannot be opened" and sea.line.fileno() == -1
+    sea.is_cut = False
+    sea.watch(4.0)
+    assert sea.line.trouble == ""
+    assert sea.station.view.snapshot(sea.now)["ages"]["attitude"] < 0.2
+
+
+def test_headings_come_ten_times_a_second_once_asked_for(sea: Watched) -> None:
+    before = sea.station.view.history[-1]
+    count = 0
+    taker = sea.station.view._takers["ATTITUDE"]
+
+    def counted(now: float, message: Any) -> None:
+        nonlocal count
+        count += 1
+        taker(now, message)
+
+    sea.station.view._takers["ATTITUDE"] = counted
+    sea.watch(4.0)
+    assert count == pytest.approx(40, abs=3) and before is not None
+
+
+def test_another_autopilot_is_only_looked_at() -> None:
+    station, codec = Station(), MavlinkCodec(1, 1)
+    rover = dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4, 3
+    )
+    (message,) = codec.decode(codec.encode(rover))
+    station.receive(1.0, message)
+    assert station.target is None and station.view.snapshot(1.0)["ours"] is False
+    assert [each.get_type() for each in station.due(2.0)] == ["HEARTBEAT"]
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [
+        None, [], "engage", {}, {"do": "sink"}, {"do": ["engage"]}, {"do": "turn"}, {"do": "turn", "degrees": "10"},
+        {"do": "turn", "degrees": math.nan}, {"do": "turn", "degrees": True}, {"do": "heading", "degrees": 361},
+        {"do": "pattern", "number": 1, "side": 1, "sizes": [1, 2, 3]}, {"do": "level", "level": 10},
+        {"do": "pattern", "number": 1, "side": 1, "sizes": 5}, {"do": "set", "name": "", "value": 1},
+        {"do": "set", "name": "A" * 17, "value": 1}, {"do": "set", "name": "ONE"},
+        {"do": "zigzag", "rudder": 10, "change": 10},
+    ],
+)  # fmt: skip
+def test_wishes_that_make_no_sense_are_refused_in_words(wish: Any) -> None:
+    with pytest.raises(InputError, match=r"allowed|at most"):
+        asked_of(Station(), wish)
+
+
+def test_the_release_goes_before_all_that_waits() -> None:
+    orders, ends = Orders(), list[tuple[str, bool]]()
+    for name in ("first", "second"):
+        orders.give((Command(400, (1.0,)),), lambda taken, _, name=name: ends.append((name, taken)))  # type: ignore[misc]
+    target = Target(1, 1)
+    assert orders.due(0.0, target)[0].param1 == 1.0
+    orders.release(lambda taken, _: ends.append(("release", taken)))
+    assert ends == [("first", False), ("second", False)]
+    (message,) = orders.due(0.05, target)
+    assert (message.command, message.param2) == (dialect.MAV_CMD_DO_SET_MODE, 0.0)
+
+
+@given(st.lists(st.text(min_size=1, max_size=220), min_size=1, max_size=6), st.randoms())
+def test_texts_are_put_together_whatever_their_length(words: list[str], rng: Any) -> None:
+    from autopilot.links.status_text import StatusTexts
+
+    boat, heard, now = StatusTexts(), TextPieces(), 0.0
+    kept = []
+    for each in words:
+        if not kept or kept[-1] != each:
+            boat.say(now, 4, each)
+            kept.append(each)
+        for _ in range(20):
+            now += 0.25
+            for message in boat.due(now):
+                heard.take(now, message)
+            heard.look(now)
+    said = [each.encode("ascii", "replace").decode().rstrip("\0") for each in kept]
+    assert [text.words for text in heard.kept] == [each for each in said if each]

@@ -1,0 +1,204 @@
+"""The page's server: who may order, what is refused, downloads, events to several browsers at once."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient
+from watched_boat import Watched
+
+from autopilot.cli.main import main
+from autopilot.cli.web import listening_address
+from autopilot.errors import InputError
+from autopilot.web.access import Access, token_of
+from autopilot.web.hub import BEHIND_MOST, Hub
+from autopilot.web.log_shelf import LogShelf
+from autopilot.web.server import HEADERS, build_app
+
+TOKEN = "a-token-of-many-letters"
+ASSETS = (
+    *("style.css", "uplot.css", "uplot.js", "theme.js", "main.js", "boat.js", "dial.js"),
+    *("plots.js", "desks.js", "parameters.js", "logs.js", "icon.svg"),
+)
+BEARER = {"authorization": f"Bearer {TOKEN}"}
+
+
+class SailingHub(Hub):
+    """A hub on the simulated clock: the boat sails on whenever the line is turned."""
+
+    def __init__(self, sea: Watched) -> None:
+        super().__init__(sea.station, sea.line, lambda: sea.now)
+        self.sea = sea
+        sea.keeps_history = False
+
+    def _turn(self) -> None:
+        self.sea.watch(0.05)
+
+
+@pytest.fixture
+def client(sea: Watched, tmp_path: Path) -> Any:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    (folder / "one.tlog").write_bytes(b"\x00" * 3000)
+    (folder / "key.txt").write_text("no log")
+    (tmp_path / "secret.tlog").write_text("outside")
+    (folder / "link.tlog").symlink_to(tmp_path / "secret.tlog")
+    with TestClient(build_app(SailingHub(sea), Access(TOKEN), LogShelf(folder))) as client:
+        yield client
+
+
+def test_the_page_is_whole_small_and_asks_nobody_else(client: Any) -> None:
+    page = client.get("/").text
+    total = len(page)
+    assert "://" not in page.replace("http://www.w3.org", "")
+    for name in ASSETS:
+        answer = client.get(f"/{name}")
+        assert answer.status_code == 200 and answer.content
+        if name != "icon.svg" and name != "dial.js":
+            assert b"http://" not in answer.content and b"url(" not in answer.content
+        total += len(answer.content)
+    assert total < 150_000
+    assert client.get("/").headers["content-security-policy"].startswith("default-src 'self'")
+    assert all(client.get("/nothing").headers[name] == value for name, value in HEADERS.items())
+    assert client.get("/nothing").status_code == client.get("/..%2fserver.py").status_code == 404
+
+
+def test_who_has_no_token_looks_and_orders_nothing(client: Any, sea: Watched) -> None:
+    for headers in ({}, {"authorization": "Bearer wrong"}, {"authorization": TOKEN}, {"authorization": "Bearer "}):
+        assert client.get("/api/may", headers=headers).json() == {"may": False}
+        assert client.post("/api/order", json={"do": "engage"}, headers=headers).status_code == 403
+        assert client.get("/api/logs", headers=headers).status_code == 403
+        assert client.post("/api/logs/one.tlog/ticket", headers=headers).status_code == 403
+    assert not sea.commands.armed
+    assert client.get("/api/order", headers=BEARER).status_code == 405
+    assert client.get("/api/history").json()["columns"][0] == "t"
+
+
+def test_orders_with_the_token_are_carried_out_and_refusals_say_why(client: Any, sea: Watched) -> None:
+    def order(**wish: Any) -> Any:
+        return client.post("/api/order", json=wish, headers=BEARER).json()
+
+    assert client.get("/api/may", headers=BEARER).json() == {"may": True}
+    assert order(do="engage") == {"taken": True, "words": ""}
+    assert sea.tick is not None and sea.tick.mode.name == "ENGAGED"
+    refused = order(do="route")
+    assert refused["taken"] is False and ("route" in refused["words"] or "mission" in refused["words"])
+    assert "allowed are engage" in order(do="sink")["words"]
+    assert client.post("/api/order", content=b"{", headers=BEARER).status_code == 422
+    assert client.post("/api/order", content=b" " * 5000, headers=BEARER).status_code == 413
+    assert order(do="release")["taken"] and not sea.commands.armed
+
+
+def test_parameters_are_fetched_when_somebody_looks(client: Any, sea: Watched) -> None:
+    assert client.get("/api/parameters").json()["complete"] is False
+    sea.watch(10.0)
+    table = client.get("/api/parameters").json()
+    assert table["complete"] and len(table["rows"]) == len(sea.in_force.names)
+
+
+def test_a_log_is_downloaded_with_a_ticket_and_nothing_else_is(client: Any, sea: Watched) -> None:
+    listing = client.get("/api/logs", headers=BEARER).json()["logs"]
+    assert [row["name"] for row in listing] == ["one.tlog"] and listing[0]["bytes"] == 3000
+    href = client.post("/api/logs/one.tlog/ticket", headers=BEARER).json()["href"]
+    answer = client.get(href)
+    assert answer.content == b"\x00" * 3000 and "one.tlog" in answer.headers["content-disposition"]
+    assert client.get(href.replace("one", "two")).status_code == 403
+    assert (
+        client.get("/api/logs/one.tlog").status_code == client.get("/api/logs/one.tlog?ticket=9.x").status_code == 403
+    )
+    for name in ("key.txt", "link.tlog", "..%2fsecret.tlog", ".hidden.tlog", "no.tlog"):
+        assert client.post(f"/api/logs/{name}/ticket", headers=BEARER).status_code == 404
+    sea.watch(130.0)
+    assert client.get(href).status_code == 403
+
+
+def events_of(data: bytes) -> list[tuple[str, Any]]:
+    found = []
+    for block in data.decode().split("\n\n"):
+        lines = dict(line.split(": ", 1) for line in block.splitlines())
+        if "event" in lines:
+            found.append((lines["event"], json.loads(lines["data"])))
+    return found
+
+
+def run_hub(sea: Watched, play: Callable[[SailingHub], Any]) -> Any:
+    return asyncio.run(play(SailingHub(sea)))
+
+
+def test_every_browser_gets_all_at_first_then_what_changes(sea: Watched) -> None:
+    async def play(hub: SailingHub) -> None:
+        browsers = [hub.follow(), hub.follow()]
+        for browser in browsers:
+            first = dict(events_of(await anext(browser)))
+            assert {"state", "alarms", "learning", "trial", "dodge"} <= set(first)
+            assert first["state"]["heading"] == pytest.approx(math.degrees(sea.box.heading) % 360.0, abs=2.0)
+        sea.watch(0.6)
+        hub.tell()
+        sea.watch(0.1)
+        hub.tell()
+        seen = [[dict(events_of(await anext(browser))) for _ in range(2)] for browser in browsers]
+        assert seen[0] == seen[1]
+        assert "row" in seen[0][0] and set(seen[0][1]) == {"state"}
+        hub.close()
+        assert [data async for data in browsers[0]] == []
+
+    run_hub(sea, play)
+
+
+def test_a_browser_that_does_not_keep_up_is_let_go_and_holds_nobody_back(sea: Watched) -> None:
+    async def play(hub: SailingHub) -> None:
+        slow, quick = hub.follow(), hub.follow()
+        await anext(slow)
+        await anext(quick)
+        for _ in range(BEHIND_MOST + 5):
+            hub.tell()
+            await anext(quick)
+        waiting = [data async for data in slow]
+        assert len(waiting) == BEHIND_MOST
+        hub.tell()
+        assert events_of(await anext(quick))
+
+    run_hub(sea, play)
+
+
+def test_tokens_are_kept_for_their_owner_alone(tmp_path: Path) -> None:
+    path = tmp_path / "token"
+    token = token_of(path)
+    assert len(token) >= 20 and token_of(path) == token and path.stat().st_mode & 0o777 == 0o600
+    path.chmod(0o644)
+    with pytest.raises(InputError, match="chmod 600"):
+        token_of(path)
+    path.chmod(0o600)
+    path.write_text("short\n")
+    with pytest.raises(InputError, match="at least 16"):
+        token_of(path)
+    with pytest.raises(InputError, match="No such file"):
+        token_of(tmp_path / "none" / "token")
+    assert token_of(None) != token_of(None)
+    assert [each.name for each in tmp_path.iterdir()] == ["token"]
+
+
+@pytest.mark.parametrize("text", ["8080", "localhost:8080", "127.0.0.1:", "127.0.0.1:70000", "::1:80", "127.0.0.1:-1"])
+def test_addresses_that_are_none_are_refused(text: str) -> None:
+    if text == "::1:80":
+        assert listening_address("[::1]:80") == ("::1", 80)
+        return
+    with pytest.raises(InputError, match="--listen"):
+        listening_address(text)
+
+
+def test_the_command_ends_with_a_sentence(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    cases = [
+        (["--link", "nmea:/dev/null:4800"], 2, "MAVLink"),
+        (["--link", "udpin:127.0.0.1:0", "--logs", str(tmp_path / "none")], 2, "no folder there"),
+        (["--link", "udpin:127.0.0.1:0", "--listen", "192.0.2.1:80"], 2, "choose another"),
+    ]
+    for arguments, code, words in cases:
+        assert main(["web", *arguments]) == code
+        assert words in capsys.readouterr().err
