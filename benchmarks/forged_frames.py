@@ -4,8 +4,9 @@
 
 A million frames go into the link of a running boat over a loopback: commands to arm, mode changes and parameter writes,
 unsigned, signed with a wrong key, recorded from the true station and sent again, with a timestamp of three minutes
-before the start, with changed bytes, and from wrong ids. Between them the true station asks, to show that it is still
-heard. The figures are processor time, so that a busy machine does not change them much.
+before the start, with changed bytes, cut off, made of beginnings, from wrong ids, and even with the right key from a
+system id that is not allowed. Between them the true station asks, to show that it is still heard. The figures are
+processor time, so that a busy machine does not change them much. `attacked_loop.py` attacks a whole running process.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import argparse
 import json
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide
+from autopilot.links.admission import Admission, Doors
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
 from autopilot.links.boat.mission import Mission
@@ -29,7 +32,7 @@ from autopilot.links.transports import loopback_pair
 
 KEY = bytes(range(32))
 NOW = 37 * 10**12
-BATCH = 1000
+BATCH = 100
 MESSAGES = (
     dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0),
     dialect.MAVLink_set_mode_message(1, 1, 15),
@@ -71,24 +74,33 @@ def station(key: bytes, start: int, system: int = 255) -> MavlinkCodec:
     return MavlinkCodec(system, 190, signing=Signing(key, CountingTimestamps(start)).link())
 
 
-def forgers(recorded: list[bytes], rng: random.Random) -> dict[str, Callable[[], bytes]]:
-    """Return each kind of forged frame with what makes one."""
+def forgers(
+    recorded: list[bytes], rng: random.Random, messages: Sequence[Any] = MESSAGES
+) -> dict[str, Callable[[], bytes]]:
+    """Return each kind of forged frame with what makes one of `messages`."""
     plain, wrong = MavlinkCodec(255, 190), station(rng.randbytes(32), NOW)
     late = station(KEY, NOW - 3 * MINUTE, system=200)
-    stranger = MavlinkCodec(77, 1)
+    stranger, insider = MavlinkCodec(77, 1), station(KEY, NOW, system=78)
 
     def damaged() -> bytes:
         frame = bytearray(rng.choice(recorded))
         frame[rng.randrange(len(frame))] ^= rng.randrange(1, 256)
         return bytes(frame)
 
+    def cut() -> bytes:
+        frame = rng.choice(recorded)
+        return frame[: rng.randrange(1, len(frame))]
+
     return {
-        "unsigned": lambda: plain.encode(rng.choice(MESSAGES)),
-        "wrong key": lambda: wrong.encode(rng.choice(MESSAGES)),
+        "unsigned": lambda: plain.encode(rng.choice(messages)),
+        "wrong key": lambda: wrong.encode(rng.choice(messages)),
         "replayed": lambda: rng.choice(recorded),
-        "old timestamp": lambda: late.encode(rng.choice(MESSAGES)),
+        "old timestamp": lambda: late.encode(rng.choice(messages)),
         "damaged": damaged,
-        "wrong ids": lambda: stranger.encode(rng.choice(MESSAGES)),
+        "cut off": cut,
+        "beginnings": lambda: rng.choice((b"\xfd", b"\xfe", b"\xfe\x09\x00\x01\x01\x00")) * 12,
+        "wrong ids": lambda: stranger.encode(rng.choice(messages)),
+        "right key, id not allowed": lambda: insider.encode(rng.choice(messages)),
     }
 
 
@@ -102,7 +114,9 @@ def main() -> None:
     near, far = loopback_pair()
     store, hand = Store(), Nobody()
     commands = Commands(hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
-    boat = BoatLink(near, commands, ParameterServer(store), signing=Signing(KEY, CountingTimestamps(NOW)).link())
+    door = Doors(Admission(systems=frozenset({255, 200}))).link()
+    server, signing = ParameterServer(store), Signing(KEY, CountingTimestamps(NOW)).link()
+    boat = BoatLink(near, commands, server, signing=signing, door=door)
     true = station(KEY, NOW)
     recorded = [true.encode(message) for message in MESSAGES * 20]
     for frame in recorded:
@@ -118,7 +132,7 @@ def main() -> None:
             frames = [make() for _ in range(BATCH)]
             for frame in frames:
                 far.send(frame)
-            now += 0.05
+            now += 0.2
             started = time.process_time()
             boat.receive(now)
             spent[name] += time.process_time() - started
@@ -142,7 +156,7 @@ def main() -> None:
         f"{result['frames']} forged frames, {obeyed} obeyed; the true station was heard {result['true_station_heard']}"
     )
     for name in kinds:
-        print(f"{name:16s}{1e6 * spent[name] / sent[name]:8.2f} us a frame")
+        print(f"{name:26s}{1e6 * spent[name] / sent[name]:8.2f} us a frame")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.base import Transport
 from autopilot.links.boat.modes import MANUAL
 from autopilot.links.mavlink_codec import Message
 
@@ -26,6 +27,8 @@ COMMANDS = frozenset(
         *("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST"),
     }
 )
+STRANGERS_AT_ONCE = 20
+NOT_THE_PEER = "datagrams from others than the station that is heard"
 STRANGER, TOO_MANY_COMMANDS, TOO_MANY_WRITES = "from system ids not allowed", "commands too many", "writes too many"
 
 
@@ -114,6 +117,12 @@ class Door:
                 taken.append(chunk[:part])
         return taken
 
+    def count_strangers(self, datagrams: int) -> None:
+        """Count datagrams of others than the peer; many at a time crowd the link."""
+        if datagrams:
+            self._doors.refused[NOT_THE_PEER] += datagrams
+            self.crowded = self.crowded or datagrams > STRANGERS_AT_ONCE
+
     def lets_in_system(self, system: int) -> bool:
         """Return whether a sender's system id is heard; counts it where it is not."""
         systems = self._doors.admission.systems
@@ -133,6 +142,12 @@ class Door:
             self._doors.refused[TOO_MANY_COMMANDS] += 1
             return f"dropped: commands beyond {rules.commands_hz:g} a second"
         return ""
+
+
+def strangers_of(transport: Transport) -> int:
+    """Return how many datagrams or connections of strangers a transport has dropped so far."""
+    found: int = getattr(transport, "strangers", 0)
+    return found
 
 
 def gives_rudder_back(message: Message) -> bool:

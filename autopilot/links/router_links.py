@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from autopilot.links.admission import Budget, Door, Doors
+from autopilot.links.admission import Budget, Door, Doors, strangers_of
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink_codec import is_mavlink
 from autopilot.links.mavlink_frames import Framer, source_of
@@ -119,8 +119,9 @@ class ForwardLink:
     def receive(self, now: float) -> list[Sample]:
         """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a lost ground station: an alarm."""
         self._router.now = now
-        if self._lost:
+        if self._lost or self._door.crowded:
             return []
+        strangers = strangers_of(self._transport)
         try:
             chunks = self._transport.receive()
         except LinkError as error:
@@ -140,6 +141,7 @@ class ForwardLink:
                     if is_mavlink(frame):  # the log's readers know no other messages
                         self._packets.append((now, frame))
                     self._router.take(self._number, frame)
+        self._door.count_strangers(strangers_of(self._transport) - strangers)
         self._door.crowded = self._door.crowded or taken > FRAMES_PER_TURN or not room
         return []
 

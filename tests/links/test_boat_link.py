@@ -279,6 +279,8 @@ def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:
         raise LinkError("tcpin:x: the other side is gone")
 
     bench.link._transport.receive = gone  # type: ignore[method-assign]
+    assert bench.link.receive(8.9) == []  # crowded: not looked at before the next command has left
+    bench.link.tell(8.9, Mode.STANDBY, ())
     (alarm,) = bench.link.receive(9.0)
     assert isinstance(alarm, AlarmSample) and "steering goes on" in alarm.text
     assert bench.link.receive(9.1) == []

@@ -117,7 +117,12 @@ def test_udpin_latches_on_to_the_first_valid_peer_and_hears_no_stranger() -> Non
     assert link.send(b"to the vehicle")
     assert vehicle.receive() == [b"to the vehicle"]
     assert stranger.receive() == []
+    stranger.send(HEARTBEAT)  # dropped by the kernel: no stranger wakes the loop or fills the buffer
+    assert link.receive() == [] and link.strangers == 2
+    vehicle.send(HEARTBEAT)
+    assert link.receive() == [HEARTBEAT]
     link.forget_peer()
+    assert stranger.receive() == []  # takes note that it was refused
     stranger.send(HEARTBEAT)
     assert link.receive() == [HEARTBEAT]
     for end in (link, noise, vehicle, stranger):

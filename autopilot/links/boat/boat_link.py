@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.admission import Door, Doors
+from autopilot.links.admission import Door, Doors, strangers_of
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.alarm_list import ALARMS, alarm_list
 from autopilot.links.boat.commands import Commands
@@ -87,6 +87,9 @@ class BoatLink:
         """Answer what has arrived by `now` [s]. Nothing comes from a ground station but word of its loss: an alarm."""
         heeded = 0
         refused = self._codec.refused
+        if self._door.crowded:
+            return []  # looked at after the next command has left
+        strangers = strangers_of(self._transport)
         try:
             chunks = self._transport.receive() if not self._lost else []
         except LinkError as error:
@@ -102,6 +105,7 @@ class BoatLink:
                     self._heed(now, message)
                 else:
                     self._refuse(now, STRANGERS)
+        self._door.count_strangers(strangers_of(self._transport) - strangers)
         if self._codec.refused > refused:
             self._refuse(now, REFUSAL)
         return []

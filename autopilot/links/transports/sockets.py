@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import fcntl
 import ipaddress
@@ -61,6 +62,14 @@ def interface_address(name: str) -> str | None:
         except OSError:
             return None
     return socket.inet_ntoa(answer[20:24])
+
+
+def disconnect(sock: socket.socket) -> None:
+    """Let a connected UDP socket hear everybody again, at the port it has. Python itself has no way to say so."""
+    bound = sock.getsockname()
+    ctypes.CDLL(None).connect(sock.fileno(), bytes(16), 16)  # 16 zeros: an address of the family AF_UNSPEC, see udp(7)
+    if sock.getsockname()[1] != bound[1]:
+        sock.bind(bound)  # Linux forgets a port that it chose itself
 
 
 def resolve(name: str, host: str, port: int, kind: int, passive: bool) -> tuple[int, Any]:

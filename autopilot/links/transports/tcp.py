@@ -9,7 +9,8 @@ from autopilot.links.transports.sockets import Allows, everyone, open_error, res
 
 CONNECT_TIMEOUT_S = 3.0
 CHUNK_LIMIT = 65536
-RECEIVE_LIMIT = 64
+RECEIVE_LIMIT = 4
+"""Chunks taken in one `receive`: the rest waits in the kernel, and slows down who sends too much."""
 
 
 class _Connection:

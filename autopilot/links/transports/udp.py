@@ -10,7 +10,7 @@ import socket
 from collections.abc import Callable
 
 from autopilot.links.base import LinkError
-from autopilot.links.transports.sockets import Allows, everyone, open_error, resolve
+from autopilot.links.transports.sockets import Allows, disconnect, everyone, is_everywhere, open_error, resolve
 
 DATAGRAM_LIMIT = 65536
 RECEIVE_LIMIT = 500
@@ -85,6 +85,8 @@ class UdpInTransport(_UdpTransport):
             sock.close()
             raise open_error(name, error, "listen at", host, port) from error
         super().__init__(name, sock)
+        # Listening everywhere takes broadcasts too, which a connected socket would no longer hear.
+        self._connects = not is_everywhere(str(address[0]))
         self.accepts = accepts
         """May be set anew, by a link that knows better which sender is the right one."""
         self._allows = allows
@@ -121,7 +123,7 @@ class UdpInTransport(_UdpTransport):
             if self._peer is None and judged < JUDGE_LIMIT and self._allows(sender[0]):
                 judged += 1
                 if self.accepts(bytes(room[: min(length, STRANGER_LIMIT)])):
-                    self._peer = sender
+                    self._latch(sender)
                     self.strangers -= 1
                     chunks.append(bytes(room[:length]))
         return chunks
@@ -142,7 +144,18 @@ class UdpInTransport(_UdpTransport):
 
     def forget_peer(self) -> None:
         """Latch on to whoever is the next to send a valid datagram."""
+        if self._peer is not None and self._connects:
+            disconnect(self._socket)
         self._peer = None
+
+    def _latch(self, sender: tuple[str | int, ...]) -> None:
+        """Let the kernel drop what others send from now on, so that no flood fills our buffer or wakes the loop."""
+        self._peer = sender
+        if self._connects:
+            try:
+                self._socket.connect(sender)
+            except OSError:
+                self._connects = False
 
 
 class UdpOutTransport(_UdpTransport):
