@@ -20,6 +20,7 @@ SUBCOMMANDS = {
     "params": "check, convert, upload, verify and restore parameter files",
     "replay": "run a log again and compare every rudder command bit for bit",
     "web": "the helm as a page for phone, tablet and desktop",
+    "install-service": "steer from power-on: a system service with watchdog and user",
     "demo": "trial, identification and steering of the simulated Lanxin boat, in about a minute",
 }
 """The commands, and what stands beside each in `--help`: as in their own parsers, which are loaded when needed."""
