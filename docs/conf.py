@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from pygments.lexers.special import TextLexer
+
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
@@ -28,4 +30,6 @@ nitpicky = True
 
 def setup(app: Any) -> None:
     """Write the pages of the reference before the sources are read."""
+    # diagrams are drawn where a reader knows Mermaid, elsewhere they are text
+    app.add_lexer("mermaid", TextLexer)
     app.connect("config-inited", lambda *_: reference_pages.write(Path(__file__).parent / "reference"))
