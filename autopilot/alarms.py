@@ -76,7 +76,8 @@ _HEADING = [
         _FAILSAFE,
         _CRITICAL,
         _PILOT,
-        "the same to the last digit while rate, rudder or sea must have moved it",
+        "the same to the last digit while the rate of turn spans 5 deg, the rudder is worth 15 deg of turn, or a sea "
+        "that moved it until then goes on for 3 s",
         "alarms.frozen_heading",
     ),
     AlarmKind(
@@ -86,7 +87,7 @@ _HEADING = [
         _FAILSAFE,
         _CRITICAL,
         _PILOT,
-        "three times within 10 s, or once and for good",
+        "this far between two headings, three times within 10 s, or once and for good",
         "alarms.heading_jump_deg",
     ),
     AlarmKind(
@@ -149,7 +150,7 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "the sensor shows it going away from its order, or the boat answers as to the opposite rudder",
+        "its sensor shows it going away from its order, or the rate of turn answers as to the opposite rudder",
         "alarms.reversed_rudder",
     ),
     AlarmKind(

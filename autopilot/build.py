@@ -235,12 +235,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
             failsafe.resume,
             failsafe.reengage_after_reboot,
         ),
-        alarms=AlarmLimits(
-            _radians_or_unlimited(vessel.alarms.off_course_deg),
-            vessel.alarms.off_course_s,
-            _radians_or_unlimited(vessel.alarms.roll_deg),
-            vessel.alarms.frozen_heading,
-        ),
+        alarms=alarm_limits_of(vessel),
         rudder_share=vessel.guidance.rudder_share,
         turn_rate_max=_radians_or_unlimited(turn_rate),
         rudder_is_ours=vessel.helm.method != "guided",
@@ -248,6 +243,25 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
         steerage_over_ground=steerage is not None,
         roll=roll_damping_of(vessel),
+    )
+
+
+def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
+    """Return what the monitors of the vessel go by."""
+    alarms, follow = vessel.alarms, follow_of(vessel)
+    return AlarmLimits(
+        _radians_or_unlimited(alarms.off_course_deg),
+        alarms.off_course_s,
+        _radians_or_unlimited(alarms.roll_deg),
+        alarms.frozen_heading,
+        _radians_or_unlimited(alarms.heading_jump_deg),
+        _radians_or_unlimited(alarms.rate_disagrees_deg),
+        math.inf if alarms.innovation_sigmas is None else alarms.innovation_sigmas,
+        alarms.reversed_rudder,
+        follow.tolerance,
+        follow.rate,
+        follow.delay,
+        vessel.failsafe.action == "windward",
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from autopilot.alarms import text_of
 from autopilot.angles import shortest_turn
 from autopilot.control.roll_damping import RollDamper, RollDamping
 from autopilot.envelope import Envelope, Picture
@@ -20,7 +21,7 @@ from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_
 from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
-from autopilot.monitors import STEERAGE_SHARE, AlarmLimits, Monitors, Watched
+from autopilot.monitors import AlarmLimits, Monitors, Watched
 from autopilot.safety import FailsafeAction, Supervisor
 from autopilot.signals import (
     AlarmSample,
@@ -51,7 +52,7 @@ SPEED_CHANGE = 0.02
 """Turn limits are worked out anew when the speed has changed by this share."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
-NO_STEERAGE = "too slow to steer, or astern: the rudder waits amidships until the boat moves ahead"
+NO_STEERAGE = text_of("low_speed")
 
 
 NO_TURN = math.radians(5.0)
@@ -199,9 +200,16 @@ class Pilot:
             demand=demand,
             command=command,
             mode=self.supervisor.mode,
-            alarms=(*self.supervisor.alarms(), *self.monitors.alarms()),
+            alarms=self._alarms(),
             supervisor=self.supervisor.state,
         )
+
+    def _alarms(self) -> tuple[str, ...]:
+        """Return what is to be said: what ended steering or keeps it from beginning, then what the monitors found."""
+        reason = self.supervisor.reason
+        said = self.supervisor.name if reason else ""
+        found = [text for name, text in self.monitors.findings.items() if name != said]
+        return (*((reason,) if reason else ()), *self.supervisor.notes, *found)
 
     def _picture(self, order: Order, reference: Reference, state: NavState) -> Picture:
         """Return what the command was worked out from, for the check that shares no code with the law."""
@@ -223,7 +231,9 @@ class Pilot:
             self._order_heading,
             self._told.angle if ours else 0.0,
             self.config.limits.angle_max,
-            abs(state.speed) >= STEERAGE_SHARE * self.config.model.reference_speed,
+            abs(state.speed) >= self.config.steerage,
+            self.estimator.surprise,
+            self._waits,
         )
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
@@ -272,7 +282,6 @@ class Pilot:
         if waits == self._waits:
             return
         self._waits = waits
-        self.supervisor.note(AlarmSample(now, NO_STEERAGE if waits else "", "steerage"))
         if mode is Mode.ENGAGED:
             # the turn is planned anew, from where the boat has drifted to
             self._boat = self._virtual(state)

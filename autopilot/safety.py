@@ -212,10 +212,14 @@ class Supervisor:
         by_law = self._rudder is Action.FAILSAFE and self._failsafe.action in STEERING_ACTIONS
         return self.state in ENGAGED or (self.state is SupervisorState.FAILSAFE and by_law)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return what the links want the skipper to know."""
+        return tuple(self._notes.values())
+
     def alarms(self) -> tuple[str, ...]:
         """Return what the skipper must hear now, with what to do; () when all is well."""
-        notes = tuple(self._notes.values())
-        return (self.reason, *notes) if self.reason else notes
+        return (self.reason, *self.notes) if self.reason else self.notes
 
     def _lost(self, state: NavState) -> str:
         if math.isnan(state.heading) or math.isnan(state.rate):

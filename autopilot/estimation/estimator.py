@@ -117,6 +117,11 @@ class Estimator:
             self._take_heading(now, heading)
         return self._nav_state(now)
 
+    @property
+    def surprise(self) -> float:
+        """How far measurements have lain to one side of what was expected of late [standard deviations]."""
+        return self._fusion.surprise if self._fusion is not None else 0.0
+
     def forget_bias(self) -> None:
         """Hold the bias for unknown: the rudder has been moved by somebody who did not tell us."""
         if self._fusion is not None:

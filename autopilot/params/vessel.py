@@ -171,7 +171,11 @@ class Failsafe:
     """What happens when the heading is lost: the action at once, the release after `release_after_s`."""
 
     heading_timeout_s: Annotated[float, Bounds(0.1, 60.0, "age at which a heading is stale")] = 1.0
-    action: Literal["release", "amidships", "hold"] = "amidships"
+    action: Literal["release", "amidships", "hold", "dead_reckoning", "windward", "firmware"] = "amidships"
+    """dead_reckoning: hold the last heading by model and rate of turn; windward: turn slowly into the wind; firmware:
+    release, and order the flight controller into firmware_mode."""
+    firmware_mode: Literal["HOLD", "LOITER", "RTL"] = "HOLD"
+    windward_rudder_deg: Annotated[float, Bounds(1.0, 45.0, "rudder of the slow turn to windward")] = 10.0
     release_after_s: Annotated[float, Bounds(0.0, 600.0, "action held this long, then the rudder is released")] = 10.0
     resume: bool = False
     """Engage again by itself when the heading is back: only where the skipper has said so."""
@@ -193,6 +197,16 @@ class Alarms:
     roll_deg: Annotated[float, Bounds(5.0, 180.0, "alarm at this heel")] | None = None
     frozen_heading: bool = True
     """A compass that stands still to the last digit while the boat turns ends steering, as a silent one does."""
+    heading_jump_deg: Annotated[float, Bounds(5.0, 180.0, "no boat turns this far between two headings")] | None = 25.0
+    rate_disagrees_deg: (
+        Annotated[float, Bounds(3.0, 180.0, "turns by heading and by rate this far apart in 5 s are an alarm")] | None
+    ) = 15.0
+    innovation_sigmas: (
+        Annotated[float, Bounds(1.0, 5.0, "alarm where measurements lie this far to one side for 20 s")] | None
+    ) = 3.0
+    reversed_rudder: bool = True
+    """A boat that answers to the opposite of her rudder ends steering, where the rate of turn tells."""
+    battery_percent: Annotated[float, Bounds(1.0, 90.0, "alarm below this charge of the vehicle")] | None = 20.0
 
 
 @dataclass(frozen=True)

@@ -57,13 +57,21 @@ def test_a_compass_that_freezes_ends_in_the_fail_safe(has_rate: bool) -> None:
     assert again.mode is not Mode.ENGAGED
 
 
-def test_a_rudder_of_the_wrong_sign_is_given_up_within_a_turn() -> None:
+@pytest.mark.parametrize("has_rate", [True, False])
+def test_a_rudder_of_the_wrong_sign_is_given_up(has_rate: bool) -> None:
+    """Within a few degrees where a gyro tells the rate, within a turn where the compass is alone."""
     pilot, plant = build_pilot(VESSEL), boat()
     plant.heading = math.radians(3.0)
-    ticks = sail_altered(pilot, plant, 120.0, lambda sample: sample, rudder_sign=-1.0)
+
+    def seen(sample: Sample) -> Sample:
+        assert isinstance(sample, HeadingSample)
+        return sample if has_rate else sample._replace(rate=None)
+
+    ticks = sail_altered(pilot, plant, 120.0, seen, rudder_sign=-1.0)
     ended = [tick for tick in ticks if tick.mode is Mode.FAILSAFE]
     assert ended
-    assert RUNAWAY in ended[0].alarms
+    assert ended[0].alarms[0].startswith("the rudder moves the wrong way" if has_rate else RUNAWAY)
+    assert not ended[0].command.engaged
 
 
 def test_wind_that_is_too_much_is_an_alarm_and_steering_goes_on() -> None:

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.alarms import CATALOGUE, Response, text_of
+from autopilot.params.vessel_file import load_vessel
 from autopilot.report.supervisor import alarms_page, supervisor_page
 from autopilot.signals import SupervisorState
 from autopilot.supervisor import ENDED, ENDINGS, ENGAGED, MEANING, MODES, ORDERS, RETURNS, TABLE, Action, Event, Says
@@ -99,6 +100,14 @@ def test_what_ends_steering_sounds_like_it() -> None:
     for kind in CATALOGUE.values():
         if kind.response in (Response.FAILSAFE, Response.LET_GO, Response.FAULT):
             assert kind.severity <= 2, kind.name
+
+
+def test_every_key_in_the_catalogue_is_one_of_the_vessel_file() -> None:
+    vessel = load_vessel("lanxin")
+    for kind in CATALOGUE.values():
+        for key in filter(None, kind.key.split(", ")):
+            section, _, entry = key.partition(".")
+            assert hasattr(getattr(vessel, section), entry), f"{kind.name}: {key}"
 
 
 @pytest.mark.parametrize(("name", "page"), [("supervisor.md", supervisor_page), ("alarms.md", alarms_page)])

@@ -1,0 +1,87 @@
+"""A boat off the course that she is to hold, and one that turns against her rudder."""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.angles import shortest_turn
+from autopilot.models.norrbin import Norrbin, steady_rudder
+from autopilot.monitors.rudder import is_hard_over
+from autopilot.monitors.watched import AlarmLimits, Watched
+
+BACK_ON_COURSE = 0.7
+"""An off-course alarm ends when the error is back within this share of its limit."""
+AGAINST_SHARE = 0.8
+"""A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
+SETTLED = 3.0
+"""Time constants after which what the rudder did before is forgotten."""
+
+
+def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, error: float) -> tuple[float, bool]:
+    """Return since when [s] the boat has been off course (nan: she is on it), and whether that is an alarm.
+
+    `since` and `is_off` are what this returned before; `error` [rad] is the heading's, off the course ordered.
+    """
+    limit = limits.off_course * (BACK_ON_COURSE if is_off else 1.0)
+    # written so that an error that is no number is no reason to be quiet
+    if abs(error) <= limit:
+        return math.nan, False
+    if math.isnan(since):
+        return now, False
+    return since, is_off or now - since >= limits.off_course_time
+
+
+class OffCourse:
+    """The off-course alarm: how far, which way, and whether the rudder is at its stop."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._since, self._is_off = math.nan, False
+        self.text = ""
+
+    def look(self, limits: AlarmLimits, watched: Watched) -> None:
+        """Judge a tick; not while a turn may last."""
+        if not watched.holds_course or math.isinf(limits.off_course):
+            self.reset()
+            return
+        error = shortest_turn(watched.wanted, watched.state.heading)
+        self._since, self._is_off = course_step(limits, self._since, self._is_off, watched.now, error)
+        self.text = _text(error, watched) if self._is_off else ""
+
+
+def _text(error: float, watched: Watched) -> str:
+    off = f"off course by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
+    if is_hard_over(watched):
+        return f"{off}, the rudder at its stop: more way or less sail, check that the rudder moves"
+    return f"{off}: check rudder, speed and wind, or order another course"
+
+
+class Runaway:
+    """Rudder hard over, and the boat turns to the other side nearly as it would for a rudder hard over there.
+
+    A gust heavier than the rudder turns it more slowly, or not for long: that is fought, not given up.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._since: float | None = None
+
+    def runs(self, model: Norrbin, limits: AlarmLimits, watched: Watched) -> bool:
+        """Return whether the boat has run away for long."""
+        if not is_hard_over(watched) or not _turns_against(model, watched):
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = watched.now
+        return watched.now - self._since >= limits.off_course_time + SETTLED * model.time_constant
+
+
+def _turns_against(model: Norrbin, watched: Watched) -> bool:
+    answers_to = steady_rudder(model, watched.state.rate)
+    return answers_to * watched.rudder < 0.0 and abs(answers_to) >= AGAINST_SHARE * abs(watched.rudder)

@@ -1,0 +1,205 @@
+"""A compass that stands still, jumps, or does not go together with the rate of turn."""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.angles import shortest_turn
+from autopilot.models.norrbin import Norrbin, rate_step
+from autopilot.models.steering_gear import clip
+from autopilot.monitors.watched import Watched
+from autopilot.signals import HeadingSample, RateSample
+
+LONGEST_STEP_S = 0.5
+FROZEN_SAMPLES = 10
+"""So many headings that are the same to the last digit are worth a second look."""
+FROZEN_BY_RATE = math.radians(5.0)
+FROZEN_BY_RUDDER = math.radians(15.0)
+"""The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood."""
+RATE_FORGOTTEN = 10.0
+"""A rate sensor's bias would add up over longer than this [s]."""
+SEA_LEAST = math.radians(0.7)
+SEA_DIGITS = 5.0
+SEA_STOOD = 3.0
+"""In a sea that moved the heading by this standard deviation [rad], and by so many of the compass's own digits, no
+heading stands for so long [s], between two wave groups neither."""
+JUMPS = 3
+JUMPS_WITHIN = 10.0
+"""So many jumps within this time [s] are no spikes any more."""
+JUMP_SETTLED = 0.5
+JUMP_SAMPLES = 3
+"""A heading that stays where it jumped to for so long [s], and so many samples, has jumped for good."""
+JUMP_SAID = 5.0
+"""A jump is told for this time [s] after it was found."""
+JUMP_GAP = 2.0
+DISAGREES_TIME = 5.0
+DISAGREES_LASTS = 1.0
+"""Turns by heading and by rate are compared over about this time [s], and must differ for so long."""
+
+
+class FrozenHeading:
+    """A heading that stays the very same number while the boat must be turning.
+
+    Judged by the yaw rate that came with it where there is one, else by the sea that moved it until then, and by the
+    turn that the model makes of the rudder, the bias being what it was when the heading began to stand: the estimator
+    has learnt the wrong one since.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._digit = math.inf
+        self._sea = 0.0
+        self._stand(math.nan)
+
+    def _stand(self, heading: float) -> None:
+        self._heading = heading
+        self._proven = False
+        self._same = 0
+        self._since = self._time = math.nan
+        self._turn: float | None = None
+        self._low = self._high = 0.0
+        self._now = math.nan
+        self._bias = 0.0
+        self._rate = 0.0
+        self._turned = 0.0
+
+    def hear(self, sample: HeadingSample) -> None:
+        """Take a heading as it was measured."""
+        if sample.heading != self._heading:
+            step = abs(shortest_turn(self._heading, sample.heading))
+            if step < self._digit:
+                self._digit = step
+            self._stand(sample.heading)
+            self._since = sample.time
+        elif sample.rate is not None and math.isfinite(self._time):
+            step = clip(sample.time - self._time, 0.0, LONGEST_STEP_S)
+            # what is long past may be the bias of the rate sensor, added up
+            self._turn = (self._turn or 0.0) * math.exp(-step / RATE_FORGOTTEN) + sample.rate * step
+            self._low, self._high = min(self._low, self._turn), max(self._high, self._turn)
+        self._same += 1
+        self._time = sample.time
+
+    def is_frozen(self, model: Norrbin, watched: Watched) -> bool:
+        """Return whether the heading has stood still while the boat turned; once it has, until it moves again."""
+        self._proven = self._proven or self._is_proven(model, watched)
+        return self._proven
+
+    def _is_proven(self, model: Norrbin, watched: Watched) -> bool:
+        if self._same < 2:
+            self._sea = watched.state.wave_deviation
+        elif self._stands_in_a_sea():
+            return True
+        if self._same < 2 or not math.isfinite(self._now) or not (watched.steers or self._turn is not None):
+            # what somebody else does with the rudder proves nothing
+            self._begin(watched)
+            return False
+        step = clip(watched.now - self._now, 0.0, LONGEST_STEP_S)
+        self._now = watched.now
+        self._rate = rate_step(model, self._rate, watched.state.rudder + self._bias, step)
+        self._turned += self._rate * step
+        if self._same < FROZEN_SAMPLES:
+            return False
+        if self._turn is not None:
+            return self._high - self._low > FROZEN_BY_RATE
+        return watched.has_way and abs(self._turned) > FROZEN_BY_RUDDER
+
+    def _stands_in_a_sea(self) -> bool:
+        moved = self._sea >= max(SEA_LEAST, SEA_DIGITS * self._digit)
+        return moved and self._same >= FROZEN_SAMPLES and self._time - self._since >= SEA_STOOD
+
+    def _begin(self, watched: Watched) -> None:
+        self._now, self._bias = watched.now, watched.state.bias
+        self._rate, self._turned = watched.state.rate, 0.0
+
+
+class JumpingHeading:
+    """A heading that is suddenly further on than the boat can have turned: several times, or once and for good."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._last: HeadingSample | None = None
+        self._rate = 0.0
+        self._away: list[HeadingSample] = []
+        self._jumps: list[float] = []
+        self._found = -math.inf
+        self._by = 0.0
+
+    def hear(self, sample: HeadingSample, most: float) -> None:
+        """Take a heading; `most` [rad]: no boat turns further between two of them."""
+        if not math.isfinite(sample.heading) or not math.isfinite(sample.time):
+            return
+        last = self._last
+        if last is None or last.source != sample.source or not 0.0 <= sample.time - last.time <= JUMP_GAP:
+            self._take(sample)
+            return
+        off = shortest_turn(last.heading + self._rate * (sample.time - last.time), sample.heading)
+        if abs(off) <= most:
+            self._take(sample)
+            return
+        if not self._away or abs(shortest_turn(self._away[-1].heading, sample.heading)) > most:
+            self._away = []
+            self._jumps = [*(time for time in self._jumps if sample.time - time < JUMPS_WITHIN), sample.time]
+        self._by = off
+        self._away.append(sample)
+        settled = len(self._away) >= JUMP_SAMPLES and sample.time - self._away[0].time >= JUMP_SETTLED
+        if settled:
+            self._take(sample)
+        if settled or len(self._jumps) >= JUMPS:
+            self._found = sample.time
+
+    def _take(self, sample: HeadingSample) -> None:
+        self._last, self._away = sample, []
+
+    def found(self, watched: Watched) -> str:
+        """Return how far it jumped, where it has of late; empty where not."""
+        self._rate = watched.state.rate if math.isfinite(watched.state.rate) else 0.0
+        recent = 0.0 <= watched.now - self._found < JUMP_SAID
+        return f"by {math.degrees(self._by):+.0f} deg" if recent else ""
+
+
+class RateAgainstHeading:
+    """Whether heading and rate of turn tell of the same turn, over a few seconds."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._heading: HeadingSample | None = None
+        self._rate: RateSample | None = None
+        self._apart = 0.0
+        self._since: float | None = None
+        self.found = ""
+
+    def hear(self, sample: HeadingSample | RateSample, most: float) -> None:
+        """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of."""
+        if not math.isfinite(sample.time) or (sample.rate is not None and not math.isfinite(sample.rate)):
+            return
+        if isinstance(sample, RateSample):
+            self._rate = sample
+            return
+        last, self._heading = self._heading, sample
+        rate = sample.rate if sample.rate is not None else self._fresh_rate(sample.time)
+        if last is None or rate is None or last.source != sample.source or not math.isfinite(sample.heading):
+            return
+        step = sample.time - last.time
+        if not 0.0 < step <= JUMP_GAP or not math.isfinite(last.heading):
+            return
+        turned = shortest_turn(last.heading, sample.heading) - rate * step
+        self._apart = self._apart * math.exp(-step / DISAGREES_TIME) + turned
+        if abs(self._apart) <= most:
+            self._since, self.found = None, ""
+        elif self._since is None:
+            self._since = sample.time
+        elif sample.time - self._since >= DISAGREES_LASTS:
+            self.found = f"{math.degrees(abs(self._apart)):.0f} deg apart"
+
+    def _fresh_rate(self, time: float) -> float | None:
+        rate = self._rate
+        return rate.rate if rate is not None and 0.0 <= time - rate.time <= JUMP_GAP else None

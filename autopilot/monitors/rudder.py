@@ -1,0 +1,104 @@
+"""A rudder that does not move, does not follow, moves the wrong way, or stands at its stop."""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.monitors.watched import AlarmLimits, Watched
+from autopilot.signals import RudderSample
+
+PATIENCE_S = 1.2
+PROGRESS_SHARE = 0.3
+ASSUMED_RATE = math.radians(5.0)
+"""A steering gear of unknown rate is asked for a share of this [rad/s]."""
+LONGEST_GAP_S = 1.0
+STANDS = math.radians(0.5)
+"""A rudder that has moved by less while it should have does not move at all."""
+AT_THE_STOP = 0.9
+AT_THE_STOP_TIME = 15.0
+
+
+class RudderFollows:
+    """Compares the angle that a sensor shows with what the rudder was told.
+
+    Time in which the rudder is off its order by more than the tolerance and not on its way to it fills a bucket, other
+    time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that has gone
+    away from its order further than the gear's delay explains is reversed.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._order: float | None = None
+        self._seen: RudderSample | None = None
+        self._bucket = 0.0
+        self._away = 0.0
+        self._low, self._high = math.inf, -math.inf
+        self.found: tuple[str, str] = ("", "")
+
+    def hear(self, sample: RudderSample, limits: AlarmLimits) -> None:
+        """Take a measured angle."""
+        before, self._seen = self._seen, sample
+        if self._order is None or before is None or before.source != sample.source:
+            return
+        elapsed = sample.time - before.time
+        if not 0.0 < elapsed <= LONGEST_GAP_S or not math.isfinite(sample.angle):
+            return
+        error = self._order - sample.angle
+        moved = math.copysign(1.0, error) * (sample.angle - before.angle)
+        rate = min(limits.rudder_rate, ASSUMED_RATE)
+        is_off = abs(error) > limits.rudder_tolerance
+        if is_off and moved < PROGRESS_SHARE * rate * elapsed:
+            self._bucket += elapsed
+            self._low, self._high = min(self._low, sample.angle), max(self._high, sample.angle)
+        else:
+            self._bucket = max(self._bucket - elapsed, 0.0)
+        if self._bucket == 0.0:
+            self._low, self._high = math.inf, -math.inf
+        self._away = max(self._away - moved, 0.0) if is_off else 0.0
+        self._judge(sample, limits)
+
+    def _judge(self, sample: RudderSample, limits: AlarmLimits) -> None:
+        if self._order is None or self.found[0]:
+            return
+        shown = f"{math.degrees(sample.angle):.1f} deg where {math.degrees(self._order):.1f} deg is ordered"
+        lag = limits.rudder_delay * min(limits.rudder_rate, 4.0 * ASSUMED_RATE)
+        if self._away > limits.rudder_tolerance + lag:
+            self.found = ("rudder_reversed", shown)
+        elif self._bucket > PATIENCE_S + limits.rudder_delay:
+            stands = self._high - self._low < STANDS
+            self.found = ("rudder_stuck" if stands else "rudder_not_following", shown)
+
+    def look(self, watched: Watched) -> None:
+        """Take what the rudder is told; what was found is forgotten when it is ours no more."""
+        if watched.steers:
+            self._order = watched.rudder
+        else:
+            self.reset()
+
+
+class AtTheStop:
+    """A course held with the rudder at its stop for long: there is none left."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._since: float | None = None
+
+    def is_there(self, watched: Watched) -> bool:
+        """Return whether the rudder has stood there for long."""
+        if not (watched.steers and watched.holds_course and is_hard_over(watched)):
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = watched.now
+        return watched.now - self._since >= AT_THE_STOP_TIME
+
+
+def is_hard_over(watched: Watched) -> bool:
+    """Return whether the rudder is told to be at its stop, nearly."""
+    return abs(watched.rudder) >= AT_THE_STOP * watched.angle_max

@@ -1,0 +1,157 @@
+"""All monitors together: fed with the samples of a tick, then asked what is the case."""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.alarms import CATALOGUE, Response, text_of
+from autopilot.models.norrbin import Norrbin
+from autopilot.monitors.answer import RudderAnswer
+from autopilot.monitors.course import OffCourse, Runaway
+from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
+from autopilot.monitors.rudder import AtTheStop, RudderFollows
+from autopilot.monitors.watched import AlarmLimits, Watched
+from autopilot.signals import (
+    ConditionSample,
+    HeadingSample,
+    RateSample,
+    RollSample,
+    RudderSample,
+    Sample,
+    WindSample,
+)
+
+ROLL_SECONDS = 2.0
+INNOVATION_TIME = 20.0
+WIND_STALE = 5.0
+
+FROZEN = text_of("heading_frozen")
+RUNAWAY = text_of("runaway")
+
+
+class Monitors:
+    """`hear` and `look` every tick; then `findings` has what is the case.
+
+    Attributes:
+        findings: the texts of the alarms by their names in the catalogue.
+    """
+
+    def __init__(self, limits: AlarmLimits) -> None:
+        self.limits = limits
+        self._frozen, self._jumping, self._against_rate = FrozenHeading(), JumpingHeading(), RateAgainstHeading()
+        self._follows, self._answer, self._stop = RudderFollows(), RudderAnswer(), AtTheStop()
+        self._course, self._runaway = OffCourse(), Runaway()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        for monitor in (
+            self._frozen,
+            self._jumping,
+            self._against_rate,
+            self._follows,
+            self._answer,
+            self._stop,
+            self._course,
+            self._runaway,
+        ):
+            monitor.reset()
+        self.findings: dict[str, str] = {}
+        self._conditions: dict[tuple[str, str], str] = {}
+        self._roll_since: float | None = None
+        self._roll = ""
+        self._surprised_since: float | None = None
+        self._wind_time = -math.inf
+
+    @property
+    def trouble(self) -> str:
+        """Return the text of what is a reason to leave off steering, "" where nothing is."""
+        return next((text for name, text in self.findings.items() if _ends_steering(name)), "")
+
+    def alarms(self) -> tuple[str, ...]:
+        """Return what is to be said though steering goes on."""
+        return tuple(text for name, text in self.findings.items() if not _ends_steering(name))
+
+    def hear(self, samples: tuple[Sample, ...]) -> None:
+        """Take the instruments' samples of this tick."""
+        limits = self.limits
+        for sample in samples:
+            if isinstance(sample, HeadingSample):
+                if limits.frozen_heading:
+                    self._frozen.hear(sample)
+                self._jumping.hear(sample, limits.heading_jump)
+                self._against_rate.hear(sample, limits.rate_disagrees)
+            elif isinstance(sample, RateSample):
+                self._against_rate.hear(sample, limits.rate_disagrees)
+            elif isinstance(sample, RudderSample):
+                if not sample.ordered:
+                    self._follows.hear(sample, limits)
+            elif isinstance(sample, RollSample):
+                self._hear_roll(sample)
+            elif isinstance(sample, WindSample):
+                self._wind_time = sample.time
+            elif isinstance(sample, ConditionSample):
+                self._hear_condition(sample)
+
+    def look(self, model: Norrbin, watched: Watched) -> None:
+        """Judge a tick; `model` at the present speed."""
+        found = {name: text for (name, _), text in self._conditions.items()}
+        self._look_at_heading(model, watched, found)
+        self._look_at_rudder(model, watched, found)
+        self._course.look(self.limits, watched)
+        if self._course.text:
+            found["off_course"] = self._course.text
+        if watched.waits:
+            found["low_speed"] = text_of("low_speed")
+        if self._roll:
+            found["roll"] = self._roll
+        if self.limits.wind_wanted and watched.now - self._wind_time > WIND_STALE:
+            found["no_wind"] = text_of("no_wind")
+        self.findings = found
+
+    def _look_at_heading(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
+        if self.limits.frozen_heading and self._frozen.is_frozen(model, watched):
+            found["heading_frozen"] = FROZEN
+        jumped = self._jumping.found(watched)
+        if jumped:
+            found["heading_jumping"] = text_of("heading_jumping", jumped)
+        if self._against_rate.found:
+            found["rate_disagrees"] = text_of("rate_disagrees", self._against_rate.found)
+        if not abs(watched.surprise) > self.limits.innovation:
+            self._surprised_since = None
+        elif self._surprised_since is None:
+            self._surprised_since = watched.now
+        elif watched.now - self._surprised_since >= INNOVATION_TIME:
+            found["innovation"] = text_of("innovation", f"{abs(watched.surprise):.1f} standard deviations")
+
+    def _look_at_rudder(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
+        name, shown = self._follows.found
+        if name:
+            found[name] = text_of(name, shown)
+        self._follows.look(watched)
+        if self.limits.reversed_rudder and self._answer.is_opposite(model, watched):
+            found.setdefault("rudder_reversed", text_of("rudder_reversed", "the boat answers to the opposite rudder"))
+        if self._runaway.runs(model, self.limits, watched):
+            found["runaway"] = RUNAWAY
+        if self._stop.is_there(watched):
+            found["rudder_at_stop"] = text_of("rudder_at_stop")
+
+    def _hear_condition(self, sample: ConditionSample) -> None:
+        key = (sample.name, sample.source)
+        if sample.present and sample.name in CATALOGUE:
+            self._conditions[key] = text_of(sample.name, sample.detail)
+        else:
+            self._conditions.pop(key, None)
+
+    def _hear_roll(self, sample: RollSample) -> None:
+        if abs(sample.roll) <= self.limits.roll:
+            self._roll_since, self._roll = None, ""
+        elif self._roll_since is None:
+            self._roll_since = sample.time
+        elif sample.time - self._roll_since >= ROLL_SECONDS:
+            heel = math.degrees(abs(sample.roll))
+            self._roll = f"heeling {heel:.0f} deg: ease sheets, slow down, or change course"
+
+
+def _ends_steering(name: str) -> bool:
+    return CATALOGUE[name].response in (Response.FAILSAFE, Response.LET_GO, Response.FAULT)

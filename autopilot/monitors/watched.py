@@ -1,0 +1,47 @@
+"""What the monitors are given: their limits, and what a tick shows them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.signals import NavState
+
+
+class AlarmLimits(NamedTuple):
+    """off_course [rad] for off_course_time [s]; roll [rad]; heading_jump [rad]; rate_disagrees [rad]; innovation in
+    standard deviations; inf: not watched. frozen_heading, reversed_rudder: watched or not. wind_wanted: whether a wind
+    that is not known is to be said. rudder_tolerance [rad], rudder_rate [rad/s] and rudder_delay [s]: how closely a
+    rudder whose angle is measured must follow.
+    """
+
+    off_course: float = math.inf
+    off_course_time: float = 10.0
+    roll: float = math.inf
+    frozen_heading: bool = True
+    heading_jump: float = math.inf
+    rate_disagrees: float = math.inf
+    innovation: float = math.inf
+    reversed_rudder: bool = False
+    rudder_tolerance: float = math.inf
+    rudder_rate: float = math.inf
+    rudder_delay: float = 0.0
+    wind_wanted: bool = False
+
+
+class Watched(NamedTuple):
+    """What the monitors look at in a tick: whether we move the rudder; whether a course is being held, turns to it
+    being over; the heading ordered [rad], the rudder that was told [rad] and its end stop [rad]; whether there is
+    way enough for the rudder to count; how far measurements have lain to one side of late [standard deviations]; and
+    whether the rudder waits for way."""
+
+    now: float
+    state: NavState
+    steers: bool
+    holds_course: bool
+    wanted: float
+    rudder: float
+    angle_max: float
+    has_way: bool
+    surprise: float = 0.0
+    waits: bool = False

@@ -1,0 +1,194 @@
+"""How soon the whole pilot notices what fails, and how far the boat is off her course by then."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import pytest
+from plant import Plant
+
+from autopilot.angles import wrap
+from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.models.steering_gear import clip
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import (
+    HeadingSample,
+    Mode,
+    Order,
+    OrderKind,
+    RollSample,
+    RudderSample,
+    Sample,
+    SupervisorState,
+    Tick,
+)
+
+VESSEL = load_vessel("lanxin")
+DT = 0.05
+SETTLED = 40.0
+"""When the fault comes [s]: by then the sea has been learnt."""
+
+
+def calm(_: float) -> float:
+    return 0.0
+
+
+def seaway(now: float) -> float:
+    """Three waves between 5 and 8 s, worth up to 12 deg of rudder: yaw of some degrees."""
+    return math.radians(6.0 * math.sin(0.8 * now) + 4.0 * math.sin(1.05 * now + 1.0) + 3.0 * math.sin(1.25 * now + 2.0))
+
+
+@dataclass
+class Run:
+    """A boat held on a course in a sea; from `SETTLED` on `spoil` alters what the instruments say, and `steer` what
+    the gear is told."""
+
+    sea: Callable[[float], float] = calm
+    spoil: Callable[[float, Sample], Sample | None] = lambda _, sample: sample
+    steer: Callable[[Plant, float], float] = lambda _, angle: angle
+    has_sensor: bool = False
+    course: float = 0.0
+    seed: int = 1
+
+    def sail(self, seconds: float = 30.0) -> tuple[Tick | None, float]:
+        """Return the tick in which steering ended, or a doubt arose, and the furthest error until then [deg]."""
+        pilot = build_pilot(VESSEL)
+        noise, rate_noise = math.radians(0.3), math.radians(0.2)
+        plant = Plant(
+            model_of(VESSEL),
+            gear_of(VESSEL),
+            disturbance=self.sea,
+            heading_noise=noise,
+            rate_noise=rate_noise,
+            seed=self.seed,
+        )
+        worst = 0.0
+        while plant.time < SETTLED + seconds:
+            samples = plant.sense()
+            if self.has_sensor:
+                samples.append(RudderSample(plant.time, plant.rudder, False, "sensor"))
+            failed = plant.time >= SETTLED
+            if failed:
+                samples = [altered for sample in samples if (altered := self.spoil(plant.time, sample)) is not None]
+            wanted = self.course if failed else 0.0
+            tick = pilot.step(plant.time, tuple(samples), Order(OrderKind.HEADING, wanted, serial=1))
+            if failed:
+                worst = max(worst, abs(math.degrees(wrap(plant.heading - wanted))))
+            if tick.mode is not Mode.ENGAGED or tick.supervisor is SupervisorState.DEGRADED:
+                return tick, worst
+            plant.step(self.steer(plant, tick.command.angle) if failed else tick.command.angle, DT)
+        return None, worst
+
+
+def found(run: Run, begins: str, within: float, mode: Mode = Mode.FAILSAFE) -> float:
+    tick, worst = run.sail()
+    assert tick is not None, "not noticed"
+    assert tick.mode is mode
+    assert tick.alarms[0].startswith(begins), tick.alarms
+    assert 0.0 <= tick.now - SETTLED <= within
+    return worst
+
+
+@pytest.mark.parametrize("sea", [calm, seaway])
+def test_without_a_fault_nothing_is_noticed(sea: Callable[[float], float]) -> None:
+    assert Run(sea, has_sensor=True, course=math.radians(60.0)).sail(60.0)[0] is None
+
+
+def test_a_lost_heading_is_noticed_within_a_second() -> None:
+    found(Run(seaway, spoil=lambda now, sample: None), "heading lost", 1.0)
+
+
+class Frozen:
+    """A compass that says the last thing again and again."""
+
+    def __init__(self, rate: bool, digit: float = 0.0) -> None:
+        self.rate, self.digit, self.last = rate, digit, math.nan
+
+    def __call__(self, now: float, sample: Sample) -> Sample:
+        assert isinstance(sample, HeadingSample)
+        if math.isnan(self.last):
+            self.last = sample.heading
+        return sample._replace(heading=self.last, rate=sample.rate if self.rate else None)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("rate", [True, False])
+def test_a_frozen_heading_is_noticed_within_five_seconds_in_a_seaway(rate: bool, seed: int) -> None:
+    run = Run(seaway, spoil=Frozen(rate), seed=seed)
+    assert found(run, "heading frozen", 5.0) < 15.0
+
+
+@pytest.mark.parametrize(("sea", "course"), [(seaway, 30.0), (calm, 30.0)])
+def test_a_stuck_rudder_is_noticed_within_three_seconds(sea: Callable[[float], float], course: float) -> None:
+    run = Run(sea, steer=lambda plant, _: plant.rudder, has_sensor=True, course=math.radians(course))
+    found(run, "the rudder does not move", 3.0)
+
+
+def test_a_rudder_that_wanders_off_by_itself_does_not_follow() -> None:
+    run = Run(steer=lambda plant, _: math.radians(20.0 * math.sin(0.3 * (plant.time - SETTLED))), has_sensor=True)
+    found(run, "the rudder ", 6.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("sensor", [True, False])
+def test_a_reversed_rudder_is_noticed_within_five_seconds_and_before_fifteen_degrees(sensor: bool, seed: int) -> None:
+    run = Run(steer=lambda _, angle: -angle, has_sensor=sensor, seed=seed)
+    assert found(run, "the rudder moves the wrong way", 5.0) < 15.0
+
+
+def test_a_heading_that_jumps_for_good_is_noticed() -> None:
+    def jumped(now: float, sample: Sample) -> Sample:
+        assert isinstance(sample, HeadingSample)
+        return sample._replace(heading=wrap(sample.heading + math.radians(40.0)))
+
+    assert found(Run(seaway, spoil=jumped), "the heading jumps", 1.0) < 15.0
+
+
+def test_one_spike_is_no_reason_to_leave_off_and_three_are() -> None:
+    def spikes(times: tuple[float, ...]) -> Callable[[float, Sample], Sample]:
+        def spoil(now: float, sample: Sample) -> Sample:
+            assert isinstance(sample, HeadingSample)
+            is_one = any(abs(now - SETTLED - time) < 0.5 * DT for time in times)
+            return sample._replace(heading=wrap(sample.heading + 2.0)) if is_one else sample
+
+        return spoil
+
+    assert Run(seaway, spoil=spikes((1.0,))).sail()[0] is None
+    found(Run(seaway, spoil=spikes((1.0, 3.0, 5.0))), "the heading jumps", 5.1)
+
+
+def test_a_rate_of_turn_of_the_wrong_sign_is_a_doubt_and_steering_goes_on() -> None:
+    def reversed_rate(now: float, sample: Sample) -> Sample:
+        assert isinstance(sample, HeadingSample)
+        return sample._replace(rate=-(sample.rate or 0.0))
+
+    tick, _ = Run(seaway, spoil=reversed_rate, course=math.radians(60.0)).sail()
+    assert tick is not None
+    assert tick.mode is Mode.ENGAGED
+    assert tick.supervisor is SupervisorState.DEGRADED
+    assert any(alarm.startswith("the rate of turn and the heading") for alarm in tick.alarms), tick.alarms
+
+
+def test_a_rudder_at_its_stop_for_long_is_a_doubt() -> None:
+    def gale(now: float) -> float:
+        return math.radians(clip(1.5 * (now - SETTLED), 0.0, 36.0))
+
+    tick, _ = Run(gale).sail(60.0)
+    assert tick is not None
+    assert tick.supervisor is SupervisorState.DEGRADED
+    assert any(alarm.startswith("the rudder stands at its stop") for alarm in tick.alarms), tick.alarms
+
+
+def test_heel_is_told_and_steering_goes_on() -> None:
+    vessel = replace(VESSEL, alarms=replace(VESSEL.alarms, roll_deg=30.0))
+    pilot, plant = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel))
+    tick = None
+    for _ in range(80):
+        samples = (*plant.sense(), RollSample(plant.time, 0.7, None, "attitude"))
+        tick = pilot.step(plant.time, samples, Order(OrderKind.HEADING, 0.0, serial=1))
+        plant.step(tick.command.angle, DT)
+    assert tick is not None
+    assert tick.mode is Mode.ENGAGED
+    assert any(alarm.startswith("heeling 40 deg") for alarm in tick.alarms)
