@@ -117,7 +117,7 @@ class Monitors:
             found["heading_jumping"] = text_of("heading_jumping", jumped)
         if self._against_rate.found:
             found["rate_disagrees"] = text_of("rate_disagrees", self._against_rate.found)
-        if not abs(watched.surprise) > self.limits.innovation:
+        if not (watched.has_way and abs(watched.surprise) > self.limits.innovation):
             self._surprised_since = None
         elif self._surprised_since is None:
             self._surprised_since = watched.now
