@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from autopilot.params.vessel_file import dump_vessel, load_vessel
+from sitl.fault_desk import ask
 
 
 def patient_vessel(folder: Path) -> Path:
@@ -40,3 +41,16 @@ def simulator(speedup: float, *arguments: str) -> Iterator[subprocess.Popen[str]
         finally:
             process.terminate()
             process.communicate()
+
+
+def wait_until_engaged(run: subprocess.Popen[str]) -> None:
+    """Return when the pilot has said that it steers."""
+    assert run.stdout is not None
+    while "ENGAGED" not in run.stdout.readline():
+        assert run.poll() is None
+
+
+def provoke(control: int, fault: str) -> None:
+    """Let the simulator that listens at the port `control` have a fault from now on."""
+    answer = ask(f"127.0.0.1:{control}", fault)
+    assert not answer.startswith("error"), answer

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
-from two_processes import free_port, patient_vessel, simulator
+from two_processes import free_port, patient_vessel, provoke, simulator, wait_until_engaged
 
 from autopilot.angles import wrap
 from autopilot.loop.record import read_log
@@ -60,12 +60,6 @@ def station() -> Iterator[tuple[Station, int]]:
     found.line.close()
 
 
-def read_engaged(run: subprocess.Popen[str]) -> None:
-    assert run.stdout is not None
-    while "ENGAGED" not in run.stdout.readline():
-        assert run.poll() is None
-
-
 def test_a_heading_is_changed_and_held_by_the_firmware(tmp_path: Path, station: tuple[Station, int]) -> None:
     port, log, truth = free_port(), tmp_path / "run.tlog", tmp_path / "truth.csv"
     with simulator(
@@ -103,7 +97,7 @@ def test_the_human_s_change_of_mode_takes_the_helm(tmp_path: Path, station: tupl
             str(patient_vessel(tmp_path)), "--link", f"udpin:127.0.0.1:{port}", "--engage", "60", "--duration", "15",
             "--log", str(log),
         )  # fmt: skip
-        read_engaged(run)
+        wait_until_engaged(run)
         station[0].set_mode(0)
         assert finish(run) == (0, "")
     last = read_log(log).ticks[-1]
@@ -112,15 +106,16 @@ def test_the_human_s_change_of_mode_takes_the_helm(tmp_path: Path, station: tupl
 
 
 def test_a_line_that_falls_silent_is_an_override_and_a_link_error(tmp_path: Path) -> None:
-    port, log, fault = free_port(), tmp_path / "run.tlog", tmp_path / "fault.yaml"
-    fault.write_text("schema_version: 1\nname: fault\nfaults:\n  - kind: silence\n    from_s: 20.0\n    to_s: 3600.0\n")
+    port, control, log = free_port(), free_port(), tmp_path / "run.tlog"
     with simulator(
-        SPEEDUP, "--mode", "GUIDED", "--mavlink", f"udpout:127.0.0.1:{port}", "--scenario", str(fault)
+        SPEEDUP, "--mode", "GUIDED", "--mavlink", f"udpout:127.0.0.1:{port}", "--control", f"127.0.0.1:{control}"
     ):  # fmt: skip
         run = pilot(
-            str(patient_vessel(tmp_path)), "--link", f"udpin:127.0.0.1:{port}", "--engage", "60", "--duration", "32",
+            str(patient_vessel(tmp_path)), "--link", f"udpin:127.0.0.1:{port}", "--engage", "60", "--duration", "120",
             "--log", str(log),
         )  # fmt: skip
+        wait_until_engaged(run)
+        provoke(control, "silence")
         code, err = finish(run)
     assert code == 3
     assert "no heading has come" in err

@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from two_processes import free_port, patient_vessel, simulator
+from two_processes import free_port, patient_vessel, provoke, simulator, wait_until_engaged
 
 from autopilot.loop.record import read_log
 from autopilot.loop.tick_codec import encode_tick
@@ -45,14 +45,6 @@ def assert_one_sentence(done: subprocess.CompletedProcess[str], code: int, *part
         assert part in lines[0]
 
 
-def scenario(folder: Path, fault: str, begins: float) -> Path:
-    path = folder / "fault.yaml"
-    path.write_text(
-        f"schema_version: 1\nname: fault\nfaults:\n  - kind: {fault}\n    from_s: {begins}\n    to_s: 3600.0\n"
-    )
-    return path
-
-
 @pytest.mark.parametrize(
     ("fault", "code", "last", "part"),
     [
@@ -63,11 +55,19 @@ def scenario(folder: Path, fault: str, begins: float) -> Path:
 def test_a_heading_that_stays_away_is_no_good_end(
     tmp_path: Path, vessel: str, fault: str, code: int, last: Mode, part: str
 ) -> None:
-    port, log = free_port(), tmp_path / "run.tlog"
-    with simulator(
-        SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--scenario", str(scenario(tmp_path, fault, 20.0))
+    port, control, log = free_port(), free_port(), tmp_path / "run.tlog"
+    command = [sys.executable, "-m", "autopilot", "run", vessel, "--link", f"udpin:127.0.0.1:{port}", "--as-gcs"]
+    command += ["--speedup", str(SPEEDUP), "--engage", "90", "--duration", "40", "--log", str(log)]
+    with (
+        simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--control", f"127.0.0.1:{control}"),
+        subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as run,
     ):
-        done = steer(vessel, port, "--engage", "90", "--duration", "26", "--log", str(log))
+        wait_until_engaged(run)
+        provoke(control, fault)
+        out, err = run.communicate(timeout=100.0)
+    done = subprocess.CompletedProcess(command, run.returncode, out, err)
     assert_one_sentence(done, code, "heading", part)
     ticks = read_log(log).ticks
     modes = [tick.mode for tick in ticks]
