@@ -20,6 +20,7 @@ SUBCOMMANDS = {
     "params": "check, convert, upload, verify and restore parameter files",
     "replay": "run a log again and compare every rudder command bit for bit",
     "web": "the helm as a page for phone, tablet and desktop",
+    "signalk": "the running pilot in Signal K: its state as deltas, orders from Signal K programs",
     "install-service": "steer from power-on: a system service with watchdog and user",
     "demo": "trial, identification and steering of the simulated Lanxin boat, in about a minute",
 }

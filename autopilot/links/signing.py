@@ -25,6 +25,7 @@ KEY_SIZE = 32
 MOST_STREAMS = 1024
 FIRST_LINK = 64
 """Ground stations number their links from 0: one that shares our system id must not share our streams."""
+OUR_LINKS = 256 - FIRST_LINK
 TIMESTAMP_MAX = (1 << 48) - 1
 UNSIGNED_IDS = frozenset({int(dialect.MAVLINK_MSG_ID_RADIO_STATUS)})
 """Taken without a signature: a telemetry radio puts it into the stream itself and has no key."""
@@ -70,19 +71,20 @@ class Signing:
 
     Args:
         key: 32 bytes.  timestamps: see `Timestamps`.
+        first_link: number of the first link, another one in each process of a machine that shares the key.
 
     Attributes:
         refused: how many packets were refused, by reason.
     """
 
-    def __init__(self, key: bytes, timestamps: Timestamps) -> None:
+    def __init__(self, key: bytes, timestamps: Timestamps, first_link: int = FIRST_LINK) -> None:
         if len(key) != KEY_SIZE:
             raise ValueError(f"a signing key has {KEY_SIZE} bytes, not {len(key)}")
         self.timestamps = timestamps
         self.refused: Counter[str] = Counter()
         self.streams: dict[Stream, int] = {}
         self._keyed = hashlib.sha256(key)
-        self._links = 0
+        self._links = first_link - FIRST_LINK
 
     def __repr__(self) -> str:
         return "Signing(...)"  # the key stays out of every message and log
@@ -90,7 +92,7 @@ class Signing:
     def link(self) -> LinkSigning:
         """Return the signing of one more link, with a link id of its own."""
         self._links += 1
-        return LinkSigning(self, (FIRST_LINK + self._links - 1) & 0xFF)
+        return LinkSigning(self, FIRST_LINK + (self._links - 1) % OUR_LINKS)
 
     @property
     def summary(self) -> str:

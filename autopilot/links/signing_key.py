@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from autopilot.errors import InputError
-from autopilot.links.signing import KEY_SIZE, MINUTE, TIMESTAMP_MAX, Signing
+from autopilot.links.signing import FIRST_LINK, KEY_SIZE, MINUTE, OUR_LINKS, TIMESTAMP_MAX, Signing
 from autopilot.params.saving import replace_file
 
 EPOCH_S = 1_420_070_400
@@ -177,7 +177,8 @@ def open_signing(path: str | Path) -> Signing:
     key = read_key(path)
     blocks = TimestampBlocks(path)
     blocks.keep_renewing(lambda complaint: print(complaint, file=sys.stderr))
-    return Signing(key, blocks)
+    # two of our processes with the same ids and a key in common must not seem to repeat each other's timestamps
+    return Signing(key, blocks, FIRST_LINK + os.getpid() % OUR_LINKS)
 
 
 @contextlib.contextmanager

@@ -14,59 +14,22 @@ import shutil
 import socket
 import subprocess
 import sys
-import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from outside_programs import HAS_SIGNALK, LOOPBACK, PATIENCE_S, SIGNALK, WANTED, program, until
 from two_processes import free_port, patient_vessel, simulator
 
 from autopilot.loop.record import read_log
 from autopilot.signals import Mode
 
-WANTED = "NORRBIN_INTEROP" in os.environ
 GPSD = shutil.which("gpsd", path=f"{os.environ.get('PATH', '')}:/usr/sbin") if WANTED else None
 SOCAT = shutil.which("socat") if WANTED else None
-SIGNALK = Path(os.environ.get("NORRBIN_SIGNALK", "")) / "node_modules" / "signalk-server" / "bin" / "signalk-server"
-HAS_SIGNALK = WANTED and SIGNALK.is_file() and shutil.which("node") is not None
-PATIENCE_S = 90.0
 GOAL_DEG = 60.0
 SPEEDUP = 2
-# every socket of the server on loopback alone: by itself it listens on all interfaces
-LOOPBACK = """
-const net = require('net'), dgram = require('dgram')
-const listen = net.Server.prototype.listen
-net.Server.prototype.listen = function (port, ...rest) {
-  const options = typeof port === 'object' ? port : { port: Number(port) }
-  return listen.call(this, { ...options, host: '127.0.0.1' }, rest.find((each) => typeof each === 'function'))
-}
-const bind = dgram.Socket.prototype.bind
-dgram.Socket.prototype.bind = function (port, ...rest) {
-  const number = typeof port === 'object' ? port.port : port
-  return bind.call(this, { port: Number(number) || 0, address: '127.0.0.1' }, rest.find((e) => typeof e === 'function'))
-}
-"""
-
-
-@contextlib.contextmanager
-def program(folder: Path, *command: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a program while the block lasts; what it says is in a file named after it."""
-    with (folder / f"{Path(command[0]).name}.txt").open("w") as output:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            text=True,
-            env={**os.environ, **environment},
-        )
-        try:
-            yield process
-        finally:
-            process.terminate()
-            process.wait(20)
 
 
 @contextlib.contextmanager
@@ -83,14 +46,6 @@ def steered_boat(folder: Path, *repeated: str) -> Iterator[Path]:
     ):
         yield log
         assert steering.poll() is None, (folder / f"{Path(sys.executable).name}.txt").read_text()
-
-
-def until(what: str, look: Callable[[], Any]) -> Any:
-    end = time.monotonic() + PATIENCE_S
-    while not (found := look()):
-        assert time.monotonic() < end, f"{what} did not come"
-        time.sleep(0.2)
-    return found
 
 
 @pytest.mark.skipif(GPSD is None, reason="set NORRBIN_INTEROP=1, and apt install gpsd")

@@ -1,0 +1,188 @@
+"""A real signalk-server with our plugin steers the boat: both its APIs, who may, and who may not, and what is lost.
+
+It runs where NORRBIN_INTEROP and NORRBIN_SIGNALK are set; see `test_outside_readers.py`.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import hmac
+import json
+import math
+import shutil
+import socket
+import sys
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+from outside_programs import HAS_SIGNALK, LOOPBACK, SIGNALK, program, until
+from two_processes import free_port, patient_vessel, simulator
+
+import autopilot.signalk
+from autopilot.loop.record import read_log
+from autopilot.signals import Mode
+
+pytestmark = pytest.mark.skipif(not HAS_SIGNALK, reason="set NORRBIN_INTEROP=1 and NORRBIN_SIGNALK: see above")
+SECRET = "0123456789abcdef" * 4
+TOKEN = "a-token-of-enough-letters"
+GOAL_DEG = 60.0
+SPEEDUP = 2
+
+
+def config_folder(folder: Path, web: int, bridge: int, token: str, also_plain: bool = False) -> Path:
+    """A server's folder with our plugin in it, and one user who may write; also a plain data connection."""
+    options = {"type": "tcp", "host": "127.0.0.1", "port": bridge}
+    plain = {"type": "providers/simple", "options": {"logging": False, "type": "SignalK", "subOptions": options}}
+    config = folder / "signalk"
+    shutil.copytree(Path(autopilot.signalk.__file__).parent / "plugin", config / "node_modules" / "signalk-norrbin")
+    off = ("appstore", "applicationData", "playground", "nmea-tcp", "tcp", "mfd_webapp")
+    files = {
+        "settings.json": {
+            "interfaces": dict.fromkeys(off, False),
+            "mdns": False,
+            "ssl": False,
+            "port": web,
+            "pipedProviders": [{"id": "plain", "enabled": True, "pipeElements": [plain]}] if also_plain else [],
+            "security": {"strategy": "./tokensecurity"},
+        },
+        "security.json": {
+            "allow_readonly": True,
+            "secretKey": SECRET,
+            "users": [{"username": "skipper", "type": "readwrite", "password": "none"}],
+        },
+        "package.json": {"name": "config", "dependencies": {"signalk-norrbin": "0.2.0"}},
+        "plugin-config-data/signalk-norrbin.json": {"enabled": True, "configuration": {"port": bridge, "token": token}},
+    }
+    for name, content in files.items():
+        (config / name).parent.mkdir(exist_ok=True)
+        (config / name).write_text(json.dumps(content))
+        (config / name).chmod(0o600)
+    (config / "loopback.cjs").write_text(LOOPBACK)
+    return config
+
+
+def signed_in() -> str:
+    """The token (JWT, HS256) that the server would give the skipper."""
+
+    def part(content: bytes) -> str:
+        return base64.urlsafe_b64encode(content).rstrip(b"=").decode()
+
+    said = part(b'{"alg":"HS256","typ":"JWT"}') + "." + part(b'{"id":"skipper"}')
+    return said + "." + part(hmac.new(SECRET.encode(), said.encode(), hashlib.sha256).digest())
+
+
+class Server:
+    def __init__(self, port: int) -> None:
+        self._base = f"http://127.0.0.1:{port}/signalk"
+
+    def ask(self, path: str, value: Any = None, method: str = "GET", user: bool = True) -> tuple[int, Any]:
+        """Return status and answer."""
+        body = None if method == "GET" else json.dumps({"value": value} | ({"units": "deg"} if "v2" in path else {}))
+        request = urllib.request.Request(f"{self._base}/{path}", body and body.encode(), method=method)
+        request.add_header("Content-Type", "application/json")
+        if user:
+            request.add_header("Authorization", f"Bearer {signed_in()}")
+        try:
+            with urllib.request.urlopen(request, timeout=20) as answer:
+                return answer.status, json.loads(answer.read() or b"null")
+        except urllib.error.HTTPError as error:
+            return error.code, error.read().decode()
+        except OSError as error:
+            return 0, str(error)
+
+    def value(self, path: str) -> Any:
+        status, found = self.ask(f"v1/api/vessels/self/{path}")
+        return found.get("value") if status == 200 else None
+
+
+def near(value: Any, degrees: float, within: float = 2.0) -> bool:
+    return value is not None and abs(math.remainder(math.degrees(value) - degrees, 360.0)) < within
+
+
+def test_signal_k_programs_steer_the_boat_and_strangers_do_not(tmp_path: Path) -> None:
+    web, bridge = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_STREAM)
+    sim, serve, log = free_port(), free_port(), tmp_path / "run.tlog"
+    (tmp_path / "token").write_text(TOKEN + "\n")
+    (tmp_path / "token").chmod(0o600)
+    config = config_folder(tmp_path, web, bridge, TOKEN)
+    pilot = [sys.executable, "-m", "autopilot", "run", str(patient_vessel(tmp_path)), "--as-gcs"]
+    pilot += ["--link", f"udpin:127.0.0.1:{sim}", "--serve", f"udpout:127.0.0.1:{serve}", "--engage", str(GOAL_DEG)]
+    pilot += ["--speedup", str(SPEEDUP), "--log", str(log)]
+    between = [sys.executable, "-m", "autopilot", "signalk", "--link", f"udpin:127.0.0.1:{serve}"]
+    between += ["--listen", f"127.0.0.1:{bridge}", "--token-file", str(tmp_path / "token")]
+    node = ["node", "--require", str(config / "loopback.cjs"), str(SIGNALK)]
+    server, pilots = Server(web), "v2/api/vessels/self/autopilots"
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    with (
+        simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{sim}", "--armed"),
+        program(tmp_path, *node, SIGNALK_NODE_CONFIG_DIR=str(config)),
+        program(tmp_path / "a", *pilot),
+    ):
+        with program(tmp_path / "b", *between):
+            until("the course held", lambda: near(server.value("navigation/headingTrue"), GOAL_DEG))
+            assert until("the state", lambda: server.value("steering/autopilot/state")) == "auto"
+            status, data = server.ask(f"{pilots}/norrbin")
+            assert status == 200 and data["engaged"] is True and near(data["target"], GOAL_DEG)
+            assert {state["name"] for state in data["options"]["states"]} >= {"auto", "route", "standby"}
+            # who is not signed in changes nothing
+            for path, method, value in (
+                (f"{pilots}/norrbin/target/adjust", "PUT", 30),
+                (f"{pilots}/norrbin/disengage", "POST", None),
+                ("v1/api/vessels/self/steering/autopilot/state", "PUT", "standby"),
+            ):
+                status, _ = server.ask(path, value, method, user=False)
+                assert status in (401, 403), (path, status)
+            assert server.value("steering/autopilot/state") == "auto"
+            # +10 by the autopilot API, as Freeboard-SK does; -20 by a PUT of version 1, as KIP does
+            assert server.ask(f"{pilots}/_default/target/adjust", 10, "PUT")[0] == 200
+            until("the turn to starboard", lambda: near(server.value("navigation/headingTrue"), GOAL_DEG + 10))
+            v1 = "v1/api/vessels/self/steering/autopilot"
+            assert server.ask(f"{v1}/actions/adjustHeading", -20, "PUT")[0] in (200, 202)
+            until("the turn to port", lambda: near(server.value("navigation/headingTrue"), GOAL_DEG - 10))
+            assert near(server.ask(f"{pilots}/norrbin/target")[1]["value"], GOAL_DEG - 10)
+            assert server.ask(f"{pilots}/norrbin/target", 80, "PUT")[0] == 200
+            until("the heading ordered", lambda: near(server.value("navigation/headingTrue"), 80))
+            assert server.ask(f"{pilots}/norrbin/tack/port", None, "POST")[0] == 501
+            assert server.ask(f"{pilots}/norrbin/state", "wind", "PUT")[0] == 400
+            assert server.ask(f"{pilots}/norrbin/disengage", None, "POST")[0] == 200
+            until("standby", lambda: server.value("steering/autopilot/state") == "standby")
+            assert server.ask(f"{pilots}/norrbin/engage", None, "POST")[0] == 200
+            until("engaged again", lambda: server.value("steering/autopilot/state") == "auto")
+        # the bridge is gone: said, and orders are refused with the reason; the boat steers on
+        until("off-line", lambda: server.value("steering/autopilot/state") == "off-line")
+        status, words = server.ask(f"{pilots}/norrbin/target/adjust", 10, "PUT")
+        assert status == 503 and "not there" in words
+        with program(tmp_path / "b", *between):
+            until("the bridge again", lambda: server.value("steering/autopilot/state") == "auto")
+    assert read_log(log).ticks[-1].mode is Mode.ENGAGED
+
+
+def test_a_plugin_without_the_token_only_looks_and_a_plain_connection_reads_along(tmp_path: Path) -> None:
+    web, bridge, serve = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_STREAM), free_port()
+    (tmp_path / "token").write_text(TOKEN + "\n")
+    (tmp_path / "token").chmod(0o600)
+    config = config_folder(tmp_path, web, bridge, "another-token-of-letters", also_plain=True)
+    between = [sys.executable, "-m", "autopilot", "signalk", "--link", f"udpin:127.0.0.1:{serve}"]
+    between += ["--listen", f"127.0.0.1:{bridge}", "--token-file", str(tmp_path / "token")]
+    node = ["node", "--require", str(config / "loopback.cjs"), str(SIGNALK)]
+    server = Server(web)
+    with program(tmp_path, *node, SIGNALK_NODE_CONFIG_DIR=str(config)), program(tmp_path, *between):
+        until("the state", lambda: server.value("steering/autopilot/state") == "off-line")
+
+        def refused() -> bool:
+            status, words = server.ask("v2/api/vessels/self/autopilots/norrbin/disengage", None, "POST")
+            return status == 401 and "no valid token" in words
+
+        until("the refusal", refused)
+
+        def read_along() -> bool:
+            _, found = server.ask("v1/api/vessels/self/steering/autopilot/state")
+            sources = found.get("values", {}) if isinstance(found, dict) else {}
+            return any(source.startswith("plain") and each["value"] == "off-line" for source, each in sources.items())
+
+        until("the plain connection's values", read_along)

@@ -1,0 +1,245 @@
+"""The bridge to Signal K: deltas from what the pilot tells, orders only with the token, malformed lines."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import socket
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.boat.modes import HEADING, MANUAL
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.transports.memory import LoopbackTransport, loopback_pair
+from autopilot.signalk.bridge import Bridge
+from autopilot.signalk.clients import BEHIND_MOST, LineClients
+from autopilot.signalk.deltas import Deltas, state_of, values_of
+from autopilot.signalk.requests import LINE_MOST, BadRequestError, answer, parse
+from autopilot.web.line import BoatLine
+from autopilot.web.station import Station
+
+TOKEN = "a-token-of-enough-letters"
+
+
+class Boat:
+    """As much of a served pilot as the bridge talks to."""
+
+    def __init__(self, line: LoopbackTransport) -> None:
+        self._line, self._codec = line, MavlinkCodec(1, 1)
+        self.mode, self.commands, self.result = HEADING, [], dialect.MAV_RESULT_ACCEPTED
+        self.order_deg = 90.0
+
+    def tell(self) -> None:
+        messages = [
+            dialect.MAVLink_heartbeat_message(
+                dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, 129, self.mode, 4, 3
+            ),
+            dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 1.5, 0.0, 0.0, -0.02),
+            dialect.MAVLink_named_value_float_message(1000, b"rud_deg", 7.0),
+            dialect.MAVLink_named_value_float_message(1000, b"ord_deg", self.order_deg),
+        ]
+        for message in messages:
+            self._line.send(self._codec.encode(message))
+
+    def answer(self) -> None:
+        for data in self._line.receive():
+            for message in MavlinkCodec().decode(data):
+                if message.get_type() == "COMMAND_LONG":
+                    if message.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+                        self.commands.append((message.command, message.param1, message.param2))
+                    reply = dialect.MAVLink_command_ack_message(message.command, self.result)
+                    self._line.send(self._codec.encode(reply))
+
+
+class Rig:
+    def __init__(self, token: str = TOKEN) -> None:
+        near, far = loopback_pair()
+        self.boat, self.station, self.said = Boat(far), Station(), []
+        line = BoatLine("udpin:127.0.0.1:1", self.station, opens=lambda _: near)
+        self.clients = LineClients("127.0.0.1", 0, LINE_MOST)
+        self.bridge = Bridge(self.station, line, self.clients, token, self.said.append)
+        self.now = 0.0
+
+    def connect(self) -> socket.socket:
+        line = socket.create_connection(("127.0.0.1", self.clients.port), timeout=10.0)
+        self.turn()
+        return line
+
+    def turn(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.now += 0.05
+            self.boat.tell()
+            self.bridge.turn(self.now)
+            self.boat.answer()
+
+    def ask(self, line: socket.socket, path: str, value: Any, token: str | None = TOKEN) -> dict[str, Any]:
+        carried = {} if token is None else {"token": token}
+        line.sendall(json.dumps({"requestId": "7", **carried, "put": {"path": path, "value": value}}).encode() + b"\n")
+        return self.reply(line)
+
+    def reply(self, line: socket.socket) -> dict[str, Any]:
+        line.settimeout(0.01)
+        received = b""
+        for _ in range(400):
+            self.turn()
+            try:
+                received += line.recv(65536)
+            except TimeoutError:
+                continue
+            answers = [json.loads(each) for each in received.split(b"\n")[:-1] if b"statusCode" in each]
+            if answers:
+                return answers[0]
+        raise AssertionError(f"no answer in {received!r}")
+
+
+@pytest.fixture
+def rig() -> Any:
+    made = Rig()
+    yield made
+    made.bridge.close()
+
+
+def test_what_the_pilot_tells_comes_in_signal_k_units(rig: Rig) -> None:
+    rig.turn(3)
+    values = values_of(rig.station, rig.now)
+    assert values["navigation.headingTrue"] == pytest.approx(1.5, abs=1e-3)
+    assert values["navigation.rateOfTurn"] == pytest.approx(-0.02, abs=1e-3)
+    assert values["steering.rudderAngle"] == pytest.approx(math.radians(7.0), abs=1e-3)
+    assert values["steering.autopilot.target.headingTrue"] == pytest.approx(math.pi / 2)
+    assert (values["steering.autopilot.state"], values["steering.autopilot.engaged"]) == ("auto", True)
+    rig.boat.mode = MANUAL
+    rig.turn()
+    standing = values_of(rig.station, rig.now)
+    assert standing["steering.autopilot.state"] == "standby"
+    assert standing["steering.autopilot.target.headingTrue"] is None
+
+
+def test_a_pilot_that_falls_silent_is_off_line_and_nothing_stale_is_told(rig: Rig) -> None:
+    assert state_of(rig.station, 0.0) == "off-line"
+    rig.turn(3)
+    values = values_of(rig.station, rig.now + 10.0)
+    assert values.pop("steering.autopilot.state") == "off-line"
+    assert values.pop("steering.autopilot.engaged") is False
+    assert values.pop("notifications.steering.autopilot.norrbin")["state"] == "normal"
+    assert set(values.values()) == {None}
+
+
+def test_only_what_changes_is_told_between_whole_deltas(rig: Rig) -> None:
+    rig.turn(3)
+    deltas = Deltas()
+    first = deltas.due(rig.station, rig.now)
+    assert first is not None and [len(update["values"]) for update in first["updates"]] == [8, 1]
+    assert deltas.due(rig.station, rig.now) is None
+    rig.boat.order_deg = 95.0
+    rig.turn()
+    changed = deltas.due(rig.station, rig.now)
+    assert changed is not None
+    assert [each["path"] for each in changed["updates"][0]["values"]] == ["steering.autopilot.target.headingTrue"]
+    again = deltas.due(rig.station, rig.now + 0.5 + Deltas.ALL_S)
+    assert again is not None and [len(update["values"]) for update in again["updates"]] == [8, 1]
+
+
+def test_orders_reach_the_boat_with_the_token_and_not_without(rig: Rig) -> None:
+    rig.turn(5)
+    line = rig.connect()
+    for token in (None, "", "another-token-of-letters"):
+        refused = rig.ask(line, "steering.autopilot.actions.adjustHeading", 10, token)
+        assert (refused["statusCode"], refused["state"]) == (401, "FAILED")
+    assert rig.boat.commands == []
+    assert rig.ask(line, "steering.autopilot.actions.adjustHeading", 10)["statusCode"] == 200
+    assert rig.boat.commands == [(dialect.MAV_CMD_CONDITION_YAW, 100.0, 0.0)]
+    assert rig.ask(line, "steering.autopilot.target.headingTrue", math.pi)["statusCode"] == 200
+    assert rig.boat.commands[-1][:2] == (dialect.MAV_CMD_CONDITION_YAW, pytest.approx(180.0))
+    assert rig.ask(line, "steering.autopilot.state", "standby")["statusCode"] == 200
+    assert rig.boat.commands[-1] == (dialect.MAV_CMD_DO_SET_MODE, 1.0, MANUAL)
+    line.close()
+
+
+def test_without_a_token_nothing_is_obeyed() -> None:
+    rig = Rig(token="")
+    rig.turn(5)
+    line = rig.connect()
+    for token in (None, "", TOKEN):
+        assert rig.ask(line, "steering.autopilot.state", "standby", token)["statusCode"] == 401
+    assert rig.boat.commands == []
+    line.close()
+    rig.bridge.close()
+
+
+def test_a_refusal_comes_with_the_boats_own_words(rig: Rig) -> None:
+    rig.turn(5)
+    line = rig.connect()
+    rig.boat.result = dialect.MAV_RESULT_TEMPORARILY_REJECTED
+    refused = rig.ask(line, "steering.autopilot.state", "auto")
+    assert (refused["statusCode"], refused["message"]) == (502, "refused for now")
+    line.close()
+
+
+def test_clients_that_go_come_back_and_flood_trouble_nobody(rig: Rig) -> None:
+    rig.turn(5)
+    first, second = rig.connect(), rig.connect()
+    first.close()
+    rig.turn(3)
+    assert any("has gone" in said for said in rig.said)
+    second.sendall(b"x" * (LINE_MOST + 10000))
+    for _ in range(200):
+        rig.turn()
+        if any("sent too much" in said for said in rig.said):
+            break
+    assert any("sent too much" in said for said in rig.said)
+    third = rig.connect()
+    for _ in range(3000):  # reads nothing
+        rig.clients.say(b"y" * 10000 + b"\n")
+    rig.turn()
+    assert any("does not keep up" in said for said in rig.said), BEHIND_MOST
+    again = rig.connect()
+    assert rig.ask(again, "steering.autopilot.actions.adjustHeading", -1)["statusCode"] == 200
+    for line in (second, third, again):
+        line.close()
+
+
+@pytest.mark.parametrize(
+    ("line", "status", "words"),
+    [
+        (b"GET / HTTP/1.1", 400, "not a line of JSON"),
+        (b"[1]", 400, "not a JSON object"),
+        (b'{"put":{}}', 400, "requestId"),
+        (b'{"requestId":"1"}', 400, "put: an object"),
+        (b'{"requestId":"1","put":{"path":"steering.autopilot.state","value":"wind"}}', 400, "auto, standby, route"),
+        (b'{"requestId":"1","put":{"path":"steering.autopilot.target.headingTrue","value":"90"}}', 400, "a number"),
+        (b'{"requestId":"1","put":{"path":"steering.autopilot.target.headingTrue","value":NaN}}', 400, "a number"),
+        (b'{"requestId":"1","put":{"path":"steering.autopilot.actions.adjustHeading","value":true}}', 400, "a number"),
+        (b'{"requestId":"1","put":{"path":"steering.autopilot.actions.tack","value":1}}', 405, "allowed are"),
+        (b'{"requestId":"1","put":{"path":["x"],"value":1}}', 405, "allowed are"),
+        (b"[" * 100000, 400, "not a line of JSON"),
+    ],
+)
+def test_malformed_requests_are_one_sentence(line: bytes, status: int, words: str) -> None:
+    with pytest.raises(BadRequestError) as caught:
+        parse(line, TOKEN)
+    assert caught.value.status == status and words in str(caught.value)
+    assert json.loads(answer(caught.value.id, status, str(caught.value)))["statusCode"] == status
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_request_or_refused(line: bytes) -> None:
+    with contextlib.suppress(BadRequestError):
+        assert parse(line, TOKEN).wish
+
+
+json_values = st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=5), st.lists, max_leaves=4)
+
+
+@given(st.sampled_from(["steering.autopilot.state", "steering.autopilot.actions.dodge", "x"]), json_values)
+def test_any_value_is_an_order_in_range_or_refused(path: str, value: Any) -> None:
+    line = json.dumps({"requestId": "1", "token": TOKEN, "put": {"path": path, "value": value}}).encode()
+    try:
+        request = parse(line, TOKEN)
+    except BadRequestError:
+        return
+    assert request.is_allowed and abs(request.wish.get("degrees", 0.0)) <= 360.0
