@@ -21,6 +21,7 @@ from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.guide_alarms import GuideAlarms
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
+from autopilot.params.vessel import Vessel
 from autopilot.signals import HelmSample, PositionSample, Sample, SpeedSample, Tick
 
 M_PER_RAD = 6.3781e6
@@ -49,9 +50,10 @@ def place(north: float, east: float) -> Waypoint:
 class Sea:
     """The pilot and its boat, the skipper under test, a GPS that can be lost, a helm that can be taken."""
 
-    def __init__(self) -> None:
-        vessel = vessel_of(BOATS["lanxin"])
-        self.pilot, self.box = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel))
+    def __init__(self, learns: bool = False, vessel: Vessel | None = None) -> None:
+        real = vessel_of(BOATS["lanxin"])
+        vessel = vessel or real
+        self.pilot, self.box = build_pilot(vessel, learns=learns), Plant(model_of(real), gear_of(real))
         self.track = TrackGuide(track_settings_of(vessel))
         self.mission = Mission(self.track)
         self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), self.mission)
@@ -75,6 +77,7 @@ class Sea:
                 samples.extend(link.receive(now))
             self.tick = self.pilot.step(now, tuple(samples), self.skipper(now, self.tick))
             self.ticks.append(self.tick)
+            self.pilot.learn(self.tick)
             for link in self.links:
                 link.tell(now, self.tick.mode, self.tick.alarms)
                 link.keep(now)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
 from boat_at_sea import STEP, Sea
 from boats import BOATS, vessel_of
 
+from autopilot.cli.learning_desk import LearningDesk
+from autopilot.cli.tuning_desk import TuningDesk
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
@@ -16,20 +19,38 @@ from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.transports import loopback_pair
 from autopilot.loop.vessel_in_force import LATER, VesselInForce
 from autopilot.params.component_metadata import metadata_files
+from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_parameters import parameters_of
 from autopilot.web.line import BoatLine
 from autopilot.web.requests import asked_of
 from autopilot.web.station import Station
 
 
+class AtOnce(Executor):
+    """Does the work while it is asked for: no thread, no wall clock."""
+
+    def submit(self, work: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        try:
+            done.set_result(work(*arguments, **named))
+        except Exception as error:
+            done.set_exception(error)
+        return done
+
+
 class Watched(Sea):
     """`watch` moves boat and display on together; `order` gives an order as the page does and returns how it ended."""
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__()
-        self.in_force = VesselInForce(vessel_of(BOATS["lanxin"]), self.pilot, None, folder / "boat.tuned.yaml")
+    def __init__(self, folder: Path, learns: bool = False, vessel: Vessel | None = None) -> None:
+        super().__init__(learns, vessel)
+        vessel = vessel or vessel_of(BOATS["lanxin"])
+        self.in_force = VesselInForce(vessel, self.pilot, None, folder / "boat.tuned.yaml")
+        self.desk = LearningDesk() if learns else None
+        if self.desk is not None:
+            self.desk.attach(self.pilot, self.in_force)
+        self.tuner = TuningDesk(self.in_force, self.desk, AtOnce())
         self.files = metadata_files(parameters_of(self.in_force.vessel), LATER, "0.2.0")
-        self.commands = Commands(self.skipper, False, self.mission)
+        self.commands = Commands(self.skipper, False, self.mission, self.tuner)
         self.is_cut = False
         self.keeps_history = True
         self.station = Station()
@@ -49,6 +70,7 @@ class Watched(Sea):
     def watch(self, seconds: float, **options: Any) -> None:
         for _ in range(round(seconds / STEP)):
             self.sail(STEP, **options)
+            self.tuner.turn()
             self.line.turn(self.now)
             if self.keeps_history:
                 self.station.view.keep_history(self.now)

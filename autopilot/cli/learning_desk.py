@@ -68,18 +68,29 @@ class LearningDesk:
 
         Raises InputError where there is nothing to adopt, it has not proved itself, or no gains serve it.
         """
+        before, wanted = self.wanted()
+        try:
+            return self.put(before, designed(wanted))
+        except RefusedError as error:
+            raise InputError(f"not adopted: {error}") from error
+
+    def wanted(self) -> tuple[Vessel, Vessel]:
+        """Return the vessel in force, and the same with the proved model, gains not designed for it yet.
+
+        Raises InputError where there is nothing to adopt, or it has not proved itself.
+        """
         learner, in_force = self._attached()
         proposal = learner.proposal()
         if proposal is None:
             raise InputError(f"nothing to adopt yet: {_progress(learner)}")
         if not proposal.is_proved:
             raise InputError(f"not adopted: it must foretell better than the present model first; {_check(proposal)}")
-        before = in_force.vessel
-        try:
-            after = designed(with_learnt(before, proposal))
-            kept = in_force.adopt(after)
-        except RefusedError as error:
-            raise InputError(f"not adopted: {error}") from error
+        return in_force.vessel, with_learnt(in_force.vessel, proposal)
+
+    def put(self, before: Vessel, after: Vessel) -> str:
+        """Put an adopted vessel in force, `before` being what `revert` goes back to. Raises RefusedError."""
+        _, in_force = self._attached()
+        kept = in_force.adopt(after)
         self._before.append(before)
         self._told = None
         return "; ".join(filter(None, ["adopted", _changes(before, after), kept]))
@@ -98,6 +109,26 @@ class LearningDesk:
             raise InputError(f"not reverted: {error}") from error
         self._before.pop()
         return "; ".join(filter(None, ["reverted", _changes(present, after), kept]))
+
+    def values(self) -> dict[str, float]:
+        """Return model in force, learnt so far and proposed (`lrn_p`, `lrn_s`: standard errors), and how it did.
+
+        Errors of foretelling [deg]; `lrn_state` 0 nothing is proposed yet, 1 it is, 2 it has proved itself.
+        """
+        if self._learner is None:
+            return {}
+        learner, proposal = self._learner, self._learner.proposal()
+        values = {"lrn_win": float(learner.windows), "lrn_state": 0.0}
+        for suffix, model in (("_in", learner.present), ("", learner.estimate)):
+            values |= {f"lrn_K{suffix}": model.gain, f"lrn_T{suffix}": model.time_constant, f"lrn_n3{suffix}": model.n3}
+        if proposal is None:
+            return values
+        model, errors = proposal.model, proposal.standard_errors
+        values |= {"lrn_pK": model.gain, "lrn_pT": model.time_constant, "lrn_pn3": model.n3}
+        values |= {"lrn_sK": errors["gain"], "lrn_sT": errors["time_constant"], "lrn_sn3": errors["n3"]}
+        values |= {"lrn_n": float(proposal.stretches), "lrn_ahead": proposal.ahead}
+        values |= {"lrn_old": math.degrees(proposal.present_error), "lrn_new": math.degrees(proposal.proposed_error)}
+        return values | {"lrn_state": 2.0 if proposal.is_proved else 1.0}
 
     def _attached(self) -> tuple[Learner, VesselInForce]:
         if self._learner is None or self._in_force is None:

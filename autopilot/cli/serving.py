@@ -19,6 +19,7 @@ from autopilot.links.boat.commands import Commands, Helmsman
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_items
 from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.boat.tuning import Tuner
 from autopilot.links.guide_alarms import GuideAlarms
 from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
@@ -94,6 +95,7 @@ def open_boat_links(
     saver: BackgroundSaver,
     signing: Signing | None = None,
     doors: Doors | None = None,
+    tuner: Tuner | None = None,
 ) -> list[Link]:
     """Return the opened links to ground stations, over which the vessel in force is tuned. Raises LinkError.
 
@@ -109,7 +111,7 @@ def open_boat_links(
     keep_course_settings(in_force.vessel)
     mission.keep = lambda items: saver(path, dump_items(items))
     files = metadata_files(parameters_of(in_force.vessel), LATER, __version__)
-    commands = Commands(serving.helmsman, serving.armed, mission)
+    commands = Commands(serving.helmsman, serving.armed, mission, tuner)
     links: list[Link] = [GuideAlarms(mission.guide, "track")]
     try:
         for url in serving.urls:

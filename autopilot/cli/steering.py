@@ -16,6 +16,7 @@ from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.log_keeping import add_log_options, alarm_links, gaps_of, open_log
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
+from autopilot.cli.tuning_desk import TuningDesk
 from autopilot.cli.upkeep import Upkeep, add_upkeep_options, real_time_of, resumption_of
 from autopilot.errors import ExitCode, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
@@ -149,10 +150,11 @@ def steer(
     resumption = resumption_of(arguments, vessel, saver) if resumes is not None else None
     upkeep = Upkeep(wanted, resumption)
     in_force = VesselInForce(vessel, pilot, law, tuned_file(arguments.vessel), saver)
+    tuner = TuningDesk(in_force, desk)
     is_tuned = desk is not None or (serving is not None and bool(serving.urls))
     try:
         if serving is not None:
-            links = [*links, *open_boat_links(serving, in_force, arguments.vessel, saver, signing, doors)]
+            links = [*links, *open_boat_links(serving, in_force, arguments.vessel, saver, signing, doors, tuner)]
         if is_tuned:
             print(_which_file(arguments.vessel, in_force))
         if desk is not None:
@@ -170,6 +172,7 @@ def steer(
 
     def after(tick: Tick) -> bool:
         status.show(tick)
+        tuner.turn()
         if desk is not None and (news := desk.news(tick)):
             status.say(news)
         upkeep.ticked(tick)
@@ -186,6 +189,7 @@ def steer(
         ending.final(session.tick)
     finally:
         status.end()
+        tuner.close()
         saver.close()
     _print_refusals(signing, doors)
     if gaps := gaps_of(recorder):

@@ -68,7 +68,7 @@ class BoatLink:
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
         believe_signed(transport, signing)
         self._door = door or Doors().link()
-        self._telemetry = Telemetry(commands.mission)
+        self._telemetry = Telemetry(commands.mission, commands.tuner)
         self._texts = StatusTexts()
         self._service = StationService(
             commands, parameters, self._telemetry, self._texts, {**files, ALARMS: self._alarm_file}

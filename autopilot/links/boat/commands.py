@@ -14,6 +14,7 @@ from autopilot.guidance.track import Waypoint
 from autopilot.links.boat.long_commands import LongCommand, Run
 from autopilot.links.boat.mission import NO_POSITION, Mission
 from autopilot.links.boat.modes import HEADING, MANUAL, MISSION, TRACK, TRIAL
+from autopilot.links.boat.tuning import ADOPT, REVERT, Tuner, Tuning
 from autopilot.signals import Mode, OrderKind, Tick
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
@@ -30,7 +31,9 @@ PATTERN = int(dialect.MAV_CMD_USER_3)
 LEARNING, LEVEL = int(dialect.MAV_CMD_USER_4), int(dialect.MAV_CMD_USER_5)
 """USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
-USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""
+USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg].
+USER_4: learning; 1 adopts the proved model, 2 goes back to the one before.
+USER_5: response level, 1 calm to 9 quick."""
 LATITUDE_MOST_DEG = 85.0
 
 
@@ -65,13 +68,15 @@ class Helmsman(Protocol):
 class Commands:
     """Carries commands out. `armed`: a ground station, or `run --engage`, has said that the pilot may engage."""
 
-    def __init__(self, helmsman: Helmsman, armed: bool, mission: Mission) -> None:
+    def __init__(self, helmsman: Helmsman, armed: bool, mission: Mission, tuner: Tuner | None = None) -> None:
         self._helmsman = helmsman
         self.mission = mission
+        self.tuner = tuner
         self.armed = armed
         self.refusal = ""
         """Why the last command was refused, for people."""
         self.running: LongCommand | None = None
+        self.tuning: Tuning | None = None
         self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
             int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
@@ -84,6 +89,8 @@ class Commands:
             ZIGZAG: self._zigzag,
             TURNING: self._turning,
             PATTERN: self._pattern,
+            LEARNING: self._learning,
+            LEVEL: self._level,
         }
 
     def execute(self, command: int, parameters: tuple[float, ...], tick: Tick | None) -> int:
@@ -116,7 +123,7 @@ class Commands:
     def cancel(self, command: int) -> bool:
         """End a command that is being carried out; return whether there is one."""
         running = self.running
-        if running is None or running.run.is_over or running.command != command:
+        if running is None or running.run.is_over or running.command != command or command in (LEARNING, LEVEL):
             return False
         running.is_cancelled = True
         self._helmsman.end_trial()
@@ -197,6 +204,42 @@ class Commands:
         except InputError as error:
             return self._refuse(DENIED, str(error))
         return ACCEPTED
+
+    def _learning(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        tuner, action = self.tuner, parameters[0]
+        if tuner is None or action not in (ADOPT, REVERT):
+            return UNSUPPORTED
+        return self._tune(LEARNING, parameters[:1], tuner.adopt if action == ADOPT else tuner.revert)
+
+    def _level(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        tuner, level = self.tuner, parameters[0]
+        if tuner is None:
+            return UNSUPPORTED
+        if not (math.isfinite(level) and level == int(level)):
+            return DENIED
+        return self._tune(LEVEL, parameters[:1], lambda: tuner.set_level(int(level)))
+
+    def _tune(self, command: int, parameters: tuple[float, ...], begin: Callable[[], Tuning]) -> int:
+        """Begin a change that is worked out beside the loop; what it came to is said at its end."""
+        running = self.running
+        if running is not None and not running.run.is_over:
+            if (running.command, running.parameters) == (command, parameters):
+                return IN_PROGRESS
+            return self._refuse(REJECTED, "something else is under way: let it end first")
+        try:
+            self.tuning = begin()
+        except InputError as error:
+            return self._refuse(DENIED, str(error))
+        self.running = LongCommand(command, parameters, self.tuning)
+        return IN_PROGRESS
+
+    def told(self) -> str:
+        """Return what a change that has ended came to, once."""
+        tuning = self.tuning
+        if tuning is None or not tuning.is_over:
+            return ""
+        self.tuning = None
+        return tuning.said
 
     def _begin(self, tick: Tick | None, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:
         running = self.running

@@ -16,11 +16,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import compass_deg
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.modes import current_mode, mode_of
+from autopilot.links.boat.tuning import Tuner
 from autopilot.links.extra_messages import CurrentMode
 from autopilot.links.mavlink_codec import Message
 from autopilot.signals import Mode, OrderKind, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0
+LEARNT_S = 2.0
 FURTHEST = 65535
 FASTEST_HZ = 50.0
 POSITION_FRESH_S = 5.0
@@ -51,8 +53,9 @@ RATES_HZ = {
 class Telemetry:
     """Makes each message from the newest tick; `start` [s] of the loop's clock is our boot."""
 
-    def __init__(self, mission: Mission) -> None:
-        self._mission = mission
+    def __init__(self, mission: Mission, tuner: Tuner | None = None) -> None:
+        self._mission, self._tuner = mission, tuner
+        self._learnt_due = -math.inf
         self._periods = {identity: 1.0 / rate for identity, rate in RATES_HZ.items()}
         self._due = dict.fromkeys(self._periods, -math.inf)
         self._start: float | None = None
@@ -67,7 +70,11 @@ class Telemetry:
             dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._where,
             dialect.MAVLINK_MSG_ID_VFR_HUD: self._hud,
             dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self._navigation,
-            dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: lambda tick: [*self._rudder(tick), *self._loop(tick)],
+            dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: lambda tick: [
+                *self._rudder(tick),
+                *self._loop(tick),
+                *self._learnt(tick),
+            ],
             dialect.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _: [self._mission.message()],
             CurrentMode.id: lambda tick: [current_mode(self.mode(tick))],
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._status,
@@ -201,6 +208,13 @@ class Telemetry:
         }
         self._told, self._ticks, self._longest_gap = tick.now, 0, 0.0
         return self._named(tick, values)
+
+    def _learnt(self, tick: Tick) -> list[Message]:
+        """What was learnt, and the response level, every two seconds."""
+        if self._tuner is None or tick.now < self._learnt_due:
+            return []
+        self._learnt_due = tick.now + LEARNT_S
+        return self._named(tick, {"level": self._tuner.level, **self._tuner.learnt()})
 
     def _named(self, tick: Tick, values: dict[str, float]) -> list[Message]:
         return [

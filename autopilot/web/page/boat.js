@@ -5,7 +5,7 @@ const SILENT_MS = 4000;
 export const boat = {
   state: null, alarms: [], learning: {}, trial: null, dodge: null, texts: [],
   received: -Infinity,
-  onState() {}, onRow() {}, onHistory() {},
+  onState() {}, onRow() {}, onHistory() {}, onText() {},
   silence() { return Number.isFinite(this.received) ? (performance.now() - this.received) / 1000 : (performance.now() - started) / 1000; },
   age(group) {
     const age = this.state?.ages[group];
@@ -71,6 +71,7 @@ export function connect() {
     if (boat.texts.some((each) => each.number === text.number && each.words === text.words)) return;
     boat.texts.push({ ...text, at: new Date(Date.now() - 1000 * Math.max(0, (boat.state?.t ?? text.time) - text.time)) });
     boat.texts.splice(0, boat.texts.length - 50);
+    if (boat.state && boat.state.t - text.time < 2) boat.onText(text);
   });
 }
 

@@ -9,7 +9,7 @@ import { setUpLogs, showLogs, drawTexts } from "./logs.js";
 const byId = (id) => document.getElementById(id);
 const PAGES = ["helm", "plots", "learning", "trials", "parameters", "logs"];
 const MODES = { standby: "Standby", heading: "Heading", route: "Route", trial: "Trial" };
-const CRITICAL = 5;
+const BAD = { 5: "Fail-safe", 6: "Fault" };
 const THEMES = ["day", "dusk", "night"];
 const plots = new Plots();
 
@@ -105,7 +105,7 @@ function drawMode() {
   if (state && state.ages.beat !== undefined) {
     word = state.ours ? MODES[state.mode] ?? state.mode : "Not ours";
     kind = state.mode === "standby" ? "off" : "on";
-    if (state.status === CRITICAL) { word = "Fail-safe"; kind = "bad"; }
+    if (BAD[state.status]) { word = BAD[state.status]; kind = "bad"; }
     if (!state.ours) more = "another kind of autopilot: only looking";
     else if (kind === "off") more = state.armed ? "ready, you steer" : "you steer";
     else if (state.mode === "route" && state.distance !== undefined) more = `waypoint ${state.waypoint ?? "?"} in ${Math.round(state.distance)} m`;
@@ -213,6 +213,7 @@ function setUp() {
   turnPage();
   setTheme(document.documentElement.dataset.theme);
   boat.onState = draw;
+  boat.onText = (text) => { if (!boat.alarms.some((alarm) => alarm.words === text.words)) say(text.words, 7); };
   boat.onRow = (row) => plots.add(row);
   boat.onHistory = (history) => plots.fill(history);
   setInterval(draw, 500);
