@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from page_server import TOKEN, SailingHub
 from starlette.testclient import TestClient
 from watched_boat import Watched
 
@@ -17,28 +18,15 @@ from autopilot.cli.main import main
 from autopilot.cli.web import listening_address
 from autopilot.errors import InputError
 from autopilot.web.access import Access, token_of
-from autopilot.web.hub import BEHIND_MOST, Hub
+from autopilot.web.hub import BEHIND_MOST
 from autopilot.web.log_shelf import LogShelf
 from autopilot.web.server import HEADERS, build_app
 
-TOKEN = "a-token-of-many-letters"
 ASSETS = (
     *("style.css", "uplot.css", "uplot.js", "theme.js", "main.js", "boat.js", "dial.js"),
     *("plots.js", "desks.js", "parameters.js", "logs.js", "icon.svg"),
 )
 BEARER = {"authorization": f"Bearer {TOKEN}"}
-
-
-class SailingHub(Hub):
-    """A hub on the simulated clock: the boat sails on whenever the line is turned."""
-
-    def __init__(self, sea: Watched) -> None:
-        super().__init__(sea.station, sea.line, lambda: sea.now)
-        self.sea = sea
-        sea.keeps_history = False
-
-    def _turn(self) -> None:
-        self.sea.watch(0.05)
 
 
 @pytest.fixture
