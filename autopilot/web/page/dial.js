@@ -50,15 +50,15 @@ function turn(id, degrees) {
 
 const compass = (degrees) => String(Math.round(degrees) % 360).padStart(3, "0") + "°";
 const side = (value, digits) => `${Math.abs(value).toFixed(digits)}°${Math.abs(value) < 0.05 ? "" : value < 0 ? " port" : " stbd"}`;
-const sideOf = (value) => typeof value !== "number" || Math.abs(value) < 0.05 ? "" : value < 0 ? ", port" : ", stbd";
+const sideOf = (value) => typeof value !== "number" || Math.abs(value) < 0.05 ? "" : value < 0 ? "port" : "stb";
 const put = (id, words) => { const element = byId(id); if (element.textContent !== words) element.textContent = words; };
 const tile = (id, value, unit) => {
   const element = byId(id);
   const words = value === null || value === undefined ? "--" : value;
-  if (element.dataset.words === words) return;
-  element.dataset.words = words;
+  if (element.dataset.words === words + unit) return;
+  element.dataset.words = words + unit;
   element.replaceChildren(words);
-  if (words !== "--") {
+  if (words !== "--" && unit) {
     const small = document.createElement("small");
     small.textContent = ` ${unit}`;
     element.append(small);
@@ -82,13 +82,11 @@ export function drawDial() {
   put("heading-age", age !== null && boat.isStale("attitude") ? `${Math.round(age)} s old` : "");
   byId("dial").setAttribute("aria-label", known ? `Heading ${Math.round(heading)} degrees${steered ? `, order ${Math.round(order)}` : ""}` : "No heading");
   drawRudder(state);
-  tile("t-rudder", typeof state.rudder === "number" ? Math.abs(state.rudder).toFixed(1) : null, "°");
-  put("t-rudder-side", `Rudder${sideOf(state.rudder)}`);
-  tile("t-rate", typeof state.rate === "number" ? (Math.abs(state.rate) < 0.05 ? "" : state.rate > 0 ? "+" : "−") + Math.abs(state.rate).toFixed(1) : null, "°/s");
-  tile("t-speed", typeof state.speed === "number" ? state.speed.toFixed(1) : null, "kn");
+  tile("t-rudder", typeof state.rudder === "number" ? Math.abs(state.rudder).toFixed(1) : null, sideOf(state.rudder));
+  tile("t-rate", typeof state.rate === "number" ? (Math.abs(state.rate) < 0.05 ? "" : state.rate > 0 ? "+" : "−") + Math.abs(state.rate).toFixed(1) : null, "");
+  tile("t-speed", typeof state.speed === "number" ? state.speed.toFixed(1) : null, "");
   const onTrack = state.mode === "route" && typeof state.xte === "number";
-  tile("t-xte", onTrack ? Math.abs(state.xte).toFixed(1) : null, "m");
-  put("t-xte-side", `Off${onTrack ? sideOf(state.xte) || " track" : " track"}`);
+  tile("t-xte", onTrack ? Math.abs(state.xte).toFixed(1) : null, sideOf(state.xte));
 }
 
 function drawRudder(state) {

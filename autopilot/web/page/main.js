@@ -108,6 +108,7 @@ function drawMode() {
     if (BAD[state.status]) { word = BAD[state.status]; kind = "bad"; }
     if (!state.ours) more = "another kind of autopilot: only looking";
     else if (kind === "off") more = state.armed ? "ready, you steer" : "you steer";
+    else if (state.mode === "trial" && boat.trial?.result === 5) more = `${boat.trial.percent} %`;
     else if (state.mode === "route" && state.distance !== undefined) more = `waypoint ${state.waypoint ?? "?"} in ${Math.round(state.distance)} m`;
   }
   byId("mode-word").textContent = word;

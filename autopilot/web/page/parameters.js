@@ -2,6 +2,7 @@
 import { get, may } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
+const UNITS = { hz: "Hz", deg: "°", "deg/s": "°/s" };
 let timer = 0, order = null, say = null, shown = "";
 
 export function setUpParameters(give, tell) {
@@ -47,9 +48,9 @@ function line(row) {
   const element = Object.assign(document.createElement("div"), { className: "parameter" });
   const words = Object.assign(document.createElement("span"), { textContent: row.shortDesc ?? row.name });
   const name = Object.assign(document.createElement("code"), { textContent: row.name });
-  const unit = row.units ? ` ${row.units}` : "";
+  const unit = row.units ? ` ${UNITS[row.units] ?? row.units}` : "";
   const range = row.values ? "" : row.min !== undefined && row.max !== undefined ? `${row.min} to ${row.max}${unit}` : row.min !== undefined ? `at least ${row.min}${unit}` : unit;
-  const about = Object.assign(document.createElement("span"), { className: "range", textContent: range + (row.rebootRequired ? "; counts from the next start" : "") });
+  const about = Object.assign(document.createElement("span"), { className: "range", textContent: [range.trim(), row.rebootRequired ? "counts from the next start" : ""].filter(Boolean).join("; ") });
   element.dataset.words = `${row.name} ${row.shortDesc ?? ""} ${row.group ?? ""}`.toLowerCase();
   element.append(words, name, about, field(row));
   return element;

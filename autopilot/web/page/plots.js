@@ -6,7 +6,7 @@ const wrap = (value) => ((Math.round(value) % 360) + 360) % 360;
 
 const KINDS = {
   "plot-heading": {
-    title: "Heading, °", height: 190, series: [["heading", "text", 2.5], ["reference", "order", 2, [6, 4]], ["order", "accent", 1.5]],
+    title: "Heading, °", height: 190, series: [["heading", "text", 2.5], ["reference", "order", 2, [6, 4]], ["order", "dim", 1.5]],
     labels: ["heading", "reference", "order"], wraps: true, least: 6,
   },
   "plot-rudder": {
@@ -90,7 +90,7 @@ export function makeChart(element, kind, range) {
     return [middle - half, middle + half];
   };
   return new uPlot({
-    title: kind.title, width: element.clientWidth || 320, height: kind.height, cursor: { drag: { x: false, y: false } },
+    title: kind.title, width: element.clientWidth || 320, height: kind.height, cursor: { drag: { x: false, y: false } }, legend: { live: false, markers: { fill: (chart, index) => chart.series[index].stroke() } },
     scales: { x: { time: false, range: range ?? undefined }, y: { range: limits } },
     axes: [
       { ...axis, size: 30, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
