@@ -56,9 +56,7 @@ class TuningDesk:
     Call `turn` after every tick, `close` at the end.
     """
 
-    def __init__(
-        self, in_force: VesselInForce, learning: LearningDesk | None, pool: Executor | None = None
-    ) -> None:
+    def __init__(self, in_force: VesselInForce, learning: LearningDesk | None, pool: Executor | None = None) -> None:
         self.level = math.nan
         self._in_force, self._learning = in_force, learning
         self._pool = pool or ThreadPoolExecutor(1, thread_name_prefix="design")
