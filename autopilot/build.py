@@ -34,6 +34,7 @@ from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.jrk import JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor
+from autopilot.links.hand_back import MODES
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
@@ -48,7 +49,7 @@ from autopilot.models.steering_gear import SteeringGear
 from autopilot.monitors import AlarmLimits
 from autopilot.params.vessel import Vessel
 from autopilot.pilot import HeadingLaw, Pilot, PilotConfig
-from autopilot.safety import FailsafeAction
+from autopilot.safety import STEERING_ACTIONS, FailsafeAction
 from autopilot.signals import NavState, Reference
 
 if TYPE_CHECKING:
@@ -234,6 +235,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
             failsafe.release_after_s,
             failsafe.resume,
             failsafe.reengage_after_reboot,
+            math.radians(failsafe.windward_rudder_deg),
         ),
         alarms=alarm_limits_of(vessel),
         rudder_share=vessel.guidance.rudder_share,
@@ -403,6 +405,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
         vehicle_system=options.vehicle_system,
         as_gcs=options.as_gcs,
         guided_speed_share=helm.guided_speed_share,
+        hand_back_mode=MODES[vessel.failsafe.firmware_mode] if vessel.failsafe.action == "firmware" else None,
     )
     signing = options.signing.link() if options.signing else None
     if router is not None:
@@ -440,8 +443,24 @@ def build_forward_links(
     return links
 
 
+def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
+    """Raise RefusedError where the vessel's fail-safe asks for what no link of `urls` can do."""
+    action, protocols = vessel.failsafe.action, {parse_url(url).protocol for url in urls}
+    steers_itself = vessel.helm.method == "guided"
+    if action == "firmware" and "mavlink" not in protocols:
+        needed = "a flight controller that takes modes; add its --link, or choose amidships, hold or release"
+    elif action == "windward" and "nmea" not in protocols:
+        needed = "a wind vane on an nmea: link (MWV); add that --link, or choose amidships, hold or release"
+    elif action in STEERING_ACTIONS and steers_itself:
+        needed = "a rudder that is ours, and with helm.method guided the firmware has it; choose firmware"
+    else:
+        return
+    raise RefusedError(f"vessel {vessel.name!r}: failsafe.action {action} needs {needed}")
+
+
 def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008
     """Return the links of all `urls`, opened; where one fails the others are closed again. Raises LinkError."""
+    refuse_failsafe(vessel, urls)
     links: list[Link] = []
     router = Router() if options.forward else None
     try:

@@ -16,13 +16,14 @@ from autopilot.envelope import Envelope, Picture
 from autopilot.estimation.estimator import Estimator, is_rudder
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.wave_motion import left_alone
+from autopilot.failsafe_steering import FailsafeSteering, error_of
 from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_limits, turn_step
 from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.monitors import AlarmLimits, Monitors, Watched
-from autopilot.safety import FailsafeAction, Supervisor
+from autopilot.safety import STEERING_ACTIONS, FailsafeAction, Supervisor
 from autopilot.signals import (
     AlarmSample,
     HelmSample,
@@ -62,7 +63,9 @@ SETTLING_TIME_CONSTANTS = 5.0
 
 
 def _envelope_of(config: PilotConfig) -> Envelope:
-    return Envelope(*config.limits, config.failsafe.heading_timeout)
+    failsafe = config.failsafe
+    reckoned = failsafe.release_after + LONGEST_STEP if failsafe.action in STEERING_ACTIONS else 0.0
+    return Envelope(*config.limits, failsafe.heading_timeout + reckoned)
 
 
 class HeadingLaw(Protocol):
@@ -113,6 +116,7 @@ class Pilot:
         self.supervisor = Supervisor(_envelope_of(config), config.failsafe)
         self.damper = RollDamper(config.roll) if config.roll is not None else None
         self.monitors = Monitors(config.alarms)
+        self._failsafe = FailsafeSteering()
         self.reset()
 
     def reset(self) -> None:
@@ -120,6 +124,8 @@ class Pilot:
         self.estimator.reset()
         self.supervisor.reset()
         self.monitors.reset()
+        self._failsafe.reset()
+        self._is_reckoned = False
         self.law.reset(0.0)
         self._roll_rudder = 0.0
         if self.damper is not None:
@@ -180,8 +186,12 @@ class Pilot:
             state = self._engage(now, state)
         steady = self._steady(state)
         self._watch_steerage(now, mode, order, steady)
-        reference = self._guide(mode, order, steady, dt)
-        demand = self._demand(mode, order, reference, steady, dt) + self._against_roll(now, dt, mode, order)
+        if mode is Mode.FAILSAFE and self.supervisor.law_steers:
+            steady, reference, demand = self._steer_blindly(now, steady, dt)
+        else:
+            self._is_reckoned = False
+            reference = self._guide(mode, order, steady, dt)
+            demand = self._demand(mode, order, reference, steady, dt) + self._against_roll(now, dt, mode, order)
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
         picture = self._picture(order, reference, steady)
@@ -211,10 +221,23 @@ class Pilot:
         found = [text for name, text in self.monitors.findings.items() if name != said]
         return (*((reason,) if reason else ()), *self.supervisor.notes, *found)
 
+    def _steer_blindly(self, now: float, state: NavState, dt: float) -> tuple[NavState, Reference, float]:
+        """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts."""
+        if not self._is_reckoned:
+            self._is_reckoned = True
+            self._failsafe.begin(state)
+            self.law.reset(self._told.angle)
+        model = self.estimator.model
+        reckoned, reference = self._failsafe.reckon(now, model, state.rudder)
+        if self.config.failsafe.action == "windward":
+            rudder = self._failsafe.windward(now, self.config.failsafe.windward_rudder)
+            return reckoned, Reference(reckoned.heading, reckoned.rate), rudder - reckoned.bias
+        return reckoned, reference, self.law.update(model, reference, reckoned, self._told.angle, dt)
+
     def _picture(self, order: Order, reference: Reference, state: NavState) -> Picture:
         """Return what the command was worked out from, for the check that shares no code with the law."""
         follows = order.kind is OrderKind.HEADING and not self._waits and self.config.rudder_is_ours
-        error = shortest_turn(state.heading, reference.heading) if follows else math.nan
+        error = error_of(state, reference) if follows else math.nan
         return Picture(state.time, state.heading_age, error, state.rate, state.bias)
 
     def _watched(self, now: float, state: NavState) -> Watched:
@@ -238,6 +261,8 @@ class Pilot:
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
         self.monitors.hear(samples)
+        if self.config.failsafe.action in STEERING_ACTIONS:
+            self._failsafe.hear(samples)
         for sample in samples:
             if isinstance(sample, HelmSample):
                 self.supervisor.hear(sample)

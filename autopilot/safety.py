@@ -49,7 +49,8 @@ class FailsafeAction(NamedTuple):
     """heading_timeout [s]; action: release, amidships, hold, dead_reckoning, windward or firmware; release_after [s];
     resume by itself or not.
 
-    reengage: engage again by itself when the vehicle, having rebooted under us, is ready again.
+    reengage: engage again by itself when the vehicle, having rebooted under us, is ready again. windward_rudder [rad]:
+    the most rudder of the slow turn to windward.
     """
 
     heading_timeout: float
@@ -57,6 +58,7 @@ class FailsafeAction(NamedTuple):
     release_after: float
     resume: bool
     reengage: bool = False
+    windward_rudder: float = 0.0
 
 
 class Supervisor:

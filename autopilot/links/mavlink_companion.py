@@ -23,6 +23,7 @@ from autopilot.links.companion_messages import (
 )
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.guided_targets import GuidedTargets
+from autopilot.links.hand_back import HandBack
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts
@@ -66,6 +67,7 @@ class CompanionSettings(NamedTuple):
     vehicle_system: the system id to latch on to, None for the first autopilot heard.
     as_gcs: send steering from the ground station's id; gcs_system: that id, None for what the vehicle's
     parameter says (255 until it is known).
+    hand_back_mode: the vehicle's mode number that a fail-safe orders it into; None: none.
     """
 
     rudder_at_full: float
@@ -78,6 +80,7 @@ class CompanionSettings(NamedTuple):
     as_gcs: bool = False
     gcs_system: int | None = None
     guided_speed_share: float = 0.0
+    hand_back_mode: int | None = None
 
 
 class CompanionLink:
@@ -111,6 +114,7 @@ class CompanionLink:
         # A ground station that also sends here must not take the vehicle's place.
         let_in(transport, self._holds_our_vehicle)
         self._texts = StatusTexts()
+        self._hand_back = HandBack(settings.hand_back_mode) if settings.hand_back_mode is not None else None
         self._vehicle = 0
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._next_heartbeat = -math.inf
@@ -167,6 +171,8 @@ class CompanionLink:
             self._note(now, "attitude rate", self._reader.streams.slow, samples)
             if self._guided is not None:
                 self._note(now, "guided", self._guided.alarm, samples)
+        if self._hand_back is not None:
+            samples.extend(self._hand_back.seen(now, self._watch.mode, self.name))
         return samples
 
     def send(self, now: float, command: RudderCommand) -> None:
@@ -210,6 +216,9 @@ class CompanionLink:
                 self._transmit(now, due, self._steering_codec)
             if self._watch.booted:
                 self._send_requests(now)
+            if self._hand_back is not None:
+                for command in self._hand_back.due(now, self._vehicle):
+                    self._transmit(now, command, self._steering_codec)
             for text in self._texts.due(now):
                 self._transmit(now, text, self._codec)
         if self._peer_heard is None:
@@ -240,6 +249,8 @@ class CompanionLink:
     def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
         """Keep the state in our heartbeat honest, and say every new alarm as STATUSTEXT."""
         self.state = STATES[mode]
+        if self._hand_back is not None:
+            self._hand_back.tell(now, mode)
         if alarms != self._alarms:
             for alarm in alarms:
                 if alarm not in self._alarms:

@@ -1,6 +1,6 @@
 """What NMEA 0183 sentences mean: instruments to samples. Pure.
 
-HDG, HDM, HDT, THS, ROT, RSA, RMC, VTG and VHW are samples; APB, RMB, XTE, HTC and HTD go to the guide that follows
+HDG, HDM, HDT, THS, ROT, RSA, MWV, RMC, VTG and VHW are samples; APB, RMB, XTE, HTC and HTD go to the guide that follows
 a chart plotter, where there is one; the rest is counted as ignored, and so is what we send ourselves. A field that
 says "not valid" (status V, mode N, an empty field) is no data, and a value outside its range makes the sentence
 malformed.
@@ -23,7 +23,7 @@ from itertools import pairwise
 from autopilot.angles import wrap
 from autopilot.guidance.plotter import PlotterGuide, PlotterInvalid
 from autopilot.links.nmea0183 import Sentence
-from autopilot.links.nmea_encoders import KNOT_M_S
+from autopilot.links.nmea_encoders import KMH_M_S, KNOT_M_S
 from autopilot.links.nmea_fields import (
     SPEED_LIMIT,
     NoDataError,
@@ -38,7 +38,7 @@ from autopilot.links.nmea_fields import (
     status,
 )
 from autopilot.links.plotter_sentences import NeedsVariationError, PlotterReader
-from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample, WindSample
 
 OWN_TALKER = "AG"
 """An autopilot's own sentences, come back through a multiplexer, must not be its compass."""
@@ -112,6 +112,7 @@ class NmeaReader:
             "THS": self._ths,
             "ROT": self._rot,
             "RSA": self._rsa,
+            "MWV": self._mwv,
             "RMC": self._rmc,
             "VTG": self._vtg,
             "VHW": self._vhw,
@@ -189,6 +190,17 @@ class NmeaReader:
     def _rsa(self, time: float, fields: tuple[str, ...]) -> Sample:
         status(fields, 1)
         return RudderSample(time, math.radians(number(fields, 0, -RUDDER_LIMIT_DEG, RUDDER_LIMIT_DEG)))
+
+    def _mwv(self, time: float, fields: tuple[str, ...]) -> Sample:
+        """The wind over the bow; true wind, reckoned by another instrument, is none of it."""
+        status(fields, 4)
+        if field(fields, 1) != "R":
+            raise NoDataError
+        units = {"K": KMH_M_S, "N": KNOT_M_S, "M": 1.0}
+        unit = units.get(field(fields, 3))
+        if unit is None:
+            raise ValueError(field(fields, 3))
+        return WindSample(time, wrap(angle(fields, 0)), number(fields, 2, 0.0, SPEED_LIMIT) * unit)
 
     def _rmc(self, time: float, fields: tuple[str, ...]) -> Sample:
         status(fields, 1)

@@ -1,7 +1,9 @@
 """What is watched while we steer. A monitor never moves the rudder: it names an alarm, and `autopilot.alarms` has what
 follows from it. Pure: memory is a few numbers, `reset` forgets them."""
 
+from autopilot.monitors.heading import FROZEN_SAMPLES
+from autopilot.monitors.rudder import AT_THE_STOP
 from autopilot.monitors.watch import FROZEN, RUNAWAY, Monitors
 from autopilot.monitors.watched import AlarmLimits, Watched
 
-__all__ = ["FROZEN", "RUNAWAY", "AlarmLimits", "Monitors", "Watched"]
+__all__ = ["AT_THE_STOP", "FROZEN", "FROZEN_SAMPLES", "RUNAWAY", "AlarmLimits", "Monitors", "Watched"]

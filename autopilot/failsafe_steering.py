@@ -1,0 +1,107 @@
+"""What a fail-safe steers by when the heading cannot be trusted: dead reckoning, or the wind over the bow. Pure."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import shortest_turn, wrap
+from autopilot.models.norrbin import Norrbin, rate_step
+from autopilot.models.steering_gear import clip
+from autopilot.signals import HeadingSample, NavState, RateSample, Reference, Sample, WindSample
+
+RATE_FRESH = 0.5
+RATE_MOST = 10.0
+"""A rate older than this [s] is replaced by the model's, one beyond this [rad/s] is none."""
+WIND_FRESH = 5.0
+WIND_SMOOTHING = 2.0
+WINDWARD_ANGLE = math.radians(30.0)
+"""Further than this off the wind the whole rudder of the slow turn is put over; nearer, in proportion."""
+
+
+class FailsafeSteering:
+    """`hear` every tick; `begin` when a fail-safe starts to steer; then `reckon` or `windward` in each tick of it."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._rate: tuple[float, float] | None = None
+        self._wind: _Wind | None = None
+        self._state: NavState | None = None
+        self._held = 0.0
+
+    def hear(self, samples: tuple[Sample, ...]) -> None:
+        """Take rates of turn and wind; headings are what cannot be trusted."""
+        for sample in samples:
+            if isinstance(sample, WindSample):
+                self._hear_wind(sample)
+            elif isinstance(sample, HeadingSample | RateSample):
+                self._hear_rate(sample.time, sample.rate)
+
+    def begin(self, state: NavState) -> None:
+        """Start from the last `state`: its heading is to be held."""
+        self._state, self._held = state, state.heading
+
+    def reckon(self, now: float, model: Norrbin, rudder: float) -> tuple[NavState, Reference]:
+        """Return where the boat must be heading at `now` [s] by measured rate or model, and the heading to hold.
+
+        `rudder` [rad] is where the steering gear stands. ValueError before `begin`.
+        """
+        before = self._state
+        if before is None:
+            raise ValueError("reckon: begin first")
+        step = clip(now - before.time, 0.0, RATE_FRESH)
+        measured = self._rate is not None and 0.0 <= now - self._rate[0] <= RATE_FRESH
+        if measured and self._rate is not None:
+            rate = self._rate[1]
+        else:
+            rate = rate_step(model, before.rate, rudder + before.bias, step)
+        self._state = before._replace(
+            time=now,
+            heading=wrap(before.heading + 0.5 * (before.rate + rate) * step),
+            rate=rate,
+            rudder=rudder,
+            heading_age=before.heading_age + max(now - before.time, 0.0),
+            wave_heading=0.0,
+            wave_rate=0.0,
+            wave_deviation=0.0,
+        )
+        return self._state, Reference(self._held)
+
+    def windward(self, now: float, rudder_most: float) -> float:
+        """Return the rudder [rad] of a slow turn into the wind, at most `rudder_most`; 0 where no wind is known."""
+        wind = self._wind
+        if wind is None or not 0.0 <= now - wind.time <= WIND_FRESH:
+            return 0.0
+        angle = math.atan2(wind.abeam, wind.ahead)
+        return rudder_most * clip(angle / WINDWARD_ANGLE, -1.0, 1.0)
+
+    def _hear_rate(self, time: float, rate: float | None) -> None:
+        if rate is not None and abs(rate) <= RATE_MOST and math.isfinite(time):
+            self._rate = (time, rate)
+
+    def _hear_wind(self, sample: WindSample) -> None:
+        if not (math.isfinite(sample.time) and math.isfinite(sample.angle)):
+            return
+        ahead, abeam = math.cos(sample.angle), math.sin(sample.angle)
+        before = self._wind
+        if before is not None and 0.0 <= sample.time - before.time <= WIND_FRESH:
+            share = -math.expm1(-(sample.time - before.time) / WIND_SMOOTHING)
+            ahead = before.ahead + share * (ahead - before.ahead)
+            abeam = before.abeam + share * (abeam - before.abeam)
+        self._wind = _Wind(sample.time, ahead, abeam)
+
+
+class _Wind(NamedTuple):
+    """Where the wind comes from, smoothed, as a vector: ahead and to starboard."""
+
+    time: float
+    ahead: float
+    abeam: float
+
+
+def error_of(state: NavState, reference: Reference) -> float:
+    """Return the turn [rad] from the state's heading to the reference's."""
+    return shortest_turn(state.heading, reference.heading)
