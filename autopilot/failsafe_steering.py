@@ -70,11 +70,11 @@ class FailsafeSteering:
         )
         return self._state, Reference(self._held)
 
-    def windward(self, now: float, rudder_most: float) -> float:
-        """Return the rudder [rad] of a slow turn into the wind, at most `rudder_most`; 0 where no wind is known."""
+    def windward(self, now: float, rudder_most: float) -> float | None:
+        """Return the rudder [rad] of a slow turn into the wind, at most `rudder_most`; None where no wind is known."""
         wind = self._wind
         if wind is None or not 0.0 <= now - wind.time <= WIND_FRESH:
-            return 0.0
+            return None
         angle = math.atan2(wind.abeam, wind.ahead)
         return rudder_most * clip(angle / WINDWARD_ANGLE, -1.0, 1.0)
 

@@ -231,7 +231,11 @@ class Pilot:
         reckoned, reference = self._failsafe.reckon(now, model, state.rudder)
         if self.config.failsafe.action == "windward":
             rudder = self._failsafe.windward(now, self.config.failsafe.windward_rudder)
-            return reckoned, Reference(reckoned.heading, reckoned.rate), rudder - reckoned.bias
+            return (
+                reckoned,
+                Reference(reckoned.heading, reckoned.rate),
+                0.0 if rudder is None else rudder - reckoned.bias,
+            )
         return reckoned, reference, self.law.update(model, reference, reckoned, self._told.angle, dt)
 
     def _picture(self, order: Order, reference: Reference, state: NavState) -> Picture:

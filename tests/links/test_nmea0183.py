@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from autopilot.links import nmea_encoders as encoders
 from autopilot.links.nmea0183 import LENGTH_MAX, NmeaFramer, checksum, format_sentence, is_nmea
 from autopilot.links.nmea_samples import Deviation, NmeaReader
-from autopilot.signals import HeadingSample, RateSample, RudderSample, SpeedSample
+from autopilot.signals import HeadingSample, RateSample, RudderSample, SpeedSample, WindSample
 
 KNOT = 0.514444444444
 
 # Sentences as others published them, with what they say in plain words. Sources: RMC, E. S. Raymond "NMEA Revealed";
 # HDM and VTG, documentation of the go-nmea library; HDG, notes on an Airmar weather station; THS and HDT, tests of an
 # iXblue gyro driver; ROT, an Airmar log; RSA, documentation of the Java Marine API; VHW, tests of the Signal K parser
-# and an Airmar log (a boat that drifts astern).
+# and an Airmar log (a boat that drifts astern); MWV, the same parser's.
 PUBLISHED = [
     ("$GPRMC,225446,A,4916.45,N,12311.12,W,000.5,054.7,191194,020.3,E*68", SpeedSample, 0.5 * KNOT),
     ("$HCHDM,093.8,M*2B", HeadingSample, math.radians(93.8)),
@@ -31,6 +31,7 @@ PUBLISHED = [
     ("$IIVHW,,T,,M,06.12,N,11.33,K*50", SpeedSample, 6.12 * KNOT),
     ("$VDVHW,,T,,M,-0.08,N,-0.15,K*4B", SpeedSample, -0.08 * KNOT),
     ("$GPVTG,220.86,T,,M,2.550,N,4.724,K,A*34", SpeedSample, 2.550 * KNOT),
+    ("$IIMWV,084.0,R,10.4,N,A*04", WindSample, math.radians(84.0)),
 ]
 
 
@@ -137,6 +138,8 @@ def test_deviation_goes_round_the_card() -> None:
         "HETHS,191.75,V",
         "TIROT,5.0,V",
         "IIRSA,9.0,V,,V",
+        "IIMWV,084.0,R,10.4,N,V",
+        "IIMWV,084.0,T,10.4,N,A",
         "GPRMC,225446,V,4916.45,N,12311.12,W,000.5,054.7,191194,,",
         "GPRMC,225446,A,4916.45,N,12311.12,W,000.5,054.7,191194,,,N",
         "GPVTG,,T,,M,,N,,K,N",
@@ -172,6 +175,8 @@ def test_what_calls_itself_invalid_is_no_data(body) -> None:
         "HETHS,191.75,Q",
         "TIROT,99999.0,A",
         "IIRSA,120.0,A,,V",
+        "IIMWV,384.0,R,10.4,N,A",
+        "IIMWV,84.0,R,10.4,F,A",
         "VWVHW,,T,,M,3.1,K,4.3,N",
         "GPVTG,220.86,T,,M,-2.5,N,4.724,K,A",
     ],
