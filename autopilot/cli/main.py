@@ -21,6 +21,7 @@ SUBCOMMANDS = {
     "replay": "run a log again and compare every rudder command bit for bit",
     "web": "the helm as a page for phone, tablet and desktop",
     "signalk": "the running pilot in Signal K: its state as deltas, orders from Signal K programs",
+    "doctor": "is this machine, with these links, fit to steer?",
     "install-service": "steer from power-on: a system service with watchdog and user",
     "demo": "trial, identification and steering of the simulated Lanxin boat, in about a minute",
 }

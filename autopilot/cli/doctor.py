@@ -1,0 +1,111 @@
+"""`autopilot doctor`: is this machine, with these links, fit to steer? Go or no-go, with reason and cure."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from autopilot.errors import ExitCode, InputError
+
+if TYPE_CHECKING:
+    from autopilot.doctor.finding import Finding
+    from autopilot.params.vessel import Vessel
+
+RATE_HZ = 20.0
+WORDS = ("go", "warn", "NO GO")
+DESCRIPTION = """\
+Measure this machine: how late it wakes, memory, disk, clock, supply, versions, serial lines. With --link also how often
+and how evenly headings come; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go."""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "doctor", help="is this machine, with these links, fit to steer?", description=DESCRIPTION
+    )
+    parser.add_argument("vessel", metavar="VESSEL.yaml", nargs="?", help="vessel file, or the name of a shipped one")
+    parser.add_argument("--link", action="append", default=[], metavar="URL", help="as for `autopilot run`; repeatable")
+    parser.add_argument("--as-gcs", action="store_true", help="as for `autopilot run`")
+    parser.add_argument("--seconds", type=float, default=10.0, metavar="S", help="listen to the links for this long")
+    parser.add_argument(
+        "--log-dir", type=Path, default=Path(), metavar="DIR", help="the disk to look at (default: here)"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Look, print, and return the exit code."""
+    from autopilot.doctor.finding import Verdict, worst
+
+    if not 1.0 <= arguments.seconds <= 3600.0:
+        raise InputError(f"--seconds {arguments.seconds:g}: 1 to 3600 are allowed")
+    if arguments.link and arguments.vessel is None:
+        raise InputError("doctor: with --link give the vessel file too; it says what the instruments are like")
+    findings = _findings(arguments)
+    verdict = worst(findings)
+    if arguments.json:
+        table = [{**found._asdict(), "verdict": WORDS[found.verdict].lower()} for found in findings]
+        print(json.dumps({"verdict": WORDS[verdict].lower(), "findings": table}, indent=2))
+    else:
+        _show(findings)
+        warnings = sum(finding.verdict is Verdict.WARN for finding in findings)
+        count = f", {warnings} warning{'s' if warnings != 1 else ''}" if warnings else ""
+        print("NO GO" if verdict is Verdict.NO_GO else f"GO{count}")
+    return int(ExitCode.REFUSED if verdict is Verdict.NO_GO else ExitCode.OK)
+
+
+def _findings(arguments: argparse.Namespace) -> list[Finding]:
+    from autopilot.doctor import machine, system
+    from autopilot.params.vessel_file import load_vessel
+
+    vessel = None if arguments.vessel is None else load_vessel(arguments.vessel)
+    rate = RATE_HZ if vessel is None else vessel.control.rate_hz
+    looked = [
+        system.versions(),
+        machine.wake_up(rate),
+        machine.cyclictest(),
+        machine.real_time(),
+        machine.memory(),
+        system.disk(arguments.log_dir),
+        machine.clock_kept(),
+        machine.supply(),
+        machine.temperature(),
+        machine.hardware_watchdog(),
+        system.serial_lines(),
+    ]
+    if vessel is not None and arguments.link:
+        looked += _links(arguments, vessel)
+    return [finding for finding in looked if finding is not None]
+
+
+def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
+    from autopilot.build import LinkOptions, build_link
+    from autopilot.doctor.link import examine
+    from autopilot.links.base import Link
+    from autopilot.loop.clock import MonotonicClock
+
+    options = LinkOptions(as_gcs=arguments.as_gcs)
+
+    def opened() -> list[Link]:
+        links: list[Link] = []
+        try:
+            for url in arguments.link:
+                links.append(build_link(vessel, url, options))  # noqa: PERF401 - what is open must be closed on error
+        except BaseException:
+            for link in links:
+                link.close()
+            raise
+        return links
+
+    return examine(opened, MonotonicClock(), arguments.seconds, vessel.failsafe.heading_timeout_s)
+
+
+def _show(findings: list[Finding]) -> None:
+    width = max(len(finding.name) for finding in findings)
+    for finding in findings:
+        print(f"{WORDS[finding.verdict]:6s} {finding.name:{width}s}  {finding.found}")
+        if finding.verdict and finding.cure:
+            print(f"{'':6s} {'':{width}s}  -> {finding.cure}")

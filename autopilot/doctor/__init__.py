@@ -1,0 +1,1 @@
+"""What this machine and its links are good for, measured before anybody relies on them."""
