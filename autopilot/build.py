@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import astuple
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
@@ -35,6 +36,7 @@ from autopilot.links.drives.jrk import JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor
 from autopilot.links.hand_back import MODES
+from autopilot.links.kept_link import KeptLink
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
@@ -372,6 +374,7 @@ class LinkOptions(NamedTuple):
 
     `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
     `forward`: URLs of ground stations that see the flight controller through us; `doors`: which of them are heard.
+    `reconnect`: lines that are lost, or not there yet, are opened again.
     """
 
     as_gcs: bool = False
@@ -380,6 +383,7 @@ class LinkOptions(NamedTuple):
     signing: Signing | None = None
     forward: tuple[str, ...] = ()
     doors: Doors | None = None
+    reconnect: bool = False
 
 
 def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | None = None) -> Link:
@@ -458,6 +462,11 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
     raise RefusedError(f"vessel {vessel.name!r}: failsafe.action {action} needs {needed}")
 
 
+def _kept(url: LinkUrl, opener: Callable[[], Link]) -> KeptLink:
+    steers = url.options.steers or url.protocol not in ("nmea", "n2k")
+    return KeptLink(url.text, steers, opener)
+
+
 def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008
     """Return the links of all `urls`, opened; where one fails the others are closed again. Raises LinkError."""
     refuse_failsafe(vessel, urls)
@@ -465,7 +474,8 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     router = Router() if options.forward else None
     try:
         for url in urls:
-            links.append(build_link(vessel, url, options, router))  # noqa: PERF401 - what is open must be closed on error
+            opener = partial(build_link, vessel, url, options, router)
+            links.append(_kept(parse_url(url), opener) if options.reconnect else opener())
         behind = build_forward_links(urls, options, router, networks_of(vessel)) if router is not None else []
     except BaseException:
         for link in links:

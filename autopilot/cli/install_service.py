@@ -88,7 +88,7 @@ def _service_of(arguments: argparse.Namespace, name: str) -> service.Service:
     links = [word for url in arguments.link for word in ("--link", parse_url(url).text)]
     command = [
         str(Path(arguments.python).absolute()), "-m", "autopilot", "run", f"/var/lib/{name}/boat.yaml", *links,
-        "--wait", "0", "--realtime", "--log-dir", f"/var/log/{name}", *arguments.run_with,
+        "--reconnect", "--wait", "0", "--realtime", "--log-dir", f"/var/log/{name}", *arguments.run_with,
     ]  # fmt: skip
     _check_run(command[3:])
     user = service.service_name(arguments.user or name)

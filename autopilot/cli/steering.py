@@ -47,6 +47,11 @@ def add_steering_options(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
     add_upkeep_options(parser)
     parser.add_argument(
+        "--reconnect",
+        action="store_true",
+        help="open links that are lost, or not there yet, again and again instead of ending",
+    )
+    parser.add_argument(
         "--as-gcs", action="store_true", help="send steering with the ground station's id, which ArduPilot obeys"
     )
     parser.add_argument(
@@ -144,6 +149,7 @@ def steer(
     doors = Doors(admission_of(vessel))
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
     options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward), doors)
+    options = options._replace(reconnect=arguments.reconnect)
     links = build_links(vessel, arguments.link, options)
     recorder = None
     saver = BackgroundSaver()

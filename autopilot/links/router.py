@@ -69,6 +69,12 @@ class Router:
             self._vehicles.add(number)
         return number
 
+    def leave(self, number: int) -> None:
+        """Send nothing more to an endpoint, and forget who was there: its line is closed."""
+        self._senders[number] = lambda _: False
+        self._heard[number] = set()
+        self._vehicles.discard(number)
+
     def take(self, endpoint: int, frame: bytes) -> None:
         """Pass on a frame that arrived at `endpoint`."""
         source = source_of(frame)

@@ -78,7 +78,8 @@ class RoutedTransport:
         self.inside.forget_peer()
 
     def close(self) -> None:
-        """Pass on."""
+        """Leave the router, and pass on."""
+        self._router.leave(self._number)
         self.inside.close()
 
 

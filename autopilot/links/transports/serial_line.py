@@ -10,6 +10,7 @@ import termios
 import serial
 
 from autopilot.links.base import LinkError
+from autopilot.links.transports.device_names import device_of
 
 CHUNK_LIMIT = 4096
 RECEIVE_LIMIT = 64
@@ -18,7 +19,8 @@ RECEIVE_LIMIT = 64
 class SerialTransport:
     """Eight data bits, no parity, one stop bit, no flow control, at `baud`.
 
-    Raises LinkError with the way out where the device is missing, forbidden, in use, or no serial port.
+    `path` may be usb=SERIAL or a pattern, see `device_names`. Raises LinkError with the way out where the device is
+    missing, forbidden, in use, or no serial port.
     """
 
     is_stream = True
@@ -26,7 +28,7 @@ class SerialTransport:
     def __init__(self, name: str, path: str, baud: int) -> None:
         self.name = name
         self.baud = baud
-        self._path = path
+        self._path = path = device_of(name, path)
         self._closed = False
         self._unsent = b""
         try:

@@ -1,0 +1,166 @@
+"""A link that outlives its line: an adapter that is pulled and comes back, a connection that is closed and opens again.
+
+While the line is gone the helm is not ours and an alarm says why; opening is tried again from a thread, because looking
+for a host may take seconds that the loop does not have. What comes back is a new link, which proves anew that it
+steers.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from collections.abc import Callable
+
+from autopilot.links.base import Link, LinkError, Shows
+from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
+
+RETRY_S = 1.0
+"""Pause between tries to open."""
+
+
+def in_thread(work: Callable[[], None]) -> None:
+    """Do `work` in a thread that keeps no process from ending."""
+    threading.Thread(target=work, name="open", daemon=True).start()
+
+
+class KeptLink:
+    """A `Link` round the one that `opener` opens, again and again.
+
+    What goes wrong at the first opening is waited for, too: at power-on adapters come when they come.
+
+    Args:
+        name: the URL, and so the source of what the link says of the helm.
+        steers: whether rudder orders leave here, so that without it nothing may be engaged.
+        opener: opens the link; LinkError where it cannot.
+        start: does a piece of work that may take long.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        steers: bool,
+        opener: Callable[[], Link],
+        start: Callable[[Callable[[], None]], None] = in_thread,
+    ) -> None:
+        self.name = name
+        self._opener, self._start = opener, start
+        self._link: Link | None = None
+        self._opened: Link | None = None
+        self._opening = False
+        self._closed = False
+        self._next = -math.inf
+        self._helms = {name} if steers else set()
+        self._alarmed: set[str] = set()
+        self._news: list[Sample] = []
+        self._packets: list[tuple[float, bytes]] = []
+        self.trouble = ""
+        try:
+            self._link = opener()
+        except LinkError as error:
+            self._lost(-math.inf, error)
+
+    def fileno(self) -> int:
+        """Return the descriptor of the link inside, -1 while there is none."""
+        return -1 if self._link is None else self._link.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return what has arrived; when the line is lost that the helm is not ours. Raises nothing."""
+        if self._link is None:
+            self._look_for(now)
+        if self._link is not None:
+            try:
+                self._note(self._link.receive(now))
+            except LinkError as error:
+                self._lost(now, error)
+        # what was said at an unknown time, when the link was made, is said now
+        news = [sample._replace(time=now) if sample.time == -math.inf else sample for sample in self._news]
+        self._news = []
+        return news
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Pass on."""
+        self._do(now, lambda link: link.send(now, command))
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+        """Pass on."""
+        self._do(now, lambda link: link.tell(now, mode, alarms))
+
+    def keep(self, now: float) -> None:
+        """Pass on."""
+        self._do(now, lambda link: link.keep(now))
+
+    def show(self, tick: Tick) -> None:
+        """Pass on where the link inside shows anything."""
+        self._do(tick.now, lambda link: link.show(tick) if isinstance(link, Shows) else None)
+
+    def release(self, now: float) -> None:
+        """Pass on; never raises."""
+        if self._link is not None:
+            self._link.release(now)
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return the packets of the link inside, and of those before it."""
+        packets, self._packets = self._packets, []
+        return packets if self._link is None else packets + self._link.take_packets()
+
+    def close(self) -> None:
+        """Close the link inside, and one that is just being opened as soon as it is."""
+        self._closed = True
+        for link in (self._link, self._opened):
+            if link is not None:
+                link.close()
+        self._link = self._opened = None
+
+    def _do(self, now: float, act: Callable[[Link], None]) -> None:
+        if self._link is not None:
+            try:
+                act(self._link)
+            except LinkError as error:
+                self._lost(now, error)
+
+    def _note(self, samples: list[Sample]) -> None:
+        for sample in samples:
+            if isinstance(sample, HelmSample):
+                self._helms.add(sample.source)
+            elif isinstance(sample, AlarmSample):
+                self._alarmed.add(sample.source)
+        self._news += samples
+
+    def _lost(self, now: float, error: LinkError) -> None:
+        self.trouble = f"{error}; it is tried again"
+        self._next = now + RETRY_S
+        link, self._link = self._link, None
+        if link is not None:
+            self._packets += link.take_packets()
+            with contextlib.suppress(LinkError):
+                link.close()
+        self._news += [HelmSample(now, False, self.trouble, source) for source in sorted(self._helms)]
+        self._news += [AlarmSample(now, "", source) for source in sorted(self._alarmed)]
+        self._news.append(AlarmSample(now, self.trouble, f"{self.name} line"))
+        self._alarmed.clear()
+
+    def _look_for(self, now: float) -> None:
+        """Take the link that has been opened meanwhile, or have one opened when it is time."""
+        if self._opened is not None:
+            self._link, self._opened = self._opened, None
+            self.trouble = ""
+            # under its own name the new link speaks for itself, when it knows
+            ours = sorted(self._helms - {self._link.name})
+            self._news += [HelmSample(now, True, "", source) for source in ours]
+            self._news.append(AlarmSample(now, "", f"{self.name} line"))
+        elif not self._opening and now >= self._next:
+            self._opening = True
+            self._next = now + RETRY_S
+            self._start(self._open)
+
+    def _open(self) -> None:
+        try:
+            link = self._opener()
+        except LinkError:
+            link = None
+        if self._closed and link is not None:
+            link.close()
+        else:
+            self._opened = link
+        self._opening = False

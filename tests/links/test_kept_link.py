@@ -1,0 +1,293 @@
+"""Lines that go and come back: hands off while they are gone, steering again when that is ordered."""
+
+from __future__ import annotations
+
+import os
+import pty
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from lockstep import Lockstep
+
+from autopilot.build import LinkOptions, build_links, build_pilot
+from autopilot.links.base import Link, LinkError
+from autopilot.links.drives.base import DriveSettings
+from autopilot.links.drives.drive_link import DriveLink
+from autopilot.links.drives.maestro import Maestro
+from autopilot.links.kept_link import RETRY_S, KeptLink
+from autopilot.links.mavlink_companion import CompanionLink
+from autopilot.links.transports import SerialTransport, loopback_pair
+from autopilot.links.transports.device_names import device_of
+from autopilot.loop.clock import ManualClock
+from autopilot.loop.session import Session
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import AlarmSample, HeadingSample, HelmSample, Mode, Order, OrderKind, Sample
+
+VESSEL = load_vessel("lanxin")
+
+
+def at_once(work: Callable[[], None]) -> None:
+    work()
+
+
+class Plugged:
+    """An adapter in lockstep with its vehicle; pulled, every use of its line fails."""
+
+    def __init__(self) -> None:
+        self.run = Lockstep(VESSEL)
+        self.settings = self.run.link._settings
+        self.is_in = True
+        self.opened = 0
+        self.run.near.close()
+        self.kept = KeptLink("line", True, self.open, at_once)
+        self.run.session._links = (self.kept,)
+        self.run.session._showing = [self.kept]
+
+    def open(self) -> Link:
+        if not self.is_in:
+            raise LinkError("line: there is no device; plug it in")
+        self.opened += 1
+        near, self.run.far = loopback_pair("line")
+        return CompanionLink(near, self.settings)
+
+    def pull(self) -> None:
+        self.is_in = False
+        self.run.far.close()
+        # the vehicle goes on by itself, with nobody to hear it
+        self.run.carry = self.run.vehicle.advance  # type: ignore[method-assign]
+
+    def plug_in(self) -> None:
+        self.is_in = True
+        self.run.carry = self.carry  # type: ignore[method-assign]
+
+    def carry(self, now: float) -> None:
+        """Both ways, as soon as the line is open again."""
+        if self.opened > 1:
+            Lockstep.carry(self.run, now)
+        else:
+            self.run.vehicle.advance(now)
+
+    def sail(self, seconds: float, mode: Mode | None = None) -> bool:
+        return self.run.run(seconds, until=None if mode is None else lambda tick: tick.mode is mode)
+
+
+@pytest.fixture
+def plugged() -> Plugged:
+    return Plugged()
+
+
+def test_a_pulled_adapter_is_hands_off_with_the_reason(plugged: Plugged) -> None:
+    plugged.run.engage(90.0)
+    assert plugged.sail(20.0, Mode.ENGAGED)
+    plugged.sail(3.0)
+    plugged.pull()
+    assert plugged.sail(1.0, Mode.OVERRIDE)
+    alarms = " ".join(plugged.run.tick.alarms)
+    assert "line" in alarms
+    assert "it is tried again" in alarms
+    assert not plugged.run.tick.command.engaged
+    plugged.sail(4.0)
+    assert not plugged.run.firmware.overrides.active(plugged.run.now, 3.0)
+
+
+@pytest.mark.parametrize("away", [0.0, 60.0])
+def test_it_comes_back_and_steers_when_that_is_ordered(plugged: Plugged, away: float) -> None:
+    run = plugged.run
+    run.engage(90.0)
+    assert plugged.sail(20.0, Mode.ENGAGED)
+    plugged.pull()
+    plugged.sail(2.0)
+    run.clock.time += away  # nobody looks meanwhile; the vehicle's clock goes on with it
+    plugged.sail(2.0)
+    assert plugged.opened == 1
+    plugged.plug_in()
+    plugged.sail(15.0)
+    assert plugged.opened == 2
+    assert run.tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE)  # nothing is engaged by itself
+    assert not any(
+        "tried again" in alarm for alarm in run.tick.alarms if "line" in alarm and run.tick.mode is Mode.STANDBY
+    )
+    run.engage(45.0)
+    assert plugged.sail(20.0, Mode.ENGAGED)
+    plugged.sail(20.0)
+    assert abs(run.world.boat.state.heading - 0.785) < 0.1
+
+
+def test_opening_is_tried_once_a_second_and_one_at_a_time() -> None:
+    tried: list[float] = []
+    waiting: list[Callable[[], None]] = []
+    now = 0.0
+
+    def opener() -> Link:
+        tried.append(now)
+        raise LinkError("line: nobody there; look")
+
+    kept = KeptLink("line", False, opener, waiting.append)
+    assert len(tried) == 1
+    for step in range(100):
+        now = 0.1 * step
+        kept.receive(now)
+        assert len(waiting) <= 1
+        if waiting and step % 3 == 0:
+            waiting.pop()()
+    assert 8 <= len(tried) <= 1 + 10.0 / RETRY_S
+    assert kept.fileno() == -1
+
+
+def test_a_link_that_is_opened_after_the_end_is_closed() -> None:
+    waiting: list[Callable[[], None]] = []
+    opened: list[Any] = []
+
+    def opener() -> Link:
+        if not waiting:
+            raise LinkError("not yet; wait")
+        near, _ = loopback_pair("line")
+        opened.append(near)
+        return CompanionLink(near, Lockstep(VESSEL).link._settings)
+
+    kept = KeptLink("line", True, opener, waiting.append)
+    kept.receive(1.0)
+    kept.close()
+    waiting[0]()
+    assert opened[0].closed
+
+
+def test_without_its_rudder_drive_nothing_is_engaged() -> None:
+    """A compass that is well, and a drive whose adapter has not come yet."""
+
+    class Compass:
+        name = "compass"
+
+        def receive(self, now: float) -> list[Sample]:
+            return [HeadingSample(now, 0.1, 0.0, "compass")]
+
+        def __getattr__(self, _: str) -> Any:
+            return lambda *_: []
+
+        def fileno(self) -> int:
+            return -1
+
+    drive = DriveLink(loopback_pair("drive")[0], Maestro(DriveSettings(0.5)))
+    there = SimpleNamespace(yes=False)
+
+    def opener() -> Link:
+        if not there.yes:
+            raise LinkError("drive: there is no device; plug it in")
+        return drive
+
+    kept = KeptLink(drive.name, True, opener, at_once)
+    order = Order(OrderKind.HEADING, 0.1, serial=1)
+    session = Session(build_pilot(VESSEL), [Compass(), kept], ManualClock(), 20.0, lambda *_: order)
+    session.run(5.0)
+    assert session.tick is not None
+    assert session.tick.mode is Mode.STANDBY
+    assert "there is no device" in " ".join(session.tick.alarms)
+    there.yes = True
+    session.run(10.0)
+    assert "check its power, line, baud rate" in " ".join(session.tick.alarms)  # there, and silent
+    assert "there is no device" not in " ".join(session.tick.alarms)
+
+
+def test_a_line_away_for_an_hour_is_asked_for_every_second_and_is_there_at_once() -> None:
+    """Beside it the compass and the loop go on."""
+    there, tried = SimpleNamespace(yes=False), []
+
+    def opener() -> Link:
+        tried.append(1)
+        if not there.yes:
+            raise LinkError("line: there is no device; plug it in")
+        return CompanionLink(loopback_pair("line")[0], Lockstep(VESSEL).link._settings)
+
+    kept = KeptLink("line", True, opener, at_once)
+    for second in range(3600):
+        kept.receive(float(second))
+        kept.keep(float(second))
+    assert len(tried) == 3600 + 1
+    there.yes = True
+    kept.receive(3600.0)
+    kept.receive(3600.1)
+    assert kept.trouble == ""
+
+
+def test_what_the_lost_link_had_said_is_taken_back() -> None:
+    class Talking:
+        def __init__(self) -> None:
+            self.is_lost = False
+
+        def receive(self, now: float) -> list[Sample]:
+            if self.is_lost:
+                raise LinkError("line: gone; look")
+            return [AlarmSample(now, "low battery", "drive"), HelmSample(now, True, "", "drive")]
+
+        def take_packets(self) -> list[tuple[float, bytes]]:
+            return [(1.0, b"last words")]
+
+        def close(self) -> None:
+            raise LinkError("line: gone, really")
+
+    talking = Talking()
+    kept = KeptLink("line", True, lambda: talking, at_once)  # type: ignore[arg-type, return-value]
+    kept.receive(1.0)
+    talking.is_lost = True
+    said = kept.receive(2.0)
+    assert [(type(each).__name__, getattr(each, "source", "")) for each in said] == [
+        ("HelmSample", "drive"), ("HelmSample", "line"), ("AlarmSample", "drive"), ("AlarmSample", "line line"),
+    ]  # fmt: skip
+    assert all(not each.available for each in said if isinstance(each, HelmSample))
+    assert said[2].text == ""  # type: ignore[union-attr]
+    assert kept.take_packets() == [(1.0, b"last words")]
+    assert kept.take_packets() == []
+
+
+def test_an_adapter_that_comes_back_under_another_name(tmp_path: Path) -> None:
+    """Real terminals behind a name that udev would keep."""
+    name, seen = tmp_path / "by-id-GPS", []
+    for _ in range(2):
+        ours, theirs = pty.openpty()
+        tty.setraw(theirs)
+        name.unlink(missing_ok=True)
+        name.symlink_to(os.ttyname(theirs))
+        transport = SerialTransport("serial", f"{tmp_path}/by-id-*", 4800)
+        os.write(ours, b"$HCHDT,1,T\r\n")
+        seen.append(b"".join(transport.receive()))
+        transport.close()
+        os.close(theirs)
+        os.close(ours)
+    assert seen == [b"$HCHDT,1,T\r\n"] * 2
+
+
+def test_devices_by_serial_number_and_by_pattern(tmp_path: Path) -> None:
+    ports = [
+        SimpleNamespace(device="/dev/ttyACM1", serial_number="A1"),
+        SimpleNamespace(device="/dev/ttyACM0", serial_number="A1"),
+        SimpleNamespace(device="/dev/ttyUSB0", serial_number="B2"),
+        SimpleNamespace(device="/dev/ttyS0", serial_number=None),
+    ]
+    assert device_of("l", "usb=B2", lambda: ports) == "/dev/ttyUSB0"
+    assert device_of("l", "usb=A1", lambda: ports) == "/dev/ttyACM0"
+    with pytest.raises(LinkError, match=r"no adapter with USB serial number C3; plug it in \(present are: A1, B2\)"):
+        device_of("l", "usb=C3", lambda: ports)
+    with pytest.raises(LinkError, match="present are: none"):
+        device_of("l", "usb=C3", list)
+    assert device_of("l", "/dev/ttyUSB0") == "/dev/ttyUSB0"
+    for each in ("a-1", "a-2", "b-1"):
+        (tmp_path / each).touch()
+    assert device_of("l", f"{tmp_path}/b*") == f"{tmp_path}/b-1"
+    with pytest.raises(LinkError, match="is 2 devices"):
+        device_of("l", f"{tmp_path}/a*")
+    with pytest.raises(LinkError, match="there is no device"):
+        device_of("l", f"{tmp_path}/c*")
+
+
+def test_a_run_waits_for_what_is_not_plugged_in() -> None:
+    url = "serial:usb=NOWHERE:115200"
+    with pytest.raises(LinkError, match="no adapter with USB serial number NOWHERE"):
+        build_links(VESSEL, [url])
+    (link,) = build_links(VESSEL, [url], LinkOptions(reconnect=True))
+    said = link.receive(0.0)
+    assert any(isinstance(each, HelmSample) and not each.available for each in said)
+    link.close()
