@@ -1,6 +1,6 @@
 """How long until a steering process ticks, what it holds in memory, and what `--help` costs beside bare Python.
 
-    python benchmarks/start_up.py
+python benchmarks/start_up.py
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         cases: dict[str, Callable[[], tuple[float, float]]] = {
-            "python -c pass": whole([sys.executable, "-c", "pass"]),
-            "autopilot --help": whole([sys.executable, "-m", "autopilot", "--help"]),
-            "autopilot run, to its first tick": lambda: to_first_tick(Path(name)),
+            "bare Python": whole([sys.executable, "-c", "pass"]),
+            "--help": whole([sys.executable, "-m", "autopilot", "--help"]),
+            "run, to its first tick": lambda: to_first_tick(Path(name)),
         }
         found = {case: [measure() for _ in range(arguments.times)] for case, measure in cases.items()}
     print(f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}, {arguments.times} times")
