@@ -26,7 +26,7 @@ def verdict(report: dict[str, Any]) -> tuple[int, str]:
     weak = [package for package in audited if package.get("vulns")]
     if weak:
         lines = [
-            f"{package['name']} {package['version']}: {vuln['id']}, mended in {', '.join(vuln['fix_versions']) or 'none'}"
+            f"{package['name']} {package['version']}: {vuln['id']}, mended in {', '.join(vuln['fix_versions']) or '-'}"
             for package in weak
             for vuln in package["vulns"]
         ]

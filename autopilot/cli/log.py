@@ -29,6 +29,11 @@ def add_parser(subparsers: Any) -> None:
     table = actions.add_parser("csv", help="write it as a CSV table that `identify` reads")
     table.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     table.add_argument("--out", metavar="FILE.csv", required=True, help="the table to write")
+    exported = actions.add_parser("export", help="write it as MCAP (Foxglove, PlotJuggler), Parquet or CSV")
+    exported.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
+    exported.add_argument(
+        "--to", type=Path, metavar="FILE", required=True, help="out.mcap, out.parquet (extra `export`) or out.csv"
+    )
     measures = actions.add_parser("measures", help="zigzags, turning circles, pull-outs and spirals in it, measured")
     measures.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     measures.add_argument("--length-m", type=float, metavar="L", help="the boat's length, for the criteria")
@@ -36,7 +41,7 @@ def add_parser(subparsers: Any) -> None:
     measures.add_argument(
         "--report", metavar="FILE.html", help="write a page with the figures (extra: norrbin[report])"
     )
-    for action in (info, table, measures):
+    for action in (info, table, exported, measures):
         add_log_options(action)
     parser.set_defaults(run=run)
 
@@ -48,21 +53,29 @@ def run(arguments: argparse.Namespace) -> int:
 
     options = log_options(arguments)
     recording = load_recording(arguments.log, options.reading)
-    if arguments.action == "csv":
-        from autopilot.loop.logs.table import table_of
-
-        table = table_of(recording, options.rudder)
-        for note in recording.notes:
-            print(note)
-        rows = write_csv(Path(arguments.out), table.columns, table.uses, arguments.log)
-        print(f"Wrote {rows} rows to {arguments.out}.")
-        return int(ExitCode.OK)
+    if arguments.action in ("csv", "export"):
+        return _rewrite(arguments, recording, options)
     if arguments.action == "measures":
         return _measure(arguments, recording, options)
     from autopilot.loop.logs.info import info_of
 
     info = info_of(recording, options.rudder)
     print(as_json(info) if arguments.json else as_text(info))
+    return int(ExitCode.OK)
+
+
+def _rewrite(arguments: argparse.Namespace, recording: Recording, options: LogOptions) -> int:
+    from autopilot.cli.log_export import export
+    from autopilot.loop.logs.columnar import write_csv
+    from autopilot.loop.logs.table import table_of
+
+    for note in recording.notes:
+        print(note)
+    if arguments.action == "export":
+        print(export(arguments.log, recording, options, arguments.to))
+    else:
+        rows = write_csv(Path(arguments.out), table_of(recording, options.rudder), arguments.log)
+        print(f"Wrote {rows} rows to {arguments.out}.")
     return int(ExitCode.OK)
 
 
@@ -89,21 +102,6 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
         command = f"autopilot log measures {arguments.log}" + ("" if length is None else f" --length-m {length:g}")
         _write(Path(arguments.report), trials_page(arguments.log, record, measures, length, command), "--report")
     return int(ExitCode.OK)
-
-
-def write_csv(path: Path, columns: dict[str, Any], uses: dict[str, str], source: str) -> int:
-    """Write a table's columns, positions in degrees, and where they come from; return the rows. Raises InputError."""
-    names = list(columns)
-    lines = [f"# from {source}"] + [f"# {name}: {uses[name]}" for name in names if name in uses]
-    shown = [name.replace("tude_rad", "tude_deg") for name in names]
-    lines.append(",".join(shown))
-    values = [
-        columns[old] if old == new else columns[old] * (180.0 / math.pi) for old, new in zip(names, shown, strict=True)
-    ]
-    for row in zip(*(column.tolist() for column in values), strict=True):
-        lines.append(",".join("" if value != value else f"{value:.10g}" for value in row))  # noqa: PERF401
-    _write(path, "\n".join(lines) + "\n", "--out")
-    return len(lines) - len(uses) - 2
 
 
 def _write(path: Path, text: str, option: str) -> None:

@@ -39,12 +39,12 @@ def read_own(path: str) -> Recording:
     """Return the first log in a file that `--log` wrote. Raises InputError."""
     logs = read_logs(Path(path))
     log: Log = logs[0]
-    began = _began(path, log)
+    began = began_of(path, log)
     notes = () if len(logs) == 1 else (f"{path}: holds {len(logs)} logs; the first is read.",)
     return from_zero(Recording(path, "Norrbin log", (*_estimates(log.ticks), *_samples(log.ticks)), began, notes))
 
 
-def _began(path: str, log: Log) -> float | None:
+def began_of(path: str, log: Log) -> float | None:
     """Return the Unix time of the loop clock's zero: from the tick's own record, stamped when it was made."""
     if not log.ticks:
         return None
