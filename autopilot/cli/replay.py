@@ -1,29 +1,44 @@
-"""`autopilot replay`: run a log's ticks through a fresh pilot and compare every command, bit for bit."""
+"""`autopilot replay`: a log through a fresh pilot, every command compared bit for bit; or onto links, to look at."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 from pathlib import Path
 from typing import Any
 
-from autopilot.errors import ExitCode
+from autopilot.errors import ExitCode, InputError
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
+    from autopilot.cli.signing import add_signing_option
+
     parser = subparsers.add_parser(
         "replay",
         help="run a log again and compare every rudder command bit for bit",
-        description="Run the ticks of a log through a fresh pilot and compare every rudder command bit for bit.",
+        description="Run the ticks of a log through a fresh pilot and compare every rudder command bit for bit. With "
+        "--link the log is played onto links instead, for ground stations, plotters and pages to look at.",
     )
     parser.add_argument("log", metavar="LOG.tlog", type=Path)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.add_argument(
+        "--link",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="play the log onto this link: udpout:127.0.0.1:14550, 'nmea-tcpin:127.0.0.1:10110?send=HDT:5'; repeatable",
+    )
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="so many times as fast (default 1)")
+    add_signing_option(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay and report; exit code 6 where a command differs."""
+    if arguments.link:
+        return _play(arguments)
     from autopilot.loop.replay import replay
 
     result = replay(arguments.log)
@@ -34,3 +49,20 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(f"tick {result.first_difference}: {result.detail}")
     return int(ExitCode.OK if result.identical else ExitCode.DIFFERENT)
+
+
+def _play(arguments: argparse.Namespace) -> int:
+    import signal
+
+    from autopilot.cli.signing import signing_of
+    from autopilot.loop.clock import MonotonicClock
+    from autopilot.loop.replay_onto import replay_onto
+
+    if not (math.isfinite(arguments.speed) and 0.01 <= arguments.speed <= 10_000.0):
+        raise InputError(f"--speed {arguments.speed:g}: a number from 0.01 to 10000 is allowed")
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: stopped.append(number))
+    clock, signing = MonotonicClock(arguments.speed), signing_of(arguments)
+    print(replay_onto(arguments.log, arguments.link, clock, lambda: bool(stopped), signing))
+    return int(ExitCode.OK)

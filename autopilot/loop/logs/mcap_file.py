@@ -35,6 +35,9 @@ TICK: dict[str, Any] = {
 }
 
 
+NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT")
+
+
 class Entry(NamedTuple):
     """One message: its channel, the properties of its schema, when [s since 1970], and what it says."""
 
@@ -107,6 +110,8 @@ def message_entries(data: bytes) -> Iterator[Entry]:
             if kind not in schemas:
                 schemas[kind] = {name: _schema(value) for name, value in content.items()}
             topic = f"/mavlink/{message.get_srcSystem()}/{message.get_srcComponent()}/{kind}"
+            if kind in NAMED:  # each name a channel of its own, or plots would mix them
+                topic += f"/{_word(content['name'])}"
             yield Entry(topic, f"mavlink.{kind}", schemas[kind], stamp, content)
 
 
