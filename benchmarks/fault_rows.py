@@ -1,0 +1,163 @@
+"""The faults of the matrix and what the pilot must do about each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from fault_boat import FaultBoat
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.models.norrbin import Norrbin
+from autopilot.signals import NavState, Reference
+
+STALL_S = 2.0
+
+
+class Injected(NamedTuple):
+    """One fault of the simulator, `begin` [s] after the moment of injection to `end`."""
+
+    kind: str
+    size: float | None = None
+    begin: float = 0.0
+    end: float = math.inf
+
+
+class Row(NamedTuple):
+    """A fault by its name in the matrix: what is injected, over which links, by the simulator or by `do`."""
+
+    name: str
+    faults: tuple[Injected, ...] = ()
+    method: str = "companion"
+    do: Callable[[FaultBoat], None] | None = None
+
+    def inject(self, boat: FaultBoat) -> None:
+        """Begin the fault now."""
+        for fault in self.faults:
+            boat.add(*fault)
+        if self.do is not None:
+            self.do(boat)
+
+
+def simple(name: str, kind: str, size: float | None = None, method: str = "companion", end: float = math.inf) -> Row:
+    """Return the row of one fault of the simulator."""
+    return Row(name, (Injected(kind, size, 0.0, end),), method)
+
+
+class LawOfNoNumbers:
+    """A law that has lost its mind."""
+
+    name = "nan"
+
+    def __init__(self, value: float) -> None:
+        self._value = value
+
+    def reset(self, rudder: float) -> None:
+        """Nothing to forget."""
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Return what no law may."""
+        return self._value
+
+
+def law_of_no_numbers(boat: FaultBoat) -> None:
+    """Put a law in that returns no number."""
+    boat.session._pilot.law = LawOfNoNumbers(math.nan)
+
+
+def limits_broken(boat: FaultBoat) -> None:
+    """Let the law's own limits pass 60 deg of rudder, so that only the supervisor's envelope stands."""
+    pilot = boat.session._pilot
+    pilot.law = LawOfNoNumbers(math.radians(60.0))
+    wide = pilot.config.limits._replace(angle_max=math.radians(60.0), rate_max=math.inf)
+    pilot.config = pilot.config._replace(limits=wide)
+
+
+def stall(boat: FaultBoat) -> None:
+    """Hold the loop for two seconds, as a machine that swaps does."""
+    boat.stalled_until = boat.clock.time + STALL_S
+
+
+def rival(boat: FaultBoat) -> None:
+    """Let another ground station with our id steer, forty times a second."""
+    codec = MavlinkCodec(255, 190)
+    message: Any = dialect.MAVLink_rc_channels_override_message(1, 1, 1650, *[65535] * 7)
+
+    boat.hooks.append(lambda: boat.vehicle.receive(boat.clock.time, codec.encode(message)))
+
+
+ROWS: tuple[Row, ...] = (
+    Row("nothing"),
+    simple("heading lost", "heading_dropout"),
+    simple("heading lost for 0.6 s", "heading_dropout", end=0.6),
+    simple("heading frozen", "heading_frozen"),
+    Row("heading and rate frozen", (Injected("heading_frozen"), Injected("rate_frozen"))),
+    simple("heading frozen, compass without rate", "heading_frozen", method="instruments"),
+    simple("heading jumps by 40 deg", "heading_jump", 40.0),
+    simple("heading jumps by 40 deg and back", "heading_jump", 40.0, end=2.0),
+    simple("heading drifts by 1 deg/s", "heading_drift", 1.0),
+    simple("heading noise of 10 deg", "heading_noise", 10.0),
+    simple("every tenth heading wild", "heading_spikes", 0.1),
+    simple("heading is no number", "heading_nan"),
+    simple("readings 1 s late", "heading_late", 1.0),
+    simple("second compass off by 30 deg", "second_heading_jump", 30.0, "both"),
+    simple("second compass drifts by 1 deg/s", "second_heading_drift", 1.0, "both"),
+    simple("first of two compasses lost", "heading_dropout", None, "both"),
+    simple("rate off by 5 deg/s", "rate_bias", 5.0),
+    simple("rate frozen", "rate_frozen"),
+    simple("rate reversed", "rate_reversed"),
+    simple("rate noise of 5 deg/s", "rate_noise", 5.0),
+    simple("speed lost", "speed_lost"),
+    simple("speed frozen", "speed_frozen"),
+    simple("speed three times too high", "speed_wrong", 3.0),
+    simple("position lost", "position_lost"),
+    simple("position jumps by 200 m", "position_jump", 200.0),
+    simple("rudder stuck", "rudder_stuck"),
+    simple("rudder stuck, with a rudder sensor", "rudder_stuck", None, "instruments"),
+    simple("rudder reversed", "rudder_reversed"),
+    simple("rudder reversed, with a rudder sensor", "rudder_reversed", None, "instruments"),
+    simple("rudder at a tenth of its rate", "rudder_slow", 0.1),
+    simple("rudder linkage slipped by 8 deg", "rudder_offset", 8.0),
+    simple("rudder runs hard over", "rudder_hard_over", 1.0),
+    simple("rudder stops at 5 deg", "rudder_limited", 5.0),
+    simple("rudder play of 3 deg", "rudder_play", 3.0),
+    simple("rudder linkage broken", "rudder_free"),
+    simple("rudder sensor lost", "feedback_lost", None, "instruments"),
+    simple("rudder sensor frozen", "feedback_frozen", None, "instruments"),
+    simple("rudder sensor off by 8 deg", "feedback_offset", 8.0, "instruments"),
+    simple("no report of the rudder", "feedback_lost"),
+    simple("engine stopped", "engine_stopped"),
+    simple("engine astern", "engine_astern", 0.5),
+    simple("pushed by a gust worth 15 deg of rudder", "yaw_push", 15.0),
+    simple("pushed by more than the rudder can hold", "yaw_push", 45.0),
+    simple("heels by 35 deg", "heel", 35.0),
+    simple("firmware reboots", "reboot"),
+    simple("somebody chooses HOLD", "mode", 4.0),
+    simple("somebody disarms", "disarm"),
+    simple("a hand on the sticks", "stick", 0.8),
+    simple("the radio's override switch goes off", "switch"),
+    simple("overrides ignored", "overrides_ignored"),
+    Row("another ground station steers", (), "companion", rival),
+    simple("battery low", "battery_low"),
+    simple("geofence breached", "geofence"),
+    simple("shallow water", "shallow"),
+    simple("vehicle's clock steps 5 s ahead", "clock_step", 5.0),
+    simple("vehicle's clock steps 5 s back", "clock_step", -5.0),
+    simple("heartbeats lost", "heartbeat_lost"),
+    simple("link silent", "silence"),
+    simple("link silent for 2 s", "silence", end=2.0),
+    simple("link deaf: nothing we send arrives", "link_deaf"),
+    simple("link half open", "link_half_open"),
+    simple("link loses 30 %", "link_loss", 0.3),
+    simple("link 0.3 s late each way", "link_delay", 0.3),
+    simple("link jitter of 0.3 s", "link_jitter", 0.3),
+    simple("link doubles and reorders 30 %", "link_duplicate", 0.3),
+    simple("link damages 30 %", "link_corrupt", 0.3),
+    simple("link cuts 30 % short", "link_truncate", 0.3),
+    simple("link flooded with 500 packets/s", "link_flood", 500.0),
+    Row("the loop stalls for 2 s", (), "companion", stall),
+    Row("the law returns no number", (), "companion", law_of_no_numbers),
+    Row("limits broken, law wants 60 deg", (), "companion", limits_broken),
+)
