@@ -135,11 +135,11 @@ class FaultBoat:
         """Move on; return whether `until` came true of a tick."""
         for _ in range(round(seconds / STEP)):
             self.clock.time = now = round(self.clock.time + STEP, 9)
-            for hook in self.hooks:
-                hook()
             for far, port in self._lines:
                 for data in far.receive():
                     port.receive(now, data)
+            for hook in self.hooks:
+                hook()
             self.world.advance(now)
             for far, port in self._lines:
                 for data in port.transmit(now):

@@ -1,0 +1,133 @@
+"""The whole pilot as a fuzzer's target: bytes become ticks, and after every tick the command must be fit to leave."""
+
+from __future__ import annotations
+
+import math
+import struct
+import types
+import typing
+from typing import Any
+
+from autopilot import signals
+from autopilot.build import build_pilot
+from autopilot.params.vessel_file import load_vessel
+from autopilot.pilot import LONGEST_STEP, Pilot
+from autopilot.signals import HeadingSample, Mode, Order, OrderKind, SupervisorState, Tick
+
+LAWS = ("backstepping", "pid", "sliding", "trial")
+SPECIAL = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, math.pi, -math.pi, 1e16, 2.0**53)
+WORDS = ("", "x", "battery_low", "disk_full", "deadline_missed", signals.REBOOTED, signals.SILENT, "heading_lost")
+SAMPLES: tuple[Any, ...] = typing.get_args(signals.Sample)
+FIELDS = {sample: list(typing.get_type_hints(sample).items()) for sample in SAMPLES}
+SLACK = 1.0e-9
+
+
+class Feed:
+    """Gives the bytes of an input out, and zeros when they are used up."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._place = 0
+
+    def __bool__(self) -> bool:
+        return self._place < len(self._data)
+
+    def byte(self) -> int:
+        """Return the next byte."""
+        self._place += 1
+        return self._data[self._place - 1] if self._place <= len(self._data) else 0
+
+    def number(self, low: float, high: float) -> float:
+        """Return a number: mostly one that can be, at times any, at times one that is none."""
+        kind = self.byte()
+        if kind < 208:
+            return low + (high - low) * (self.byte() + 256 * self.byte()) / 65535.0
+        if kind < 224:
+            return float(struct.unpack("<d", bytes(self.byte() for _ in range(8)))[0])
+        return SPECIAL[self.byte() % len(SPECIAL)]
+
+
+def sample_of(feed: Feed, now: float) -> Any:
+    """Return a sample of any kind, each field of its type."""
+    kind = SAMPLES[feed.byte() % len(SAMPLES)]
+    values = [now if name == "time" and feed.byte() < 200 else _value(feed, hint) for name, hint in FIELDS[kind]]
+    return kind(*values)
+
+
+def _value(feed: Feed, hint: Any) -> Any:
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return None if feed.byte() < 64 else _value(feed, float)
+    if hint is bool:
+        return bool(feed.byte() & 1)
+    if hint is int:
+        return feed.byte() - 128
+    if hint is str:
+        return WORDS[feed.byte() % len(WORDS)]
+    return feed.number(-4.0, 4.0)
+
+
+def order_of(feed: Feed, order: Order) -> Order:
+    """Return the order before, or, for one byte in eight, another."""
+    if feed.byte() >= 32:
+        return order
+    kind = OrderKind(feed.byte() % len(OrderKind))
+    serial = order.serial + feed.byte() % 3
+    return Order(kind, feed.number(-4.0, 4.0), feed.number(-1.0, 1.0), feed.number(-1.0, 1.0), serial)
+
+
+class PilotTarget:
+    """Runs a pilot of one law through the ticks that an input stands for. AssertionError where a command is unfit.
+
+    Attributes:
+        steps: ticks run; engaged: those in which the pilot had the rudder; states: of the supervisor, that were seen.
+    """
+
+    def __init__(self, law: str) -> None:
+        vessel = load_vessel("lanxin")
+        self._pilot: Pilot = build_pilot(vessel, law)
+        limits = self._pilot.config.limits
+        self._angle_max, self._rate_max = limits.angle_max, limits.rate_max
+        self.steps = self.engaged = 0
+        self.states: set[SupervisorState] = set()
+
+    def __call__(self, data: bytes) -> None:
+        """Run one input."""
+        feed = Feed(data)
+        pilot = self._pilot
+        pilot.reset()
+        # most inputs begin as a run does: standing by, with a heading, and an order to engage
+        order = Order(OrderKind.HEADING, 0.5, serial=1) if feed.byte() < 200 else Order()
+        now, heading = 10.0, 0.1
+        before: Tick | None = None
+        while feed:
+            step = feed.byte()
+            dt = 0.05 if step < 200 else feed.number(-0.2, 0.7)
+            if math.isfinite(now + dt) and abs(now + dt) < 1e9:
+                now += dt
+            samples = [sample_of(feed, now) for _ in range(step % 4)]
+            if step & 4 == 0:
+                heading = math.remainder(heading + 0.01 * (feed.byte() - 128) / 128.0, math.tau)
+                samples.append(HeadingSample(now, heading, 0.0))
+            order = order_of(feed, order)
+            tick = pilot.step(now, tuple(samples), order)
+            self._judge(tick, before)
+            before = tick
+
+    def _judge(self, tick: Tick, before: Tick | None) -> None:
+        command, state = tick.command, tick.state
+        self.steps += 1
+        self.engaged += tick.mode is Mode.ENGAGED
+        self.states.add(tick.supervisor)
+        assert isinstance(tick.supervisor, SupervisorState)
+        assert isinstance(tick.mode, Mode)
+        assert math.isfinite(command.angle), f"{command}"
+        assert abs(command.angle) <= self._angle_max + SLACK, f"{command}"
+        assert command.engaged or command.angle == 0.0, f"{command}"
+        assert tick.mode not in (Mode.STANDBY, Mode.OVERRIDE) or not command.engaged, f"{tick.mode} {command}"
+        assert tick.mode is not Mode.ENGAGED or command.engaged, f"{tick.mode} {command}"
+        assert math.isfinite(state.heading), f"{state}"
+        assert math.isfinite(state.rate), f"{state}"
+        assert math.isfinite(state.bias), f"{state}"
+        if before is not None and before.command.engaged and command.engaged:
+            allowed = self._rate_max * min(max(tick.now - before.now, 0.0), LONGEST_STEP)
+            assert abs(command.angle - before.command.angle) <= allowed + SLACK, f"{before.command} {command}"
