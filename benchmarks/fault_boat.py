@@ -109,7 +109,9 @@ class FaultBoat:
         self.vehicle = MavlinkVehicle(self.firmware)
         near = self._line(self.vehicle)
         full = math.radians(vessel.rudder.angle_max_deg)
-        return CompanionLink(near, CompanionSettings(full, as_gcs=True, heading_latency=vessel.sensors.heading_latency_s))
+        return CompanionLink(
+            near, CompanionSettings(full, as_gcs=True, heading_latency=vessel.sensors.heading_latency_s)
+        )
 
     def _instruments(self, vessel: Vessel, steers: bool) -> Link:
         baud = 38400

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import os
 import pickle
+import traceback
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 from fault_boat import FaultBoat, Moment, bring_into, deviation_deg, is_engaged
 from fault_rows import Row
@@ -52,12 +54,18 @@ def run_cells(rows: Iterable[Row], states: Iterable[str], workers: int) -> Itera
     for method, group in itertools.groupby(by_method, key=lambda row: row.method):
         chosen = list(group)
         for state in states:
-            boat = FaultBoat(method)
-            bring_into(boat, state)
-            clean = in_child(lambda boat=boat: _run(boat, None))  # type: ignore[misc]
-            moments = clean()
-            jobs = [(lambda row=row, boat=boat: cell(boat, row, state, moments)) for row in chosen]  # type: ignore[misc]
-            yield from _few_at_a_time(jobs, workers)
+            yield from _cells_of(method, state, chosen, workers)
+
+
+def _cells_of(method: str, state: str, rows: list[Row], workers: int) -> Iterator[Cell]:
+    boat = FaultBoat(method)
+    bring_into(boat, state)
+    clean: Any = in_child(lambda: _run(boat, None))()
+    jobs = [functools.partial(cell, boat, row, state, clean) for row in rows]
+    for first in range(0, len(jobs), workers):
+        # all of these children run at once
+        for result in [in_child(job) for job in jobs[first : first + workers]]:
+            yield cast(Cell, result())
 
 
 def in_child(work: Callable[[], object]) -> Callable[[], object]:
@@ -71,6 +79,8 @@ def in_child(work: Callable[[], object]) -> Callable[[], object]:
             with os.fdopen(writing, "wb") as out:
                 pickle.dump(work(), out)
             code = 0
+        except Exception:
+            traceback.print_exc()
         finally:
             os._exit(code)
     os.close(writing)
@@ -82,16 +92,6 @@ def in_child(work: Callable[[], object]) -> Callable[[], object]:
         return pickle.loads(data)
 
     return result
-
-
-def _few_at_a_time(jobs: list[Callable[[], object]], workers: int) -> Iterator[Cell]:
-    waiting: list[Callable[[], object]] = []
-    for job in jobs:
-        waiting.append(in_child(job))
-        if len(waiting) >= workers:
-            yield waiting.pop(0)()  # type: ignore[misc]
-    for result in waiting:
-        yield result()  # type: ignore[misc]
 
 
 def _run(boat: FaultBoat, row: Row | None) -> list[Moment]:
@@ -150,7 +150,7 @@ def _rudder(moments: list[Moment]) -> str:
 
 def _broken(moments: list[Moment], state: str, boat: FaultBoat) -> Iterator[str]:
     """What no run may do, whatever has failed."""
-    envelope = boat.session._pilot.supervisor._envelope
+    envelope = boat.config.limits
     last: Tick | None = None
     for tick, _, _ in moments:
         command = tick.command
@@ -182,5 +182,4 @@ def _engages_again(boat: FaultBoat) -> bool | None:
     boat.type_line("s")
     boat.run(3.0)
     boat.type_line("e")
-    engaged = boat.run(LATE_LIMIT_S, until=is_engaged)
-    return engaged
+    return boat.run(LATE_LIMIT_S, until=is_engaged)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
+from autopilot.links.base import LinkError
 from autopilot.links.signing_key import key_of
 from autopilot.links.url import parse_url
 from autopilot.loop.csv_log import load_column_map
@@ -37,6 +38,8 @@ from sitl.fault_desk import obey
 from sitl.scenario import load_scenario, scenario_from
 from sitl.world import World
 
+REFUSALS = (InputError, LinkError)
+"""How a target refuses its input."""
 ROOT = Path(__file__).parents[1]
 SECONDS = 4.0
 """Length of the recordings that are damaged: short, so that damage reaches every part of them."""
@@ -127,7 +130,7 @@ def _in_file(use: Callable[[str], object]) -> Callable[[bytes], None]:
     """Return a target for a reader that wants a path; the file is in memory where the system has such a folder."""
     folder = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     handle, path = tempfile.mkstemp(suffix=".log", dir=folder)
-    os.unlink(path)
+    Path(path).unlink()
     place = f"/proc/self/fd/{handle}"
 
     def take(data: bytes) -> None:
@@ -159,7 +162,9 @@ def _recordings() -> dict[str, list[bytes]]:
 
     boat = zigzag_boat()
     short = type(boat)(*(column[: round(SECONDS / (boat.time[1] - boat.time[0]))] for column in boat))
-    rows = [f"{t:.2f},{math.degrees(h):.2f},{v:.2f}" for t, h, v in zip(short.time, short.heading, short.speed, strict=True)]
+    rows = [
+        f"{t:.2f},{math.degrees(h):.2f},{v:.2f}" for t, h, v in zip(short.time, short.heading, short.speed, strict=True)
+    ]
     return {
         "csv": ["\n".join(["time_s,heading_deg,speed_m_s", *rows[::10]]).encode()],
         "tlog": [tlog(tlog_events(short))],
@@ -193,13 +198,12 @@ def _nmea(boat: object) -> bytes:
     lines = []
     for step in range(40):
         stamp = f"12:00:{step / 10:06.3f} ".encode()
-        lines += [stamp + encode.encode_hdt(0.02 * step), stamp + encode.encode_rot(0.1), stamp + encode.encode_rsa(0.05)]
+        lines += [
+            stamp + encode.encode_hdt(0.02 * step),
+            stamp + encode.encode_rot(0.1),
+            stamp + encode.encode_rsa(0.05),
+        ]
     return b"".join(lines)
-
-
-def is_refusal(error: Exception) -> bool:
-    """Return whether a target has refused its input as it should."""
-    return isinstance(error, InputError)
 
 
 def pilot_seeds() -> list[bytes]:

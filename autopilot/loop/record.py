@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.links.mavlink_codec import MavlinkCodec, frame_length
+from autopilot.links.mavlink_codec import MavlinkCodec, frame_length, message_id
 from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
 from autopilot.loop.log_files import FileSink, Sink
 from autopilot.loop.tick_codec import (
@@ -40,6 +40,8 @@ from autopilot.signals import Tick
 PAYLOAD_TYPE = 0x8E52
 """TUNNEL payload type of our records: above 32767, where the MAVLink standard leaves them to everybody."""
 PIECE = 124
+PART_HEAD = 4
+"""Bytes before a piece: serial, number and count of pieces."""
 MOST_PIECES = 255
 PLOT_PERIOD = 0.1
 COMPONENT = 191
@@ -241,15 +243,18 @@ def _records(path: Path) -> Iterator[bytes]:
         if packet[0] != MAGIC_V2 or int.from_bytes(packet[7:10], "little") != dialect.MAVLINK_MSG_ID_TUNNEL:
             continue
         for message in codec.decode(packet):
-            if message.payload_type != PAYLOAD_TYPE:
+            # a damaged packet before may have left bytes that make another message of this one
+            if message_id(message) != dialect.MAVLINK_MSG_ID_TUNNEL or message.payload_type != PAYLOAD_TYPE:
                 continue
             payload = bytes(message.payload[: message.payload_length])
+            if len(payload) < PART_HEAD:
+                continue
             number, index, count = struct.unpack_from("<HBB", payload)
             if index == 0:
                 serial, parts = number, []
             if number != serial or index != len(parts):
                 continue
-            parts.append(payload[4:])
+            parts.append(payload[PART_HEAD:])
             if len(parts) == count:
                 yield b"".join(parts)
 
