@@ -5,6 +5,7 @@ The sound inputs that the engines begin with are made here: files that are shipp
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import struct
@@ -52,6 +53,7 @@ class Target(NamedTuple):
     seeds: Sequence[bytes]
 
 
+@functools.cache
 def targets() -> dict[str, Target]:
     """Return every target by its name."""
     world = World(load_vessel("lanxin"), load_scenario("calm"))

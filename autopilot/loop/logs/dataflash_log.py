@@ -108,7 +108,8 @@ def _first_instance(log: DataFlash, message: str) -> NDArray[np.bool_]:
 
 def _steering(path: str, log: DataFlash, servo: Servo | None, notes: list[str]) -> tuple[Series, ...]:
     names, values = log.texts("PARM", "Name"), log.column("PARM", "Value")
-    parameters = dict(zip(names, values.tolist(), strict=True)) if values is not None else {}
+    # a damaged FMT may have left one of the two without its field
+    parameters = dict(zip(names, values.tolist(), strict=True)) if names and values is not None else {}
     known = servo or servo_from_parameters(path, parameters)
     if known is not None:
         pulses, time = log.column("RCOU", f"C{known.number}", f"Ch{known.number}"), _time(log, "RCOU")

@@ -16,7 +16,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.links.mavlink_codec import MavlinkCodec, Message
+from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.signing import MAGIC_V2
 from autopilot.loop.logs.series import (
     HEADING,
@@ -209,9 +209,13 @@ def read_tlog(path: str, data: bytes, system: int | None = None, servo: Servo | 
             continue
         for message in codec.decode(packet):
             sender = (message.get_srcSystem(), message.get_srcComponent())
-            if identity == dialect.MAVLINK_MSG_ID_HEARTBEAT and message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+            # not `identity`: after a damaged packet another message may end in this one
+            kind = message_id(message)
+            if kind not in USED:
                 continue
-            attitudes[sender] += identity == dialect.MAVLINK_MSG_ID_ATTITUDE
+            if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT and message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+                continue
+            attitudes[sender] += kind == dialect.MAVLINK_MSG_ID_ATTITUDE
             vehicles[sender].take(stamp, message)
     if packets.skipped > DAMAGED_SHARE * len(data):
         raise InputError(

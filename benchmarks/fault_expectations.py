@@ -1,0 +1,156 @@
+"""What the pilot must do about each fault of the matrix: the limits that every cell is held to.
+
+Times and headings are judged while the pilot steers. In a turn or a trial she turns at up to 20 deg/s, and a fault
+carries her further in the same time: there the limit of the heading is `QUICK` times as wide.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from fault_cells import Cell
+
+ENGAGED = ("heading", "turn", "track", "trial", "degraded")
+QUICK = {"turn": 4.0, "trial": 3.0}
+ENDED = {"standby": ("standby",), "override": ("override",), "fail-safe": ("failsafe", "override", "fault")}
+"""States at the end where the pilot did not steer: it goes on not steering."""
+
+
+class Expect(NamedTuple):
+    """ends: states allowed at the end, `same` is the one before. says: what one of the new alarms must hold, a regular
+    expression, '' for nothing. within [s]: by then an alarm or another state. off_deg: limit of the heading."""
+
+    ends: tuple[str, ...]
+    says: str = ""
+    within: float = math.inf
+    off_deg: float = 180.0
+
+
+def fails_safe(says: str, within: float, off_deg: float = 8.0) -> Expect:
+    """Return that steering ends in the fail-safe; a link that then stays silent makes an override of it."""
+    return Expect(("failsafe", "override"), says, within, off_deg)
+
+
+def lets_go(says: str, within: float, off_deg: float = 8.0) -> Expect:
+    """Return that the helm is given up to whom it was taken by."""
+    return Expect(("override",), says, within, off_deg)
+
+
+def tells(says: str, within: float, off_deg: float = 8.0) -> Expect:
+    """Return that it is said, and steering goes on, in doubt or not."""
+    return Expect(("same", "degraded"), says, within, off_deg)
+
+
+def steers_on(off_deg: float) -> Expect:
+    """Return that nothing needs to be said: the fault is borne."""
+    return Expect(("same", "degraded"), "", math.inf, off_deg)
+
+
+FROZEN, LOST, JUMPS = "heading frozen", "heading lost", "heading jumps"
+EXPECTED: dict[str, Expect] = {
+    "nothing": steers_on(0.0),
+    "heading lost": fails_safe(LOST, 1.0, 3.0),
+    "heading lost for 0.6 s": steers_on(3.0),
+    "heading frozen": fails_safe(FROZEN, 5.0),
+    "heading and rate frozen": fails_safe(FROZEN, 5.0),
+    "heading frozen, compass without rate": fails_safe(FROZEN, 5.0),
+    "heading jumps by 40 deg": fails_safe(JUMPS, 1.0),
+    "heading jumps by 40 deg and back": fails_safe(JUMPS, 1.0),
+    "heading drifts by 1 deg/s": steers_on(20.0),
+    "heading noise of 10 deg": fails_safe(JUMPS, 3.0),
+    "every tenth heading wild": fails_safe(JUMPS, 3.0),
+    "heading is no number": fails_safe(LOST, 1.0, 3.0),
+    "readings 1 s late": fails_safe(LOST, 1.0, 3.0),
+    "second compass off by 30 deg": tells("compasses disagree", 11.0),
+    "second compass drifts by 1 deg/s": steers_on(1.0),
+    "first of two compasses lost": fails_safe(LOST, 1.0, 3.0),
+    "rate off by 5 deg/s": tells("rate of turn", 7.0, 10.0),
+    "rate frozen": steers_on(10.0),
+    "rate reversed": Expect(("failsafe", "degraded"), "rate of turn", 4.0, 45.0),
+    "rate noise of 5 deg/s": steers_on(6.0),
+    "speed lost": steers_on(1.0),
+    "speed frozen": steers_on(1.0),
+    "speed three times too high": steers_on(5.0),
+    "position lost": steers_on(1.0),
+    "position jumps by 200 m": steers_on(1.0),
+    "rudder stuck": Expect(("failsafe", "degraded"), "", 20.0, 45.0),
+    "rudder stuck, with a rudder sensor": fails_safe("rudder does not move", 3.0, 10.0),
+    "rudder reversed": fails_safe("wrong way", 5.5, 16.0),
+    "rudder reversed, with a rudder sensor": fails_safe("wrong way", 5.0, 15.0),
+    "rudder at a tenth of its rate": steers_on(10.0),
+    "rudder linkage slipped by 8 deg": steers_on(10.0),
+    "rudder runs hard over": tells("off course", 15.0, 180.0),
+    "rudder stops at 5 deg": steers_on(5.0),
+    "rudder play of 3 deg": steers_on(5.0),
+    "rudder linkage broken": steers_on(10.0),
+    "rudder sensor lost": steers_on(2.0),
+    "rudder sensor frozen": fails_safe("rudder does not move", 15.0, 5.0),
+    "rudder sensor off by 8 deg": fails_safe("does not follow", 5.0, 3.0),
+    "no report of the rudder": lets_go("reports neither", 4.0),
+    "engine stopped": steers_on(10.0),
+    "engine astern": steers_on(45.0),
+    "pushed by a gust worth 15 deg of rudder": steers_on(20.0),
+    "pushed by more than the rudder can hold": tells("off course", 15.0, 180.0),
+    "heels by 35 deg": tells("heeling", 10.0),
+    "firmware reboots": lets_go("rebooted", 1.0),
+    "somebody chooses HOLD": lets_go("mode HOLD", 1.5),
+    "somebody disarms": lets_go("disarmed", 1.5),
+    "a hand on the sticks": lets_go("stick", 1.0),
+    "the radio's override switch goes off": lets_go("switch", 1.0),
+    "overrides ignored": lets_go("does not obey", 3.0),
+    "another ground station steers": lets_go("does not obey", 3.0),
+    "battery low": tells("battery", 2.0),
+    "geofence breached": tells("fence", 2.0),
+    "shallow water": tells("hallow", 2.0),
+    "vehicle's clock steps 5 s ahead": steers_on(2.0),
+    "vehicle's clock steps 5 s back": lets_go("rebooted", 1.0),
+    "heartbeats lost": lets_go("no heartbeat", 9.0),
+    "link silent": fails_safe(LOST, 1.0, 3.0),
+    "link silent for 2 s": fails_safe(LOST, 1.0, 3.0),
+    "link deaf: nothing we send arrives": lets_go("does not obey", 3.0),
+    "link half open": fails_safe(LOST, 1.0, 3.0),
+    "link loses 30 %": steers_on(3.0),
+    "link 0.3 s late each way": steers_on(5.0),
+    "link jitter of 0.3 s": steers_on(5.0),
+    "link doubles and reorders 30 %": steers_on(3.0),
+    "link damages 30 %": steers_on(3.0),
+    "link cuts 30 % short": steers_on(3.0),
+    "link flooded with 500 packets/s": steers_on(3.0),
+    "the loop stalls for 2 s": steers_on(8.0),
+    "the law returns no number": Expect(("fault",), "not finite", 0.2, 1.0),
+    "limits broken, law wants 60 deg": Expect(("fault",), "envelope", 0.2, 1.0),
+}
+
+
+def expected(cell: Cell) -> Expect:
+    """Return what is expected of a cell."""
+    ended = ENDED.get(cell.state)
+    if ended is not None:
+        return Expect(ended)
+    wanted = SPECIAL.get((cell.row, cell.state), EXPECTED[cell.row])
+    return wanted._replace(off_deg=wanted.off_deg * QUICK.get(cell.state, 1.0))
+
+
+SPECIAL: dict[tuple[str, str], Expect] = {}
+
+
+def complaints(cell: Cell) -> Iterator[str]:
+    """Yield what is not as expected of a cell."""
+    wanted = expected(cell)
+    same = {"turn": "heading"}.get(cell.state, cell.state)
+    ends = {same if end == "same" else end for end in wanted.ends}
+    if cell.ends not in ends:
+        yield f"ends in {cell.ends}, not in {' or '.join(sorted(ends))}"
+    if wanted.within < math.inf and (cell.detected is None or cell.detected > wanted.within):
+        seen = "not seen" if cell.detected is None else f"seen after {cell.detected:.1f} s"
+        yield f"{seen}, limit {wanted.within:g} s"
+    if cell.off_deg > wanted.off_deg:
+        yield f"{cell.off_deg:.0f} deg off, limit {wanted.off_deg:g}"
+    if wanted.says and not any(re.search(wanted.says, alarm) for alarm in cell.alarms):
+        yield f"says nothing of {wanted.says!r}"
+    if cell.again is False:
+        yield "does not engage again"
+    yield from cell.broken
