@@ -23,6 +23,7 @@ SUBCOMMANDS = {
     "signalk": "the running pilot in Signal K: its state as deltas, orders from Signal K programs",
     "doctor": "is this machine, with these links, fit to steer?",
     "install-service": "steer from power-on: a system service with watchdog and user",
+    "helm": "the helm in a terminal, for SSH",
     "demo": "trial, identification and steering of the simulated Lanxin boat, in about a minute",
 }
 """The commands, and what stands beside each in `--help`: as in their own parsers, which are loaded when needed."""

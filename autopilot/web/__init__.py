@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
+
 from autopilot.errors import InputError
+
+
+def page_files() -> dict[str, bytes]:
+    """Return the page and all it loads, by name."""
+    folder = files("autopilot.web").joinpath("page")
+    return {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
 
 
 def require_extra() -> None:

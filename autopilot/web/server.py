@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
-from importlib.resources import files
 from typing import Any
 from urllib.parse import quote
 
@@ -18,6 +17,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from autopilot.errors import InputError
+from autopilot.web import page_files
 from autopilot.web.access import Access
 from autopilot.web.hub import Hub
 from autopilot.web.log_shelf import LogShelf
@@ -67,8 +67,7 @@ class Page:
 
     def __init__(self, hub: Hub, access: Access, shelf: LogShelf) -> None:
         self._hub, self._access, self._shelf = hub, access, shelf
-        folder = files("autopilot.web").joinpath("page")
-        self._assets = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
+        self._assets = page_files()
 
     def routes(self) -> list[Route]:
         """Return the routes."""

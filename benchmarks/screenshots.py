@@ -1,0 +1,152 @@
+"""The pictures of the README and the docs: the simulated boat, the pilot and the helm page, seen in a real Chromium.
+
+    python benchmarks/screenshots.py [--out docs/images]
+
+Needs the extras `web`, `browser` and `report`, and a Chromium. Everything shown is a run made by this command: simulator,
+`autopilot run --learn --serve` and `autopilot web` as processes of their own, on free ports of this machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from latency import free_port
+from PIL import Image
+
+CHROMIUM = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync", "--no-first-run"]
+PHONE = {"width": 390, "height": 844}
+DESKTOP = {"width": 1280, "height": 800}
+PATIENCE_S = 90.0
+COLOURS = 64
+
+
+@contextlib.contextmanager
+def helm(folder: Path) -> Iterator[str]:
+    """Run simulator, pilot and page while the block lasts; yield the address with the token."""
+    line, served, port = free_port(), free_port(), free_port()
+    logs = folder / "logs"
+    logs.mkdir()
+    with contextlib.ExitStack() as ends:
+
+        def start(*command: str) -> subprocess.Popen[str]:
+            process = subprocess.Popen(
+                [sys.executable, "-m", *command],
+                cwd=folder,
+                text=True,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+            )
+            ends.callback(process.communicate)
+            ends.callback(process.terminate)
+            return process
+
+        start("sitl", "serve", "lanxin", "--scenario", "harbour", "--mavlink", f"udpout:127.0.0.1:{line}")
+        start(
+            *("autopilot", "run", "lanxin", "--as-gcs", "--learn", "--log", str(logs / "tour.tlog"), "--wait", "0"),
+            *("--link", f"udpin:127.0.0.1:{line}", "--serve", f"udpout:127.0.0.1:{served}"),
+        )
+        web = start(
+            *("autopilot", "web", "--link", f"udpin:127.0.0.1:{served}", "--listen", f"127.0.0.1:{port}"),
+            *("--logs", str(logs)),
+        )
+        assert web.stdout is not None
+        for told in web.stdout:
+            if found := re.search(r"http://\S+token=\S+", told):
+                break
+        else:
+            raise SystemExit("the page did not start")
+        yield found.group(0)
+
+
+def until(page: Any, expression: str) -> None:
+    """Wait for a condition of the page."""
+    waited = 0.0
+    while not page.evaluate(expression):
+        if waited > PATIENCE_S:
+            raise SystemExit(f"not within {PATIENCE_S:g} s: {expression}")
+        page.wait_for_timeout(100.0)
+        waited += 0.1
+
+
+def opened(browser: Any, address: str, size: dict[str, int], theme: str) -> Any:
+    """Return a window on the page that hears the boat."""
+    context = browser.new_context(viewport=size, device_scale_factor=1.25)
+    page = context.new_page()
+    page.goto(address)
+    until(page, "document.getElementById('link-word').textContent === 'live'")
+    while page.evaluate("document.documentElement.dataset.theme") != theme:
+        page.click("#theme")
+    return page
+
+
+def keep(page: Any, path: Path) -> None:
+    """Save a small picture of the window: as many colours as such a page has."""
+    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    print(f"{path}  {path.stat().st_size / 1000.0:.0f} kB", flush=True)
+
+
+def tour(browser: Any, address: str, out: Path) -> None:
+    """Engage, turn, sail a zigzag, and take pictures on the way."""
+    phone = opened(browser, address, PHONE, "day")
+    phone.click("#engage")
+    until(phone, "document.getElementById('mode-word').textContent === 'Heading'")
+    phone.wait_for_timeout(8000.0)
+    for _ in range(4):
+        phone.click("button[data-turn='10']")
+    until(phone, "Math.abs(Number(document.getElementById('t-rudder').textContent.split(/[a-z]/)[0])) > 8")
+    keep(phone, out / "helm-day.png")
+    desktop = opened(browser, address, DESKTOP, "dusk")
+    desktop.wait_for_timeout(9000.0)
+    desktop.click("button[data-turn='-10']")
+    desktop.wait_for_timeout(12000.0)
+    keep(desktop, out / "helm-plots.png")
+    desktop.click("nav a[href='#trials']")
+    for _ in range(2):
+        desktop.click("#zigzag button")
+    until(desktop, "document.getElementById('trial-progress').value >= 40")
+    desktop.evaluate("scrollTo(0, document.getElementById('trial').offsetTop - 330)")
+    desktop.wait_for_timeout(500.0)
+    keep(desktop, out / "helm-trial.png")
+    night = opened(browser, address, PHONE, "night")
+    until(night, "document.getElementById('mode-word').textContent === 'Heading'")
+    night.wait_for_timeout(6000.0)
+    keep(night, out / "helm-night.png")
+    night.click("nav a[href='#learning']")
+    while night.evaluate("document.documentElement.dataset.theme") != "day":
+        night.click("#theme")
+    until(night, "document.querySelectorAll('#learning-rows tr').length >= 3")
+    keep(night, out / "helm-learning.png")
+    night.click("#release")
+
+
+def main() -> None:
+    """Make the pictures."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("docs/images"), help="folder (docs/images)")
+    arguments = parser.parse_args()
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        raise SystemExit("no Chromium here: install one (Debian: apt install chromium)")
+    from playwright.sync_api import sync_playwright
+
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as name, helm(Path(name)) as address, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=CHROMIUM)
+        tour(browser, address, arguments.out)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
