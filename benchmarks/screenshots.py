@@ -2,7 +2,7 @@
 
     python benchmarks/screenshots.py [--out docs/images]
 
-Needs the extras `web`, `browser` and `report`, and a Chromium. Everything shown is a run made by this command: simulator,
+Needs the extras `web`, `browser` and `report`, and a Chromium. What is shown is a run made by this command: simulator,
 `autopilot run --learn --serve` and `autopilot web` as processes of their own, on free ports of this machine.
 """
 
@@ -27,7 +27,7 @@ CHROMIUM = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", 
 PHONE = {"width": 390, "height": 844}
 DESKTOP = {"width": 1280, "height": 800}
 PATIENCE_S = 90.0
-COLOURS = 64
+COLOURS = 128
 
 
 @contextlib.contextmanager
@@ -51,7 +51,7 @@ def helm(folder: Path) -> Iterator[str]:
             ends.callback(process.terminate)
             return process
 
-        start("sitl", "serve", "lanxin", "--scenario", "harbour", "--mavlink", f"udpout:127.0.0.1:{line}")
+        start("sitl", "serve", "lanxin", "--scenario", "ittc", "--mavlink", f"udpout:127.0.0.1:{line}")
         start(
             *("autopilot", "run", "lanxin", "--as-gcs", "--learn", "--log", str(logs / "tour.tlog"), "--wait", "0"),
             *("--link", f"udpin:127.0.0.1:{line}", "--serve", f"udpout:127.0.0.1:{served}"),
@@ -116,8 +116,6 @@ def tour(browser: Any, address: str, out: Path) -> None:
     for _ in range(2):
         desktop.click("#zigzag button")
     until(desktop, "document.getElementById('trial-progress').value >= 40")
-    desktop.evaluate("scrollTo(0, document.getElementById('trial').offsetTop - 330)")
-    desktop.wait_for_timeout(500.0)
     keep(desktop, out / "helm-trial.png")
     night = opened(browser, address, PHONE, "night")
     until(night, "document.getElementById('mode-word').textContent === 'Heading'")
