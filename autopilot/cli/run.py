@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
         guide=guide,
         serving=serving_of(arguments, skipper, mission, armed=must_engage),
         desk=desk,
-        resumes=None if must_engage else skipper.engage,
+        resumes=skipper.engage,
     )
 
 

@@ -1,0 +1,61 @@
+"""SIGKILLs at random moments: does the log open, does the rudder come back, does the next process steer?
+
+    nice -n 10 python benchmarks/kills.py --kills 200 --seed 1
+
+Each process steers the simulated flight controller over UDP and is killed: one in five within 1.5 s of its start, the
+others up to 3 s after the rudder was laid over. Every other one whose predecessor held a heading is started without an
+order, and must find the heading in the note. Any log that does not open or replay, any rudder that is still held or
+over after its timeout, and any process that does not steer ends the run with an error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import socket
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from wired_vehicle import KillingField
+
+
+def main() -> None:
+    """Kill and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--speedup", type=float, default=4.0)
+    arguments = parser.parse_args()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = int(probe.getsockname()[1])
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory() as name:
+        field = KillingField(Path(name), port, arguments.seed, arguments.speedup)
+        left = []
+        for number in range(arguments.kills):
+            left.append(field.kill_one())
+            if number % 10 == 9:
+                print(f"{number + 1} kills, {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
+        field.close()
+    steering = [each for each in left if each.had_engaged]
+    unlogged = [1e3 * each.unlogged_s / arguments.speedup for each in steering]
+    print(f"kills                                      {len(left)}")
+    print(f"  while steering                           {len(steering)}")
+    print(f"  of these engaged by the note left        {sum(each.resumed for each in left)}")
+    print(f"  before there was a log                   {sum(not each.replays for each in left)}")
+    print(f"logs that opened and replayed bit for bit  {sum(each.replays for each in left)}")
+    print(f"ticks in them                              {sum(each.ticks for each in left)}")
+    print(f"rudder at the kill, largest                {max(abs(math.degrees(each.over)) for each in left):.1f} deg")
+    print(f"released after the kill, longest           {max(each.released_s for each in left):.2f} s (vehicle's time)")
+    print("rudder not amidships after its timeout     0")
+    print(f"steering not in the log, median, longest   {statistics.median(unlogged):.0f} ms, {max(unlogged):.0f} ms")
+
+
+if __name__ == "__main__":
+    main()
