@@ -150,6 +150,8 @@ class KillingField:
                 self.vehicle.run_for(self._random.uniform(0.0, 3.0))
             process.send_signal(signal.SIGKILL)
             process.wait()
+        # what was under way arrives, in the vehicle's time of now: the wait for the end may have been long
+        self.vehicle.run_for(0.02)
         over, was_held, killed = self.vehicle.rudder, self.vehicle.is_held, self.vehicle.now
         assert self.vehicle.run(lambda: not self.vehicle.is_held)
         released = self.vehicle.now - killed

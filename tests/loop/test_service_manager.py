@@ -111,6 +111,7 @@ def test_mode_and_alarms_are_the_status(manager: Manager) -> None:
     assert any("cannot engage" in status for status in statuses)
 
 
+@pytest.mark.real_time
 def test_a_hung_tick_stops_the_signs_of_life(manager: Manager, monkeypatch: pytest.MonkeyPatch) -> None:
     """The tick hangs in its law; the process, its other threads and its socket live on."""
     for name, value in manager.environ(0.2).items():
@@ -187,6 +188,7 @@ def restarting(manager: Manager, port: int) -> Callable[[], subprocess.Popen[byt
     return lambda: subprocess.Popen(command, env=environ, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
+@pytest.mark.real_time
 def test_a_process_that_hangs_is_aborted_says_where_and_the_next_one_is_ready(manager: Manager) -> None:
     """What systemd does, step by step, with a process that stands still."""
     start = restarting(manager, free_port())
