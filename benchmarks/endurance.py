@@ -163,7 +163,7 @@ class Day:
             self.session = Session(pilot, [DirectLink()], self._clock, 20.0, Skipper(), self.recorder)
 
     def sail(self, hours: float) -> None:
-        """Sail so far, or until Ctrl-C."""
+        """Sail so far."""
         step, started, due, now = (STEP if self._wire else 0.05), time.monotonic(), 0.0, 0.0
         last = Mode.STANDBY
         while now < 3600.0 * hours:
@@ -187,10 +187,11 @@ class Day:
 
 
 def simulated(hours: float, with_mavlink: bool) -> None:
-    """Sail, read, print."""
+    """Sail, read, print; Ctrl-C and SIGTERM end the day early."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         day = Day(Path(name), with_mavlink)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
         with contextlib.suppress(KeyboardInterrupt):
             day.sail(hours)
         kept = sum(path.stat().st_size for path in Path(name).iterdir())
