@@ -198,7 +198,7 @@ _MOTION = [
     ),
     AlarmKind(
         "roll",
-        "heeling far",
+        "heeling",
         "ease sheets, slow down, or change course",
         _TELL,
         _WARNING,
@@ -386,3 +386,8 @@ def text_of(name: str, detail: str = "") -> str:
     """Return what is said: the alarm, the detail, and what to do. KeyError for a name that is not in the catalogue."""
     kind = CATALOGUE[name]
     return f"{kind.text}{f' ({detail})' if detail else ''}: {kind.remedy}"
+
+
+def kind_of(text: str) -> AlarmKind | None:
+    """Return the alarm that a text shown is of, None where it is of none: what links say in their own words."""
+    return next((kind for kind in CATALOGUE.values() if text.startswith(kind.text)), None)

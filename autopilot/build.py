@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import astuple
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
@@ -28,6 +30,7 @@ from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.turn import turn_limits
 from autopilot.limits import RudderLimits
 from autopilot.links.admission import Admission, Doors
+from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
 from autopilot.links.base import Link
 from autopilot.links.believed_link import BelievedLink
 from autopilot.links.drives.base import Drive, DriveSettings
@@ -414,7 +417,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
     signing = options.signing.link() if options.signing else None
     if router is not None:
         transport = RoutedTransport(transport, router, signing)
-    return CompanionLink(transport, settings, signing)
+    return CompanionLink(transport, settings, signing, alarm_outputs_of(vessel)[1])
 
 
 def build_forward_links(
@@ -465,6 +468,28 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
 def _kept(url: LinkUrl, opener: Callable[[], Link]) -> KeptLink:
     steers = url.options.steers or url.protocol not in ("nmea", "n2k")
     return KeptLink(url.text, steers, opener)
+
+
+def alarm_outputs_of(vessel: Vessel) -> tuple[list[Link], VehicleSounder]:
+    """Return what makes the vessel's alarms heard here, and what asks the vehicle to. Raises InputError."""
+    links: list[Link] = []
+    tune, relay = False, None
+    for output in vessel.alarms.outputs:
+        kind, _, where = output.partition(":")
+        if output == "bell":
+            links.append(Bell(sys.stderr))
+        elif output == "tune":
+            tune = True
+        elif kind == "relay" and where.isdecimal() and int(where) <= RELAY_MOST:
+            relay = int(where)
+        elif kind == "file" and where:
+            links.append(SwitchFile(Path(where)))
+        else:
+            raise InputError(
+                f"vessel {vessel.name!r}: alarms.outputs has {output!r}; allowed are bell, tune, relay:0 to "
+                f"relay:{RELAY_MOST} and file:PATH"
+            )
+    return links, VehicleSounder(tune, relay)
 
 
 def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008

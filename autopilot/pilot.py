@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from autopilot.alarm_panel import AlarmPanel
 from autopilot.alarms import text_of
 from autopilot.angles import shortest_turn
 from autopilot.control.roll_damping import RollDamper, RollDamping
@@ -117,6 +118,7 @@ class Pilot:
         self.damper = RollDamper(config.roll) if config.roll is not None else None
         self.monitors = Monitors(config.alarms)
         self._failsafe = FailsafeSteering()
+        self._panel = AlarmPanel()
         self.reset()
 
     def reset(self) -> None:
@@ -125,6 +127,7 @@ class Pilot:
         self.supervisor.reset()
         self.monitors.reset()
         self._failsafe.reset()
+        self._panel.reset()
         self._is_reckoned = False
         self.law.reset(0.0)
         self._roll_rudder = 0.0
@@ -200,6 +203,7 @@ class Pilot:
             self.estimator.rudder.order(now, command.angle)
         self._told = command
         self._number += 1
+        alarms, siren = self._panel.update(now, self._raised(), samples, order)
         return Tick(
             number=self._number,
             now=now,
@@ -210,16 +214,19 @@ class Pilot:
             demand=demand,
             command=command,
             mode=self.supervisor.mode,
-            alarms=self._alarms(),
+            alarms=alarms,
             supervisor=self.supervisor.state,
+            siren=siren,
         )
 
-    def _alarms(self) -> tuple[str, ...]:
-        """Return what is to be said: what ended steering or keeps it from beginning, then what the monitors found."""
-        reason = self.supervisor.reason
-        said = self.supervisor.name if reason else ""
-        found = [text for name, text in self.monitors.findings.items() if name != said]
-        return (*((reason,) if reason else ()), *self.supervisor.notes, *found)
+    def _raised(self) -> dict[str, str]:
+        """Return what is to be said, by name: what ended steering or keeps it from beginning, then the rest."""
+        supervisor = self.supervisor
+        raised = {supervisor.name: supervisor.reason} if supervisor.reason else {}
+        raised.update(supervisor.noted)
+        for name, text in self.monitors.findings.items():
+            raised.setdefault(name, text)
+        return raised
 
     def _steer_blindly(self, now: float, state: NavState, dt: float) -> tuple[NavState, Reference, float]:
         """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts."""

@@ -215,13 +215,14 @@ class Supervisor:
         return self.state in ENGAGED or (self.state is SupervisorState.FAILSAFE and by_law)
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """Return what the links want the skipper to know."""
-        return tuple(self._notes.values())
+    def noted(self) -> dict[str, str]:
+        """What the links want the skipper to know, by who says it."""
+        return {f"note of {source}": text for source, text in self._notes.items()}
 
     def alarms(self) -> tuple[str, ...]:
         """Return what the skipper must hear now, with what to do; () when all is well."""
-        return (self.reason, *self.notes) if self.reason else self.notes
+        notes = tuple(self._notes.values())
+        return (self.reason, *notes) if self.reason else notes
 
     def _lost(self, state: NavState) -> str:
         if math.isnan(state.heading) or math.isnan(state.rate):

@@ -8,7 +8,10 @@ from autopilot.angles import compass_deg, wrap
 from autopilot.errors import InputError
 from autopilot.signals import Mode, Order, OrderKind, Tick
 
-HELP = "e [DEG]: engage (present heading)  +10, -1: change heading  r DEG: hold a rudder angle  s: standby  q: quit"
+HELP = (
+    "e [DEG]: engage (present heading)  +10, -1: change heading  r DEG: hold a rudder angle  s: standby  "
+    "a: silence alarms  q: quit"
+)
 
 
 class Skipper:
@@ -19,6 +22,8 @@ class Skipper:
         self._order = Order()
         self._adopt = False
         self.quit = False
+        self.heard = False
+        """Whether alarms have been acknowledged since `Acknowledgements` looked last."""
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
         """Return the order at `now`; a heading adopted on engagement becomes the heading ordered."""
@@ -47,6 +52,10 @@ class Skipper:
         """Order the rudder to be given back."""
         self.give(Order())
 
+    def acknowledge(self) -> None:
+        """Silence what sounds."""
+        self.heard = True
+
     def type_line(self, line: str) -> str:
         """Act on a typed line and return what to answer. Raises InputError."""
         word, _, rest = line.strip().partition(" ")
@@ -55,6 +64,9 @@ class Skipper:
         if word == "q":
             self.quit = True
             return "leaving"
+        if word == "a":
+            self.acknowledge()
+            return "alarms are silent; they are shown while they last"
         if word == "s":
             self.give(Order())
             return "standby: the rudder is yours"

@@ -11,16 +11,18 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 from autopilot.angles import compass_deg
-from autopilot.build import LinkOptions, admission_of, build_links, build_pilot
+from autopilot.build import LinkOptions, admission_of, alarm_outputs_of, build_links, build_pilot
 from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.log_keeping import add_log_options, alarm_links, gaps_of, open_log
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
+from autopilot.cli.skipper import Skipper
 from autopilot.cli.tuning_desk import TuningDesk
 from autopilot.cli.upkeep import Upkeep, add_upkeep_options, real_time_of, resumption_of
 from autopilot.errors import ExitCode, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.admission import Doors
+from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import LinkError
 from autopilot.links.signing import Signing, hint_of
 from autopilot.loop.clock import MonotonicClock
@@ -166,7 +168,9 @@ def steer(
         if desk is not None:
             desk.attach(pilot, in_force)
         in_force.log = recorder = open_log(arguments, vessel, law, clock.now())
-        links = [*links, *alarm_links(recorder)]
+        links = [*links, *alarm_links(recorder), *alarm_outputs_of(vessel)[0]]
+        if isinstance(orders, Skipper):
+            links.append(Acknowledgements(orders))
     except Exception:
         for link in links:
             link.close()

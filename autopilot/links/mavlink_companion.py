@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.alarm_outputs import VehicleSounder
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.companion_messages import (
     AUTOPILOT_COMPONENT,
@@ -26,7 +27,7 @@ from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.hand_back import HandBack
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.signing import LinkSigning
-from autopilot.links.status_text import StatusTexts
+from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import let_in
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
@@ -86,20 +87,27 @@ class CompanionSettings(NamedTuple):
 class CompanionLink:
     """A `Link` to an ArduRover boat over any transport. ValueError where the settings cannot be.
 
-    `signing`: everything sent is signed, and nothing is heard that is not.
+    `signing`: everything sent is signed, and nothing is heard that is not. `sounder`: has alarms heard at the vehicle.
 
     Attributes:
         state: MAV_STATE in our heartbeat; whoever runs the loop keeps it honest.
         dropped: packets that the transport could not take.
     """
 
-    def __init__(self, transport: Transport, settings: CompanionSettings, signing: LinkSigning | None = None) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        settings: CompanionSettings,
+        signing: LinkSigning | None = None,
+        sounder: VehicleSounder | None = None,
+    ) -> None:
         self.name = transport.name
         self.state: int = dialect.MAV_STATE_STANDBY
         self.dropped = 0
         self._transport = transport
         self._settings = settings
         self._signing = signing
+        self._sounder = sounder
         self._codec = MavlinkCodec(settings.vehicle_system or 1, COMPONENT, transport.is_stream, signing)
         self._gcs_codec = MavlinkCodec(
             settings.gcs_system or DEFAULT_GCS, dialect.MAV_COMP_ID_MISSIONPLANNER, signing=signing
@@ -195,6 +203,8 @@ class CompanionLink:
 
     def show(self, tick: Tick) -> None:
         """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""
+        if self._sounder is not None:
+            self._sounder.show(tick)
         if self._guided is not None:
             target = self._guided.show(tick, self._may_prove)
             if target is not None:
@@ -216,9 +226,7 @@ class CompanionLink:
                 self._transmit(now, due, self._steering_codec)
             if self._watch.booted:
                 self._send_requests(now)
-            if self._hand_back is not None:
-                for command in self._hand_back.due(now, self._vehicle):
-                    self._transmit(now, command, self._steering_codec)
+            self._send_asides(now)
             for text in self._texts.due(now):
                 self._transmit(now, text, self._codec)
         if self._peer_heard is None:
@@ -254,7 +262,7 @@ class CompanionLink:
         if alarms != self._alarms:
             for alarm in alarms:
                 if alarm not in self._alarms:
-                    self.say(now, SEVERITIES[mode], alarm)
+                    self.say(now, severity_of(alarm, SEVERITIES[mode]), alarm)
             self._alarms = alarms
 
     def say(self, now: float, severity: int, text: str) -> None:
@@ -317,6 +325,13 @@ class CompanionLink:
             self._transmit(now, interval_request(self._vehicle, identity, interval_us), self._steering_codec)
         for name in self._reader.parameters.due(now):
             self._transmit(now, parameter_request(self._vehicle, name), self._steering_codec)
+
+    def _send_asides(self, now: float) -> None:
+        """Ask the vehicle for what is no steering: the mode of a fail-safe, the sound of an alarm."""
+        for aside in (self._hand_back, self._sounder):
+            if aside is not None:
+                for message in aside.due(now, self._vehicle):
+                    self._transmit(now, message, self._steering_codec)
 
     def _transmit(self, now: float, message: Message, codec: MavlinkCodec) -> None:
         packet = codec.encode(message)

@@ -206,6 +206,9 @@ class Alarms:
     ) = 3.0
     reversed_rudder: bool = True
     """A boat that answers to the opposite of her rudder ends steering, where the rate of turn tells."""
+    outputs: tuple[str, ...] = ("bell",)
+    """Where alarms are heard: bell (the terminal's), tune (the vehicle's buzzer), relay:N (the vehicle's relay N),
+    file:PATH (1 is written while an alarm sounds, else 0: a GPIO's value)."""
     battery_percent: Annotated[float, Bounds(1.0, 90.0, "alarm below this charge of the vehicle")] | None = 20.0
 
 

@@ -18,7 +18,7 @@ from autopilot.links.boat.station_service import StationService
 from autopilot.links.boat.telemetry import Telemetry
 from autopilot.links.mavlink_codec import MavlinkCodec, Message
 from autopilot.links.signing import LinkSigning
-from autopilot.links.status_text import StatusTexts
+from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import believe_signed
 from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample, Tick
 
@@ -141,7 +141,7 @@ class BoatLink:
         self._door.crowded = False
         for alarm in alarms:
             if alarm not in self._alarms:
-                self._texts.say(now, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING), alarm)
+                self._texts.say(now, severity_of(alarm, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING)), alarm)
         self._alarms = alarms
 
     def keep(self, now: float) -> None:

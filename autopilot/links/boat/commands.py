@@ -34,6 +34,8 @@ USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
 USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg].
 USER_4: learning; 1 adopts the proved model, 2 goes back to the one before.
 USER_5: response level, 1 calm to 9 quick."""
+ACKNOWLEDGE = int(dialect.MAV_CMD_SPATIAL_USER_5)
+"""Silence the alarms that sound: MAVLink has no command for it, and the USER ones are taken."""
 LATITUDE_MOST_DEG = 85.0
 
 
@@ -60,6 +62,9 @@ class Helmsman(Protocol):
 
     def turning(self, rudder: float, duration: float) -> Run:
         """Begin a turn at a held rudder [rad]. Raises InputError."""
+
+    def acknowledge(self) -> None:
+        """Silence the alarms that sound."""
 
     def end_trial(self) -> None:
         """End a trial before its time, and go back to the heading that was steered before."""
@@ -89,6 +94,7 @@ class Commands:
             ZIGZAG: self._zigzag,
             TURNING: self._turning,
             PATTERN: self._pattern,
+            ACKNOWLEDGE: self._acknowledge,
             LEARNING: self._learning,
             LEVEL: self._level,
         }
@@ -240,6 +246,10 @@ class Commands:
             return ""
         self.tuning = None
         return tuning.said
+
+    def _acknowledge(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        self._helmsman.acknowledge()
+        return ACCEPTED
 
     def _begin(self, tick: Tick | None, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:
         running = self.running

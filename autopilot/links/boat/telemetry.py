@@ -13,6 +13,8 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.alarm_panel import UNHEARD
+from autopilot.alarms import kind_of
 from autopilot.angles import compass_deg
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.modes import current_mode, mode_of
@@ -36,6 +38,21 @@ CAPABILITIES = (
     | dialect.MAV_PROTOCOL_CAPABILITY_FTP
 )
 COMPASS = dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
+HEALTH: dict[int, tuple[str, ...]] = {
+    int(dialect.MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL): ("rate_disagrees", "innovation", "low_speed"),
+    int(dialect.MAV_SYS_STATUS_SENSOR_YAW_POSITION): ("off_course", "rudder_at_stop"),
+    int(dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS): (
+        "rudder_stuck",
+        "rudder_not_following",
+        "rudder_reversed",
+        "runaway",
+    ),
+    int(dialect.MAV_SYS_STATUS_AHRS): ("heading_lost", "heading_frozen", "heading_jumping", "heading_disagrees"),
+    int(dialect.MAV_SYS_STATUS_LOGGING): ("disk_full",),
+    int(dialect.MAV_SYS_STATUS_GEOFENCE): ("geofence", "shallow"),
+    int(dialect.MAV_SYS_STATUS_SENSOR_BATTERY): ("battery_low",),
+}
+"""Which alarms make which of MAVLink's subsystems unhealthy in SYS_STATUS."""
 RATES_HZ = {
     dialect.MAVLINK_MSG_ID_ATTITUDE: 4.0,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
@@ -223,9 +240,14 @@ class Telemetry:
         ]
 
     def _status(self, tick: Tick) -> list[Message]:
-        healthy = COMPASS if _fresh(tick) else 0
+        present = COMPASS | sum(HEALTH)
+        ill = 0 if _fresh(tick) else COMPASS
+        for alarm in tick.alarms:
+            kind = kind_of(alarm.removeprefix(UNHEARD))
+            if kind is not None:
+                ill |= sum(bit for bit, names in HEALTH.items() if kind.name in names)
         return [
-            dialect.MAVLink_sys_status_message(COMPASS, COMPASS, healthy, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0),
+            dialect.MAVLink_sys_status_message(present, present, present & ~ill, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0),
         ]
 
     def _time(self, tick: Tick) -> list[Message]:

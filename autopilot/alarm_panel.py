@@ -1,0 +1,74 @@
+"""Which alarms sound: until they are acknowledged or over, and louder when nobody has for half a minute. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from autopilot.alarms import CATALOGUE, Response, Severity
+from autopilot.signals import AcknowledgeSample, Order, Sample, Siren
+
+ESCALATES_AFTER = 30.0
+UNHEARD = "NOT ACKNOWLEDGED: "
+"""Before the text of an alarm that has escalated: it is said again."""
+REMEMBERED = 10.0
+"""An alarm that comes back within this time [s] is the same one."""
+
+
+@dataclass(slots=True)
+class _Entry:
+    since: float
+    last: float
+    is_heard: bool = False
+
+
+class AlarmPanel:
+    """`update` every tick with what is the case; an order of the skipper's acknowledges what sounds by then."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._entries: dict[str, _Entry] = {}
+        self._order: tuple[int, int] | None = None
+
+    def update(
+        self, now: float, raised: Mapping[str, str], samples: tuple[Sample, ...], order: Order
+    ) -> tuple[tuple[str, ...], Siren]:
+        """Return the texts to be shown at `now` [s], and what is to be heard.
+
+        raised: the texts by the alarms' names; names that are not in the catalogue are taken for warnings.
+        """
+        self._forget(now)
+        for sample in samples:
+            if isinstance(sample, AcknowledgeSample):
+                self._acknowledge(sample.name)
+        given = (int(order.kind), order.serial)
+        if self._order is not None and given != self._order:
+            self._acknowledge("")
+        self._order = given
+        texts, siren = [], Siren.QUIET
+        for name, text in raised.items():
+            entry = self._entries.setdefault(name, _Entry(now, now))
+            entry.last = now
+            sounds = _sounds(name) and not entry.is_heard
+            escalated = sounds and now - entry.since >= ESCALATES_AFTER
+            texts.append(f"{UNHEARD}{text}" if escalated else text)
+            if sounds:
+                siren = max(siren, Siren.ESCALATED if escalated else Siren.SOUNDING)
+        return tuple(texts), siren
+
+    def _acknowledge(self, name: str) -> None:
+        for known, entry in self._entries.items():
+            if name in ("", known):
+                entry.is_heard = True
+
+    def _forget(self, now: float) -> None:
+        for name in [name for name, entry in self._entries.items() if not now - entry.last <= REMEMBERED]:
+            del self._entries[name]
+
+
+def _sounds(name: str) -> bool:
+    kind = CATALOGUE.get(name)
+    return kind is None or (kind.severity <= Severity.WARNING and kind.response is not Response.WAIT)

@@ -1,0 +1,180 @@
+"""What sounds, until when, and how it is heard: terminal, file, vehicle, ground station."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.alarm_panel import ESCALATES_AFTER, UNHEARD, AlarmPanel
+from autopilot.alarms import CATALOGUE, Severity, kind_of, text_of
+from autopilot.build import alarm_outputs_of
+from autopilot.cli.skipper import Skipper
+from autopilot.errors import InputError
+from autopilot.links.alarm_outputs import Acknowledgements, Bell, SwitchFile, VehicleSounder
+from autopilot.links.status_text import severity_of
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import (
+    AcknowledgeSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    Reference,
+    RudderCommand,
+    Siren,
+    Tick,
+)
+
+COURSE = Order(OrderKind.HEADING, 1.0, serial=1)
+OFF = {"off_course": text_of("off_course")}
+
+
+def tick(now: float, siren: Siren) -> Tick:
+    state = NavState(now, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, True)
+    command = RudderCommand(now, 0.0, False)
+    return Tick(0, now, (), COURSE, state, Reference(0.0), 0.0, command, Mode.ENGAGED, (), siren=siren)
+
+
+def test_an_alarm_sounds_escalates_after_half_a_minute_and_is_silent_when_heard() -> None:
+    panel = AlarmPanel()
+    assert panel.update(0.0, OFF, (), COURSE) == ((OFF["off_course"],), Siren.SOUNDING)
+    for second in range(1, round(ESCALATES_AFTER)):
+        assert panel.update(float(second), OFF, (), COURSE)[1] is Siren.SOUNDING
+    texts, siren = panel.update(ESCALATES_AFTER, OFF, (), COURSE)
+    assert siren is Siren.ESCALATED
+    assert texts == (UNHEARD + OFF["off_course"],)
+    assert panel.update(31.0, OFF, (AcknowledgeSample(31.0),), COURSE) == ((OFF["off_course"],), Siren.QUIET)
+    assert panel.update(500.0, OFF, (), COURSE)[1] is Siren.SOUNDING, "forgotten for so long it is another one"
+
+
+def test_another_alarm_sounds_though_one_was_heard() -> None:
+    panel = AlarmPanel()
+    panel.update(0.0, OFF, (), COURSE)
+    heard = (AcknowledgeSample(1.0, "off_course"),)
+    assert panel.update(1.0, OFF, heard, COURSE)[1] is Siren.QUIET
+    assert panel.update(2.0, {**OFF, "roll": text_of("roll")}, (), COURSE)[1] is Siren.SOUNDING
+    assert panel.update(3.0, {**OFF, "roll": text_of("roll")}, (AcknowledgeSample(3.0, "other"),), COURSE)[1]
+
+
+def test_one_that_comes_and_goes_is_the_same_and_escalates() -> None:
+    panel = AlarmPanel()
+    for second in range(0, 29, 4):
+        panel.update(float(second), OFF if second % 8 == 0 else {}, (), COURSE)
+    assert panel.update(32.0, OFF, (), COURSE)[1] is Siren.ESCALATED
+
+
+def test_whoever_gives_an_order_has_heard() -> None:
+    panel = AlarmPanel()
+    assert panel.update(0.0, OFF, (), COURSE)[1] is Siren.SOUNDING
+    assert panel.update(1.0, OFF, (), COURSE._replace(heading=2.0))[1] is Siren.SOUNDING, "a route moves the heading"
+    assert panel.update(2.0, OFF, (), COURSE._replace(serial=2))[1] is Siren.QUIET
+
+
+@pytest.mark.parametrize("name", ["cannot_engage", "waiting_heading", "clock_stepped"])
+def test_what_only_waits_makes_no_noise(name: str) -> None:
+    assert AlarmPanel().update(100.0, {name: text_of(name)}, (), COURSE)[1] is Siren.QUIET
+
+
+def test_what_links_say_in_their_own_words_sounds() -> None:
+    assert AlarmPanel().update(0.0, {"note of drive": "9 A"}, (), COURSE) == (("9 A",), Siren.SOUNDING)
+
+
+@given(st.lists(st.tuples(st.floats(allow_nan=True), st.sampled_from(["", "roll", "x"]), st.integers(0, 2))))
+def test_no_time_and_no_name_makes_it_stumble(steps: list[tuple[float, str, int]]) -> None:
+    panel = AlarmPanel()
+    for now, name, serial in steps:
+        texts, siren = panel.update(now, OFF, (AcknowledgeSample(now, name),), COURSE._replace(serial=serial))
+        assert len(texts) == 1
+        assert siren in Siren
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_text_shows_which_alarm_it_is_and_how_bad(name: str) -> None:
+    kind = kind_of(text_of(name, "12 deg"))
+    assert kind is not None
+    assert kind.name == name
+    assert severity_of(text_of(name), 6) == min(6, kind.severity)
+    assert severity_of(UNHEARD + text_of(name), 6) == Severity.ALERT
+
+
+def test_the_terminal_rings_and_rings_faster() -> None:
+    terminal = io.StringIO()
+    bell = Bell(terminal)
+    for step in range(40):
+        bell.show(tick(0.1 * step, Siren.SOUNDING))
+    assert terminal.getvalue() == "\a\a"
+    for step in range(40):
+        bell.show(tick(4.0 + 0.1 * step, Siren.ESCALATED))
+    assert len(terminal.getvalue()) >= 2 + 7
+    rung = len(terminal.getvalue())
+    bell.show(tick(9.0, Siren.QUIET))
+    assert len(terminal.getvalue()) == rung
+    terminal.close()
+    bell.show(tick(10.0, Siren.SOUNDING))
+
+
+def test_a_file_is_switched_and_a_file_that_cannot_be_is_told_of(tmp_path: Path) -> None:
+    pin = tmp_path / "value"
+    switch = SwitchFile(pin)
+    switch.show(tick(0.0, Siren.QUIET))
+    assert pin.read_text() == "0\n"
+    switch.show(tick(1.0, Siren.SOUNDING))
+    assert pin.read_text() == "1\n"
+    switch.close()
+    assert pin.read_text() == "0\n"
+    broken = SwitchFile(tmp_path / "no" / "such" / "pin")
+    broken.show(tick(0.0, Siren.SOUNDING))
+    (told,) = broken.receive(0.0)
+    assert "alarms.outputs" in told.text  # type: ignore[union-attr]
+    assert broken.receive(1.0) == []
+
+
+def test_the_vehicle_plays_and_switches_until_it_is_over() -> None:
+    sounder = VehicleSounder(True, 2)
+    sounder.show(tick(0.0, Siren.SOUNDING))
+    tune, relay = sounder.due(0.0, 7)
+    assert (tune.get_type(), tune.target_system) == ("PLAY_TUNE", 7)
+    assert (relay.command, relay.param1, relay.param2) == (181, 2.0, 1.0)
+    assert sounder.due(0.1, 7) == []
+    sounder.show(tick(1.0, Siren.ESCALATED))
+    louder, again = sounder.due(1.0, 7)
+    assert louder.tune != tune.tune
+    assert again.param2 == 1.0
+    sounder.show(tick(2.0, Siren.QUIET))
+    (off,) = sounder.due(2.0, 7)
+    assert off.param2 == 0.0
+    assert sounder.due(60.0, 7) == []
+
+
+def outputs(*names: str) -> Any:
+    vessel = load_vessel("lanxin")
+    return alarm_outputs_of(dataclasses.replace(vessel, alarms=dataclasses.replace(vessel.alarms, outputs=names)))
+
+
+def test_the_vessel_file_chooses_where_alarms_are_heard() -> None:
+    links, sounder = outputs("bell", "file:/tmp/pin", "tune", "relay:3")
+    assert [type(link) for link in links] == [Bell, SwitchFile]
+    sounder.show(tick(0.0, Siren.SOUNDING))
+    assert len(sounder.due(0.0, 1)) == 2
+
+
+@pytest.mark.parametrize("bad", ["", "horn", "relay:", "relay:16", "relay:x", "file:"])
+def test_an_output_that_cannot_be_is_one_sentence(bad: str) -> None:
+    with pytest.raises(InputError, match="allowed are bell, tune"):
+        outputs(bad)
+
+
+def test_the_skipper_s_key_reaches_the_pilot_once() -> None:
+    skipper = Skipper(math.radians(30.0))
+    heard = Acknowledgements(skipper)
+    assert heard.receive(0.0) == []
+    assert "silent" in skipper.type_line("a")
+    assert heard.receive(1.0) == [AcknowledgeSample(1.0, "", "skipper")]
+    assert heard.receive(2.0) == []
