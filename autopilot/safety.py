@@ -80,7 +80,8 @@ class Supervisor:
         self._since = -math.inf
         self._rudder = Action.RELEASE
         self._spent = 0
-        self._blocked_since: float | None = None
+        self._blocked: tuple[int, float] | None = None
+        """The order that is blocked, by its serial, and since when [s]."""
         self._helm: dict[str, HelmSample] = {}
         self._notes: dict[str, str] = {}
         self._heading_since: float | None = None
@@ -153,7 +154,7 @@ class Supervisor:
         """While not engaged: whether an order, or what has come back, engages."""
         back = self._returned(now)
         if order.serial == self._spent and back is None:
-            self._blocked_since = None
+            self._blocked = None
             return
         if taken is not None:
             self._block(now, order, state, "cannot_engage", taken)
@@ -171,10 +172,10 @@ class Supervisor:
         self._fire(now, Event.ORDER_BLOCKED, order, name, said)
         if order.serial == self._spent or not state.valid:
             # what comes back by itself is no order, and a pilot that never had a heading is not ready yet
-            self._blocked_since = None
-        elif self._blocked_since is None:
-            self._blocked_since = now
-        elif now - self._blocked_since >= ORDER_WAITS:
+            self._blocked = None
+        elif self._blocked is None or self._blocked[0] != order.serial:
+            self._blocked = (order.serial, now)
+        elif now - self._blocked[1] >= ORDER_WAITS:
             dropped = f"{CATALOGUE['order_dropped'].text}: {text or said}; order again"
             self._fire(now, Event.ORDER_EXPIRED, order, "order_dropped", dropped)
 

@@ -50,10 +50,10 @@ def alarms_page() -> str:
         "logged as long as it lasts, and sounds until it is acknowledged or over; one that ends steering sounds until\n"
         "it is acknowledged. What nobody has acknowledged for 30 s is said again, louder.",
         "`a` on the terminal acknowledges, and so does any order, and the MAVLink command SPATIAL_USER_5 (31009).\n"
-        "`alarms.outputs` in the vessel file says where alarms are heard: `bell` (the terminal's), `tune` (the vehicle's\n"
-        "buzzer, PLAY_TUNE), `relay:N` (the vehicle's relay, DO_SET_RELAY), `file:PATH` (1 while an alarm sounds, else 0:\n"
-        "the value of a GPIO in sysfs). Over MAVLink alarms go out as STATUSTEXT and as unhealthy subsystems in\n"
-        "SYS_STATUS.",
+        "`alarms.outputs` in the vessel file says where alarms are heard: `bell` (the terminal's), `tune` (the\n"
+        "vehicle's buzzer, PLAY_TUNE), `relay:N` (the vehicle's relay, DO_SET_RELAY), `file:PATH` (1 while an alarm\n"
+        "sounds, else 0: the value of a GPIO in sysfs). Over MAVLink alarms go out as STATUSTEXT and as unhealthy\n"
+        "subsystems in SYS_STATUS.",
     ]
     for response, group in groupby(kinds, key=lambda kind: kind.response):
         parts += [f"## {response.value[0].upper()}{response.value[1:]}", _alarm_table(group)]

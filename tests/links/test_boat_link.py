@@ -152,7 +152,9 @@ def test_telemetry_says_what_the_pilot_knows_in_the_fields_own_units() -> None:
     position = last["GLOBAL_POSITION_INT"]
     assert (position.lat, position.lon, position.hdg) == (-355000000, 182500000, 5730)
     assert (position.vx, position.vy) == (216, 337)
-    assert last["SYS_STATUS"].onboard_control_sensors_health == dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
+    status = last["SYS_STATUS"]
+    assert status.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
+    assert status.onboard_control_sensors_health == status.onboard_control_sensors_enabled, "nothing is ill"
 
 
 def test_intervals_are_set_stopped_and_refused() -> None:

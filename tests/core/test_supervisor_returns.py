@@ -1,0 +1,282 @@
+"""What engages again without an order, and only where the vessel file allows it; what ends a fail-safe that steers."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from autopilot.envelope import Envelope
+from autopilot.safety import (
+    ORDER_WAITS,
+    REENGAGE_WITHIN,
+    RESUME_AFTER,
+    FailsafeAction,
+    Supervisor,
+    waits_to_engage,
+)
+from autopilot.signals import (
+    REBOOTED,
+    SILENT,
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    Reference,
+    RudderCommand,
+    SupervisorState,
+    Tick,
+)
+
+COURSE = Order(OrderKind.HEADING, 1.0, serial=1)
+DT = 0.1
+
+
+def state(age: float = 0.0) -> NavState:
+    return NavState(0.0, 0.3, 0.0, 4.0, 0.1, 0.0, age, math.isfinite(age))
+
+
+def made(action: str = "amidships", *, resume: bool = False, reengage: bool = False, after: float = 5.0) -> Supervisor:
+    tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, action, after, resume, reengage))
+    assert tested.decide(0.0, COURSE, state()) is Mode.ENGAGED
+    return tested
+
+
+def helm(reason: str = "") -> HelmSample:
+    return HelmSample(0.0, not reason, reason, "link")
+
+
+def rebooted(tested: Supervisor, at: float = 10.0) -> Supervisor:
+    tested.hear(helm(f"{REBOOTED}; the vehicle is disarmed; arm it"))
+    assert tested.decide(at, COURSE, state()) is Mode.OVERRIDE
+    assert tested.name == "firmware_rebooted"
+    tested.hear(helm("the vehicle is disarmed; arm it"))
+    return tested
+
+
+def test_after_a_reboot_it_engages_again_when_the_vehicle_is_ready_where_the_file_says_so() -> None:
+    tested = rebooted(made(reengage=True))
+    assert tested.decide(12.0, COURSE, state()) is Mode.OVERRIDE
+    assert tested.decide(15.0, COURSE, state()) is Mode.OVERRIDE
+    assert tested.alarms() == ("cannot engage: the vehicle is disarmed; arm it",)
+    assert tested.decide(15.0 + ORDER_WAITS, COURSE, state()) is Mode.OVERRIDE
+    assert "cannot engage" in tested.alarms()[0], "what comes back by itself is not dropped"
+    tested.hear(helm())
+    assert tested.decide(60.0, COURSE, state()) is Mode.ENGAGED
+    assert tested.alarms() == ()
+
+
+def test_elsewhere_a_reboot_ends_it_for_good() -> None:
+    tested = rebooted(made(resume=True))
+    tested.hear(helm())
+    for now in (12.0, 15.0, 100.0):
+        assert tested.decide(now, COURSE, state()) is Mode.OVERRIDE
+        assert tested.alarms()[0].startswith("overridden: the vehicle has rebooted")
+
+
+def test_two_minutes_after_a_reboot_people_have_seen_to_it() -> None:
+    in_time, late = rebooted(made(reengage=True)), rebooted(made(reengage=True))
+    for tested in (in_time, late):
+        tested.hear(helm())
+        assert tested.decide(10.1, COURSE, state(5.0)) is Mode.OVERRIDE
+        tested.decide(20.0, COURSE, state(5.0))
+    in_time.decide(10.0 + REENGAGE_WITHIN - RESUME_AFTER - 0.1, COURSE, state())
+    assert in_time.decide(10.0 + REENGAGE_WITHIN - 0.1, COURSE, state()) is Mode.ENGAGED
+    late.decide(10.0 + REENGAGE_WITHIN - RESUME_AFTER, COURSE, state())
+    assert late.decide(10.0 + REENGAGE_WITHIN, COURSE, state()) is Mode.OVERRIDE
+
+
+@pytest.mark.parametrize("first", ["heading", "silence"])
+def test_the_silence_that_goes_with_a_reboot_is_part_of_it(first: str) -> None:
+    tested = made(reengage=True)
+    if first == "heading":
+        assert tested.decide(9.0, COURSE, state(2.0)) is Mode.FAILSAFE
+    else:
+        tested.hear(helm(f"{SILENT} for 4 s"))
+        assert tested.decide(9.0, COURSE, state()) is Mode.OVERRIDE
+        assert tested.name == "link_silent"
+    tested.hear(helm(f"{REBOOTED}; reading the vehicle's parameters"))
+    tested.decide(10.0, COURSE, state())
+    tested.hear(helm())
+    tested.decide(11.0, COURSE, state())
+    assert tested.decide(13.0, COURSE, state()) is Mode.ENGAGED
+
+
+def test_a_reboot_after_a_human_s_override_gives_nothing_back() -> None:
+    tested = made(reengage=True)
+    tested.hear(helm("mode HOLD was chosen"))
+    assert tested.decide(9.0, COURSE, state()) is Mode.OVERRIDE
+    tested.hear(helm(f"{REBOOTED}; arm it"))
+    tested.decide(10.0, COURSE, state())
+    tested.hear(helm())
+    for now in (10.1, 13.0, 20.0):
+        assert tested.decide(now, COURSE, state()) is Mode.OVERRIDE
+
+
+def test_a_reboot_heard_of_while_standing_by_means_nothing_later() -> None:
+    tested = made(reengage=True)
+    tested.decide(1.0, Order(), state())
+    tested.hear(helm(f"{REBOOTED}; arm it"))
+    tested.decide(2.0, Order(), state())
+    tested.hear(helm())
+    again = COURSE._replace(serial=2)
+    assert tested.decide(3.0, again, state()) is Mode.ENGAGED
+    assert tested.decide(4.0, again, state(2.0)) is Mode.FAILSAFE
+    tested.decide(5.0, again, state())
+    assert tested.decide(8.0, again, state()) is Mode.FAILSAFE
+
+
+def test_an_engagement_forgets_the_reboot_before_it() -> None:
+    tested = rebooted(made(reengage=True))
+    tested.hear(helm())
+    again = COURSE._replace(serial=2)
+    assert tested.decide(11.0, again, state()) is Mode.ENGAGED
+    assert tested.decide(20.0, again, state(2.0)) is Mode.FAILSAFE
+    tested.decide(21.0, again, state())
+    assert tested.decide(24.0, again, state()) is Mode.FAILSAFE
+
+
+@pytest.mark.parametrize(("trouble", "mode"), [("rudder_stuck", Mode.FAILSAFE), ("heading_frozen", Mode.FAILSAFE)])
+def test_a_rudder_trouble_ends_a_fail_safe_that_moves_the_rudder(trouble: str, mode: Mode) -> None:
+    tested = made()
+    assert tested.decide(1.0, COURSE, state(2.0)) is Mode.FAILSAFE
+    assert tested.check(1.0, COURSE, 0.2, 0.0, 0.0, DT).engaged
+    assert tested.decide(2.0, COURSE, state(3.0), {trouble: "what is wrong"}) is mode
+    assert tested.check(2.0, COURSE, 0.2, 0.0, 0.0, DT).engaged is (trouble != "rudder_stuck")
+
+
+def test_a_state_that_is_no_number_ends_a_fail_safe_that_moves_the_rudder_in_a_fault() -> None:
+    tested = made()
+    tested.decide(1.0, COURSE, state(2.0))
+    assert tested.decide(2.0, COURSE, state()._replace(rate=math.nan)) is Mode.FAULT
+    released = made("release")
+    released.decide(1.0, COURSE, state(2.0))
+    assert released.decide(2.0, COURSE, state()._replace(heading=math.nan)) is Mode.FAILSAFE
+
+
+def test_what_is_worst_counts() -> None:
+    found = {"heading_frozen": "frozen", "rudder_stuck": "stuck", "not_finite": "no number"}
+    for name, mode in (("not_finite", Mode.FAULT), ("rudder_stuck", Mode.FAILSAFE), ("heading_frozen", Mode.FAILSAFE)):
+        tested = made()
+        assert tested.decide(1.0, COURSE, state(), found) is mode
+        assert tested.name == name
+        del found[name]
+
+
+@pytest.mark.parametrize("action", ["dead_reckoning", "windward"])
+def test_the_law_s_command_leaves_in_a_fail_safe_that_steers_until_its_time_is_up(action: str) -> None:
+    tested = made(action)
+    assert tested.decide(1.0, COURSE, state(2.0)) is Mode.FAILSAFE
+    assert tested.law_steers
+    assert tested.check(1.0, COURSE, 0.1, 0.3, 0.12, DT) == RudderCommand(1.0, 0.12, True)
+    assert tested.check(5.9, COURSE, 0.12, 0.3, 0.13, DT) == RudderCommand(5.9, 0.13, True)
+    assert not tested.check(6.0, COURSE, 0.12, 0.3, 0.13, DT).engaged
+    assert not tested.law_steers
+    unfit = made(action)
+    unfit.decide(1.0, COURSE, state(2.0))
+    assert unfit.check(1.0, COURSE, 0.1, 0.3, 0.4, DT) == RudderCommand(1.0, 0.1, True)
+    assert unfit.mode is Mode.FAULT
+    assert not unfit.law_steers
+
+
+@pytest.mark.parametrize(("action", "after"), [("firmware", 5.0), ("release", 5.0), ("hold", 0.0), ("amidships", 0.0)])
+def test_who_lets_go_lets_go_in_a_fault_too(action: str, after: float) -> None:
+    for tested in (made(action, after=after), made(action, after=after)):
+        assert not tested.law_steers or tested.mode is Mode.ENGAGED
+    failed, faulty = made(action, after=after), made(action, after=after)
+    failed.decide(1.0, COURSE, state(2.0))
+    assert not failed.check(1.0, COURSE, 0.2, 0.0, 0.0, DT).engaged
+    assert faulty.check(1.0, COURSE, 0.2, math.nan, 0.2, DT) == RudderCommand(1.0, 0.0, False)
+    assert faulty.mode is Mode.FAULT
+
+
+def test_a_held_rudder_stays_inside_its_limits_whatever_was_reported() -> None:
+    for previous, held in ((0.7, 0.5), (-0.7, -0.5), (math.nan, 0.0), (0.3, 0.3)):
+        tested = made("hold")
+        tested.decide(1.0, COURSE, state(2.0))
+        assert tested.check(1.0, COURSE, previous, 0.0, 0.0, DT) == RudderCommand(1.0, held, True)
+
+
+def test_amidships_is_reached_from_both_sides_at_the_rudder_s_rate() -> None:
+    for side in (1.0, -1.0):
+        tested = made("amidships")
+        tested.decide(1.0, COURSE, state(2.0))
+        assert tested.check(1.0, COURSE, side * 0.2, 0.0, 0.0, DT).angle == pytest.approx(side * 0.165)
+        assert tested.check(1.1, COURSE, side * 0.02, 0.0, 0.0, DT).angle == 0.0
+
+
+def test_the_wait_of_an_order_begins_anew_with_another_and_not_before_a_first_heading() -> None:
+    tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
+    assert tested.decide(0.0, COURSE, state(math.inf)) is Mode.STANDBY
+    assert tested.decide(100.0, COURSE, state(math.inf)) is Mode.STANDBY
+    assert "waiting for a heading" in tested.alarms()[0]
+    tested.hear(helm("disarmed; arm it"))
+    tested.decide(101.0, COURSE, state())
+    tested.decide(130.9, COURSE, state())
+    assert tested.alarms() == ("cannot engage: disarmed; arm it",)
+    tested.decide(131.0, COURSE, state())
+    assert "dropped" in tested.alarms()[0]
+    again = COURSE._replace(serial=2)
+    tested.decide(140.0, again, state())
+    tested.decide(169.9, again, state())
+    assert tested.alarms() == ("cannot engage: disarmed; arm it",)
+
+
+def test_a_trouble_that_keeps_an_order_waiting_is_said_and_the_order_dropped_in_the_end() -> None:
+    tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
+    found = {"heading_frozen": "the compass stands still"}
+    tested.decide(0.0, COURSE, state(), found)
+    assert tested.alarms() == ("the compass stands still",)
+    assert tested.name == "heading_frozen"
+    tested.decide(30.0, COURSE, state(), found)
+    assert tested.alarms() == ("the order to engage was dropped: the compass stands still; order again",)
+    assert tested.decide(31.0, COURSE, state()) is Mode.STANDBY
+
+
+def test_a_doubt_alone_keeps_nobody_from_engaging() -> None:
+    tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
+    assert tested.decide(0.0, COURSE, state(), {"rate_disagrees": "doubt", "battery_low": "low"}) is Mode.ENGAGED
+    tested.decide(0.1, COURSE, state(), {"battery_low": "low"})
+    assert tested.state is SupervisorState.HEADING
+
+
+@pytest.mark.parametrize(
+    ("order", "expected"),
+    [
+        (COURSE, SupervisorState.HEADING),
+        (COURSE._replace(is_led=True), SupervisorState.TRACK),
+        (COURSE._replace(kind=OrderKind.RUDDER), SupervisorState.TRIAL),
+        (COURSE._replace(kind=OrderKind.ZIGZAG, is_led=True), SupervisorState.TRIAL),
+    ],
+)
+def test_the_state_is_what_was_ordered(order: Order, expected: SupervisorState) -> None:
+    tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, True))
+    tested.decide(0.0, order, state())
+    assert tested.state is expected
+    tested.decide(1.0, order, state(2.0))
+    tested.decide(2.0, order, state())
+    tested.decide(2.0 + RESUME_AFTER, order, state())
+    assert tested.state is expected, "resumed, too"
+
+
+def test_reconfigured_it_goes_by_the_new_limits_at_once() -> None:
+    tested = made()
+    tested.reconfigure(Envelope(0.2, 0.35), FailsafeAction(3.0, "release", 5.0, False))
+    assert tested.decide(1.0, COURSE, state(2.0)) is Mode.ENGAGED
+    assert tested.decide(2.0, COURSE, state(3.1)) is Mode.FAILSAFE
+    assert not tested.check(2.0, COURSE, 0.1, 0.0, 0.0, DT).engaged
+    wide = made()
+    wide.reconfigure(Envelope(0.2, 0.35), FailsafeAction(3.0, "hold", 5.0, False))
+    assert wide.check(1.0, COURSE, 0.21, 0.21, 0.21, DT).angle == 0.2
+    assert wide.mode is Mode.FAULT
+
+
+def test_an_order_waits_for_the_helm_alone_while_it_says_so() -> None:
+    def tick(mode: Mode, *alarms: str) -> Tick:
+        return Tick(0, 0.0, (), COURSE, state(), Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), mode, alarms)
+
+    assert waits_to_engage(tick(Mode.STANDBY, "low battery", "cannot engage: disarmed"))
+    assert waits_to_engage(tick(Mode.OVERRIDE, "cannot engage: disarmed"))
+    assert not waits_to_engage(tick(Mode.ENGAGED, "cannot engage: disarmed"))
+    assert not waits_to_engage(tick(Mode.STANDBY, "waiting for a heading"))
