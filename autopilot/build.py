@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import astuple
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.design import (
@@ -413,6 +412,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
         as_gcs=options.as_gcs,
         guided_speed_share=helm.guided_speed_share,
         hand_back_mode=MODES[vessel.failsafe.firmware_mode] if vessel.failsafe.action == "firmware" else None,
+        battery_percent=-math.inf if vessel.alarms.battery_percent is None else vessel.alarms.battery_percent,
     )
     signing = options.signing.link() if options.signing else None
     if router is not None:
@@ -470,14 +470,17 @@ def _kept(url: LinkUrl, opener: Callable[[], Link]) -> KeptLink:
     return KeptLink(url.text, steers, opener)
 
 
-def alarm_outputs_of(vessel: Vessel) -> tuple[list[Link], VehicleSounder]:
-    """Return what makes the vessel's alarms heard here, and what asks the vehicle to. Raises InputError."""
+def alarm_outputs_of(vessel: Vessel, terminal: TextIO | None = None) -> tuple[list[Link], VehicleSounder]:
+    """Return what makes the vessel's alarms heard here, and what asks the vehicle to. Raises InputError.
+
+    `terminal`: whose bell rings; None: there is none.
+    """
     links: list[Link] = []
     tune, relay = False, None
     for output in vessel.alarms.outputs:
         kind, _, where = output.partition(":")
         if output == "bell":
-            links.append(Bell(sys.stderr))
+            links.extend([Bell(terminal)] if terminal is not None else [])
         elif output == "tune":
             tune = True
         elif kind == "relay" and where.isdecimal() and int(where) <= RELAY_MOST:

@@ -26,6 +26,7 @@ from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import LinkError
 from autopilot.links.signing import Signing, hint_of
 from autopilot.loop.clock import MonotonicClock
+from autopilot.loop.health import LoopHealth
 from autopilot.loop.session import Orders, Session
 from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
 from autopilot.params.vessel import Vessel
@@ -168,7 +169,8 @@ def steer(
         if desk is not None:
             desk.attach(pilot, in_force)
         in_force.log = recorder = open_log(arguments, vessel, law, clock.now())
-        links = [*links, *alarm_links(recorder), *alarm_outputs_of(vessel)[0]]
+        outputs, _ = alarm_outputs_of(vessel, sys.stderr if sys.stderr.isatty() else None)
+        links = [*links, *alarm_links(recorder), *outputs, LoopHealth(1.0 / vessel.control.rate_hz)]
         if isinstance(orders, Skipper):
             links.append(Acknowledgements(orders))
     except Exception:

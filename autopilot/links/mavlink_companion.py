@@ -29,6 +29,7 @@ from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import let_in
+from autopilot.links.vehicle_health import VehicleHealth
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 
@@ -68,7 +69,8 @@ class CompanionSettings(NamedTuple):
     vehicle_system: the system id to latch on to, None for the first autopilot heard.
     as_gcs: send steering from the ground station's id; gcs_system: that id, None for what the vehicle's
     parameter says (255 until it is known).
-    hand_back_mode: the vehicle's mode number that a fail-safe orders it into; None: none.
+    hand_back_mode: the vehicle's mode number that a fail-safe orders it into; None: none. battery_percent: a charge
+    below it is an alarm.
     """
 
     rudder_at_full: float
@@ -82,6 +84,7 @@ class CompanionSettings(NamedTuple):
     gcs_system: int | None = None
     guided_speed_share: float = 0.0
     hand_back_mode: int | None = None
+    battery_percent: float = -math.inf
 
 
 class CompanionLink:
@@ -119,6 +122,7 @@ class CompanionLink:
         self._watch, self._probe = self._reader.watch, self._reader.probe
         self._guided = GuidedTargets(self._watch, settings.guided_speed_share) if guided else None
         self._reader.guided = self._guided
+        self._reader.health = VehicleHealth(settings.battery_percent)
         # A ground station that also sends here must not take the vehicle's place.
         let_in(transport, self._holds_our_vehicle)
         self._texts = StatusTexts()
@@ -179,6 +183,7 @@ class CompanionLink:
             self._note(now, "attitude rate", self._reader.streams.slow, samples)
             if self._guided is not None:
                 self._note(now, "guided", self._guided.alarm, samples)
+        samples.extend(self._reader.health.pass_time(now))
         if self._hand_back is not None:
             samples.extend(self._hand_back.seen(now, self._watch.mode, self.name))
         return samples

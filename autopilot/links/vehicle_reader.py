@@ -14,6 +14,7 @@ from autopilot.links.mavlink_codec import Message, message_id
 from autopilot.links.message_streams import MessageStreams
 from autopilot.links.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
 from autopilot.links.vehicle_clock import VehicleClock
+from autopilot.links.vehicle_health import HEARD, SYSTEM, VehicleHealth
 from autopilot.links.vehicle_parameters import VehicleParameters
 from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
 
@@ -58,8 +59,17 @@ class VehicleReader:
         self.watch = HelmWatch(steers_itself)
         self.probe = HelmProbe(output)
         self.guided: GuidedTargets | None = None
+        self.health = VehicleHealth()
         self.parameters = VehicleParameters()
-        rates_hz = {ATTITUDE: attitude_rate_hz, SERVOS: 10.0, CHANNELS: 10.0, POSITION: 5.0, HUD: 2.0, GPS: 1.0}
+        rates_hz = {
+            ATTITUDE: attitude_rate_hz,
+            SERVOS: 10.0,
+            CHANNELS: 10.0,
+            POSITION: 5.0,
+            HUD: 2.0,
+            GPS: 1.0,
+            SYSTEM: 1.0,
+        }
         if steers_itself:
             rates_hz[NAVIGATION] = 5.0
         self.streams = MessageStreams(rates_hz)
@@ -83,6 +93,10 @@ class VehicleReader:
     def take(self, now: float, message: Message, samples: list[Sample]) -> None:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
         self.watch.heard_time = now
+        if message_id(message) in HEARD:
+            if message_id(message) == SYSTEM:
+                self.streams.count(SYSTEM)
+            samples.extend(self.health.take(now, message))
         handler = self._handlers.get(message_id(message))
         if handler is not None:
             handler(now, message, samples)

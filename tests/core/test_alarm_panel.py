@@ -155,7 +155,9 @@ def test_the_vehicle_plays_and_switches_until_it_is_over() -> None:
 
 def outputs(*names: str) -> Any:
     vessel = load_vessel("lanxin")
-    return alarm_outputs_of(dataclasses.replace(vessel, alarms=dataclasses.replace(vessel.alarms, outputs=names)))
+    return alarm_outputs_of(
+        dataclasses.replace(vessel, alarms=dataclasses.replace(vessel.alarms, outputs=names)), io.StringIO()
+    )
 
 
 def test_the_vessel_file_chooses_where_alarms_are_heard() -> None:

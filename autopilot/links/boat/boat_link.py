@@ -20,12 +20,13 @@ from autopilot.links.mavlink_codec import MavlinkCodec, Message
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import believe_signed
-from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmSample, ConditionSample, Mode, RudderCommand, Sample, Tick
 
 COMPONENT = 1
 HEARTBEAT_S = 1.0
 MESSAGES_PER_TURN = 100
 """Messages heeded in one turn of the loop; what a flood brings beyond them is dropped."""
+FLOOD_OVER_S = 5.0
 PACKETS_KEPT = 5000
 STATES = {
     Mode.STANDBY: dialect.MAV_STATE_STANDBY,
@@ -78,16 +79,19 @@ class BoatLink:
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[str, ...] = ()
         self._lost = ""
+        self._flooded = -math.inf
+        self._says_flooded = False
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
         return -1 if self._lost or self._door.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
-        """Answer what has arrived by `now` [s]. Nothing comes from a ground station but word of its loss: an alarm."""
+        """Answer what has arrived by `now` [s]. Nothing comes from a station but word of its loss, and of a flood."""
         heeded = 0
         refused = self._codec.refused
         if self._door.crowded:
+            self._flooded = now
             return []  # looked at after the next command has left
         strangers = strangers_of(self._transport)
         try:
@@ -100,6 +104,7 @@ class BoatLink:
                 heeded += 1
                 if heeded > MESSAGES_PER_TURN:
                     self.dropped += 1
+                    self._flooded = now
                 elif self._door.lets_in_system(message.get_srcSystem()):
                     self._packets.append((now, bytes(message._msgbuf)))
                     self._heed(now, message)
@@ -108,7 +113,15 @@ class BoatLink:
         self._door.count_strangers(strangers_of(self._transport) - strangers)
         if self._codec.refused > refused:
             self._refuse(now, REFUSAL)
-        return []
+        return self._flood(now)
+
+    def _flood(self, now: float) -> list[Sample]:
+        """Return word of a flood that has begun, or is over for some seconds."""
+        is_flooded = now - self._flooded < FLOOD_OVER_S
+        if is_flooded == self._says_flooded:
+            return []
+        self._says_flooded = is_flooded
+        return [ConditionSample(now, "link_flooded", is_flooded, self.name if is_flooded else "", self.name)]
 
     def _heed(self, now: float, message: Message) -> None:
         if not self._is_for_us(message):
