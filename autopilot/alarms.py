@@ -245,7 +245,7 @@ _OWN = [
         _DEGRADE,
         _WARNING,
         _LOOP,
-        "ticks later than two control periods",
+        "three ticks within 10 s that come three control periods after the one before",
         "control.rate_hz",
     ),
     AlarmKind(
@@ -264,7 +264,7 @@ _OWN = [
         _TELL,
         _WARNING,
         _LOOP,
-        "a write to the log fails",
+        "a write to the log fails (said in the words of what failed)",
     ),
 ]
 
@@ -304,7 +304,7 @@ _OUTSIDE = [
         _DEGRADE,
         _WARNING,
         _LINK,
-        "messages dropped to keep the loop in time",
+        "a ground station's messages dropped to keep the loop in time",
     ),
     AlarmKind(
         "handback_refused",
