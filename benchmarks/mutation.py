@@ -1,128 +1,123 @@
 """Mutation testing of the limits and the supervisor, printed as a table; exit 1 where a survivor is unexplained.
 
-    python benchmarks/mutation.py [--keep FOLDER]
+    python benchmarks/mutation.py
 
-cosmic-ray changes one operator, number or condition at a time in a copy of the source; tests that still pass have not
-noticed. Left out: annotations, and operators that make no sense on numbers and members of an enumeration, which every
-test notices. What survives is either in EXPLAINED, with the reason why nobody could notice, or a gap in the tests.
+cosmic-ray's operators change one operator, number or condition of the source at a time; each mutant runs in a fork of
+this process, where the tests find it in the place of the module. Tests that still pass have not noticed. Left out are
+annotations, and operators that make no sense on numbers and members of an enumeration, which every test notices. What
+survives is either in EXPLAINED, with the reason why nobody could notice, or a gap in the tests.
 """
 
 from __future__ import annotations
 
-import argparse
+import contextlib
+import importlib
 import os
 import re
-import shutil
-import subprocess
+import signal
 import sys
-import tempfile
+import types
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import TestOutcome
+import pytest
 
 ROOT = Path(__file__).parents[1]
-MODULES = ("autopilot/limits.py", "autopilot/safety.py")
+MODULES = ("autopilot.limits", "autopilot.safety")
 TESTS = (
     "tests/core/test_supervisor_returns.py",
     "tests/core/test_supervisor.py",
     "tests/core/test_helm_handover.py",
-    "tests/core/test_envelope.py",
     "tests/properties/test_limits_and_gear.py",
+    "tests/core/test_envelope.py",
 )
-NEEDED = ("autopilot", "tests", "pyproject.toml")
+PRELOADED = (
+    "hypothesis.strategies",
+    "numpy",
+    "_hypothesis_pytestplugin",
+    "autopilot.envelope",
+    "autopilot.models.steering_gear",
+    "autopilot.supervisor",
+)
+"""What no mutant is in: loaded once, shared by all forks."""
+LONGEST_S = 120
 SENSELESS = re.compile(
     r"BitOr_\w+$|_(BitAnd|BitOr|BitXor|LShift|RShift|Mod|Pow|FloorDiv|Invert)$|(Is|IsNot|Eq|NotEq)_(Lt|LtE|Gt|GtE)$"
     r"|Is_Eq$|IsNot_NotEq$|Eq_Is$|NotEq_IsNot$"
 )
-CONFIG = """[cosmic-ray]
-module-path = {modules}
-timeout = 60.0
-excluded-modules = []
-test-command = "{python} -m pytest -x -q -p no:cacheprovider {tests}"
-[cosmic-ray.distributor]
-name = "local"
-"""
 
 EXPLAINED: dict[tuple[str, str], str] = {}
-"""Operator and changed line -> why no test can tell the difference."""
+"""Operator and the line as it became -> why no test can tell the difference."""
 
 
 class Mutant(NamedTuple):
-    """One change: where, by which operator, the line as it became, and whether a test noticed."""
+    """One change: the module, the operator that made it, the line as it became, the whole source."""
 
     module: str
     operator: str
     line: str
-    is_killed: bool
+    source: str
 
 
-def run_all(folder: Path) -> list[Mutant]:
-    """Mutate a copy of the source in `folder` and return what became of each mutant."""
-    for name in NEEDED:
-        source = ROOT / name
-        if source.is_dir():
-            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy(source, folder / name)
-    tests, modules = " ".join(TESTS), "[" + ", ".join(f'"{module}"' for module in MODULES) + "]"
-    config = folder / "mutation.toml"
-    config.write_text(CONFIG.format(modules=modules, python=sys.executable, tests=tests), encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(folder)}
-    session = folder / "mutation.sqlite"
-    for step in (("init", config.name, session.name), ("exec", config.name, session.name)):
-        if step[0] == "exec":
-            _leave_out(session)
-        subprocess.run([_program(), *step], cwd=folder, env=environment, check=True)
-    return _results(session)
+def mutants_of(module: str) -> Iterator[Mutant]:
+    """Yield every mutant of a module."""
+    from cosmic_ray.mutating import mutate_code
+    from cosmic_ray.plugins import get_operator, operator_names
+
+    source = _path(module).read_text(encoding="utf-8")
+    before = source.splitlines()
+    for name in sorted(operator_names()):
+        operator = get_operator(name)
+        if SENSELESS.search(name) or operator.arguments():
+            continue
+        occurrence = 0
+        while (changed := mutate_code(source, operator(), occurrence)) is not None:
+            after = changed.splitlines()
+            line = next((b.strip() for a, b in zip(before, after, strict=False) if a != b), "")
+            yield Mutant(module, name.removeprefix("core/"), line, changed)
+            occurrence += 1
 
 
-def _program() -> str:
-    return str(Path(sys.executable).with_name("cosmic-ray"))
+def _path(module: str) -> Path:
+    return ROOT / f"{module.replace('.', '/')}.py"
 
 
-def _leave_out(session: Path) -> None:
-    """Take the senseless mutants out of the work, as skipped."""
-    from cosmic_ray.work_item import WorkerOutcome, WorkResult
-
-    with use_db(session, WorkDB.Mode.open) as work:
-        for item in list(work.pending_work_items):
-            if SENSELESS.search(item.mutations[0].operator_name):
-                work.set_result(item.job_id, WorkResult(worker_outcome=WorkerOutcome.SKIPPED, output="senseless"))
-
-
-def _results(session: Path) -> list[Mutant]:
-    mutants = []
-    with use_db(session, WorkDB.Mode.open) as work:
-        outcomes = dict(work.results)
-        for item in work.work_items:
-            result = outcomes.get(item.job_id)
-            if result is None or result.test_outcome is None:
-                continue
-            mutation = item.mutations[0]
-            added = [line[1:].strip() for line in (result.diff or "").splitlines() if re.match(r"\+(?!\+)", line)]
-            killed = result.test_outcome is not TestOutcome.SURVIVED
-            name = mutation.operator_name.removeprefix("core/")
-            mutants.append(Mutant(str(mutation.module_path), name, " ".join(added), killed))
-    return mutants
+def is_noticed(module: str, source: str) -> bool:
+    """Return whether any test fails with `source` in the place of `module`."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        with contextlib.suppress(BaseException):
+            signal.alarm(LONGEST_S)
+            code = _run_tests(module, source)
+        os._exit(code)
+    return os.waitpid(child, 0)[1] != 0
 
 
-def report(mutants: list[Mutant]) -> int:
+def _run_tests(module: str, source: str) -> int:
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)
+    os.dup2(silence, 2)
+    changed = types.ModuleType(module)
+    changed.__file__ = str(_path(module))
+    sys.modules[module] = changed
+    exec(compile(source, changed.__file__, "exec"), changed.__dict__)
+    package, _, name = module.rpartition(".")
+    setattr(sys.modules[package], name, changed)
+    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--assert=plain", *(str(ROOT / test) for test in TESTS)]))
+
+
+def report(killed: Counter[str], survivors: list[Mutant]) -> int:
     """Print the table and the survivors; return how many of them nobody has explained."""
-    made = Counter(mutant.module for mutant in mutants)
-    survivors = [mutant for mutant in mutants if not mutant.is_killed]
-    alive = Counter(mutant.module for mutant in survivors)
-    print("| module | mutants | killed | survived, explained | unexplained |\n|---|---|---|---|---|")
     unexplained = [mutant for mutant in survivors if (mutant.operator, mutant.line) not in EXPLAINED]
-    bare = Counter(mutant.module for mutant in unexplained)
+    alive, bare = (Counter(mutant.module for mutant in some) for some in (survivors, unexplained))
+    print("| module | mutants | noticed | survive, explained | unexplained |\n|---|---|---|---|---|")
     for module in MODULES:
-        print(
-            f"| {module} | {made[module]} | {made[module] - alive[module]} | {alive[module] - bare[module]} | "
-            f"{bare[module]} |"
-        )
-    print("\n| operator | as it became | why nobody notices |\n|---|---|---|")
+        total, explained = killed[module] + alive[module], alive[module] - bare[module]
+        print(f"| {module} | {total} | {killed[module]} | {explained} | {bare[module]} |")
+    print("\n| operator | the line as it became | why nobody notices |\n|---|---|---|")
     for mutant in survivors:
         reason = EXPLAINED.get((mutant.operator, mutant.line), "UNEXPLAINED")
         print(f"| {mutant.operator} | `{mutant.line}` | {reason} |")
@@ -131,14 +126,22 @@ def report(mutants: list[Mutant]) -> int:
 
 def main() -> int:
     """Run all mutants and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--keep", type=Path, help="an empty folder to work in, kept afterwards")
-    arguments = parser.parse_args()
-    if arguments.keep is not None:
-        arguments.keep.mkdir(parents=True, exist_ok=True)
-        return int(report(run_all(arguments.keep)) > 0)
-    with tempfile.TemporaryDirectory() as folder:
-        return int(report(run_all(Path(folder))) > 0)
+    os.chdir(ROOT)
+    for name in PRELOADED:
+        importlib.import_module(name)
+    killed: Counter[str] = Counter()
+    survivors: list[Mutant] = []
+    for module in MODULES:
+        if is_noticed(module, _path(module).read_text(encoding="utf-8")):
+            print(f"{module}: its tests fail as it is; put them right first", file=sys.stderr)
+            return 2
+        for mutant in mutants_of(module):
+            if is_noticed(module, mutant.source):
+                killed[module] += 1
+            else:
+                survivors.append(mutant)
+                print(f"survives: {mutant.operator}: {mutant.line}", file=sys.stderr, flush=True)
+    return int(report(killed, survivors) > 0)
 
 
 if __name__ == "__main__":
