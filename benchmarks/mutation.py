@@ -106,7 +106,8 @@ def _run_tests(module: str, source: str) -> int:
     exec(compile(source, changed.__file__, "exec"), changed.__dict__)
     package, _, name = module.rpartition(".")
     setattr(sys.modules[package], name, changed)
-    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--assert=plain", *(str(ROOT / test) for test in TESTS)]))
+    options = ["-x", "-q", "-p", "no:cacheprovider", "--assert=plain"]
+    return int(pytest.main([*options, *(str(ROOT / test) for test in TESTS)]))
 
 
 def report(killed: Counter[str], survivors: list[Mutant]) -> int:
