@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -122,6 +123,12 @@ class Door:
         if datagrams:
             self._doors.refused[NOT_THE_PEER] += datagrams
             self.crowded = self.crowded or datagrams > STRANGERS_AT_ONCE
+
+    @property
+    def hears(self) -> Callable[[int], bool] | None:
+        """Says of a system id whether it is heard, without counting; None where all are."""
+        systems = self._doors.admission.systems
+        return systems.__contains__ if systems else None
 
     def lets_in_system(self, system: int) -> bool:
         """Return whether a sender's system id is heard; counts it where it is not."""

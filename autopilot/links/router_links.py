@@ -111,7 +111,7 @@ class ForwardLink:
         self._number = router.join(self._sent)
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._lost = ""
-        believe_signed(transport, signing)
+        believe_signed(transport, signing, self._door.hears)
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""

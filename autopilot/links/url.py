@@ -134,11 +134,22 @@ def _exposed(link: LinkUrl, transport: Transport) -> Transport:
     return transport
 
 
-def believe_signed(transport: Transport, signing: LinkSigning | None) -> None:
-    """Let nobody become the peer of a listening MAVLink transport who does not sign with our key, where we have one."""
-    if signing is not None:
-        observer = signing.observer()
-        let_in(transport, lambda datagram: bool(MavlinkCodec(signing=observer).decode(datagram)))
+def believe_signed(
+    transport: Transport, signing: LinkSigning | None, hears: Callable[[int], bool] | None = None
+) -> None:
+    """Let nobody become the peer of a listening MAVLink transport who does not sign with our key, where we have one.
+
+    hears: says of a system id whether it is heard; None: all are.
+    """
+    if signing is None and hears is None:
+        return
+    observer = signing.observer() if signing is not None else None
+
+    def accepts(datagram: bytes) -> bool:
+        messages = MavlinkCodec(signing=observer).decode(datagram)
+        return any(hears is None or hears(message.get_srcSystem()) for message in messages)
+
+    let_in(transport, accepts)
 
 
 def let_in(transport: Transport, accepts: Callable[[bytes], bool]) -> None:

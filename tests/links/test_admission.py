@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import ipaddress
 import socket
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.build import admission_of, build_pilot
+from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.admission import BYTES_AT_ONCE, Admission, Budget, Doors
 from autopilot.links.base import LinkError
@@ -25,6 +29,7 @@ from autopilot.links.transports import TcpClientTransport, TcpServerTransport, U
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.transports.sockets import interface_address, is_everywhere, only_from
 from autopilot.links.url import open_transport, parse_url
+from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.params.strict_yaml import parse_document
 from autopilot.params.vessel import Security
 from autopilot.params.vessel_file import dump_vessel, load_vessel, vessel_from
@@ -245,3 +250,37 @@ def test_the_vessel_file_says_who_may_come_and_no_station_can_change_it() -> Non
         vessel_from(parse_document(text + "\nsecurity:\n  allow_addresses: [10.0.0.300]\n", "boat.yaml"))
     with pytest.raises(Exception, match="needed is a whole number from 1 to 255"):
         vessel_from(parse_document(text + "\nsecurity:\n  allow_systems: [0]\n", "boat.yaml"))
+
+
+def test_what_the_file_allows_holds_for_the_links_of_a_run(tmp_path: Path) -> None:
+    boat = load_vessel("lanxin")
+    security = Security((255,), ("127.0.0.2",), 10.0, 25.0)
+    vessel = dataclasses.replace(boat, security=security)
+    pilot, saver = build_pilot(vessel), BackgroundSaver()
+    in_force = VesselInForce(vessel, pilot, None, tmp_path / "boat.tuned.yaml", saver)
+    serving = Serving(("udpin:127.0.0.1:0",), 1, Hand(), Mission(TrackGuide()), armed=False)  # type: ignore[arg-type]
+    doors = Doors(admission_of(vessel))
+    links = open_boat_links(serving, in_force, str(tmp_path / "boat.yaml"), saver, doors=doors)
+    served = links[-1]
+    assert isinstance(served, BoatLink) and isinstance(served._transport, UdpInTransport)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ok,
+    ):
+        far.bind(("127.0.0.1", 0))
+        ok.bind(("127.0.0.2", 0))
+        goal = ("127.0.0.1", served._transport.port)
+        far.sendto(MavlinkCodec(255, 190).encode(ARM), goal)
+        ok.sendto(MavlinkCodec(77, 190).encode(ARM), goal)
+        for _ in range(100):
+            served.receive(0.0)
+            if served._transport.strangers == 2:
+                break
+        assert not served._commands.armed and served._transport.peer is None and served._transport.strangers == 2
+        ok.sendto(MavlinkCodec(255, 190).encode(ARM), goal)
+        for _ in range(100):
+            served.receive(0.1)
+        assert served._commands.armed and served._transport.peer == ok.getsockname()
+    for link in links:
+        link.close()
+    saver.close()

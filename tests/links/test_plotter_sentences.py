@@ -48,6 +48,24 @@ def test_apb_is_a_leg() -> None:
     assert leg.waypoint == "DEST"
 
 
+OPENCPN = (
+    "ECRMB,A,0.050,L,001,002,5742.000,N,01152.000,E,1.234,045.000,5.000,V",
+    "ECRMC,120000,A,5741.000,N,01150.000,E,5.000,045.000,211126,4.000,E",
+    "ECAPB,A,A,0.050,L,N,V,V,045.000,T,002,045.000,T,045.000,T",
+    "ECXTE,A,A,0.060,L,N",
+)
+"""What OpenCPN sends of an active route, in its order and with its talker (model/src/autopilot_output.cpp)."""
+
+
+def test_opencpns_route_leads() -> None:
+    heard, _ = hear(*OPENCPN)
+    legs = [message for message in heard if isinstance(message, PlotterLeg)]
+    assert len(legs) == len(heard) == 3
+    assert [leg.cross_track for leg in legs] == pytest.approx([92.6, 92.6, 111.12]), "steer left: to starboard of it"
+    assert math.degrees(legs[1].track) == math.degrees(legs[2].track) == pytest.approx(45.0)
+    assert legs[1].waypoint == "002"
+
+
 def test_a_magnetic_bearing_waits_for_a_variation() -> None:
     heard, reader = hear(APB)
     assert (heard, reader.waiting_for_variation) == ([], 1)

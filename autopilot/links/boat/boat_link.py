@@ -67,8 +67,8 @@ class BoatLink:
         self._transport = transport
         self._commands = commands
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
-        believe_signed(transport, signing)
         self._door = door or Doors().link()
+        believe_signed(transport, signing, self._door.hears)
         self._telemetry = Telemetry(commands.mission, commands.tuner)
         self._texts = StatusTexts()
         self._service = StationService(

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from autopilot.errors import InputError
 from autopilot.loop.logs.series import HEADING, RATE, FloatArray, Recording, Series, from_zero, shifted
@@ -189,6 +188,8 @@ def _on_grid(time: FloatArray, rate: FloatArray, dt: float) -> FloatArray:
 
 def _scores(long: FloatArray, short: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return lags [samples of grid] of `short` behind `long`, and s(L)."""
+    from scipy.signal import fftconvolve  # slow to load, and most logs come alone
+
     lags = np.arange(-(short.size - 1), long.size, dtype=np.float64)
     products = fftconvolve(long, short[::-1])
     energy = np.maximum(fftconvolve(long**2, np.ones(short.size)), 0.0)
