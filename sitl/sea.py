@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,12 +29,17 @@ class Deviates:
         return self._waiting.pop()
 
 
+def second_order_waves(section: SecondOrderSection) -> SecondOrderWaves:
+    """Return the shaping filter of a scenario's section."""
+    gain_deg = 2.0 * section.damping * section.frequency_rad_s * section.sigma_deg
+    return SecondOrderWaves(section.frequency_rad_s, section.damping, math.radians(gain_deg), section.noise_power)
+
+
 class SecondOrderSea:
     """Waves of `autopilot.models.waves.SecondOrderWaves`, as an equivalent rudder angle [rad]."""
 
     def __init__(self, section: SecondOrderSection, deviates: Deviates, dt: float) -> None:
-        gain_deg = 2.0 * section.damping * section.frequency_rad_s * section.sigma_deg
-        model = SecondOrderWaves(section.frequency_rad_s, section.damping, math.radians(gain_deg), section.noise_power)
+        model = second_order_waves(section)
         self._deviates = deviates
         self._transition = waves.discretise(model, dt)
         self._state = waves.stationary_state(model, deviates.next(), deviates.next())
@@ -42,6 +48,47 @@ class SecondOrderSea:
         """Move one step on and return the equivalent rudder [rad]."""
         self._state = waves.wave_step(self._transition, self._state, self._deviates.next(), self._deviates.next())
         return self._state.value
+
+
+class IttcWaves(NamedTuple):
+    """Wave components, arrays (n,): frequency [rad/s] ascending, number [1/m], slope [rad] at the hull, phase [rad].
+
+    towards [rad]: where they travel; length and beam [m] of the hull they meet.
+    """
+
+    frequency: waves.Array
+    number: waves.Array
+    slope: waves.Array
+    phase: waves.Array
+    towards: float
+    length: float
+    beam: float
+
+
+def ittc_waves(section: IttcSection, hull: Hull, generator: np.random.Generator) -> IttcWaves:
+    """Return a random realisation of the sea for this hull."""
+    peak = 2.0 * math.pi / section.peak_period_s
+    # one frequency somewhere in each band: evenly spaced ones would repeat the sea every few minutes
+    band = 2.5 * peak / section.components
+    edges = 0.5 * peak + band * np.arange(section.components)
+    frequency = edges + band * generator.uniform(0.0, 1.0, section.components)
+    number = waves.wave_number(frequency)
+    period = waves.mean_period_of(section.peak_period_s)
+    amplitude = waves.component_amplitudes(frequency, section.significant_height_m, period)
+    slope = amplitude * number * np.exp(-0.5 * number * hull.draught)
+    phase = generator.uniform(0.0, 2.0 * math.pi, section.components)
+    return IttcWaves(
+        frequency, number, slope, phase, math.radians(section.from_deg) + math.pi, hull.length, hull.beam
+    )
+
+
+def wave_forces(components: IttcWaves, heading: float) -> tuple[waves.Array, waves.Array]:
+    """Return the amplitudes of yaw acceleration [rad/s^2] and effective roll slope [rad] (n,) at `heading` [rad]."""
+    beta = components.towards - heading
+    half = 0.5 * components.number * components.length * math.cos(beta)
+    across = 0.5 * components.number * components.beam * math.sin(beta)
+    roll = components.slope * math.sin(beta) * np.sinc(across / math.pi)
+    return (6.0 / components.length) * GRAVITY * roll * _spherical_bessel_1(half), roll
 
 
 class IttcSea:
@@ -56,18 +103,7 @@ class IttcSea:
     """
 
     def __init__(self, section: IttcSection, hull: Hull, generator: np.random.Generator) -> None:
-        peak = 2.0 * math.pi / section.peak_period_s
-        # one frequency somewhere in each band: evenly spaced ones would repeat the sea every few minutes
-        band = 2.5 * peak / section.components
-        edges = 0.5 * peak + band * np.arange(section.components)
-        self._frequency = edges + band * generator.uniform(0.0, 1.0, section.components)
-        self._number = waves.wave_number(self._frequency)
-        period = waves.mean_period_of(section.peak_period_s)
-        amplitude = waves.component_amplitudes(self._frequency, section.significant_height_m, period)
-        self._slope = amplitude * self._number * np.exp(-0.5 * self._number * hull.draught)
-        self._phase = generator.uniform(0.0, 2.0 * math.pi, section.components)
-        self._towards = math.radians(section.from_deg) + math.pi
-        self._hull = hull
+        self._waves = ittc_waves(section, hull, generator)
         self._known_degree: int | None = None
         self._yaw_amplitude = np.zeros(section.components)
         self._roll_amplitude = np.zeros(section.components)
@@ -78,19 +114,13 @@ class IttcSea:
         if degree != self._known_degree:
             # a wave force changes little in a degree, and this is the costly part
             self._known_degree = degree
-            self._turn_to(math.radians(degree))
-        along = state.north * math.cos(self._towards) + state.east * math.sin(self._towards)
-        theta = self._number * along - self._frequency * time + self._phase
+            self._yaw_amplitude, self._roll_amplitude = wave_forces(self._waves, math.radians(degree))
+        towards = self._waves.towards
+        along = state.north * math.cos(towards) + state.east * math.sin(towards)
+        theta = self._waves.number * along - self._waves.frequency * time + self._waves.phase
         yaw = waves.component_sum(self._yaw_amplitude, theta)
         slope = float(np.dot(self._roll_amplitude, np.sin(theta)))
         return yaw, slope
-
-    def _turn_to(self, heading: float) -> None:
-        beta = self._towards - heading
-        half = 0.5 * self._number * self._hull.length * math.cos(beta)
-        across = 0.5 * self._number * self._hull.beam * math.sin(beta)
-        self._roll_amplitude = self._slope * math.sin(beta) * np.sinc(across / math.pi)
-        self._yaw_amplitude = (6.0 / self._hull.length) * GRAVITY * self._roll_amplitude * _spherical_bessel_1(half)
 
 
 def _spherical_bessel_1(argument: waves.Array) -> waves.Array:

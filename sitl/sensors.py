@@ -28,13 +28,13 @@ class Sensors:
         self._faults = faults = FaultBoard(scenario.faults) if faults is None else faults
         self._spoiler = SensorFaults(faults, seed.spawn(1)[0])
         self._start = scenario.start
-        self._heading_noise = math.radians(_or(section.heading_noise_deg, vessel.sensors.heading_noise_deg))
-        self._rate_noise = math.radians(_or(section.rate_noise_deg_s, vessel.sensors.rate_noise_deg_s))
-        self._latency = _or(section.latency_s, vessel.sensors.heading_latency_s)
+        self._heading_noise = math.radians(or_else(section.heading_noise_deg, vessel.sensors.heading_noise_deg))
+        self._rate_noise = math.radians(or_else(section.rate_noise_deg_s, vessel.sensors.rate_noise_deg_s))
+        self._latency = or_else(section.latency_s, vessel.sensors.heading_latency_s)
         self._deviates = Deviates(np.random.default_rng(seed))
         self._on_their_way: deque[Reading] = deque()
         self._latest: Reading | None = None
-        variation_deg = _or(section.variation_deg, _or(vessel.sensors.variation_deg, 0.0))
+        variation_deg = or_else(section.variation_deg, or_else(vessel.sensors.variation_deg, 0.0))
         self.variation = math.radians(variation_deg)
         """Magnetic variation [rad] where the boat is, east positive; 0 where neither file says."""
 
@@ -96,5 +96,6 @@ class Sensors:
         return self._faults.is_on("silence", time)
 
 
-def _or(value: float | None, otherwise: float) -> float:
+def or_else(value: float | None, otherwise: float) -> float:
+    """Return `value`, or `otherwise` where it is None."""
     return otherwise if value is None else value

@@ -19,7 +19,7 @@ from sitl.sea import Sea
 from sitl.sensors import Sensors
 
 STEP = 0.01
-"""Step of the physics [s]; sensors measure at each."""
+"""Step of the physics [s]."""
 
 
 class Orders(NamedTuple):
@@ -40,16 +40,25 @@ class World:
     """Boat, sea and sensors of one run. Time is seconds since the start of the run: simulated time.
 
     `helms` are asked for their orders before each step, `watchers` are called with the time after each.
-    The same vessel, scenario, seed and orders give the same readings, bit for bit.
+    The same vessel, scenario, seed and orders give the same readings, bit for bit. A `plant` takes the place of the one
+    that vessel and scenario describe; sensors measure at each step, or at every so many with `measured_every`.
     """
 
-    def __init__(self, vessel: Vessel, scenario: Scenario, seed: int | None = None, epoch: float = 0.0) -> None:
+    def __init__(
+        self,
+        vessel: Vessel,
+        scenario: Scenario,
+        seed: int | None = None,
+        epoch: float = 0.0,
+        plant: Plant | None = None,
+        measured_every: int = 1,
+    ) -> None:
         self.vessel = vessel
         self.scenario = scenario
         seeds = np.random.SeedSequence(scenario.seed if seed is None else seed).spawn(4)
         sea_seed, sensor_seed, fault_seed, self.chaos_seed = seeds
         self.faults = FaultBoard(scenario.faults, fault_seed)
-        plant = plant_of(vessel, scenario)
+        plant = plant_of(vessel, scenario) if plant is None else plant
         start = scenario.start
         self.cruise_speed = vessel.model.reference_speed_m_s if start.speed_m_s is None else start.speed_m_s
         heading = math.radians(start.heading_deg)
@@ -69,6 +78,7 @@ class World:
         self.watchers: list[Callable[[float], None]] = []
         self._epoch = epoch
         self._steps = 0
+        self._measured_every = measured_every
         self.sensors.sample(0.0, self.boat.state)
 
     @property
@@ -106,7 +116,8 @@ class World:
             after = self.boat.state = after._replace(rudder=rudder)
         state = after
         self._steps += 1
-        self.sensors.sample(self.time, state)
+        if self._steps % self._measured_every == 0:
+            self.sensors.sample(self.time, state)
 
     def _orders(self, time: float) -> tuple[float, float]:
         """The first helm that wants the rudder has it, and likewise the engine; nobody: as it was at the start."""

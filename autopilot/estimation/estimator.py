@@ -61,9 +61,9 @@ def is_rudder(angle: float) -> bool:
     return abs(angle) <= RUDDER_MOST
 
 
-def _pushed(noise: FilterNoise) -> FilterNoise:
-    """Return the noise of a boat that something lasting pushes; without waves the bias is quick enough anyway."""
-    return noise._replace(bias=noise.gust_bias) if noise.waves else noise
+def noises_of(noise: FilterNoise) -> Noises:
+    """Return the noise, and that of a boat which something lasting pushes; without waves the bias is quick anyway."""
+    return Noises(noise, noise._replace(bias=noise.gust_bias) if noise.waves else noise)
 
 
 class Estimator:
@@ -74,7 +74,7 @@ class Estimator:
 
     def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         self._reference_model = model
-        self._noises = Noises(noise, _pushed(noise))
+        self._noises = noises_of(noise)
         self._steerage = steerage
         self.rudder = RudderTrack(gear)
         self.reset()
@@ -94,7 +94,7 @@ class Estimator:
 
     def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         """Go on with another model, steering gear and noise; what is known of the boat stays known."""
-        self._reference_model, self._noises, self._steerage = model, Noises(noise, _pushed(noise)), steerage
+        self._reference_model, self._noises, self._steerage = model, noises_of(noise), steerage
         self.rudder.reconfigure(gear)
         most = SPEED_RATIO_MOST * model.reference_speed
         self.model = model if self._speed is None else at_speed(model, clip(self._speed, -most, most))

@@ -1,0 +1,286 @@
+"""One tick of the pilot while it steers, over NamedTuples and arrays, so that numba compiles it.
+
+Every equation is the product's own function: filter, guidance, law and limits. What stands here is only the order in
+which `Pilot.step` calls them, with what a run without a helmsman needs; tests hold it to the pilot's own numbers.
+Where the supervisor, a monitor or a restart of the filter would have a word, the run is handed to the full simulator.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.angles import shortest_turn, wrap
+from autopilot.control import backstepping, sliding_heading
+from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder
+from autopilot.control.pid import PidGains, PidMemory, feed_forward, pid_step
+from autopilot.control.sliding_heading import SlidingGains, sliding_rudder
+from autopilot.estimation import wave_motion
+from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST, SPEED_SMOOTHING
+from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
+from autopilot.estimation.heading_filter import FilterState
+from autopilot.estimation.rudder_track import RudderPast
+from autopilot.estimation.wave_motion import left_alone
+from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_limits, turn_step
+from autopilot.limits import RudderLimits, limit
+from autopilot.models.norrbin import Norrbin, at_speed
+from autopilot.models.steering_gear import SteeringGear, clip, gear_step
+from autopilot.monitors import AT_THE_STOP, FROZEN_SAMPLES
+from autopilot.pilot import LONGEST_STEP, REPLAN, SPEED_CHANGE
+from autopilot.signals import Reference
+
+Floats = NDArray[np.float64]
+
+BACKSTEPPING, PID, SLIDING = 0, 1, 2
+LAWS = ("backstepping", "pid", "sliding")
+
+
+class Brain(NamedTuple):
+    """What the pilot knows of the boat; see `PilotConfig`. law is a place in LAWS, gains_speed [m/s] where they hold.
+
+    patience [s]: the rudder may be hard over for so long before a monitor would ask why.
+    """
+
+    law: int
+    backstepping: BacksteppingGains
+    pid: PidGains
+    sliding: SlidingGains
+    gains_speed: float
+    model: Norrbin
+    gear: SteeringGear
+    noises: Noises
+    limits: RudderLimits
+    rudder_share: float
+    turn_rate_max: float
+    wave_corner: float
+    steerage: float
+    heading_timeout: float
+    watches_frozen: bool
+    patience: float
+
+
+class Mind(NamedTuple):
+    """What the pilot remembers from tick to tick, the rudder's past apart.
+
+    gone: the run has come to where only the full simulator goes on.
+    """
+
+    now: float
+    model: Norrbin
+    speed: float
+    speed_time: float
+    fusion: Fusion
+    heading_time: float
+    boat: VirtualBoat
+    turn: TurnLimits
+    turn_speed: float
+    pid: PidMemory
+    told: float
+    rudder: float
+    ticks: int
+    same: int
+    heading: float
+    easy_time: float
+    gone: bool
+
+
+class Heard(NamedTuple):
+    """What the instruments said before this tick: heading [rad] and rate [rad/s] measured at `time` [s], nan where
+    silent, and the speed [m/s], nan where none came."""
+
+    time: float
+    heading: float
+    rate: float
+    speed: float
+
+
+class Past(NamedTuple):
+    """Rings of the steering gear's model: ticks' times [s] and angles [rad], orders [rad] and when they were given."""
+
+    times: Floats
+    angles: Floats
+    order_times: Floats
+    orders: Floats
+
+
+def first_mind(brain: Brain, state: FilterState, now: float, heading: float, speed: float, past: Past) -> Mind:
+    """Return the mind at `now` [s] after the first heading: engaged, the rudder amidships, no command given yet."""
+    past.times[0], past.angles[0] = now, 0.0
+    past.order_times[0], past.orders[0] = -math.inf, 0.0
+    model = brain.model if math.isnan(speed) else _model_at(brain, speed)
+    turn, fusion = _turn_limits(brain, model), Fusion(state, 0.0, 0, 0.0)
+    seen = mean_at(model, brain.noises, fusion, RudderPast(past.times, past.angles, 1), now)
+    steered, rate = _steered_by(brain, model, state, seen)
+    return Mind(
+        now=now,
+        model=model,
+        speed=speed,
+        speed_time=now,
+        fusion=fusion,
+        heading_time=state.time,
+        boat=VirtualBoat(steered, clip(rate, -turn.rate_max, turn.rate_max), 0.0),
+        turn=turn,
+        turn_speed=model.reference_speed,
+        pid=PidMemory(0.0, math.nan),
+        told=0.0,
+        rudder=0.0,
+        ticks=1,
+        same=1,
+        heading=heading,
+        easy_time=now,
+        gone=False,
+    )
+
+
+def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target: float) -> Mind:
+    """Return the mind after the tick at `now` [s] on the way to the heading `target` [rad]; `told` is its command."""
+    dt = clip(now - mind.now, 0.0, LONGEST_STEP)
+    listened = _listen(brain, mind, past, now, heard) if dt > 0.0 else mind
+    model = listened.model
+    seen = mean_at(model, brain.noises, listened.fusion, RudderPast(past.times, past.angles, listened.ticks), now)
+    heading, rate = _steered_by(brain, model, listened.fusion.state, seen)
+    turn, turn_speed = listened.turn, listened.turn_speed
+    if abs(model.reference_speed - turn_speed) > SPEED_CHANGE * turn_speed:
+        turn, turn_speed = _turn_limits(brain, model), model.reference_speed
+    boat = listened.boat
+    if abs(shortest_turn(boat.heading, heading)) > REPLAN:
+        boat = VirtualBoat(heading, clip(rate, -turn.rate_max, turn.rate_max), 0.0)
+    boat = turn_step(model, turn, boat, target, dt)
+    bias = clip(listened.fusion.state.bias, -BIAS_MOST, BIAS_MOST)
+    demand, pid = _demand(brain, model, reference_of(model, boat), heading, rate, bias, listened.pid, mind.told, dt)
+    told = limit(brain.limits, mind.told, demand, dt)
+    place = listened.ticks % len(past.orders)
+    past.order_times[place], past.orders[place] = now, told
+    easy_time = listened.easy_time if abs(mind.told) >= AT_THE_STOP * brain.limits.angle_max else now
+    return Mind(
+        now=now,
+        model=model,
+        speed=listened.speed,
+        speed_time=listened.speed_time,
+        fusion=listened.fusion,
+        heading_time=listened.heading_time,
+        boat=boat,
+        turn=turn,
+        turn_speed=turn_speed,
+        pid=pid,
+        told=told,
+        rudder=listened.rudder,
+        ticks=listened.ticks,
+        same=listened.same,
+        heading=listened.heading,
+        easy_time=easy_time,
+        gone=listened.gone or _must_go(brain, listened, now, easy_time, heading, demand),
+    )
+
+
+def _must_go(brain: Brain, mind: Mind, now: float, easy_time: float, heading: float, demand: float) -> bool:
+    """Return whether the pilot would do more than steer: fail-safe, steerage, monitors."""
+    return (
+        not now - mind.heading_time <= brain.heading_timeout
+        or not math.isfinite(heading + demand)
+        or (not math.isnan(mind.speed) and mind.speed < brain.steerage)
+        or (brain.watches_frozen and mind.same >= FROZEN_SAMPLES)
+        or now - easy_time >= brain.patience
+    )
+
+
+def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> Mind:
+    """Return the mind with the samples of this tick taken in, in the estimator's order: speed, rudder, heading."""
+    model, speed, speed_time = mind.model, mind.speed, mind.speed_time
+    if not math.isnan(heard.speed):
+        share = 1.0 - math.exp(-max(now - speed_time, 0.0) / SPEED_SMOOTHING)
+        speed = heard.speed if math.isnan(speed) else speed + share * (heard.speed - speed)
+        model, speed_time = _model_at(brain, speed), now
+    rudder = gear_step(brain.gear, mind.rudder, _order_at(brain, mind, past, now), now - mind.now)
+    place = mind.ticks % len(past.times)
+    past.times[place], past.angles[place] = now, rudder
+    fusion, heading_time, gone = mind.fusion, mind.heading_time, mind.gone
+    same, heading = mind.same, mind.heading
+    if not math.isnan(heard.heading):
+        same = same + 1 if heard.heading == heading else 1
+        heading = heard.heading
+        gone = gone or heard.time - fusion.state.time > PREDICT_LONGEST
+        # the gap that a restart of the filter ends is not carried over
+        time = min(heard.time, fusion.state.time + PREDICT_LONGEST)
+        fusion, is_fused = fuse_measured(
+            model, brain.noises, fusion, RudderPast(past.times, past.angles, mind.ticks + 1), time, heading, heard.rate
+        )
+        heading_time = time if is_fused else heading_time
+        gone = gone or fusion.spikes > GATE_PATIENCE
+    return Mind(
+        now=now,
+        model=model,
+        speed=speed,
+        speed_time=speed_time,
+        fusion=fusion,
+        heading_time=heading_time,
+        boat=mind.boat,
+        turn=mind.turn,
+        turn_speed=mind.turn_speed,
+        pid=mind.pid,
+        told=mind.told,
+        rudder=rudder,
+        ticks=mind.ticks + 1,
+        same=same,
+        heading=heading,
+        easy_time=mind.easy_time,
+        gone=gone,
+    )
+
+
+def _order_at(brain: Brain, mind: Mind, past: Past, now: float) -> float:
+    """Return the order in effect at `now` [s]: the newest that was given the gear's delay ago."""
+    size = len(past.orders)
+    order = mind.ticks
+    while order > 0 and order > mind.ticks - size and past.order_times[order % size] + brain.gear.delay > now:
+        order -= 1
+    return past.orders[order % size]
+
+
+def _model_at(brain: Brain, speed: float) -> Norrbin:
+    most = SPEED_RATIO_MOST * brain.model.reference_speed
+    return at_speed(brain.model, clip(speed, -most, most))
+
+
+def _turn_limits(brain: Brain, model: Norrbin) -> TurnLimits:
+    return turn_limits(model, brain.limits.angle_max, brain.limits.rate_max, brain.rudder_share, brain.turn_rate_max)
+
+
+def _steered_by(
+    brain: Brain, model: Norrbin, state: FilterState, seen: tuple[float, float, float, float]
+) -> tuple[float, float]:
+    """Return heading [rad] and rate [rad/s] with the waves taken out that this boat leaves alone."""
+    psi, rate, wave, wave_rate = seen
+    heading, rate = wrap(psi + wave), rate + wave_rate
+    if state.sea.heading <= 0.0:
+        return heading, rate
+    quickness = model.reference_speed / brain.model.reference_speed
+    share = left_alone(wave_motion.frequency(state.sea), brain.wave_corner * quickness)
+    if share == 0.0:
+        return heading, rate
+    return wrap(heading - share * wave), rate - share * wave_rate
+
+
+def _demand(
+    brain: Brain,
+    model: Norrbin,
+    reference: Reference,
+    heading: float,
+    rate: float,
+    bias: float,
+    memory: PidMemory,
+    told: float,
+    dt: float,
+) -> tuple[float, PidMemory]:
+    """Return the law's demand [rad] and the PID's memory."""
+    ratio = model.reference_speed / brain.gains_speed
+    if brain.law == BACKSTEPPING:
+        gains = backstepping.gains_at(brain.backstepping, ratio)
+        return backstepping_rudder(model, gains, reference, heading, rate, bias), memory
+    if brain.law == SLIDING:
+        surface = sliding_heading.gains_at(brain.sliding, ratio)
+        return sliding_rudder(model, surface, reference, heading, rate, bias), memory
+    return pid_step(brain.pid, memory, reference, heading, rate, told, dt, feed_forward(model, reference))

@@ -1,0 +1,199 @@
+"""From a run of a study to the NamedTuples and arrays of `swift`: the same numbers that `full` starts from."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.build import law_of, pilot_config, verdict_of
+from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
+from autopilot.control.pid import PidGains, PidLaw
+from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
+from autopilot.errors import RefusedError
+from autopilot.estimation.estimator import noises_of
+from autopilot.models import waves, wind
+from autopilot.models.waves import WaveState, WaveTransition
+from autopilot.params.vessel import Vessel
+from sitl.boat import BoatState, Plant
+from sitl.campaign.brain import BACKSTEPPING, PID, SLIDING, Brain, Past
+from sitl.campaign.cases import Case, Job, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
+from sitl.campaign.full import SPEED_HZ, course_of, measured_every
+from sitl.campaign.score import Course
+from sitl.campaign.swift import FAULTS, Faults, Instruments, Rooms, Setting
+from sitl.campaign.waters import Water, surface_of
+from sitl.scenario import Scenario
+from sitl.sea import IttcWaves, ittc_waves, second_order_waves
+from sitl.sensors import or_else
+from sitl.world import STEP, plant_of
+
+DEVIATES_A_SET = 10
+"""How many deviates `Sensors.sample` draws."""
+RING = 64
+NOTHING = np.zeros(0)
+NO_SWELL = WaveTransition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_GAINS = (BacksteppingGains(0.0, 0.0, 0.0), PidGains(0.0, 0.0, 0.0), SlidingGains(0.0, 0.0, 1.0))
+
+
+class Prepared(NamedTuple):
+    """What the runs of a case share. `brain` is None where only the full simulator does justice to the vessel."""
+
+    scenario: Scenario
+    plant: Plant
+    brain: Brain | None
+    course: Course
+    start: BoatState
+    faults: Faults
+    vessel: Vessel
+
+
+@functools.lru_cache(maxsize=512)
+def prepared(job: Job, case: Case) -> Prepared:
+    """Return what the runs of a case share. Raises RefusedError where its gains must not be engaged."""
+    vessel, scenario = vessel_of(job, case), scenario_of(job, case)
+    if refusal := verdict_of(vessel, case.law).refusal:
+        raise RefusedError(f"vessel {vessel.name!r}: {refusal}")
+    speed = scenario.start.speed_m_s or 0.0
+    faults = scenario.faults
+    return Prepared(
+        scenario,
+        plant_of(real_boat(job, case), scenario),
+        brain_of(vessel, case.law),
+        course_of(job.study),
+        BoatState(heading=0.0, speed=speed, north_speed=speed, east_speed=0.0),
+        Faults(
+            np.array([FAULTS.index(fault.kind) for fault in faults], dtype=np.int64),
+            np.array([fault.from_s for fault in faults], dtype=np.float64),
+            np.array([fault.to_s for fault in faults], dtype=np.float64),
+        ),
+        vessel,
+    )
+
+
+def brain_of(vessel: Vessel, law: str) -> Brain | None:
+    """Return what the pilot knows of the boat, for `brain`; None where it does more than that module knows."""
+    config, chosen = pilot_config(vessel, law), law_of(vessel, law)
+    if config.roll is not None or not config.rudder_is_ours:
+        return None
+    back, pid, sliding = NO_GAINS
+    if isinstance(chosen, BacksteppingLaw):
+        place, back = BACKSTEPPING, chosen.gains
+    elif isinstance(chosen, PidLaw):
+        place, pid = PID, chosen.gains
+    elif isinstance(chosen, SlidingLaw):
+        place, sliding = SLIDING, chosen.gains
+    else:
+        return None
+    return Brain(
+        law=place,
+        backstepping=back,
+        pid=pid,
+        sliding=sliding,
+        gains_speed=vessel.model.reference_speed_m_s,
+        model=config.model,
+        gear=config.gear,
+        noises=noises_of(config.noise),
+        limits=config.limits,
+        rudder_share=config.rudder_share,
+        turn_rate_max=config.turn_rate_max,
+        wave_corner=config.wave_corner,
+        steerage=config.steerage,
+        heading_timeout=config.failsafe.heading_timeout,
+        watches_frozen=config.alarms.frozen_heading,
+        patience=config.alarms.off_course_time,
+    )
+
+
+def setting_of(job: Job, run: int) -> Setting | None:
+    """Return the setting of a run; None where only the full simulator can do it."""
+    case, seed = case_and_seed(job, run)
+    shared = prepared(job, case)
+    if shared.brain is None:
+        return None
+    steps = steps_of(job.study, STEP)
+    sea_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
+    water, swell = water_of(shared.scenario, shared.plant, sea_seed, steps)
+    speed = shared.scenario.start.speed_m_s or 0.0
+    return Setting(
+        steps=steps,
+        dt=STEP,
+        plant=shared.plant,
+        start=shared.start,
+        thrust_speed=speed,
+        water=water,
+        swell=swell,
+        instruments=instruments_of(shared, sensor_seed, steps, measured_every(job.study), job.study.heading_hz),
+        faults=shared.faults,
+        brain=shared.brain,
+        course=shared.course,
+    )
+
+
+def instruments_of(
+    shared: Prepared, seed: np.random.SeedSequence, steps: int, every: int, heading_hz: int
+) -> Instruments:
+    """Return the instruments with all their deviates, drawn as `sitl.sensors.Sensors` draws them."""
+    section, vessel = shared.scenario.sensors, shared.vessel.sensors
+    deviates = np.random.default_rng(seed).standard_normal((steps // every + 1, DEVIATES_A_SET))
+    return Instruments(
+        heading_noise=math.radians(or_else(section.heading_noise_deg, vessel.heading_noise_deg)),
+        rate_noise=math.radians(or_else(section.rate_noise_deg_s, vessel.rate_noise_deg_s)),
+        speed_noise=section.speed_noise_m_s,
+        offset=math.radians(section.heading_offset_deg),
+        resolution=math.radians(section.heading_step_deg),
+        latency=or_else(section.latency_s, vessel.heading_latency_s),
+        deviates=deviates,
+        every=every,
+        speed_every=heading_hz // SPEED_HZ,
+    )
+
+
+def water_of(
+    scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, steps: int
+) -> tuple[Water, WaveState]:
+    """Return the sea with all its deviates, drawn as `sitl.sea.Sea` draws them, and the swell at the start."""
+    swell_seed, ittc_seed, wind_seed = seed.spawn(3)
+    section, ittc, gusts = scenario.waves.second_order, scenario.waves.ittc, scenario.wind
+    transition, swell, swell_noise = NO_SWELL, WaveState(), NOTHING
+    if section is not None:
+        drawn = np.random.default_rng(swell_seed).standard_normal(2 + 2 * steps)
+        model, swell_noise = second_order_waves(section), drawn[2:]
+        transition = waves.discretise(model, STEP)
+        swell = waves.stationary_state(model, float(drawn[0]), float(drawn[1]))
+    components = IttcWaves(NOTHING, NOTHING, NOTHING, NOTHING, 0.0, 1.0, 1.0)
+    if ittc is not None:
+        components = ittc_waves(ittc, plant.hull, np.random.default_rng(ittc_seed))
+    has_wind = gusts.speed_m_s > 0.0 or gusts.gust_m_s > 0.0
+    towards = math.radians(scenario.current.towards_deg)
+    water = Water(
+        has_swell=section is not None,
+        swell=transition,
+        swell_noise=swell_noise,
+        has_waves=ittc is not None,
+        waves=components,
+        has_wind=has_wind,
+        wind_speed=gusts.speed_m_s,
+        wind_from=math.radians(gusts.from_deg),
+        gust=wind.Gust(gusts.gust_m_s, gusts.gust_time_s),
+        load=wind.WindLoad(math.radians(gusts.rudder_deg_per_m2_s2), gusts.leeway),
+        wind_noise=np.random.default_rng(wind_seed).standard_normal(steps) if has_wind else NOTHING,
+        current_north=scenario.current.speed_m_s * math.cos(towards),
+        current_east=scenario.current.speed_m_s * math.sin(towards),
+    )
+    return water, swell
+
+
+def rooms_of(setting: Setting) -> Rooms:
+    """Return memory for one run."""
+    delay, latency = setting.plant.gear.delay, setting.instruments.latency
+    tick = setting.instruments.every * setting.dt
+    past = RING + math.ceil(2.0 / tick)
+    orders = 2 + math.ceil(setting.brain.gear.delay / tick)
+    return Rooms(
+        surface_of(len(setting.water.waves.number)),
+        Past(np.zeros(past), np.zeros(past), np.zeros(orders + 1), np.zeros(orders + 1)),
+        np.zeros(2 + math.ceil(delay / setting.dt)),
+        np.zeros((2 + math.ceil(latency / tick), 3)),
+    )

@@ -1,0 +1,110 @@
+"""Study files: which boats, laws, seas, speeds, mistakes of the model, instruments and faults, and how often. Strict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+from autopilot.params import schema
+from autopilot.params.schema import Bounds
+from autopilot.params.strict_yaml import Node, read_document
+from sitl.scenario import FaultSection, HullSection, SensorsSection, WavesSection, WindSection
+
+SCHEMA_VERSION = 1
+MOST_RUNS = 10_000_000
+
+LawName = Literal["backstepping", "pid", "sliding"]
+
+
+@dataclass(frozen=True)
+class BoatSection:
+    """A vessel file, or the name of a shipped one, and the hull around its model; a path starts at the study's."""
+
+    vessel: str
+    hull: HullSection = field(default_factory=HullSection)
+
+
+@dataclass(frozen=True)
+class SeaSection:
+    """Waves and wind; where they come from is the study's `sides_deg`."""
+
+    waves: WavesSection = field(default_factory=WavesSection)
+    wind: WindSection = field(default_factory=WindSection)
+
+
+@dataclass(frozen=True)
+class MismatchSection:
+    """The real boat beside the pilot's model: factors on its K and T, and what its trim is off."""
+
+    K: Annotated[float, Bounds(0.1, 10.0, "real K over the model's")] = 1.0
+    T: Annotated[float, Bounds(0.1, 10.0, "real T over the model's")] = 1.0
+    n0_rad_s: Annotated[float, Bounds(-10.0, 10.0, "added to the model's n0")] = 0.0
+
+
+@dataclass(frozen=True)
+class TurnSection:
+    """A change of the heading ordered."""
+
+    degrees: Annotated[float, Bounds(-180.0, 180.0, "turn, positive to starboard; 0: none")] = 0.0
+    at_s: Annotated[float, Bounds(0.0, 1.0e5, "when it is ordered")] = 30.0
+
+
+@dataclass(frozen=True)
+class Study:
+    """Every combination of its lists is a case, and every case is run `runs` times, on seeds `seed`, `seed` + 1, ..."""
+
+    schema_version: int
+    name: str
+    boats: dict[str, BoatSection]
+    description: str = ""
+    seed: Annotated[int, Bounds(0, 2**31, "seed of every case's first run")] = 1
+    runs: Annotated[int, Bounds(1, 1_000_000, "runs of every case")] = 10
+    seconds: Annotated[float, Bounds(1.0, 1.0e5, "simulated time of a run")] = 300.0
+    measured_from_s: Annotated[float, Bounds(0.0, 1.0e5, "what is earlier does not count")] = 60.0
+    heading_hz: Annotated[int, Bounds(1, 100, "readings and ticks a second, a divisor of 100")] = 10
+    turn: TurnSection = field(default_factory=TurnSection)
+    laws: tuple[LawName, ...] = ("backstepping",)
+    gain_factors: tuple[Annotated[float, Bounds(0.01, 100.0, "factor on the loop's bandwidth")], ...] = (1.0,)
+    speed_shares: tuple[Annotated[float, Bounds(0.05, 3.0, "share of the model's reference speed")], ...] = (1.0,)
+    seas: dict[str, SeaSection] = field(default_factory=lambda: {"calm": SeaSection()})
+    sides_deg: tuple[Annotated[float, Bounds(-360.0, 360.0, "off the bow")], ...] = (45.0,)
+    mismatches: dict[str, MismatchSection] = field(default_factory=lambda: {"as modelled": MismatchSection()})
+    instruments: dict[str, SensorsSection] = field(default_factory=lambda: {"as filed": SensorsSection()})
+    faults: dict[str, tuple[FaultSection, ...]] = field(default_factory=lambda: {"none": ()})
+
+
+def load_study(path: Path) -> Study:
+    """Return the study of a YAML file. Raises InputError."""
+    return study_from(read_document(path))
+
+
+def study_from(root: Node) -> Study:
+    """Return the study that a document holds, checked across its fields. Raises InputError."""
+    study = schema.read(root, Study)
+    if study.schema_version != SCHEMA_VERSION:
+        raise root.at("schema_version").fault(
+            f"schema_version is {study.schema_version}, this version of Norrbin reads {SCHEMA_VERSION}."
+        )
+    for key in ("boats", "laws", "gain_factors", "speed_shares", "seas", "sides_deg", "mismatches"):
+        if not getattr(study, key):
+            raise root.at(key).fault(f"{key} is empty; give at least one, or leave the key out.")
+    for key in ("instruments", "faults"):
+        if not getattr(study, key):
+            raise root.at(key).fault(f"{key} is empty; give at least one, or leave the key out.")
+    if 100 % study.heading_hz:
+        raise root.at("heading_hz").fault(
+            f"heading_hz is {study.heading_hz}, allowed are the divisors of 100: 1, 2, 4, 5, 10, 20, 25, 50, 100."
+        )
+    if study.measured_from_s >= study.seconds:
+        raise root.at("measured_from_s" if "measured_from_s" in root.value else "seconds").fault(
+            f"measured_from_s ({study.measured_from_s:g}) must lie before the end of the run, seconds "
+            f"({study.seconds:g})."
+        )
+    for name, faults in study.faults.items():
+        for index, fault in enumerate(faults):
+            if fault.to_s <= fault.from_s:
+                raise root.at("faults").fault(
+                    f"faults.{name}[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
+                )
+    return study

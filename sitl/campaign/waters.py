@@ -1,0 +1,159 @@
+"""Waves and wind on the boat step by step, over arrays, so that numba compiles them: the sea of `sitl.sea`.
+
+The equations are those of `autopilot.models` and `sitl.sea`. Only the sum of wave components goes another way: their
+phases move little in a step, so that sine and cosine are turned on by it,
+
+    cos(a + d) = cos a cos d - sin a sin d,   sin(a + d) = sin a cos d + cos a sin d,
+
+with the series of sin d and cos d to d^11 and d^12, and taken anew every `AFRESH` steps.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.models import waves, wind
+from autopilot.models.waves import WaveState, WaveTransition
+from autopilot.models.wind import Gust, WindLoad
+from sitl.boat import BoatState, Disturbance
+from sitl.sea import IttcWaves, wave_forces
+
+Floats = NDArray[np.float64]
+
+AFRESH = 256
+LONGEST_TURN = 0.3
+"""A phase that moves further than this [rad] in one step is taken anew each step."""
+
+
+class Water(NamedTuple):
+    """Everything about sea, wind and current that does not change; arrays without entries where there are no waves.
+
+    swell_noise holds two deviates a step, wind_noise one.
+    """
+
+    has_swell: bool
+    swell: WaveTransition
+    swell_noise: Floats
+    has_waves: bool
+    waves: IttcWaves
+    has_wind: bool
+    wind_speed: float
+    wind_from: float
+    gust: Gust
+    load: WindLoad
+    wind_noise: Floats
+    current_north: float
+    current_east: float
+
+
+class Surface(NamedTuple):
+    """The waves' phases and forces by component, and the force of every degree of heading met so far."""
+
+    cosine: Floats
+    sine: Floats
+    yaw: Floats
+    roll: Floats
+    known: NDArray[np.bool_]
+
+
+class WaterState(NamedTuple):
+    """Where the sea is: the swell's state, the gust [m/s], way along the waves [m] at the last step, its degree."""
+
+    swell: WaveState
+    gust: float
+    along: float
+    degree: int
+
+
+def surface_of(components: int) -> Surface:
+    """Return room for so many wave components."""
+    return Surface(
+        np.zeros(components),
+        np.zeros(components),
+        np.zeros((360, components)),
+        np.zeros((360, components)),
+        np.zeros(360, dtype=np.bool_),
+    )
+
+
+def water_step(
+    water: Water, surface: Surface, before: WaterState, step: int, dt: float, state: BoatState
+) -> tuple[WaterState, Disturbance]:
+    """Return the sea after step number `step`, and what it does to a boat at `state`."""
+    swell, rudder = before.swell, 0.0
+    if water.has_swell:
+        swell = waves.wave_step(water.swell, swell, water.swell_noise[2 * step], water.swell_noise[2 * step + 1])
+        rudder = swell.value
+    yaw, slope, along, degree = 0.0, 0.0, before.along, before.degree
+    if water.has_waves:
+        degree = _met(water.waves, surface, state.heading)
+        along = _phases(water.waves, surface, before.along, step, dt, state)
+        yaw, slope = summed(surface.yaw[degree], surface.roll[degree], surface.cosine, surface.sine)
+    gust, push, leeway = before.gust, 0.0, 0.0
+    if water.has_wind:
+        gust = wind.gust_step(water.gust, gust, dt, water.wind_noise[step])
+        felt = wind.apparent_wind(
+            max(water.wind_speed + gust, 0.0), water.wind_from, state.heading, state.north_speed, state.east_speed
+        )
+        push, leeway = wind.rudder_equivalent(water.load, felt), wind.leeway_speed(water.load, felt)
+    acting = Disturbance(rudder + push, yaw, slope, leeway, water.current_north, water.current_east)
+    return WaterState(swell, gust, along, degree), acting
+
+
+def _met(components: IttcWaves, surface: Surface, heading: float) -> int:
+    """Return the place of the forces at this heading [rad], to the degree; they are worked out once."""
+    whole = round(math.degrees(heading))
+    place = whole % 360
+    if not surface.known[place]:
+        yaw, roll = wave_forces(components, math.radians(whole))
+        surface.yaw[place, :] = yaw
+        surface.roll[place, :] = roll
+        surface.known[place] = True
+    return place
+
+
+def _phases(
+    components: IttcWaves, surface: Surface, along_before: float, step: int, dt: float, state: BoatState
+) -> float:
+    """Bring cosine and sine of every component's phase to this step; return the way along the waves [m]."""
+    along = state.north * math.cos(components.towards) + state.east * math.sin(components.towards)
+    moved = along - along_before
+    is_far = abs(moved) * components.number[-1] + dt * components.frequency[-1] > LONGEST_TURN
+    if step % AFRESH == 0 or is_far:
+        theta = components.number * along - components.frequency * (step * dt) + components.phase
+        surface.cosine[:] = np.cos(theta)
+        surface.sine[:] = np.sin(theta)
+    else:
+        turned(components.number, components.frequency, moved, dt, surface.cosine, surface.sine)
+    return along
+
+
+def turned(number: Floats, frequency: Floats, moved: float, dt: float, cosine: Floats, sine: Floats) -> None:
+    """Turn the phases, in place, by number x `moved` [m] - frequency x `dt` [s]."""
+    for k in range(len(number)):
+        d = number[k] * moved - frequency[k] * dt
+        q = d * d
+        s = d * (
+            1.0
+            - q * (1 / 6) * (1.0 - q * (1 / 20) * (1.0 - q * (1 / 42) * (1.0 - q * (1 / 72) * (1.0 - q * (1 / 110)))))
+        )
+        c = 1.0 - q * 0.5 * (
+            1.0
+            - q * (1 / 12) * (1.0 - q * (1 / 30) * (1.0 - q * (1 / 56) * (1.0 - q * (1 / 90) * (1.0 - q * (1 / 132)))))
+        )
+        before = cosine[k]
+        cosine[k] = before * c - sine[k] * s
+        sine[k] = sine[k] * c + before * s
+
+
+def summed(yaw: Floats, roll: Floats, cosine: Floats, sine: Floats) -> tuple[float, float]:
+    """Return the sums of yaw cos and roll sin over the components."""
+    total_yaw = total_roll = 0.0
+    for k in range(len(yaw)):
+        total_yaw += yaw[k] * cosine[k]
+        total_roll += roll[k] * sine[k]
+    return total_yaw, total_roll
