@@ -155,6 +155,8 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     place = listened.ticks % len(past.orders)
     past.order_times[place], past.orders[place] = now, told
     easy_time = listened.easy_time if abs(mind.told) >= AT_THE_STOP * brain.limits.angle_max else now
+    # numba takes no condition inside the call below
+    gone = listened.gone or _must_go(brain, listened, now, easy_time, heading, demand)
     return Mind(
         now=now,
         model=model,
@@ -172,7 +174,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         same=listened.same,
         heading=listened.heading,
         easy_time=easy_time,
-        gone=listened.gone or _must_go(brain, listened, now, easy_time, heading, demand),
+        gone=gone,
     )
 
 

@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from autopilot.angles import wrap
 from autopilot.build import law_of, pilot_config, verdict_of
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import RefusedError
 from autopilot.estimation.estimator import noises_of
+from autopilot.estimation.heading_filter import initial
 from autopilot.models import waves, wind
 from autopilot.models.waves import WaveState, WaveTransition
 from autopilot.params.vessel import Vessel
@@ -22,7 +24,7 @@ from sitl.campaign.brain import BACKSTEPPING, PID, SLIDING, Brain, Past
 from sitl.campaign.cases import Case, Job, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.campaign.full import SPEED_HZ, course_of, measured_every
 from sitl.campaign.score import Course
-from sitl.campaign.swift import FAULTS, Faults, Instruments, Rooms, Setting
+from sitl.campaign.swift import FAULTS, Faults, Instruments, Rooms, Setting, readings
 from sitl.campaign.waters import Water, surface_of
 from sitl.scenario import Scenario
 from sitl.sea import IttcWaves, ittc_waves, second_order_waves
@@ -115,18 +117,21 @@ def setting_of(job: Job, run: int) -> Setting | None:
     steps = steps_of(job.study, STEP)
     sea_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
     water, swell = water_of(shared.scenario, shared.plant, sea_seed, steps)
-    speed = shared.scenario.start.speed_m_s or 0.0
+    every = measured_every(job.study)
+    instruments = instruments_of(shared, sensor_seed, steps, every, job.study.heading_hz)
+    heading, rate, _ = readings(instruments, instruments.deviates[0], shared.start)
     return Setting(
         steps=steps,
         dt=STEP,
         plant=shared.plant,
         start=shared.start,
-        thrust_speed=speed,
+        thrust_speed=shared.start.speed,
         water=water,
         swell=swell,
-        instruments=instruments_of(shared, sensor_seed, steps, measured_every(job.study), job.study.heading_hz),
+        instruments=instruments,
         faults=shared.faults,
         brain=shared.brain,
+        filtered=initial(0.0, wrap(float(heading)), float(rate), shared.brain.noises.usual),
         course=shared.course,
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.angles import wrap, wrap_positive
-from autopilot.estimation.heading_filter import initial
+from autopilot.estimation.heading_filter import FilterState
 from autopilot.models.waves import WaveState
 from sitl.boat import BoatState, Plant, boat_step
 from sitl.campaign.brain import Brain, Heard, Past, first_mind, tick
@@ -53,7 +53,10 @@ class Faults(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """All that a run depends on: steps of `dt` [s], the engine's speed [m/s], and every part's own setting."""
+    """All that a run depends on: steps of `dt` [s], the engine's speed [m/s], and every part's own setting.
+
+    filtered: the filter's state after the first heading.
+    """
 
     steps: int
     dt: float
@@ -65,6 +68,7 @@ class Setting(NamedTuple):
     instruments: Instruments
     faults: Faults
     brain: Brain
+    filtered: FilterState
     course: Course
 
 
@@ -88,8 +92,7 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
     rooms.readings[0, 0], rooms.readings[0, 1], rooms.readings[0, 2] = first
     if at_work(faults, DROPOUT, lag * dt) or at_work(faults, SILENCE, lag * dt) or at_work(faults, FROZEN, 0.0):
         return NOTHING, False
-    filtered = initial(0.0, wrap(first[0]), first[1], setting.brain.noises.usual, None)
-    mind = first_mind(setting.brain, filtered, lag * dt, wrap(first[0]), first[2], rooms.past)
+    mind = first_mind(setting.brain, setting.filtered, lag * dt, wrap(first[0]), first[2], rooms.past)
     score, told = NOTHING, 0.0
     for step in range(setting.steps):
         time = step * dt
