@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
-from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
+from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share
 from autopilot.models.waves import GRAVITY
 
 
@@ -79,15 +79,37 @@ class BoatState(NamedTuple):
     east_speed: float = 0.0
 
 
+class Shares(NamedTuple):
+    """The share of its way that rudder, speed and drift cover in one step: the same for every step of a length."""
+
+    rudder: float
+    speed: float
+    sway: float
+
+
+def shares_of(plant: Plant, dt: float) -> Shares:
+    """Return the shares of a step of `dt` [s]."""
+    hull = plant.hull
+    return Shares(
+        lag_share(plant.gear, dt), -math.expm1(-dt / hull.speed_time), -math.expm1(-dt / hull.sway_time)
+    )
+
+
 def boat_step(
-    plant: Plant, state: BoatState, order: float, thrust_speed: float, disturbance: Disturbance, dt: float
+    plant: Plant,
+    shares: Shares,
+    state: BoatState,
+    order: float,
+    thrust_speed: float,
+    disturbance: Disturbance,
+    dt: float,
 ) -> BoatState:
     """Return the state `dt` [s] later (dt of about 10 ms), the rudder `order` [rad] and all else held.
 
-    `thrust_speed` [m/s] is the speed that the propulsion would reach on a straight course.
+    `shares` are those of `dt`; `thrust_speed` [m/s] is the speed that the propulsion would reach on a straight course.
     """
     hull = plant.hull
-    rudder = gear_step(plant.gear, state.rudder, order, dt)
+    rudder = gear_step_by(plant.gear, shares.rudder, state.rudder, order, dt)
     rate = state.rate
     if abs(state.speed) > 1.0e-3:
         model = at_speed(plant.model, state.speed)
@@ -98,10 +120,8 @@ def boat_step(
     else:
         rate *= math.exp(-dt / plant.model.time_constant)
     heading = state.heading + 0.5 * dt * (state.rate + rate)
-    speed = _speed_step(hull, state.speed, rate, thrust_speed, dt)
-    sway = state.sway + (disturbance.sway_speed - hull.drift_lever * rate - state.sway) * -math.expm1(
-        -dt / hull.sway_time
-    )
+    speed = _speed_step(hull, shares.speed, state.speed, rate, thrust_speed)
+    sway = state.sway + (disturbance.sway_speed - hull.drift_lever * rate - state.sway) * shares.sway
     roll, roll_rate = _roll_step(hull, state, speed, rate, disturbance.roll_slope, dt)
     cosine, sine = math.cos(heading), math.sin(heading)
     north_speed = speed * cosine - sway * sine + disturbance.current_north
@@ -121,11 +141,11 @@ def boat_step(
     )
 
 
-def _speed_step(hull: Hull, speed: float, rate: float, thrust_speed: float, dt: float) -> float:
+def _speed_step(hull: Hull, share: float, speed: float, rate: float, thrust_speed: float) -> float:
     """Speed settles, with `speed_time`, where thrust balances resistance and the loss in turning."""
     swing = rate * hull.length / max(abs(speed), 0.1)
     settled = thrust_speed / (1.0 + hull.turn_speed_loss * min(swing * swing, 100.0))
-    return speed + (settled - speed) * -math.expm1(-dt / hull.speed_time)
+    return speed + (settled - speed) * share
 
 
 def _roll_step(hull: Hull, state: BoatState, speed: float, rate: float, slope: float, dt: float) -> tuple[float, float]:
@@ -143,11 +163,14 @@ class Boat:
     def __init__(self, plant: Plant, initial: BoatState | None = None) -> None:
         self.plant = plant
         self.state = BoatState() if initial is None else initial
+        self._shares, self._step = shares_of(plant, 0.0), 0.0
         self._orders = DelayLine(plant.gear.delay, self.state.rudder)
 
     def step(self, now: float, order: float, thrust_speed: float, disturbance: Disturbance, dt: float) -> BoatState:
         """Give the rudder `order` [rad] at `now` [s], move `dt` [s] on and return the new state."""
         self._orders.give(now, order)
         effective = self._orders.effective(now)
-        self.state = boat_step(self.plant, self.state, effective, thrust_speed, disturbance, dt)
+        if dt != self._step:
+            self._shares, self._step = shares_of(self.plant, dt), dt
+        self.state = boat_step(self.plant, self._shares, self.state, effective, thrust_speed, disturbance, dt)
         return self.state

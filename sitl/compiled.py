@@ -7,8 +7,11 @@ its module. The functions stay as they are, plain scalars over NamedTuples, for 
 from __future__ import annotations
 
 import functools
+import hashlib
 import math
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -17,15 +20,54 @@ from autopilot.errors import InputError
 OURS = ("autopilot.", "sitl.", "benchmarks.", "__main__", "test_", "liu2017")
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function` compiled, with those it calls. InputError where numba is not installed."""
+ARITHMETIC = {"arcp", "contract", "reassoc", "nsz"}
+"""What the quick compilation may do to sums and quotients: another order, one rounding less. A result moves by parts in
+1e15; what is not a number or infinite stays so."""
+
+
+def compiled(function: Callable[..., Any], *, quick: bool = False) -> Callable[..., Any]:
+    """Return `function` compiled, with those it calls. InputError where numba is not installed.
+
+    `quick`: with freedom in the order of arithmetic, see ARITHMETIC, without Python's error for a division by zero, and
+    kept on disk for the next time (in NUMBA_CACHE_DIR, or the user's cache folder).
+    """
     try:
         import numba
     except ImportError as exc:
         raise InputError("compiled studies need numba: pip install 'norrbin[fast]'") from exc
     _teach_remainder()
-    ready: Callable[..., Any] = _compile(function, numba.njit, {})
+    ready: Callable[..., Any]
+    if not quick:
+        ready = _compile(function, numba.njit, {})
+        return ready
+    jit = functools.partial(numba.njit, fastmath=ARITHMETIC, error_model="numpy")
+    done: dict[Any, Any] = {}
+    ready = _compile(function, jit, done)
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_cache_folder(before) / _fingerprint(done))
+    try:
+        # the outermost function's code holds all the others'
+        ready.enable_caching()  # type: ignore[attr-defined]
+    finally:
+        numba.config.CACHE_DIR = before
     return ready
+
+
+def _cache_folder(asked: str) -> Path:
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(asked) if asked else Path(home) / "norrbin" / "compiled"
+
+
+def _fingerprint(functions: Iterable[FunctionType]) -> str:
+    """Return what changes when any of the functions, or a number that they use, does: numba looks at one file only."""
+    parts = []
+    for function in functions:
+        code, scope = function.__code__, function.__globals__
+        used = {name: scope[name] for name in code.co_names if name in scope}
+        values = {name: value for name, value in used.items() if isinstance(value, float | int | str | tuple | dict)}
+        fields = {name: getattr(value, "_fields", None) for name, value in used.items()}
+        parts.append(repr((function.__qualname__, code.co_code, code.co_consts, code.co_names, values, fields)))
+    return hashlib.sha256("\n".join(sorted(parts)).encode()).hexdigest()[:24]
 
 
 def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
@@ -40,6 +82,7 @@ def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
         elif isinstance(value, ModuleType) and value.__name__.startswith(OURS):
             scope[name] = _module(value, called, jit, done)
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
+    copy.__qualname__ = function.__qualname__
     done[function] = jit(copy)
     return done[function]
 

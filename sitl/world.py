@@ -11,7 +11,7 @@ import numpy as np
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Vessel
-from sitl.boat import Boat, BoatState, Hull, Plant
+from sitl.boat import STILL, Boat, BoatState, Hull, Plant
 from sitl.faults import FaultBoard
 from sitl.rudder_faults import RudderFaults, pushed, thrust_left
 from sitl.scenario import Scenario
@@ -41,7 +41,8 @@ class World:
 
     `helms` are asked for their orders before each step, `watchers` are called with the time after each.
     The same vessel, scenario, seed and orders give the same readings, bit for bit. A `plant` takes the place of the one
-    that vessel and scenario describe; sensors measure at each step, or at every so many with `measured_every`.
+    that vessel and scenario describe; sensors measure at each step, or at every so many with `measured_every`,
+    and the sea is felt anew at each, or at every so many with `felt_every`.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class World:
         epoch: float = 0.0,
         plant: Plant | None = None,
         measured_every: int = 1,
+        felt_every: int = 1,
     ) -> None:
         self.vessel = vessel
         self.scenario = scenario
@@ -71,14 +73,15 @@ class World:
                 east_speed=self.cruise_speed * math.sin(heading),
             ),
         )
-        self._sea = Sea(scenario, plant.hull, sea_seed, STEP)
+        self._sea = Sea(scenario, plant.hull, sea_seed, felt_every * STEP)
         self._rudder_faults = RudderFaults(self.faults, plant.gear)
         self.sensors = Sensors(vessel, scenario, sensor_seed, self.faults)
         self.helms: list[Helm] = []
         self.watchers: list[Callable[[float], None]] = []
         self._epoch = epoch
         self._steps = 0
-        self._measured_every = measured_every
+        self._measured_every, self._felt_every = measured_every, felt_every
+        self._felt = STILL
         self.sensors.sample(0.0, self.boat.state)
 
     @property
@@ -109,7 +112,9 @@ class World:
         order, thrust = self._orders(time)
         order = self._rudder_faults.order(time, order, state.rudder)
         thrust = thrust_left(self.faults, time, thrust, self.cruise_speed)
-        disturbance = pushed(self.faults, time, self._sea.step(time, state))
+        if self._steps % self._felt_every == 0:
+            self._felt = self._sea.step(time, state)
+        disturbance = pushed(self.faults, time, self._felt)
         after = self.boat.step(time, order, thrust, disturbance, STEP)
         rudder = self._rudder_faults.reached(time, state.rudder, after.rudder, STEP)
         if rudder != after.rudder:

@@ -35,10 +35,19 @@ def gear_step(gear: SteeringGear, angle: float, order: float, dt: float) -> floa
 
     The lag is solved exactly over the step, then held to the rate: stable for any dt >= 0.
     """
+    return gear_step_by(gear, lag_share(gear, dt), angle, order, dt)
+
+
+def lag_share(gear: SteeringGear, dt: float) -> float:
+    """Return the share of its way to an order that the rudder covers in `dt` [s] by its lag alone."""
+    return -math.expm1(-dt / gear.lag) if gear.lag > 0.0 else 1.0
+
+
+def gear_step_by(gear: SteeringGear, share: float, angle: float, order: float, dt: float) -> float:
+    """Return the same as `gear_step`, its `lag_share` of `dt` [s] being known."""
     error = clip(order, -gear.angle_max, gear.angle_max) - angle
     if abs(error) <= gear.dead_band:
         return angle
-    share = -math.expm1(-dt / gear.lag) if gear.lag > 0.0 else 1.0
     reach = gear.rate_max * dt
     return clip(angle + clip(share * error, -reach, reach), -gear.angle_max, gear.angle_max)
 

@@ -14,6 +14,8 @@ from sitl.sensors import Reading
 from sitl.world import STEP, Orders, World, plant_of
 
 SPEED_HZ = 1
+WATER_EVERY = 5
+"""The sea is felt anew every so many steps, 20 times a second: quickly enough for waves of less than 1 Hz."""
 
 
 class _Told:
@@ -43,7 +45,7 @@ def run_fully(job: Job, run: int) -> Figures:
     case, seed = case_and_seed(job, run)
     study, vessel, scenario = job.study, vessel_of(job, case), scenario_of(job, case)
     every = measured_every(study)
-    world = World(vessel, scenario, seed, plant=plant_of(real_boat(job, case), scenario), measured_every=every)
+    world = World(vessel, scenario, seed, plant=plant_of(real_boat(job, case), scenario), measured_every=every, felt_every=WATER_EVERY)
     pilot, helm, course = build_pilot(vessel, case.law), _Told(), course_of(study)
     world.helms.append(helm)
     score, told, ticks, engaged = NOTHING, 0.0, 0, 0
@@ -67,10 +69,12 @@ def _samples(world: World, reading: Reading, now: float, with_speed: bool) -> tu
     """Return what of a set of readings reaches the pilot: the speed once a second, the heading unless it fails."""
     if world.sensors.is_silent(now):
         return ()
+    with_speed = with_speed and not world.faults.is_on("speed_lost", now)
     speed = (SpeedSample(reading.time, reading.water_speed),) if with_speed else ()
     if not world.sensors.has_heading(now):
         return speed
-    return (HeadingSample(reading.time, wrap(reading.heading), reading.rate), *speed)
+    heading = math.nan if world.faults.is_on("heading_nan", now) else wrap(reading.heading)
+    return (HeadingSample(reading.time, heading, reading.rate), *speed)
 
 
 def _scored(score: Score, course: Course, world: World, before: float, told: float) -> Score:

@@ -19,13 +19,15 @@ from autopilot.estimation.heading_filter import initial
 from autopilot.models import waves, wind
 from autopilot.models.waves import WaveState, WaveTransition
 from autopilot.params.vessel import Vessel
-from sitl.boat import BoatState, Plant
+from sitl.boat import BoatState, Plant, shares_of
 from sitl.campaign.brain import BACKSTEPPING, PID, SLIDING, Brain, Past
 from sitl.campaign.cases import Case, Job, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
-from sitl.campaign.full import SPEED_HZ, course_of, measured_every
+from sitl.campaign.failing import can_be_tabled, failing
+from sitl.campaign.full import SPEED_HZ, WATER_EVERY, course_of, measured_every
 from sitl.campaign.score import Course
-from sitl.campaign.swift import FAULTS, Faults, Instruments, Rooms, Setting, readings
+from sitl.campaign.swift import Instruments, Rooms, Setting, readings
 from sitl.campaign.waters import Water, surface_of
+from sitl.faults import FaultBoard
 from sitl.scenario import Scenario
 from sitl.sea import IttcWaves, ittc_waves, second_order_waves
 from sitl.sensors import or_else
@@ -47,7 +49,6 @@ class Prepared(NamedTuple):
     brain: Brain | None
     course: Course
     start: BoatState
-    faults: Faults
     vessel: Vessel
 
 
@@ -58,18 +59,12 @@ def prepared(job: Job, case: Case) -> Prepared:
     if refusal := verdict_of(vessel, case.law).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {refusal}")
     speed = scenario.start.speed_m_s or 0.0
-    faults = scenario.faults
     return Prepared(
         scenario,
         plant_of(real_boat(job, case), scenario),
         brain_of(vessel, case.law),
         course_of(job.study),
         BoatState(heading=0.0, speed=speed, north_speed=speed, east_speed=0.0),
-        Faults(
-            np.array([FAULTS.index(fault.kind) for fault in faults], dtype=np.int64),
-            np.array([fault.from_s for fault in faults], dtype=np.float64),
-            np.array([fault.to_s for fault in faults], dtype=np.float64),
-        ),
         vessel,
     )
 
@@ -112,24 +107,27 @@ def setting_of(job: Job, run: int) -> Setting | None:
     """Return the setting of a run; None where only the full simulator can do it."""
     case, seed = case_and_seed(job, run)
     shared = prepared(job, case)
-    if shared.brain is None:
+    if shared.brain is None or not can_be_tabled(shared.scenario):
         return None
     steps = steps_of(job.study, STEP)
-    sea_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
-    water, swell = water_of(shared.scenario, shared.plant, sea_seed, steps)
+    sea_seed, sensor_seed, fault_seed, _ = np.random.SeedSequence(seed).spawn(4)
+    water, swell = water_of(shared.scenario, shared.plant, sea_seed, steps // WATER_EVERY + 1)
     every = measured_every(job.study)
     instruments = instruments_of(shared, sensor_seed, steps, every, job.study.heading_hz)
-    heading, rate, _ = readings(instruments, instruments.deviates[0], shared.start)
+    if shared.scenario.faults:
+        instruments = failing(instruments, FaultBoard(shared.scenario.faults, fault_seed), sensor_seed)
+    heading, rate, _ = readings(instruments, 0, shared.start)
     return Setting(
         steps=steps,
         dt=STEP,
         plant=shared.plant,
+        shares=shares_of(shared.plant, STEP),
         start=shared.start,
         thrust_speed=shared.start.speed,
+        water_every=WATER_EVERY,
         water=water,
         swell=swell,
         instruments=instruments,
-        faults=shared.faults,
         brain=shared.brain,
         filtered=initial(0.0, wrap(float(heading)), float(rate), shared.brain.noises.usual),
         course=shared.course,
@@ -141,7 +139,8 @@ def instruments_of(
 ) -> Instruments:
     """Return the instruments with all their deviates, drawn as `sitl.sensors.Sensors` draws them."""
     section, vessel = shared.scenario.sensors, shared.vessel.sensors
-    deviates = np.random.default_rng(seed).standard_normal((steps // every + 1, DEVIATES_A_SET))
+    sets = steps // every + 1
+    deviates = np.random.default_rng(seed).standard_normal((sets, DEVIATES_A_SET))
     return Instruments(
         heading_noise=math.radians(or_else(section.heading_noise_deg, vessel.heading_noise_deg)),
         rate_noise=math.radians(or_else(section.rate_noise_deg_s, vessel.rate_noise_deg_s)),
@@ -152,6 +151,9 @@ def instruments_of(
         deviates=deviates,
         every=every,
         speed_every=heading_hz // SPEED_HZ,
+        fails=False,
+        spoilt=np.zeros((0, 4)),
+        missing=np.zeros(1, dtype=np.int64),
     )
 
 
@@ -165,7 +167,7 @@ def water_of(
     if section is not None:
         drawn = np.random.default_rng(swell_seed).standard_normal(2 + 2 * steps)
         model, swell_noise = second_order_waves(section), drawn[2:]
-        transition = waves.discretise(model, STEP)
+        transition = waves.discretise(model, WATER_EVERY * STEP)
         swell = waves.stationary_state(model, float(drawn[0]), float(drawn[1]))
     components = IttcWaves(NOTHING, NOTHING, NOTHING, NOTHING, 0.0, 1.0, 1.0)
     if ittc is not None:

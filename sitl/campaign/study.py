@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from autopilot.params import schema
 from autopilot.params.schema import Bounds
 from autopilot.params.strict_yaml import Node, read_document
+from sitl.fault_kinds import wrong_size
 from sitl.scenario import FaultSection, HullSection, SensorsSection, WavesSection, WindSection
 
 SCHEMA_VERSION = 1
@@ -103,8 +104,10 @@ def study_from(root: Node) -> Study:
         )
     for name, faults in study.faults.items():
         for index, fault in enumerate(faults):
-            if fault.to_s <= fault.from_s:
+            if fault.to_s is not None and fault.to_s <= fault.from_s:
                 raise root.at("faults").fault(
                     f"faults.{name}[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
                 )
+            if wrong := wrong_size(fault.kind, fault.size):
+                raise root.at("faults").fault(f"faults.{name}[{index}]: {wrong}")
     return study

@@ -24,8 +24,8 @@ from sitl.sea import IttcWaves, wave_forces
 
 Floats = NDArray[np.float64]
 
-AFRESH = 256
-LONGEST_TURN = 0.3
+AFRESH = 64
+LONGEST_TURN = 0.6
 """A phase that moves further than this [rad] in one step is taken anew each step."""
 
 
