@@ -90,9 +90,7 @@ class Shares(NamedTuple):
 def shares_of(plant: Plant, dt: float) -> Shares:
     """Return the shares of a step of `dt` [s]."""
     hull = plant.hull
-    return Shares(
-        lag_share(plant.gear, dt), -math.expm1(-dt / hull.speed_time), -math.expm1(-dt / hull.sway_time)
-    )
+    return Shares(lag_share(plant.gear, dt), -math.expm1(-dt / hull.speed_time), -math.expm1(-dt / hull.sway_time))
 
 
 def boat_step(

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 
-from autopilot.errors import ExitCode, InputError
+from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.links.base import LinkError
+from sitl.campaign import command as campaign
 from sitl.fault_command import DEFAULT_DESK, add_fault_command
 from sitl.scenario import shipped_scenarios
 
@@ -21,6 +22,8 @@ EXIT_CODES = """exit codes:
   0  ended by --duration, Ctrl-C or a termination signal
   2  bad usage, or a file that cannot be used
   3  a link could not be opened or was lost
+  4  refused: a replayed run whose gains must not be engaged
+  6  a replayed run differs from the compiled one
 """
 
 
@@ -62,6 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
     glider.add_argument("--duration", metavar="S", type=_positive, default=600.0, help="seconds (default 600)")
     glider.add_argument("--seed", metavar="N", type=_seed, default=1, help="seed of the noise (default 1)")
     glider.set_defaults(run=run_wave_glider)
+    campaign.add_parser(commands)
     return parser
 
 
@@ -181,6 +185,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(error, ExitCode.USAGE)
     except LinkError as error:
         return _complain(error, ExitCode.LINK)
+    except RefusedError as error:
+        return _complain(error, ExitCode.REFUSED)
     except KeyboardInterrupt:
         return int(ExitCode.OK)
 

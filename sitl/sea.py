@@ -77,9 +77,7 @@ def ittc_waves(section: IttcSection, hull: Hull, generator: np.random.Generator)
     amplitude = waves.component_amplitudes(frequency, section.significant_height_m, period)
     slope = amplitude * number * np.exp(-0.5 * number * hull.draught)
     phase = generator.uniform(0.0, 2.0 * math.pi, section.components)
-    return IttcWaves(
-        frequency, number, slope, phase, math.radians(section.from_deg) + math.pi, hull.length, hull.beam
-    )
+    return IttcWaves(frequency, number, slope, phase, math.radians(section.from_deg) + math.pi, hull.length, hull.beam)
 
 
 def wave_forces(components: IttcWaves, heading: float) -> tuple[waves.Array, waves.Array]:

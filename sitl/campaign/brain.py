@@ -239,7 +239,7 @@ def _order_at(brain: Brain, mind: Mind, past: Past, now: float) -> float:
     order = mind.ticks
     while order > 0 and order > mind.ticks - size and past.order_times[order % size] + brain.gear.delay > now:
         order -= 1
-    return past.orders[order % size]
+    return float(past.orders[order % size])
 
 
 def _model_at(brain: Brain, speed: float) -> Norrbin:

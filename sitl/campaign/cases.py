@@ -50,8 +50,8 @@ def cases_of(study: Job) -> tuple[Case, ...]:
         asked.boats, asked.laws, asked.gain_factors, asked.speed_shares, asked.seas
     ):
         sides = (0.0,) if _is_calm(asked.seas[sea]) else asked.sides_deg
-        for rest in itertools.product(sides, asked.mismatches, asked.instruments, asked.faults):
-            found.append(Case(boat, law, factor, share, sea, *rest))
+        rests = itertools.product(sides, asked.mismatches, asked.instruments, asked.faults)
+        found += [Case(boat, law, factor, share, sea, *rest) for rest in rests]
     if len(found) * asked.runs > MOST_RUNS:
         raise InputError(
             f"study {asked.name!r}: {len(found)} cases of {asked.runs} runs are {len(found) * asked.runs} runs, "
@@ -118,9 +118,7 @@ def real_boat(job: Job, case: Case) -> Vessel:
     model = vessel.model
     return replace(
         vessel,
-        model=replace(
-            model, K_1_s=model.K_1_s * off.K, T_s=model.T_s * off.T, n0_rad_s=model.n0_rad_s + off.n0_rad_s
-        ),
+        model=replace(model, K_1_s=model.K_1_s * off.K, T_s=model.T_s * off.T, n0_rad_s=model.n0_rad_s + off.n0_rad_s),
     )
 
 

@@ -10,7 +10,7 @@ from autopilot.signals import HeadingSample, Order, OrderKind, Sample, SpeedSamp
 from sitl.campaign.cases import Job, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.campaign.score import NOTHING, Course, Figures, Score, figures, ordered, scored
 from sitl.campaign.study import Study
-from sitl.sensors import Reading
+from sitl.reading import Reading
 from sitl.world import STEP, Orders, World, plant_of
 
 SPEED_HZ = 1
@@ -45,7 +45,14 @@ def run_fully(job: Job, run: int) -> Figures:
     case, seed = case_and_seed(job, run)
     study, vessel, scenario = job.study, vessel_of(job, case), scenario_of(job, case)
     every = measured_every(study)
-    world = World(vessel, scenario, seed, plant=plant_of(real_boat(job, case), scenario), measured_every=every, felt_every=WATER_EVERY)
+    world = World(
+        vessel,
+        scenario,
+        seed,
+        plant=plant_of(real_boat(job, case), scenario),
+        measured_every=every,
+        felt_every=WATER_EVERY,
+    )
     pilot, helm, course = build_pilot(vessel, case.law), _Told(), course_of(study)
     world.helms.append(helm)
     score, told, ticks, engaged = NOTHING, 0.0, 0, 0

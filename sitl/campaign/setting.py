@@ -157,9 +157,7 @@ def instruments_of(
     )
 
 
-def water_of(
-    scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, steps: int
-) -> tuple[Water, WaveState]:
+def water_of(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, steps: int) -> tuple[Water, WaveState]:
     """Return the sea with all its deviates, drawn as `sitl.sea.Sea` draws them, and the swell at the start."""
     swell_seed, ittc_seed, wind_seed = seed.spawn(3)
     section, ittc, gusts = scenario.waves.second_order, scenario.waves.ittc, scenario.wind

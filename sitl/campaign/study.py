@@ -1,14 +1,16 @@
-"""Study files: which boats, laws, seas, speeds, mistakes of the model, instruments and faults, and how often. Strict."""
+"""Study files: boats, laws, seas, speeds, mistakes of the model, instruments, faults, and how often. Read strictly."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
+from autopilot.errors import InputError
 from autopilot.params import schema
-from autopilot.params.schema import Bounds
-from autopilot.params.strict_yaml import Node, read_document
+from autopilot.params.schema import Bounds, nearest
+from autopilot.params.strict_yaml import Node, parse_document, read_document
 from sitl.fault_kinds import wrong_size
 from sitl.scenario import FaultSection, HullSection, SensorsSection, WavesSection, WindSection
 
@@ -75,9 +77,26 @@ class Study:
     faults: dict[str, tuple[FaultSection, ...]] = field(default_factory=lambda: {"none": ()})
 
 
-def load_study(path: Path) -> Study:
-    """Return the study of a YAML file. Raises InputError."""
-    return study_from(read_document(path))
+def shipped_studies() -> list[str]:
+    """Return the names of the studies that come with the product."""
+    folder = resources.files("sitl") / "studies"
+    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def load_study(path_or_name: str) -> tuple[Study, str]:
+    """Return the study of a YAML file, or the shipped one of that name, and the folder that its paths start at.
+
+    Raises InputError.
+    """
+    path, shipped = Path(path_or_name), shipped_studies()
+    if path.exists() or path.suffix or path.name != path_or_name:
+        return study_from(read_document(path)), str(path.parent)
+    if path_or_name not in shipped:
+        near = nearest(path_or_name, shipped)
+        hint = f"did you mean {near}?" if near else f"shipped are {', '.join(shipped)}."
+        raise InputError(f"{path_or_name}: neither a file nor a shipped study; {hint}")
+    text = (resources.files("sitl") / "studies" / f"{path_or_name}.yaml").read_text(encoding="utf-8")
+    return study_from(parse_document(text, f"{path_or_name}.yaml (shipped)")), "."
 
 
 def study_from(root: Node) -> Study:
@@ -98,9 +117,8 @@ def study_from(root: Node) -> Study:
             f"heading_hz is {study.heading_hz}, allowed are the divisors of 100: 1, 2, 4, 5, 10, 20, 25, 50, 100."
         )
     if study.measured_from_s >= study.seconds:
-        raise root.at("measured_from_s" if "measured_from_s" in root.value else "seconds").fault(
-            f"measured_from_s ({study.measured_from_s:g}) must lie before the end of the run, seconds "
-            f"({study.seconds:g})."
+        raise root.at("seconds").fault(
+            f"seconds is {study.seconds:g}, it must be more than measured_from_s ({study.measured_from_s:g})."
         )
     for name, faults in study.faults.items():
         for index, fault in enumerate(faults):

@@ -1,0 +1,169 @@
+"""`sitl campaign`: run a study, write its results and its page, or run one of its runs again in full."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from autopilot.errors import ExitCode, InputError
+
+if TYPE_CHECKING:
+    from sitl.campaign.cases import Job
+    from sitl.campaign.summary import Tally
+
+ENGINES = ("local", "ray", "dask")
+SAME = 1.0e-9
+
+
+def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        "campaign",
+        help="thousands of seeded runs of boat, sea and pilot, from a study file",
+        description="Run every case of a study on all cores, the pilot's own functions compiled by numba "
+        "(norrbin[fast]); without it in plain Python, slower.",
+    )
+    parser.add_argument("study", metavar="STUDY.yaml", help="study file, or the name of a shipped one (front)")
+    parser.add_argument("--out", metavar="FILE", type=Path, help="results, one row a run: .csv or .parquet")
+    parser.add_argument("--report", metavar="FILE.html", type=Path, help="summary and Pareto plot in one page")
+    parser.add_argument("--runs", metavar="N", type=_whole, help="runs of every case (default: the study's)")
+    parser.add_argument("--seed", metavar="N", type=_whole, help="seed of the first run (default: the study's)")
+    parser.add_argument("--engine", choices=ENGINES, default="local", help="who does the runs (default local)")
+    parser.add_argument("--workers", metavar="N", type=_whole, help="processes (default: as many as there are cores)")
+    parser.add_argument("--address", metavar="HOST:PORT", help="of a running ray or dask cluster (default: one here)")
+    parser.add_argument("--plain", action="store_true", help="nothing compiled: every run in the full simulator")
+    parser.add_argument("--replay", metavar="RUN", type=int, help="only this run, compiled and in the full simulator")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=run)
+
+
+def _whole(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) < 2**31):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 2147483647")
+    return int(text)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the study, or replay one of its runs."""
+    job = _job(arguments)
+    if arguments.address and arguments.engine == "local":
+        raise InputError("--address goes with --engine ray or --engine dask")
+    if arguments.replay is not None:
+        return _replay(job, arguments)
+    return _campaign(job, arguments)
+
+
+def _job(arguments: argparse.Namespace) -> Job:
+    from sitl.campaign.cases import Job, cases_of, filed_vessel
+    from sitl.campaign.study import load_study
+
+    study, folder = load_study(arguments.study)
+    study = replace(study, runs=arguments.runs or study.runs, seed=arguments.seed or study.seed)
+    job = Job(study, folder)
+    for boat in study.boats.values():
+        filed_vessel(boat.vessel, folder)
+    cases_of(job)
+    return job
+
+
+def _campaign(job: Job, arguments: argparse.Namespace) -> int:
+    from autopilot.cli.progress import ProgressBar
+    from sitl.campaign.cases import number_of_runs
+    from sitl.campaign.engines import default_workers, engine_of, in_order
+    from sitl.campaign.results import open_results
+    from sitl.campaign.summary import Tally
+    from sitl.campaign.work import batches_of
+
+    if arguments.report:
+        from autopilot.report import require_extra
+
+        require_extra("by leaving out --report")
+    workers, runs = arguments.workers or default_workers(), number_of_runs(job)
+    engine = engine_of(arguments.engine, arguments.address)
+    results = open_results(arguments.out, job) if arguments.out else None
+    tally, begun = Tally(job), time.perf_counter()
+    try:
+        with ProgressBar("runs") as bar:
+            bar.show(0, runs)
+            for rows in in_order(engine(job, batches_of(job, runs), workers, not arguments.plain)):
+                tally.add(rows)
+                if results is not None:
+                    results.write(rows)
+                bar.show(rows[-1].run + 1, runs)
+    finally:
+        if results is not None:
+            results.close()
+    _tell(job, arguments, tally, time.perf_counter() - begun)
+    return int(ExitCode.OK)
+
+
+def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float) -> None:
+    from sitl.campaign.cases import steps_of
+    from sitl.campaign.summary import as_json, table
+    from sitl.world import STEP
+
+    summaries, study = tally.cases(), job.study
+    steps = steps_of(study, STEP) * (tally.done["compiled"] + tally.done["full"])
+    counts = ", ".join(f"{count} {how}" for how, count in tally.done.items() if count)
+    pace = f"{seconds:.1f} s: {steps / seconds:.3g} steps a second."
+    said = f"{len(summaries)} cases, {counts}, seed {study.seed}, in {pace}"
+    if not tally.done["compiled"] and not arguments.plain:
+        said += " Nothing was compiled: with numba it is far quicker, pip install 'norrbin[fast]'."
+    if arguments.report:
+        from autopilot.params.saving import save_text
+        from sitl.campaign.page import campaign_page
+
+        page = campaign_page(study.name, study.description, summaries, said, _command(arguments))
+        save_text(arguments.report, page)
+    if arguments.json:
+        print(json.dumps({"study": study.name, "done": tally.done, "seconds": seconds, "cases": as_json(summaries)}))
+        return
+    rows = table(summaries)
+    widths = [max(len(row[place]) for row in rows) for place in range(len(rows[0]))]
+    for row in rows:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    print(said)
+    for path in (arguments.out, arguments.report):
+        if path:
+            print(f"Wrote {path}.")
+
+
+def _command(arguments: argparse.Namespace) -> str:
+    words = ["sitl", "campaign", arguments.study]
+    for name in ("runs", "seed"):
+        value = getattr(arguments, name)
+        words += [] if value is None else [f"--{name}", str(value)]
+    return shlex.join(words)
+
+
+def _replay(job: Job, arguments: argparse.Namespace) -> int:
+    """Do one run in the full simulator, and compiled where that can be; exit code 6 where they differ."""
+    from sitl.campaign.cases import case_and_seed, number_of_runs
+    from sitl.campaign.full import run_fully
+    from sitl.campaign.work import done_swiftly
+
+    number, runs = arguments.replay, number_of_runs(job)
+    if not 0 <= number < runs:
+        raise InputError(f"--replay {number}: the study has runs 0 to {runs - 1}")
+    case, seed = case_and_seed(job, number)
+    full = run_fully(job, number)
+    quick = None if arguments.plain else done_swiftly(job, number)
+    off = 0.0 if quick is None else max(abs(one - other) for one, other in zip(full, quick, strict=True))
+    if arguments.json:
+        found = {"run": number, "seed": seed, **case._asdict(), **full._asdict()}
+        print(json.dumps({**found, "compiled": quick is not None, "difference": off}))
+    else:
+        print(f"run {number}, seed {seed}: " + ", ".join(f"{name} {value}" for name, value in case._asdict().items()))
+        for name, value in full._asdict().items():
+            print(f"  {name:18s} {value:.12g}")
+        print(
+            "not compiled: this run is one for the full simulator"
+            if quick is None
+            else f"compiled it differs by {off:.1e} at most"
+        )
+    return int(ExitCode.OK if off <= SAME else ExitCode.DIFFERENT)

@@ -1,0 +1,99 @@
+"""Who does the runs: this process, a pool of processes here, or an engine of others over many machines.
+
+An engine yields the rows of batches as they are done, in any order; `in_order` puts them in the order of the runs, so
+that results are the same whoever did them, and however many.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from itertools import islice
+
+from autopilot.errors import InputError
+from sitl.campaign.cases import Job
+from sitl.campaign.work import Row, do_runs, swift
+
+Batch = tuple[int, int]
+Engine = Callable[[Job, list[Batch], int, bool], Iterator[list[Row]]]
+MOST_LOSSES = 5
+"""So many times in a row a batch may lose its worker before the study is given up."""
+AHEAD = 3
+"""Batches that wait for each worker."""
+
+
+def in_order(done: Iterable[list[Row]]) -> Iterator[list[Row]]:
+    """Yield the batches by their runs; those that are early wait."""
+    waiting: dict[int, list[Row]] = {}
+    following = 0
+    for rows in done:
+        waiting[rows[0].run] = rows
+        while following in waiting:
+            ready = waiting.pop(following)
+            following = ready[-1].run + 1
+            yield ready
+
+
+def local(job: Job, batches: list[Batch], workers: int, is_compiled: bool) -> Iterator[list[Row]]:
+    """Do the batches in `workers` processes of this machine; a batch whose process died is done again."""
+    if is_compiled:
+        # compiled once, before there are many
+        swift()
+    if workers == 1:
+        for first, last in batches:
+            yield do_runs(job, first, last, is_compiled)
+        return
+    left, losses = list(batches), 0
+    while left:
+        before = len(left)
+        for rows in _pooled(job, list(left), workers, is_compiled):
+            left.remove((rows[0].run, rows[-1].run + 1))
+            yield rows
+        losses = losses + 1 if len(left) == before else 0
+        if losses > MOST_LOSSES:
+            raise InputError(
+                f"run {left[0][0]} or one after it ended its process {losses} times; is there memory enough? Try "
+                "--workers 1"
+            )
+
+
+def _pooled(job: Job, batches: list[Batch], workers: int, is_compiled: bool) -> Iterator[list[Row]]:
+    """Yield batches until all are done or a process has died."""
+    context = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        coming = iter(batches)
+
+        def more(count: int) -> set[Future[list[Row]]]:
+            return {pool.submit(do_runs, job, *batch, is_compiled) for batch in islice(coming, count)}
+
+        running = more(AHEAD * workers)
+        try:
+            while running:
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                running |= more(len(done))
+                for future in done:
+                    yield future.result()
+        except BrokenProcessPool:
+            return
+
+
+def engine_of(name: str, address: str | None = None) -> Engine:
+    """Return the engine `name`: local, ray or dask. Raises InputError where it is not installed."""
+    if name == "local":
+        return local
+    if name == "dask":
+        from sitl.campaign.engine_dask import dask_engine
+
+        return dask_engine(address)
+    from sitl.campaign.engine_ray import ray_engine
+
+    return ray_engine(address)
+
+
+def default_workers() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

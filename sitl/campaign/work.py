@@ -1,0 +1,75 @@
+"""What a worker does: some runs of a study, compiled where that serves, in the full simulator where it does not."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from autopilot.errors import InputError, RefusedError
+from sitl.campaign.cases import Job, case_and_seed, steps_of
+from sitl.campaign.full import measured_every, run_fully
+from sitl.campaign.score import Figures, figures
+from sitl.campaign.setting import rooms_of, setting_of
+from sitl.campaign.swift import run_swiftly
+from sitl.world import STEP
+
+COMPILED, FULL, REFUSED = "compiled", "full", "refused"
+UNKNOWN = Figures(*[math.nan] * len(Figures._fields))
+BATCH_STEPS = 2_000_000
+"""Steps in a batch: half a second of one core's work, so that handing it out costs nothing beside it."""
+
+
+class Row(NamedTuple):
+    """One run: its number and seed, what did it, and its figures, nan where the gains must not be engaged."""
+
+    run: int
+    seed: int
+    done_by: str
+    figures: Figures
+
+
+@functools.cache
+def swift() -> Callable[..., Any] | None:
+    """Return the compiled run; None where numba is not installed."""
+    from sitl.compiled import compiled
+
+    try:
+        return compiled(run_swiftly, quick=True)
+    except InputError:
+        return None
+
+
+def do_runs(job: Job, first: int, last: int, is_compiled: bool = True) -> list[Row]:
+    """Return the rows of the runs from `first` to before `last`. A run depends on its study and number alone."""
+    return [_done(job, run, is_compiled) for run in range(first, last)]
+
+
+def _done(job: Job, run: int, is_compiled: bool) -> Row:
+    seed = case_and_seed(job, run)[1]
+    try:
+        found = done_swiftly(job, run) if is_compiled else None
+        if found is not None:
+            return Row(run, seed, COMPILED, found)
+        return Row(run, seed, FULL, run_fully(job, run))
+    except RefusedError:
+        return Row(run, seed, REFUSED, UNKNOWN)
+
+
+def done_swiftly(job: Job, run: int) -> Figures | None:
+    """Return the figures of a run by the compiled loop; None where there is none, or the run is none for it."""
+    quick = swift()
+    setting = setting_of(job, run) if quick is not None else None
+    if quick is None or setting is None:
+        return None
+    score, is_whole = quick(setting, rooms_of(setting))
+    if not is_whole:
+        return None
+    return figures(score, measured_every(job.study) * STEP, 1.0)
+
+
+def batches_of(job: Job, runs: int) -> list[tuple[int, int]]:
+    """Return the runs in batches, from and to before."""
+    size = max(1, BATCH_STEPS // max(steps_of(job.study, STEP), 1))
+    return [(first, min(first + size, runs)) for first in range(0, runs, size)]
