@@ -6,7 +6,7 @@ import math
 
 from autopilot.angles import wrap
 from autopilot.build import build_pilot
-from autopilot.signals import HeadingSample, Order, OrderKind, Sample, SpeedSample
+from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
 from sitl.campaign.cases import Job, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.campaign.score import NOTHING, Course, Figures, Score, figures, ordered, scored
 from sitl.campaign.study import Study
@@ -63,10 +63,11 @@ def run_fully(job: Job, run: int) -> Figures:
         if reading is not None and reading is not seen:
             samples = _samples(world, reading, now, round(reading.time / STEP) // every % max(study.heading_hz, 1) == 0)
             order = Order(OrderKind.HEADING, ordered(course, now), serial=1)
-            command = pilot.step(now, samples, order).command
+            tick = pilot.step(now, samples, order)
+            command = tick.command
             helm.rudder, before = (command.angle if command.engaged else None), told
             told = command.angle if command.engaged else 0.0
-            ticks, engaged, seen = ticks + 1, engaged + command.engaged, reading
+            ticks, engaged, seen = ticks + 1, engaged + (tick.mode is Mode.ENGAGED), reading
             score = _scored(score, course, world, before, told)
         world.advance(world.next_step)
     return figures(score, every * STEP, engaged / max(ticks, 1))

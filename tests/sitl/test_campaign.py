@@ -1,0 +1,271 @@
+"""A campaign's runs are those of the full simulator, whoever does them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from autopilot.errors import ExitCode, InputError
+from autopilot.params.strict_yaml import parse_document
+from sitl.campaign import work
+from sitl.campaign.cases import Job, case_and_seed, cases_of, number_of_runs
+from sitl.campaign.engines import in_order, local
+from sitl.campaign.full import measured_every, run_fully
+from sitl.campaign.results import COLUMNS
+from sitl.campaign.score import Figures, figures
+from sitl.campaign.setting import rooms_of, setting_of
+from sitl.campaign.study import (
+    BoatSection,
+    MismatchSection,
+    SeaSection,
+    Study,
+    TurnSection,
+    load_study,
+    shipped_studies,
+    study_from,
+)
+from sitl.campaign.swift import run_swiftly
+from sitl.campaign.work import Row, batches_of, do_runs, done_swiftly
+from sitl.cli import main
+from sitl.fault_kinds import FaultKind
+from sitl.scenario import FaultSection, IttcSection, SecondOrderSection, SensorsSection, WavesSection, WindSection
+from sitl.world import STEP
+
+SEAS = {
+    "calm": SeaSection(),
+    "swell": SeaSection(WavesSection(second_order=SecondOrderSection(0.6, 0.3, 1.0))),
+    "sea": SeaSection(WavesSection(ittc=IttcSection(0.88, 7.5)), WindSection(7.0, gust_m_s=1.0)),
+}
+STUDY = Study(
+    1,
+    "short",
+    {"boat": BoatSection("lanxin")},
+    runs=2,
+    seconds=12.0,
+    measured_from_s=2.0,
+    gain_factors=(0.5,),
+    turn=TurnSection(40.0, 3.0),
+    mismatches={"more": MismatchSection(1.3, 0.9, 0.01)},
+)
+
+
+def faulty(*faults: tuple[FaultKind, float, float, float]) -> Study:
+    """The study with faults: kind, from, to, size."""
+    return replace(STUDY, faults={"some": tuple(FaultSection(*fault) for fault in faults)})
+
+
+STUDIES = {
+    "backstepping": replace(STUDY, seas={"sea": SEAS["sea"]}),
+    "pid": replace(STUDY, laws=("pid",), seas={"swell": SEAS["swell"]}, speed_shares=(0.6,)),
+    "sliding": replace(STUDY, laws=("sliding",), heading_hz=20),
+    "late, coarse compass": replace(STUDY, instruments={"late": SensorsSection(latency_s=0.25, heading_step_deg=0.1)}),
+    "gaps, jumps, spikes": faulty(
+        ("heading_dropout", 4.0, 4.6, 1.0),
+        ("heading_jump", 5.0, 6.0, 3.0),
+        ("heading_spikes", 6.0, 9.0, 0.2),
+        ("rate_reversed", 9.0, 9.4, 1.0),
+        ("speed_lost", 10.0, 11.0, 1.0),
+    ),
+}
+
+
+@pytest.fixture(params=STUDIES)
+def job(request: pytest.FixtureRequest) -> Job:
+    return Job(STUDIES[request.param], ".")
+
+
+def test_the_loop_as_it_is_compiled_gives_the_full_simulators_numbers(job: Job) -> None:
+    setting = setting_of(job, 1)
+    assert setting is not None
+    score, is_whole = run_swiftly(setting, rooms_of(setting))
+    assert is_whole
+    full = run_fully(job, 1)
+    assert full.travel_deg_s > 0.5
+    assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+
+
+def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
+    pytest.importorskip("numba", reason="the extra `fast` is not installed")
+    quick = done_swiftly(job, 0)
+    assert quick is not None
+    assert quick == pytest.approx(run_fully(job, 0), rel=0.0, abs=1.0e-9)
+
+
+@pytest.mark.parametrize(
+    "study",
+    [
+        faulty(("heading_dropout", 5.0, 8.0, 1.0)),
+        faulty(("heading_frozen", 5.0, 12.0, 1.0)),
+        faulty(("rudder_stuck", 5.0, 12.0, 1.0)),
+        faulty(("heading_jump", 5.0, 12.0, 90.0)),
+    ],
+)
+def test_what_is_more_than_steering_is_left_to_the_full_simulator(study: Study) -> None:
+    setting = setting_of(Job(study, "."), 0)
+    assert setting is None or not run_swiftly(setting, rooms_of(setting))[1]
+
+
+def test_a_lost_compass_ends_the_engagement_in_the_results() -> None:
+    job = Job(faulty(("heading_dropout", 5.0, 12.0, 1.0)), ".")
+    (row,) = do_runs(job, 0, 1, is_compiled=False)
+    assert row.done_by == "full"
+    assert 0.4 < row.figures.engaged < 0.6
+
+
+def test_every_combination_is_a_case_and_cases_share_seeds() -> None:
+    job = Job(replace(STUDY, laws=("pid", "sliding"), seas=SEAS, sides_deg=(45.0, 90.0)), ".")
+    # the calm has one side
+    assert len(set(cases_of(job))) == len(cases_of(job)) == 2 * (1 + 2 + 2)
+    assert number_of_runs(job) == 20
+    assert [case_and_seed(job, run)[1] for run in range(4)] == [1, 2, 1, 2]
+    assert case_and_seed(job, 19)[0].law == "sliding"
+
+
+def test_batches_cover_the_runs_once_and_come_in_order() -> None:
+    batches = batches_of(Job(STUDY, "."), 10_001)
+    assert [first for first, _ in batches[1:]] == [last for _, last in batches[:-1]]
+    rows = [[Row(run, 0, "", work.UNKNOWN) for run in range(*batch)] for batch in batches]
+    assert [one.run for batch in in_order(reversed(rows)) for one in batch] == list(range(10_001))
+
+
+def test_gains_without_margins_are_refused_not_sailed() -> None:
+    (row,) = do_runs(Job(replace(STUDY, gain_factors=(20.0,)), "."), 0, 1)
+    assert row.done_by == "refused"
+    assert row.figures.travel_deg_s != row.figures.travel_deg_s
+
+
+def kill_once(job: Job, first: int, last: int, is_compiled: bool) -> list[Row]:
+    """A worker that dies at its second batch, the first time."""
+    mark = Path(os.environ["NORRBIN_TEST_MARK"])
+    if first == 1 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return [Row(run, run, "full", Figures(*[float(run)] * len(Figures._fields))) for run in range(first, last)]
+
+
+def test_the_runs_of_a_lost_worker_are_done_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("NORRBIN_TEST_MARK", str(tmp_path / "mark"))
+    monkeypatch.setattr("sitl.campaign.engines.do_runs", kill_once)
+    batches = [(run, run + 1) for run in range(9)]
+    rows = [row.run for batch in in_order(local(Job(STUDY, "."), batches, 2, False)) for row in batch]
+    assert (tmp_path / "mark").exists()
+    assert rows == list(range(9))
+
+
+@pytest.fixture
+def study_file(tmp_path: Path) -> Iterator[Path]:
+    path = tmp_path / "study.yaml"
+    path.write_text(
+        "schema_version: 1\nname: two\nboats: {boat: {vessel: lanxin}}\nruns: 2\nseconds: 4\nmeasured_from_s: 1\n"
+        "gain_factors: [0.5, 1]\n"
+    )
+    return iter([path])
+
+
+def test_the_command_writes_the_same_results_with_one_worker_and_with_two(
+    study_file: Iterator[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = next(study_file)
+    one, two, page = tmp_path / "one.csv", tmp_path / "two.csv", tmp_path / "page.html"
+    assert main(["campaign", str(path), "--plain", "--workers", "1", "--out", str(one), "--report", str(page)]) == 0
+    assert "2 cases, 4 full, seed 1" in capsys.readouterr().out
+    assert main(["campaign", str(path), "--plain", "--workers", "2", "--out", str(two), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert one.read_text() == two.read_text()
+    with one.open() as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    assert [row["seed"] for row in rows] == ["1", "2", "1", "2"]
+    low, high = sorted(float(row["heading_rms_deg"]) for row in rows[:2])
+    assert low < told["cases"][0]["heading_rms_deg"]["median"] < high
+    html = page.read_text()
+    assert "<svg" in html
+    assert "http" not in html.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    )
+
+
+def test_a_run_is_replayed(study_file: Iterator[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    path = next(study_file)
+    assert main(["campaign", str(path), "--plain", "--replay", "3", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["seed"], told["gain_factor"]) == (2, 1)
+    study, folder = load_study(str(path))
+    assert told["heading_rms_deg"] == run_fully(Job(study, folder), 3).heading_rms_deg
+    assert main(["campaign", str(path), "--replay", "4"]) == ExitCode.USAGE
+    assert "the study has runs 0 to 3" in capsys.readouterr().err
+
+
+def test_without_numba_it_says_so(
+    study_file: Iterator[Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "numba", None)
+    work.swift.cache_clear()
+    try:
+        assert main(["campaign", str(next(study_file)), "--workers", "1", "--runs", "1"]) == 0
+    finally:
+        work.swift.cache_clear()
+    assert "pip install 'norrbin[fast]'" in capsys.readouterr().out
+
+
+def test_results_in_parquet(study_file: Iterator[Path], tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra `parquet` is not installed")
+    out = tmp_path / "runs.parquet"
+    assert main(["campaign", str(next(study_file)), "--plain", "--workers", "1", "--out", str(out)]) == 0
+    found = parquet.read_table(out).to_pydict()
+    assert tuple(found) == COLUMNS
+    assert found["run"] == [0, 1, 2, 3]
+    assert all(value > 0.0 for value in found["travel_deg_s"])
+
+
+@pytest.mark.parametrize("name", shipped_studies())
+def test_shipped_studies_can_be_read(name: str) -> None:
+    study, folder = load_study(name)
+    assert number_of_runs(Job(study, folder)) > 0
+
+
+GOOD = "schema_version: 1\nname: x\nboats: {b: {vessel: lanxin}}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("schema_version: 1\nname: x\n", "the key boats is missing"),
+        (GOOD.replace("version: 1", "version: 9"), "reads 1"),
+        (GOOD + "law: [pid]\n", "did you mean laws?"),
+        (GOOD + "laws: [lqg]\n", "allowed are backstepping, pid, sliding"),
+        (GOOD + "laws: []\n", "laws is empty"),
+        (GOOD + "heading_hz: 30\n", "divisors of 100"),
+        (GOOD + "seconds: 20\nmeasured_from_s: 20\n", "must be more than measured_from_s"),
+        (GOOD + "faults: {f: [{kind: silence, from_s: 9, to_s: 3}]}\n", "must end after from_s"),
+        (GOOD + "faults: {f: [{kind: gremlin, from_s: 9, to_s: 3}]}\n", "gremlin"),
+        (GOOD + "runs: 0\n", "from 1 to 1e+06"),
+        (GOOD + "mismatches: {a: {K: nought}}\n", "K is the text 'nought'"),
+    ],
+)
+def test_mistakes_are_named(text: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=r"study\.yaml") as caught:
+        study_from(parse_document(text, "study.yaml"))
+    assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["campaign", "frnt"], "did you mean front?"),
+        (["campaign", "front", "--out", "runs.txt"], ".csv or .parquet"),
+        (["campaign", "front", "--address", "a:1"], "goes with --engine"),
+        (["campaign", "front", "--runs", "1000000"], "split the study"),
+    ],
+)
+def test_a_wrong_command_is_told(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == ExitCode.USAGE
+    assert sentence in capsys.readouterr().err
