@@ -217,7 +217,7 @@ def test_without_numba_it_says_so(
 
 
 def test_results_in_parquet(study_file: Iterator[Path], tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra `parquet` is not installed")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra `export` is not installed")
     out = tmp_path / "runs.parquet"
     assert main(["campaign", str(next(study_file)), "--plain", "--workers", "1", "--out", str(out)]) == 0
     found = parquet.read_table(out).to_pydict()
