@@ -18,6 +18,7 @@ from autopilot.control import backstepping, sliding_heading
 from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder
 from autopilot.control.pid import PidGains, PidMemory, feed_forward, pid_step
 from autopilot.control.sliding_heading import SlidingGains, sliding_rudder
+from autopilot.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.estimation import wave_motion
 from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST, SPEED_SMOOTHING
 from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
@@ -29,6 +30,7 @@ from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
 from autopilot.monitors import AT_THE_STOP, FROZEN_SAMPLES
+from autopilot.monitors.heading import DISAGREES_TIME
 from autopilot.pilot import LONGEST_STEP, REPLAN, SPEED_CHANGE
 from autopilot.signals import Reference
 
@@ -41,7 +43,8 @@ LAWS = ("backstepping", "pid", "sliding")
 class Brain(NamedTuple):
     """What the pilot knows of the boat; see `PilotConfig`. law is a place in LAWS, gains_speed [m/s] where they hold.
 
-    patience [s]: the rudder may be hard over for so long before a monitor would ask why.
+    patience [s]: the rudder may be hard over for so long before a monitor would ask why; heading_jump and
+    rate_disagrees [rad] are the monitors' too, see `autopilot.monitors`.
     """
 
     law: int
@@ -60,11 +63,15 @@ class Brain(NamedTuple):
     heading_timeout: float
     watches_frozen: bool
     patience: float
+    heading_jump: float
+    rate_disagrees: float
 
 
 class Mind(NamedTuple):
     """What the pilot remembers from tick to tick, the rudder's past apart.
 
+    same, heading, heard_time, apart: the compass, as its monitors see it; easy_time and right_time [s]: when the rudder
+    was last not hard over, and last not pushing the boat away.
     gone: the run has come to where only the full simulator goes on.
     """
 
@@ -83,7 +90,10 @@ class Mind(NamedTuple):
     ticks: int
     same: int
     heading: float
+    heard_time: float
+    apart: float
     easy_time: float
+    right_time: float
     gone: bool
 
 
@@ -130,7 +140,10 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         ticks=1,
         same=1,
         heading=heading,
+        heard_time=state.time,
+        apart=0.0,
         easy_time=now,
+        right_time=now,
         gone=False,
     )
 
@@ -155,8 +168,10 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     place = listened.ticks % len(past.orders)
     past.order_times[place], past.orders[place] = now, told
     easy_time = listened.easy_time if abs(mind.told) >= AT_THE_STOP * brain.limits.angle_max else now
+    off = shortest_turn(heading, boat.heading)
+    right_time = listened.right_time if _pushes_away(brain, off, told + bias, rate) else now
     # numba takes no condition inside the call below
-    gone = listened.gone or _must_go(brain, listened, now, easy_time, heading, demand)
+    gone = listened.gone or _must_go(brain, listened, now, easy_time, right_time, heading + demand)
     return Mind(
         now=now,
         model=model,
@@ -173,16 +188,30 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         ticks=listened.ticks,
         same=listened.same,
         heading=listened.heading,
+        heard_time=listened.heard_time,
+        apart=listened.apart,
         easy_time=easy_time,
+        right_time=right_time,
         gone=gone,
     )
 
 
-def _must_go(brain: Brain, mind: Mind, now: float, easy_time: float, heading: float, demand: float) -> bool:
+def _pushes_away(brain: Brain, error: float, rudder: float, rate: float) -> bool:
+    """Return whether the envelope check would think so, see `autopilot.envelope`; half as much is enough here."""
+    side = 1.0 if error > 0.0 else -1.0
+    pushes = side * rudder < -0.5 * WRONG_SHARE * brain.limits.angle_max
+    return side * error > 0.5 * WRONG_ERROR and pushes and side * rate <= 0.0
+
+
+def _must_go(
+    brain: Brain, mind: Mind, now: float, easy_time: float, right_time: float, heading_and_demand: float
+) -> bool:
     """Return whether the pilot would do more than steer: fail-safe, steerage, monitors."""
     return (
         not now - mind.heading_time <= brain.heading_timeout
-        or not math.isfinite(heading + demand)
+        or not math.isfinite(heading_and_demand)
+        or now - right_time >= WRONG_TIME
+        or abs(mind.apart) > brain.rate_disagrees
         or (not math.isnan(mind.speed) and mind.speed < brain.steerage)
         or (brain.watches_frozen and mind.same >= FROZEN_SAMPLES)
         or now - easy_time >= brain.patience
@@ -200,10 +229,15 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
     place = mind.ticks % len(past.times)
     past.times[place], past.angles[place] = now, rudder
     fusion, heading_time, gone = mind.fusion, mind.heading_time, mind.gone
-    same, heading = mind.same, mind.heading
+    same, heading, heard_time, apart = mind.same, mind.heading, mind.heard_time, mind.apart
     if not math.isnan(heard.heading):
+        since = heard.time - heard_time
+        turned = shortest_turn(heading, heard.heading)
+        apart = apart * math.exp(-since / DISAGREES_TIME) + turned - heard.rate * since
+        # the monitor's own reckoning is a little closer; what is half its measure is left to it
+        gone = gone or abs(turned - fusion.state.rate * since) > 0.5 * brain.heading_jump
         same = same + 1 if heard.heading == heading else 1
-        heading = heard.heading
+        heading, heard_time = heard.heading, heard.time
         gone = gone or heard.time - fusion.state.time > PREDICT_LONGEST
         # the gap that a restart of the filter ends is not carried over
         time = min(heard.time, fusion.state.time + PREDICT_LONGEST)
@@ -228,7 +262,10 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         ticks=mind.ticks + 1,
         same=same,
         heading=heading,
+        heard_time=heard_time,
+        apart=apart,
         easy_time=mind.easy_time,
+        right_time=mind.right_time,
         gone=gone,
     )
 

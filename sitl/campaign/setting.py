@@ -100,6 +100,8 @@ def brain_of(vessel: Vessel, law: str) -> Brain | None:
         heading_timeout=config.failsafe.heading_timeout,
         watches_frozen=config.alarms.frozen_heading,
         patience=config.alarms.off_course_time,
+        heading_jump=config.alarms.heading_jump,
+        rate_disagrees=config.alarms.rate_disagrees,
     )
 
 

@@ -67,10 +67,10 @@ STUDIES = {
     "pid": replace(STUDY, laws=("pid",), seas={"swell": SEAS["swell"]}, speed_shares=(0.6,)),
     "sliding": replace(STUDY, laws=("sliding",), heading_hz=20),
     "late, coarse compass": replace(STUDY, instruments={"late": SensorsSection(latency_s=0.25, heading_step_deg=0.1)}),
-    "gaps, jumps, spikes": faulty(
+    "gaps and offsets": faulty(
         ("heading_dropout", 4.0, 4.6, 1.0),
         ("heading_jump", 5.0, 6.0, 3.0),
-        ("heading_spikes", 6.0, 9.0, 0.2),
+        ("heading_noise", 6.0, 9.0, 1.0),
         ("rate_reversed", 9.0, 9.4, 1.0),
         ("speed_lost", 10.0, 11.0, 1.0),
     ),
@@ -106,6 +106,8 @@ def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
         faulty(("heading_frozen", 5.0, 12.0, 1.0)),
         faulty(("rudder_stuck", 5.0, 12.0, 1.0)),
         faulty(("heading_jump", 5.0, 12.0, 90.0)),
+        faulty(("heading_spikes", 5.0, 12.0, 0.3)),
+        faulty(("rate_bias", 3.0, 12.0, 20.0)),
     ],
 )
 def test_what_is_more_than_steering_is_left_to_the_full_simulator(study: Study) -> None:
