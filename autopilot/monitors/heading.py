@@ -23,6 +23,8 @@ SEA_DIGITS = 5.0
 SEA_STOOD = 3.0
 """In a sea that moved the heading by this standard deviation [rad], and by so many of the compass's own digits, no
 heading stands for so long [s], between two wave groups neither."""
+SEA_PROVEN = 30.0
+"""A sea is one that has been felt for so long [s]: a turn in flat water looks like a wave for some time."""
 JUMPS = 3
 JUMPS_WITHIN = 10.0
 """So many jumps within this time [s] are no spikes any more."""
@@ -52,6 +54,7 @@ class FrozenHeading:
         """Forget everything."""
         self._digit = math.inf
         self._sea = 0.0
+        self._flat = math.nan
         self._stand(math.nan)
 
     def _stand(self, heading: float) -> None:
@@ -90,6 +93,8 @@ class FrozenHeading:
     def _is_proven(self, model: Norrbin, watched: Watched) -> bool:
         if self._same < 2:
             self._sea = watched.state.wave_deviation
+            if self._sea < SEA_LEAST or math.isnan(self._flat):
+                self._flat = watched.now
         elif self._stands_in_a_sea():
             return True
         if self._same < 2 or not math.isfinite(self._now) or not (watched.steers or self._turn is not None):
@@ -108,7 +113,8 @@ class FrozenHeading:
 
     def _stands_in_a_sea(self) -> bool:
         moved = self._sea >= max(SEA_LEAST, SEA_DIGITS * self._digit)
-        return moved and self._same >= FROZEN_SAMPLES and self._time - self._since >= SEA_STOOD
+        felt = self._since - self._flat >= SEA_PROVEN
+        return moved and felt and self._same >= FROZEN_SAMPLES and self._time - self._since >= SEA_STOOD
 
     def _begin(self, watched: Watched) -> None:
         self._now, self._bias = watched.now, watched.state.bias
