@@ -113,17 +113,23 @@ def exchange(vehicle: Vehicle, seconds: float, patience: float = 0.0) -> list[fl
     """Send headings for `seconds`, or until one is answered; return how late [us] each answer was."""
     period, started = 1.0 / RATE_HZ, time.perf_counter()
     late: list[float] = []
-    tick = 0
+    tick, unanswered = 0, 0.0
     while (time.perf_counter() - started) < max(seconds, patience if not late else seconds):
         due = started + tick * period
         time.sleep(max(0.0, due - time.perf_counter()))
         datagram = vehicle.attitude()
-        vehicle.answers(time.perf_counter() + 1e-5)
+        # an answer that missed its period counts as well, for the heading that waited longest
+        for arrived in vehicle.answers(time.perf_counter() + 1e-5)[:1]:
+            late.extend([(arrived - unanswered) * 1e6] if unanswered else [])
+            unanswered = 0.0
         sent = time.perf_counter()
         vehicle.send(datagram)
-        arrived = vehicle.answers(due + 0.8 * period)
-        if arrived:
-            late.append((arrived[0] - sent) * 1e6)
+        answers = vehicle.answers(due + 0.8 * period)
+        if answers:
+            late.append((answers[0] - (unanswered or sent)) * 1e6)
+            unanswered = 0.0
+        else:
+            unanswered = unanswered or sent
         vehicle.housekeeping(tick)
         tick += 1
     return late

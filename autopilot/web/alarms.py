@@ -14,6 +14,7 @@ from autopilot.links.boat.alarm_list import ALARMS
 from autopilot.web.ftp_client import FtpClient
 from autopilot.web.view import BoatView
 
+AGAIN = "NOT ACKNOWLEDGED: "
 LOOK_S = 5.0
 """The list is fetched again after this [s] while alarms are on: one may have taken another's place."""
 
@@ -58,4 +59,6 @@ class AlarmBoard:
             words = [str(entry) for entry in json.loads(content or b"null")]
         except (ValueError, TypeError):
             return
-        self._on = {each: self._on.get(each, False) for each in words}
+        # one that nobody has acknowledged for long is said again under another heading: it is the same alarm
+        alarms = {each.removeprefix(AGAIN): each.startswith(AGAIN) for each in words}
+        self._on = {each: self._on.get(each, False) and not again for each, again in alarms.items()}

@@ -9,8 +9,12 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.boat.commands import LEARNING, LEVEL, PATTERN, TURNING, ZIGZAG
+from autopilot.links.boat.commands import ACKNOWLEDGE as ACKNOWLEDGING
+from autopilot.links.boat.commands import PATTERN, TURNING, ZIGZAG
 from autopilot.links.boat.modes import HEADING, MANUAL, TRACK
+from autopilot.links.boat.tuning import ADOPT as ADOPTING
+from autopilot.links.boat.tuning import LEARNING, LEVEL
+from autopilot.links.boat.tuning import REVERT as REVERTING
 from autopilot.links.extra_messages import CommandCancel
 from autopilot.links.mavlink_codec import Message
 from autopilot.params.protocol import Target
@@ -52,6 +56,8 @@ def _mode(mode: int) -> Command:
 
 ARM = Command(int(dialect.MAV_CMD_COMPONENT_ARM_DISARM), (1.0,))
 STANDBY = _mode(MANUAL)
+ACKNOWLEDGE = Command(ACKNOWLEDGING)
+"""All alarms have been seen."""
 RELEASE = (STANDBY, Command(int(dialect.MAV_CMD_COMPONENT_ARM_DISARM), (0.0,)))
 """Rudder given back, and nobody engages again before arming. Standby comes first: it is what counts."""
 ENGAGE = (ARM, _mode(HEADING))
@@ -83,7 +89,7 @@ def level(number: int) -> Command:
     return Command(LEVEL, (float(number),))
 
 
-ADOPT, REVERT = Command(LEARNING, (1.0,)), Command(LEARNING, (2.0,))
+ADOPT, REVERT = Command(LEARNING, (ADOPTING,)), Command(LEARNING, (REVERTING,))
 """Steer with the model learnt, or go back to the one before."""
 
 

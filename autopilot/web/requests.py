@@ -58,9 +58,13 @@ def _back(station: Station, wish: dict[str, Any]) -> Asked:
 
 
 def _acknowledge(station: Station, wish: dict[str, Any]) -> Asked:
+    def noted(taken: bool, words: str, told: orders.Told) -> None:
+        # a pilot that keeps no list of what has been seen refuses the command: then it counts here alone
+        told(words != orders.NO_ANSWER, "" if words != orders.NO_ANSWER else f"seen here, but {words}")
+
     def asked(_: float, told: orders.Told) -> None:
         station.alarms.acknowledge()
-        told(True, "")
+        station.orders.give((orders.ACKNOWLEDGE,), lambda taken, words: noted(taken, words, told))
 
     return asked
 

@@ -14,7 +14,7 @@ from autopilot.guidance.track import Waypoint
 from autopilot.links.boat.long_commands import LongCommand, Run
 from autopilot.links.boat.mission import NO_POSITION, Mission
 from autopilot.links.boat.modes import HEADING, MANUAL, MISSION, TRACK, TRIAL
-from autopilot.links.boat.tuning import ADOPT, REVERT, Tuner, Tuning
+from autopilot.links.boat.tuning import LEARNING, LEVEL, Tuner, TuningCommands
 from autopilot.signals import Mode, OrderKind, Tick
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
@@ -28,12 +28,9 @@ SET_STANDARD_MODE = 262
 """MAV_CMD_DO_SET_STANDARD_MODE, which the dialect does not have."""
 ZIGZAG, TURNING = int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)
 PATTERN = int(dialect.MAV_CMD_USER_3)
-LEARNING, LEVEL = int(dialect.MAV_CMD_USER_4), int(dialect.MAV_CMD_USER_5)
 """USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
-USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg].
-USER_4: learning; 1 adopts the proved model, 2 goes back to the one before.
-USER_5: response level, 1 calm to 9 quick."""
+USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""
 ACKNOWLEDGE = int(dialect.MAV_CMD_SPATIAL_USER_5)
 """Silence the alarms that sound: MAVLink has no command for it, and the USER ones are taken."""
 LATITUDE_MOST_DEG = 85.0
@@ -77,11 +74,11 @@ class Commands:
         self._helmsman = helmsman
         self.mission = mission
         self.tuner = tuner
+        self.tuning = TuningCommands(tuner)
         self.armed = armed
         self.refusal = ""
         """Why the last command was refused, for people."""
         self.running: LongCommand | None = None
-        self.tuning: Tuning | None = None
         self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
             int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
@@ -95,8 +92,8 @@ class Commands:
             TURNING: self._turning,
             PATTERN: self._pattern,
             ACKNOWLEDGE: self._acknowledge,
-            LEARNING: self._learning,
-            LEVEL: self._level,
+            LEARNING: lambda _, parameters: self._tune(LEARNING, parameters[0]),
+            LEVEL: lambda _, parameters: self._tune(LEVEL, parameters[0]),
         }
 
     def execute(self, command: int, parameters: tuple[float, ...], tick: Tick | None) -> int:
@@ -211,41 +208,21 @@ class Commands:
             return self._refuse(DENIED, str(error))
         return ACCEPTED
 
-    def _learning(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
-        tuner, action = self.tuner, parameters[0]
-        if tuner is None or action not in (ADOPT, REVERT):
-            return UNSUPPORTED
-        return self._tune(LEARNING, parameters[:1], tuner.adopt if action == ADOPT else tuner.revert)
-
-    def _level(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
-        tuner, level = self.tuner, parameters[0]
-        if tuner is None:
-            return UNSUPPORTED
-        if not (math.isfinite(level) and level == int(level)):
-            return DENIED
-        return self._tune(LEVEL, parameters[:1], lambda: tuner.set_level(int(level)))
-
-    def _tune(self, command: int, parameters: tuple[float, ...], begin: Callable[[], Tuning]) -> int:
+    def _tune(self, command: int, value: float) -> int:
         """Begin a change that is worked out beside the loop; what it came to is said at its end."""
         running = self.running
         if running is not None and not running.run.is_over:
-            if (running.command, running.parameters) == (command, parameters):
+            if (running.command, running.parameters) == (command, (value,)):
                 return IN_PROGRESS
             return self._refuse(REJECTED, "something else is under way: let it end first")
         try:
-            self.tuning = begin()
+            tuning = self.tuning.begin(command, value)
         except InputError as error:
             return self._refuse(DENIED, str(error))
-        self.running = LongCommand(command, parameters, self.tuning)
+        if tuning is None:
+            return UNSUPPORTED
+        self.running = LongCommand(command, (value,), tuning)
         return IN_PROGRESS
-
-    def told(self) -> str:
-        """Return what a change that has ended came to, once."""
-        tuning = self.tuning
-        if tuning is None or not tuning.is_over:
-            return ""
-        self.tuning = None
-        return tuning.said
 
     def _acknowledge(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         self._helmsman.acknowledge()

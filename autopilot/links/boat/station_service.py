@@ -65,7 +65,7 @@ class StationService:
         lists = (*self._parameters.due(), *self._files.due())
         messages = [*self._progress.due(now), *lists, *self._missions.due(now)]
         self._say_of_mission(now)
-        if said := self._commands.told():
+        if said := self._commands.tuning.told():
             self._texts.say(now, dialect.MAV_SEVERITY_NOTICE, said)
         return messages
 
