@@ -39,14 +39,12 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.web import require_extra
 
     require_extra()
-    import uvicorn
-
     from autopilot.cli.signing import signing_of
     from autopilot.web.access import Access, token_of
     from autopilot.web.hub import Hub
     from autopilot.web.line import BoatLine
     from autopilot.web.log_shelf import LogShelf
-    from autopilot.web.server import build_app
+    from autopilot.web.server import build_app, known_hosts, serve
     from autopilot.web.station import Station
 
     host, port = listening_address(arguments.listen)
@@ -61,8 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise
     app = build_app(Hub(station, line), Access(token), shelf)
     _announce(host, sock.getsockname()[1], token)
-    config = uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=2, ws="none")
-    uvicorn.Server(config).run(sockets=[sock])
+    serve(known_hosts(app, host), sock)
     return int(ExitCode.OK)
 
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+import signal
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from typing import Any
 from urllib.parse import quote
 
+import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import MutableHeaders
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
@@ -158,6 +162,36 @@ class Page:
 
     def _may(self, request: Request) -> bool:
         return self._access.allows(request.headers.get("authorization", ""))
+
+
+class Server(uvicorn.Server):
+    """Ends on SIGINT and SIGTERM as asked, where uvicorn would die of the signal once more."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Take the signals while the block lasts."""
+        before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def serve(app: ASGIApp, sock: socket.socket) -> None:
+    """Serve on a bound socket until a signal comes."""
+    config = uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=2, ws="none")
+    Server(config).run(sockets=[sock])
+
+
+def known_hosts(app: ASGIApp, address: str) -> ASGIApp:
+    """Return the application, refusing on a loopback `address` what was asked of another name.
+
+    A foreign page whose name is made to lead to this machine could otherwise read what is shown here.
+    """
+    if address != "127.0.0.1":
+        return app
+    return TrustedHostMiddleware(app, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False)
 
 
 def build_app(hub: Hub, access: Access, shelf: LogShelf) -> ASGIApp:

@@ -5,10 +5,15 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import re
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import httpx2
 import pytest
 from page_server import TOKEN, SailingHub
 from starlette.testclient import TestClient
@@ -21,7 +26,7 @@ from autopilot.web import page_files
 from autopilot.web.access import Access, token_of
 from autopilot.web.hub import BEHIND_MOST
 from autopilot.web.log_shelf import LogShelf
-from autopilot.web.server import HEADERS, build_app
+from autopilot.web.server import HEADERS, build_app, known_hosts
 
 BEARER = {"authorization": f"Bearer {TOKEN}"}
 
@@ -177,6 +182,36 @@ def test_addresses_that_are_none_are_refused(text: str) -> None:
         return
     with pytest.raises(InputError, match="--listen"):
         listening_address(text)
+
+
+def test_on_loopback_no_foreign_name_leads_to_the_page(sea: Watched) -> None:
+    app = known_hosts(build_app(SailingHub(sea), Access(TOKEN), LogShelf(None)), "127.0.0.1")
+    for name, status in (("127.0.0.1:8080", 200), ("localhost", 200), ("evil.example:8080", 400), ("", 400)):
+        with TestClient(app) as client:
+            assert client.get("/api/history", headers={"host": name}).status_code == status
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_the_process_serves_and_ends_on_a_signal(ending: signal.Signals, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "autopilot", "web", "--link", "udpin:127.0.0.1:0", "--listen", "127.0.0.1:0"]
+    web = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+    try:
+        assert web.stdout is not None
+        steer, look = web.stdout.readline(), web.stdout.readline()
+        address, token = re.findall(r"(http://127.0.0.1:\d+)/#token=([\w-]{20,})", steer)[0]
+        assert look.split()[-1] == f"{address}/"
+        with httpx2.Client(base_url=address, timeout=60.0) as client:
+            assert "Release rudder" in client.get("/").text
+            assert client.get("/api/may", headers={"authorization": f"Bearer {token}"}).json() == {"may": True}
+            with client.stream("GET", "/api/events") as events:
+                first = next(events.iter_text())
+                assert "event: state" in first and '"ours":false' in first
+                web.send_signal(ending)
+        assert web.wait(60.0) == 0
+    finally:
+        web.kill()
+        web.communicate()
 
 
 def test_the_command_ends_with_a_sentence(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
