@@ -38,13 +38,19 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         field = KillingField(Path(name), port, arguments.seed, arguments.speedup)
         left = []
-        for number in range(arguments.kills):
-            left.append(field.kill_one())
-            if number % 10 == 9:
-                print(f"{number + 1} kills, {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
+        gave_up = 0
+        while len(left) < arguments.kills:
+            killed = field.kill_one()
+            if killed is None:
+                gave_up += 1
+                continue
+            left.append(killed)
+            if len(left) % 10 == 0:
+                print(f"{len(left)} kills, {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
         field.close()
     steering = [each for each in left if each.had_engaged]
     unlogged = [1e3 * each.unlogged_s / arguments.speedup for each in steering]
+    print(f"gave up before it was killed               {gave_up}")
     print(f"kills                                      {len(left)}")
     print(f"  while steering                           {len(steering)}")
     print(f"  of these engaged by the note left        {sum(each.resumed for each in left)}")
