@@ -30,9 +30,10 @@ SUBCOMMANDS = {
 
 EXIT_CODES = """exit codes:
   0  done as asked
+  1  the program failed: the rudder was given back, the trace says where
   2  bad usage, or a file or record that cannot be used
   3  a link could not be opened, stayed silent or was lost
-  4  refused: engaging would not be safe, the vehicle does not obey, or a trial ended early
+  4  refused: engaging would not be safe, the vehicle does not obey, or a trial ended early; doctor: no go
   5  ended in fail-safe
   6  compared and found different (params upload, verify, diff; replay)
 """

@@ -107,13 +107,13 @@ class FolderSink:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             number = 1 + max((run_number(path) for path in folder.iterdir()), default=0)
+            self._make_room()
         except OSError as error:
             raise InputError(f"log folder {folder}: {error.strerror}; give another one with --log-dir") from error
         self._run = f"norrbin-{number:05d}-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}"
         self._part = 0
         self._file = -1
         self.path = self._next_path()
-        self._make_room()
         self._file = _opened(self.path, os.O_EXCL, "--log-dir")
 
     def write(self, data: bytes) -> None:
