@@ -38,7 +38,7 @@ def measure(boat: Boat) -> dict[str, object]:
         begin = time.perf_counter()
         at_once = simulation.simulate(boat.model, steps, start)
         middle = time.perf_counter()
-        in_turn = simulation._one_by_one(simulation._drive(boat.model, steps, None), steps, start)
+        in_turn = simulation._one_by_one(simulation._drives(boat.model, steps, None), steps, start[None])[0]
         ratios.append((time.perf_counter() - middle) / (middle - begin))
     assert np.allclose(at_once.rate, in_turn, atol=1.0e-9)
     return {

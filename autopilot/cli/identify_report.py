@@ -42,6 +42,14 @@ AROUND = (
 )
 """What propeller and wind add, where the recordings show it."""
 
+BESIDE = (
+    Quantity("race_w2", "steady_race", "m^2/s^2", "m^2/s^2", 1.0),
+    Quantity("drift", "drift", "1", "1", 1.0),
+    Quantity("drift_time", "drift_time", "s", "s", 1.0),
+    Quantity("c_drift_wind", "drift_wind", "rad/m^2", "deg/m^2", DEG),
+)
+"""A race without recorded revolutions, and drift: named only where they were found."""
+
 TRAIN = (
     Quantity("rudder_dead_band", "dead_band", "rad", "deg", DEG),
     Quantity("rudder_delay", "delay", "s", "s", 1.0),
@@ -90,9 +98,17 @@ def _quantities(found: Identified) -> list[tuple[Quantity, float]]:
     """Return what the model consists of, each with its value."""
     pairs = [(quantity, float(getattr(found.model, quantity.name))) for quantity in QUANTITIES]
     if found.around is not None:
-        pairs += [(quantity, float(getattr(found.around, quantity.name))) for quantity in AROUND]
+        recorded = AROUND if _felt(found) else ()
+        pairs += [(quantity, float(getattr(found.around, quantity.name))) for quantity in recorded]
+        pairs += [(q, float(getattr(found.around, q.name))) for q in BESIDE if getattr(found.around, q.name) != 0.0]
     pairs += [(q, float(getattr(found.train, q.name))) for q in TRAIN if getattr(found.train, q.name) != 0.0]
     return pairs
+
+
+def _felt(found: Identified) -> bool:
+    """Return whether the model uses recorded propeller or wind."""
+    around = found.around
+    return around is not None and (around.reference_propeller > 0.0 or around.wind_beam != 0.0)
 
 
 def _parameter(quantity: Quantity, value: float | None, std: float | None) -> dict[str, Any]:
@@ -171,7 +187,7 @@ def as_text(result: Result) -> str:
     parts = [
         f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
         _table(rows),
-        "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if found.around else ""),
+        "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
         _table(_run_rows(result)),
         *found.unidentifiable.values(),
         *(" ".join(test.sentences()) for test in result.residual_tests),

@@ -12,6 +12,7 @@ import numpy as np
 
 from autopilot.cli.identify_report import Result
 from autopilot.identification.runs import Run, Segment
+from autopilot.identification.steering import steering_errors, steering_model
 from autopilot.params.editing import updated_vessel_text
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import SCHEMA_VERSION, Model, Rudder, StandardErrors, Vessel
@@ -40,7 +41,7 @@ def write_vessel(path: str, result: Result) -> None:
 
 
 def _model(result: Result, runs: list[Run]) -> Model:
-    model, errors = result.found.model, result.found.standard_errors
+    model, errors = steering_model(result.found), steering_errors(result.found)
     return Model(
         K_1_s=rounded(model.gain),
         T_s=rounded(model.time_constant),

@@ -12,10 +12,21 @@ from autopilot.identification.residuals import typical_rate
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import Run, Segment, has_propeller, has_wind
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.race_and_wind import RaceAndWind
+from autopilot.models.race_and_wind import RaceAndWind, without_drift
 
 CUBIC = ("gain", "time_constant", "n3", "n0")
 WIND = ("wind_beam", "wind_quarter")
+DRIFT = ("drift", "drift_time", "drift_wind")
+TURN = ("steady_race", "n3")
+"""What holds against what in a turn: the lost speed that leaves the rudder its force, and the cubic damping."""
+TOGETHER = (WIND, DRIFT, TURN)
+"""What stands and falls together."""
+START_DRIFT = 0.3
+"""Where the fit of the drift begins; its time begins at half of T, its wind at none."""
+SURELY = 1.0 / 3.0
+"""Drift brings three parameters at once, so its share must be told from zero at three standard errors."""
+SPEED_VARIES = 0.1
+"""A race at revolutions that nobody recorded is looked for where the speed varies by this share of its mean."""
 START_RACE = 0.5
 """Where the fit of the race begins: c n0^2/U0^2."""
 START_N3 = 0.2
@@ -32,7 +43,7 @@ START_DEAD_BAND = 0.01
 def with_extras(runs: Sequence[Run], plain: Identified, asked: Sequence[str], steps: Steps) -> Identified:
     """Fit propeller race and wind moment too where recorded, and what was `asked` of the rudder's train; drop what the
     runs do not show, one after the other."""
-    names = (("race",) if has_propeller(runs) else ()) + (WIND if has_wind(runs) else ()) + tuple(asked)
+    names = _race(runs) + (WIND if has_wind(runs) else ()) + tuple(asked)
     if not names:
         return plain
     train = DIRECT._replace(**{name: _begin_with(name, plain.model) for name in asked})
@@ -40,10 +51,14 @@ def with_extras(runs: Sequence[Run], plain: Identified, asked: Sequence[str], st
     around = RaceAndWind(race=0.0, reference_propeller=mean_propeller(runs) if "race" in names else 0.0)
     if "race" in names:
         around = around._replace(race=START_RACE * (start.reference_speed / around.reference_propeller) ** 2)
+    if "steady_race" in names:
+        around = around._replace(steady_race=START_RACE * start.reference_speed**2)
     found = solve(runs, start, (*CUBIC, *names), steps.next, around=around, train=train)
+    if has_wind(runs) and (drifting := _with_drift(runs, found, steps)) is not None:
+        found, names = drifting, (*names, *DRIFT)
     reasons: dict[str, str] = {}
     while weakest := _least_shown(found, ("n3", *names)):
-        gone = WIND if weakest in WIND else (weakest,)
+        gone = _falling(weakest, found)
         smaller = _without(runs, found, gone, steps)
         if _says_more(found, smaller, runs):
             # two that work in the same moments may each be uncertain and yet be needed together
@@ -57,7 +72,25 @@ def with_extras(runs: Sequence[Run], plain: Identified, asked: Sequence[str], st
     only_around = not any(name in RudderTrain._fields for name in names)
     if only_around and found.noise[0].size > WORTH_IT * plain.noise[0].size:
         return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
+    if _is_uncertain(found, "n3"):
+        reasons["n3"] = _told_together("n3", found)
     return _extended(found, plain, reasons)
+
+
+def _race(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Return the race that the runs may tell: of recorded revolutions, or of unknown ones that stayed the same."""
+    if has_propeller(runs):
+        return ("race",)
+    speed = np.abs(np.concatenate([segment.speed for segment in _segments(runs)]))
+    return ("steady_race",) if float(np.std(speed)) > SPEED_VARIES * float(np.mean(speed)) else ()
+
+
+def _with_drift(runs: Sequence[Run], found: Solution, steps: Steps) -> Solution | None:
+    """Return the fit with drift before the wind beside everything in `found`, None where the runs do not ask for it."""
+    around = found.around._replace(drift=START_DRIFT, drift_time=0.5 * found.model.time_constant)
+    drifting = solve(runs, found.model, (*found.free, *DRIFT), steps.next, around=around, train=found.train)
+    told = _relative_error(drifting, "drift") < SURELY and drifting.noise[0].size < WORTH_IT * found.noise[0].size
+    return drifting if told and 0.0 < drifting.around.drift < 1.0 else None
 
 
 def _extended(found: Solution, plain: Identified, reasons: dict[str, str]) -> Identified:
@@ -66,7 +99,15 @@ def _extended(found: Solution, plain: Identified, reasons: dict[str, str]) -> Id
     extras = (*(RaceAndWind._fields if has_around else ()), *RudderTrain._fields)
     errors = {**result.standard_errors, **{name: found.standard_error(name) for name in extras}}
     around = found.around if has_around else None
-    return result._replace(around=around, plain=plain.model, standard_errors=errors, train=found.train)
+    notes = result.notes
+    if around is not None and around.drifts:
+        steering = without_drift(found.model, around)
+        notes = (
+            *notes,
+            f"drift: to a slow rudder this boat has K {steering.gain:.4g} 1/s, T {steering.time_constant:.4g} s; "
+            "that goes into a vessel file, and gains are designed from it.",
+        )
+    return result._replace(around=around, plain=plain.model, standard_errors=errors, train=found.train, notes=notes)
 
 
 def _without(runs: Sequence[Run], found: Solution, gone: Sequence[str], steps: Steps) -> Solution:
@@ -106,12 +147,23 @@ def _told_together(name: str, solution: Solution) -> str:
 
 
 def _least_shown(solution: Solution, names: Sequence[str]) -> str:
-    """Return the parameter that can least be told from zero; '' where all can. The two of the wind stand together."""
+    """Return the parameter that can least be told from zero; '' where all can. What stands
+    together counts as its best."""
     doubt = {name: _relative_error(solution, name) for name in names if name in solution.free}
-    if WIND[0] in doubt:
-        doubt[WIND[0]] = doubt[WIND[1]] = min(doubt[name] for name in WIND)
+    for group in TOGETHER:
+        if group[0] in doubt:
+            held = [name for name in group if name in doubt]
+            doubt.update(dict.fromkeys(held, min(doubt[name] for name in held)))
     weak = {name: value for name, value in doubt.items() if value > LARGEST_RELATIVE_ERROR}
     return max(weak, key=lambda name: weak[name]) if weak else ""
+
+
+def _falling(weakest: str, solution: Solution) -> tuple[str, ...]:
+    """Return what goes when `weakest` does: of what counts in a turn the race first, and then n3 is asked again."""
+    if weakest in TURN:
+        return tuple(name for name in TURN if name in solution.free)[:1]
+    group = next((group for group in TOGETHER if weakest in group), (weakest,))
+    return tuple(name for name in group if name in solution.free)
 
 
 def _relative_error(solution: Solution, name: str) -> float:

@@ -22,11 +22,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from autopilot.identification.forcing import Forcing, forcing
 from autopilot.identification.noise import Noise, residual_noise, robust_covariance
 from autopilot.identification.residuals import Problem, initial_state, triangle, typical_rate, units
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
-from autopilot.identification.simulation import Forcing, forcing
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
@@ -38,7 +38,12 @@ movement and the motion between two samples, is otherwise known only roughly."""
 LARGE_TURN = 2.0
 """Cubic damping shortens the memory in a turn; it is reckoned with at this many times the typical rate."""
 
-NOT_NEGATIVE = ("n3", "race", "dead_band", "delay", "lag")
+NOT_NEGATIVE = ("n3", "race", "steady_race", "drift", "dead_band", "delay", "lag")
+LARGEST_DRIFT = 0.95
+"""With a drift of 1 the boat would no longer go straight by itself."""
+DRIFT_TIMES = 2.0
+"""A round of the fit changes the drift's time by at most this factor's logarithm: with much less the steps would be too
+long for it, with much more there is no drift."""
 AT_BOUND = 1.0e-4
 """A scaled parameter below this has ended at its bound 0."""
 
@@ -147,7 +152,7 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise]) -> FloatA
             memory[key] = np.concatenate([values for values, _ in rows]), jacobian.reshape(-1, vector.size)
         return memory[key]
 
-    low = np.array([0.0 if name in NOT_NEGATIVE else -np.inf for name in problem.free] + [-np.inf] * (2 * S))
+    low, high = _bounds(problem, z)
 
     def residual(vector: FloatArray) -> FloatArray:
         return evaluate(vector)[0]
@@ -159,13 +164,26 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise]) -> FloatA
         residual,
         z,
         jac=jacobian,
-        bounds=(low, np.full(z.size, np.inf)),
+        bounds=(low, high),
         x_scale="jac",
         xtol=1.0e-6,
         ftol=1.0e-6,
         max_nfev=60,
     )
     return np.asarray(found.x, dtype=np.float64)
+
+
+def _bounds(problem: Problem, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return between which values each component of the vector may move from `z`."""
+    low, high = np.full(z.size, -np.inf), np.full(z.size, np.inf)
+    for i, name in enumerate(problem.free):
+        if name in NOT_NEGATIVE:
+            low[i] = 0.0
+        if name == "drift":
+            high[i] = LARGEST_DRIFT
+        if name == "drift_time":
+            low[i], high[i] = z[i] - DRIFT_TIMES, z[i] + DRIFT_TIMES
+    return low, high
 
 
 def _compressed(

@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from autopilot.identification.forcing import at_samples, forcing, rudder_behind
 from autopilot.identification.residuals import initial_state
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, seconds
-from autopilot.identification.simulation import at_samples, forcing, rudder_behind, simulate
+from autopilot.identification.simulation import simulate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 

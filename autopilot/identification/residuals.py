@@ -1,6 +1,6 @@
 """The residuals of an output-error fit and their derivatives, in a scaled vector of order one.
 
-The vector z holds the free parameters (log of gain and time constant; the others in units that make them of
+The vector z holds the free parameters (log of gain and time constants; the others in units that make them of
 order one), then per segment the initial rate in that unit, then per segment the initial heading.
 """
 
@@ -12,10 +12,11 @@ from typing import cast
 
 import numpy as np
 
+from autopilot.identification.forcing import Forcing, at_samples, rudder_behind
 from autopilot.identification.noise import Noise, instrument_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
-from autopilot.identification.simulation import Forcing, at_samples, rudder_behind, simulate, slopes
+from autopilot.identification.simulation import Trajectory, simulate, slopes
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
@@ -27,7 +28,7 @@ BLOCK_ROWS = 512
 TYPICAL_DEAD_BAND = 0.02
 """A play of the steering gear [rad] that one would notice."""
 
-LOGARITHMIC = ("gain", "time_constant")
+LOGARITHMIC = ("gain", "time_constant", "drift_time")
 
 LOG_BOUND = 25.0
 """Logarithms of K and T beyond this are held: no boat is there, and exp must not overflow."""
@@ -47,8 +48,8 @@ class Problem:
     train: RudderTrain = DIRECT
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
     """The latest response by its vector: minimiser, noise and standard errors ask for the same one in turn."""
-    latest: dict[str, FloatArray] = field(default_factory=dict, repr=False)
-    """The latest rates: where the search for the next ones begins."""
+    latest: dict[str, Trajectory] = field(default_factory=dict, repr=False)
+    """The latest motion: where the search for the next one begins."""
 
     def model(self, z: FloatArray) -> Norrbin:
         """Return the model that the vector stands for."""
@@ -77,8 +78,11 @@ class Problem:
 
     def parameter_scale(self, z: FloatArray) -> FloatArray:
         """Return d(parameter)/dz, shape (F,): what turns scaled standard errors into those of the parameters."""
-        model = self.model(z)
-        return np.array([getattr(model, name) if name in LOGARITHMIC else self.units[name] for name in self.free])
+        scale = [
+            self._unscaled(name, float(z[i])) if name in LOGARITHMIC else self.units[name]
+            for i, name in enumerate(self.free)
+        ]
+        return np.array(scale)
 
     def vector(self, states: Sequence[tuple[float, float]]) -> FloatArray:
         """Return the vector of the base model and the initial states (rate [rad/s], heading [rad])."""
@@ -112,8 +116,8 @@ class Problem:
         moved = [z + DIFFERENCE_STEP * direction for direction in np.eye(F, z.size)]
         model, around = self.model(z), self._around(z)
         driven = self.forcing._replace(rudder=self._rudder(z))
-        motion = simulate(model, driven, z[F : F + S] * self.typical_rate, around, self.latest.get("rate"))
-        self.latest["rate"] = motion.rate
+        motion = simulate(model, driven, z[F : F + S] * self.typical_rate, around, self.latest.get("motion"))
+        self.latest["motion"] = motion
         shifted = [
             (self.model(v), self._around(v), self._rudder(v) if name in RudderTrain._fields else driven.rudder)
             for name, v in zip(self.free, moved, strict=True)
@@ -164,6 +168,9 @@ def units(base: Norrbin, around: RaceAndWind, rate: float, segments: Sequence[Se
         "race": (base.reference_speed / max(around.reference_propeller, 1.0e-6)) ** 2,
         "wind_beam": acceleration / wind,
         "wind_quarter": acceleration / wind,
+        "steady_race": base.reference_speed**2,
+        "drift": 1.0,
+        "drift_wind": acceleration / wind,
         "dead_band": TYPICAL_DEAD_BAND,
         "delay": base.time_constant,
         "lag": base.time_constant,

@@ -1,9 +1,10 @@
 """Models driven by recorded rudder and speed: the open-loop simulation behind every fit.
 
 The equation is `autopilot.models.norrbin`, evaluated elementwise over all steps of all segments at once. What is
-left is a recurrence, r_k+1 = F_k(r_k) with F_k a Runge-Kutta step; Newton's method on all of it together needs
-three or four rounds, each one evaluation of every step and one bidiagonal system, where a loop over time would need
-as many calls as there are steps. The same system gives the derivatives by the parameters.
+left is a recurrence, x_k+1 = F_k(x_k) with F_k a Runge-Kutta step and x the yaw rate, or rate and drift; Newton's
+method on all of it together needs three or four rounds, each a few evaluations of every step and one banded system,
+where a loop over time would need as many calls as there are steps. The same system gives the derivatives by the
+parameters.
 """
 
 from __future__ import annotations
@@ -12,11 +13,10 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.blas import dtbsv
 
-from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, corners
-from autopilot.identification.runs import FloatArray, Segment
+from autopilot.identification.forcing import Forcing
+from autopilot.identification.recurrence import recurrence
+from autopilot.identification.runs import FloatArray
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, wind_acceleration
 
@@ -35,120 +35,19 @@ NEARLY = 1.0e-6
 PROBE = 1.0e-6
 """Step of the finite differences inside one integration step, as a share of the largest rate."""
 
-BESIDE_RUDDER = ("speed", "propeller", "beam_wind", "quarter_wind")
-
-
-IntArray = NDArray[np.intp]
-
-
-class SamplePlaces(NamedTuple):
-    """Where the N samples of a segment lie: after node `left` by `share` of the way to the next, shapes (N,)."""
-
-    left: IntArray
-    share: FloatArray
-
-
-class Forcing(NamedTuple):
-    """The integration steps of S segments, one segment after the other: M steps between M + S nodes in all.
-
-    step [s], shape (M,); begin: the node at which each step begins, shape (M,), its end is the next node; first:
-    the node at which each segment begins, shape (S,). rudder [rad] and speed [m/s], shape (3, M), at the beginning,
-    middle and end of each step, as are propeller [1/s], beam_wind and quarter_wind [m^2/s^2], 0 where the recording
-    has none. samples: per segment, at which nodes its samples lie. moments [s]: per segment its steps' beginnings,
-    middles and ends, shape (3, its steps); paths: per segment time [s] and angle [rad] of the recorded rudder.
-    """
-
-    step: FloatArray
-    begin: IntArray
-    first: IntArray
-    rudder: FloatArray
-    speed: FloatArray
-    propeller: FloatArray
-    beam_wind: FloatArray
-    quarter_wind: FloatArray
-    samples: tuple[SamplePlaces, ...]
-    moments: tuple[FloatArray, ...]
-    paths: tuple[tuple[FloatArray, FloatArray], ...]
+BLOCK = 8192
+"""Steps that are evaluated together: their arrays then stay in the processor's cache."""
 
 
 class Trajectory(NamedTuple):
-    """Yaw rate [rad/s] and angle turned through since the segment's beginning [rad] at the nodes, shape (M+S,)."""
+    """Yaw rate [rad/s] and angle turned through since the segment's beginning [rad] at the nodes, shape (M+S,); drift:
+    what drift adds to the turning [rad/s], likewise, None where it does not count. linearised: the steps next to this
+    motion, where they are known: they spare `slopes` half its work."""
 
     rate: FloatArray
     turned: FloatArray
-
-
-def forcing(segments: Sequence[Segment], longest_step: float, together: float | None = None) -> Forcing:
-    """Return the segments' rudder and speed on steps of at most about `longest_step` [s].
-
-    Samples further apart than that are subdivided; those that lie within `together` [s], by default the same, are
-    stepped over in one. Between samples rudder and speed move linearly.
-    """
-    reach = longest_step if together is None else together
-    turns = [corners(segment.time, segment.rudder) for segment in segments]
-    knots = [
-        _knots(np.union1d(segment.time, times), longest_step, reach)
-        for segment, (times, _) in zip(segments, turns, strict=True)
-    ]
-    first = np.cumsum([0, *(times.size for times in knots[:-1])])
-    begin = np.concatenate([start + np.arange(times.size - 1) for start, times in zip(first, knots, strict=True)])
-    moments = tuple(np.stack([t[:-1], 0.5 * (t[:-1] + t[1:]), t[1:]]) for t in knots)
-    paths = tuple(_with_corners(segment, turn) for segment, turn in zip(segments, turns, strict=True))
-    driven = {
-        "rudder": np.concatenate([np.interp(m, *path) for m, path in zip(moments, paths, strict=True)], axis=1)
-    } | {
-        name: np.concatenate(
-            [_recorded(segment, name, times) for segment, times in zip(segments, moments, strict=True)], axis=1
-        )
-        for name in BESIDE_RUDDER
-    }
-    samples = tuple(
-        _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
-    )
-    step = np.concatenate([np.diff(times) for times in knots])
-    return Forcing(step, begin, first, **driven, samples=samples, moments=moments, paths=paths)
-
-
-def rudder_behind(train: RudderTrain, forcing: Forcing) -> FloatArray:
-    """Return what the recorded rudder [rad] has become behind `train`, shape (3, M) as in Forcing."""
-    if train == DIRECT:
-        return forcing.rudder
-    parts = []
-    for moments, (time, angle) in zip(forcing.moments, forcing.paths, strict=True):
-        in_order = np.append(moments[:2].T.ravel(), moments[2, -1])
-        there = behind_train(train, time, angle, in_order)
-        parts.append(np.stack([there[:-1:2], there[1::2], there[2::2]]))
-    return np.concatenate(parts, axis=1)
-
-
-def _with_corners(segment: Segment, turns: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Return the rudder's path: the samples and the corners between them, in order of time."""
-    time = np.concatenate([segment.time, turns[0]])
-    order = np.argsort(time)
-    return time[order], np.concatenate([segment.rudder, turns[1]])[order]
-
-
-def _recorded(segment: Segment, name: str, moments: FloatArray) -> FloatArray:
-    values = getattr(segment, name)
-    return np.interp(moments, segment.time, values) if values.size else np.zeros_like(moments)
-
-
-def _places(time: FloatArray, knots: FloatArray, start: int) -> SamplePlaces:
-    right = np.clip(np.searchsorted(knots, time), 1, knots.size - 1)
-    return SamplePlaces(start + right - 1, (time - knots[right - 1]) / (knots[right] - knots[right - 1]))
-
-
-def _knots(time: FloatArray, longest_step: float, together: float) -> FloatArray:
-    """Return the ends of the integration steps [s]: every few samples, or several within a sample spacing."""
-    within = np.searchsorted(time, time + together * (1.0 + 1.0e-9), side="right") - 1
-    # the last sample within reach, and the next one where none is
-    following = np.maximum(within, np.arange(1, time.size + 1)).tolist()
-    chosen = [0]
-    while chosen[-1] < time.size - 1:
-        chosen.append(following[chosen[-1]])
-    coarse = time[chosen]
-    pieces = np.maximum(np.ceil(np.diff(coarse) / longest_step - 1e-9), 1.0).astype(int)
-    return np.interp(np.arange(pieces.sum() + 1), np.concatenate([[0], np.cumsum(pieces)]), coarse)
+    drift: FloatArray | None = None
+    linearised: Linearised | None = None
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a model that runs away is bounded, not an accident
@@ -157,19 +56,24 @@ def simulate(
     forcing: Forcing,
     initial_rate: FloatArray,
     around: RaceAndWind | None = None,
-    guess: FloatArray | None = None,
+    guess: Trajectory | None = None,
 ) -> Trajectory:
     """Return the open-loop motion in S segments that begin with `initial_rate` [rad/s], shape (S,).
 
     Classical Runge-Kutta steps of r' = yaw_acceleration(r, delta) with the parameters scaled to the speed of the
-    moment, and of psi' = r. `around` is what propeller and wind add; without it they do not count. guess: rates at
-    the nodes to begin the search with, those of a similar model for instance; it does not change the result.
+    moment, and of psi' = r. `around` is what propeller, wind and drift add; without it they do not count. A segment
+    begins as if it had turned so for long. guess: a similar model's motion to begin the search with; it does not change
+    the result.
     """
-    drive = _drive(model, forcing, around)
-    rate = _by_newton(drive, forcing, initial_rate, guess)
-    if rate is None:
-        rate = _one_by_one(drive, forcing, initial_rate)
-    return Trajectory(rate, _turned(_runge_kutta(drive, rate[forcing.begin])[1], forcing))
+    drives = _drives(model, forcing, around)
+    initial = _initial(initial_rate, around)
+    found = _by_newton(drives, forcing, initial, guess)
+    if found is None:
+        state = _one_by_one(drives, forcing, initial)
+        return _trajectory(state, _turned(_advance(drives, state[:, forcing.begin])[1], forcing))
+    state, near = found
+    advance = near.advance + np.einsum("cm,cm->m", near.turning, state[:, forcing.begin] - near.start)
+    return _trajectory(state, _turned(advance, forcing))._replace(linearised=near)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -187,23 +91,36 @@ def slopes(
     Differences are taken within each step and carried on by the linearised recurrence: exact but for rounding, however
     long the record is.
     """
-    start = motion.rate[forcing.begin]
-    drive = _drive(model, forcing, around)
-    ahead, advance = _runge_kutta(drive, start)
-    probe = PROBE * max(float(np.max(np.abs(start))), PROBE)
-    beside, advance_beside = _runge_kutta(drive, start + probe)
-    memory, turning = (beside - ahead) / probe, (advance_beside - advance) / probe
+    base = motion.linearised
+    if base is None:
+        base = Linearised(_drives(model, forcing, around), _state(motion)[:, forcing.begin])
+    start, first = base.start, motion.rate[forcing.first]
+    initial = _initial(first, around)
     result = []
     for other, beside_it, rudder in shifted:
-        moved, moved_advance = _runge_kutta(_drive(other, forcing._replace(rudder=rudder), beside_it), start)
-        rate = _finite(_recurrence(memory, (moved - ahead) / by, np.zeros(forcing.first.size), forcing))
-        result.append(_derivative(rate, (moved_advance - advance) / by + turning * rate[forcing.begin], forcing))
-    rate = _finite(_recurrence(memory, np.zeros(start.size), np.ones(forcing.first.size), forcing))
-    return [*result, _derivative(rate, turning * rate[forcing.begin], forcing)]
+        moved, moved_advance = _advance(_drives(other, forcing._replace(rudder=rudder), beside_it), start)
+        begins = (_initial(first, beside_it) - initial) / by
+        result.append(base.carried((moved - base.ahead) / by, (moved_advance - base.advance) / by, begins, forcing))
+    still = np.zeros_like(start)
+    begins = _initial(np.ones(first.size), around)
+    return [*result, base.carried(still, still[0], begins, forcing)]
 
 
-def _derivative(rate: FloatArray, advance: FloatArray, forcing: Forcing) -> Trajectory:
-    return Trajectory(rate, _finite(_turned(_finite(advance), forcing)))
+@np.errstate(over="ignore", invalid="ignore")
+def linear_responses(model: Norrbin, forcing: Forcing) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what a linear model (n3 = n2 = 0, no surroundings) answers to its rudder, to n0 = -1 rad/s without rudder,
+    and to an initial rate of 1 rad/s: rate [rad/s] and angle turned [rad] at the nodes, each of shape (2, M+S)."""
+    still = np.zeros((1, forcing.step.size))
+    driven = _advance(_drives(model._replace(n0=0.0), forcing, None), still)
+    free = _drives(model._replace(gain=0.0, n0=0.0), forcing, None)
+    memory, turning = _advance(free, still + 1.0)
+    pushed = _advance(_drives(model._replace(gain=0.0, n0=-1.0), forcing, None), still)
+    at_rest, moving = np.zeros((1, forcing.first.size)), np.ones((1, forcing.first.size))
+    result = []
+    for (source, advance), initial in ((driven, at_rest), (pushed, at_rest), ((still, still[0]), moving)):
+        rate = recurrence(memory[None], source, initial, forcing)[0]
+        result.append(np.stack([rate, _turned(advance + turning * rate[forcing.begin], forcing)]))
+    return result[0], result[1], result[2]
 
 
 def _finite(slope: FloatArray) -> FloatArray:
@@ -211,91 +128,175 @@ def _finite(slope: FloatArray) -> FloatArray:
     return np.fmax(np.fmin(slope, SLOPE_BOUND), -SLOPE_BOUND)
 
 
-class _Drive(NamedTuple):
-    """Parameters at the speed of the beginning, middle and end of each step, the rudder there, and the steps."""
+def _trajectory(state: FloatArray, turned: FloatArray) -> Trajectory:
+    return Trajectory(state[0], turned, state[1] if state.shape[0] > 1 else None)
 
-    begin: Norrbin
-    middle: Norrbin
-    end: Norrbin
+
+def _state(motion: Trajectory) -> FloatArray:
+    """Return the state at the nodes: the rate, shape (1, M+S), or rate and drift, shape (2, M+S)."""
+    return np.stack([motion.rate] if motion.drift is None else [motion.rate, motion.drift])
+
+
+def _initial(rate: FloatArray, around: RaceAndWind | None) -> FloatArray:
+    """Return the states that segments begin with: drift, where it counts, has settled."""
+    return np.stack([rate, around.drift * rate] if around is not None and around.drifts else [rate])
+
+
+class _Moment(NamedTuple):
+    """Parameters and rudder at one moment of each step; with drift, how much of it pulls, how fast it settles [1/s], on
+    which share of the rate, and the wind's push on it [rad/s^2]."""
+
+    model: Norrbin
     rudder: FloatArray
+    pull: FloatArray | None = None
+    settle: FloatArray | None = None
+    share: float = 0.0
+    push: FloatArray | None = None
+
+
+class _Drive(NamedTuple):
+    """Beginning, middle and end of each step, and the steps [s]."""
+
+    begin: _Moment
+    middle: _Moment
+    end: _Moment
     step: FloatArray
 
 
-def _drive(model: Norrbin, forcing: Forcing, around: RaceAndWind | None) -> _Drive:
-    ratio = np.maximum(np.abs(forcing.speed) / model.reference_speed, SPEED_FLOOR_RATIO)
-    begin, middle, end = (at_speed_ratio(model, cast(float, moment)) for moment in ratio)
-    rudder = forcing.rudder
-    if around is not None:
-        inflow = inflow_ratio(around, model.reference_speed, ratio, forcing.propeller)
-        wind = wind_acceleration(around, forcing.beam_wind, forcing.quarter_wind)
-        # the rudder angle that would do without race and wind what the rudder does with them
-        rudder = rudder * inflow + wind * model.time_constant / (ratio * ratio * model.gain)
-    return _Drive(begin, middle, end, rudder, forcing.step)
+def _drives(model: Norrbin, forcing: Forcing, around: RaceAndWind | None) -> list[_Drive]:
+    """Return what drives the steps, some thousand of them at a time."""
+    starts = range(0, forcing.step.size, BLOCK)
+    return [_drive(model, forcing, around, slice(start, start + BLOCK)) for start in starts]
 
 
-def _runge_kutta(drive: _Drive, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rates [rad/s] one step after `rate`, and the angles [rad] turned meanwhile."""
-    h, (d0, d1, d2) = drive.step, drive.rudder
-    k1 = _acceleration(drive.begin, rate, d0)
-    k2 = _acceleration(drive.middle, rate + 0.5 * h * k1, d1)
-    k3 = _acceleration(drive.middle, rate + 0.5 * h * k2, d1)
-    k4 = _acceleration(drive.end, rate + h * k3, d2)
-    between = k1 + k2 + k3
-    return rate + h / 6.0 * (between + k2 + k3 + k4), h * (rate + h / 6.0 * between)
+def _drive(model: Norrbin, forcing: Forcing, around: RaceAndWind | None, steps: slice) -> _Drive:
+    begin, middle, end = (_moment(model, forcing, around, (i, steps)) for i in range(3))
+    return _Drive(begin, middle, end, forcing.step[steps])
 
 
-def _acceleration(model: Norrbin, rate: FloatArray, rudder: FloatArray) -> FloatArray:
-    """The scalar equation of `models.norrbin`, elementwise."""
-    return cast(FloatArray, yaw_acceleration(model, cast(float, rate), cast(float, rudder)))
+def _moment(model: Norrbin, forcing: Forcing, around: RaceAndWind | None, at: tuple[int, slice]) -> _Moment:
+    speed = np.maximum(np.abs(forcing.speed[at]) / model.reference_speed, SPEED_FLOOR_RATIO)
+    if around is None:
+        return _Moment(at_speed_ratio(model, cast(float, speed)), forcing.rudder[at])
+    ratio = inflow_ratio(around, model.reference_speed, speed, forcing.propeller[at])
+    scaled = at_speed_ratio(model, cast(float, ratio))
+    wind = wind_acceleration(around, forcing.beam_wind[at], forcing.quarter_wind[at])
+    # the rudder angle that would do without wind what the rudder does with it
+    rudder = forcing.rudder[at] + wind * scaled.time_constant / scaled.gain
+    if not around.drifts:
+        return _Moment(scaled, rudder)
+    pull, push = speed / model.time_constant, around.drift_wind * forcing.beam_wind[at]
+    return _Moment(scaled, rudder, pull, speed / around.drift_time, around.drift, push)
+
+
+def _advance(drives: Sequence[_Drive], state: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the states one step after `state`, shape (C, M), and the angles [rad] turned meanwhile, shape (M,)."""
+    ahead, advance, start = np.empty_like(state), np.empty(state.shape[1]), 0
+    for drive in drives:
+        part = slice(start, start + drive.step.size)
+        following, advance[part] = _runge_kutta(drive, tuple(state[:, part]))
+        for row, values in enumerate(following):
+            ahead[row, part] = values
+        start = part.stop
+    return ahead, advance
+
+
+State = tuple[FloatArray, ...]
+
+
+def _runge_kutta(drive: _Drive, state: State) -> tuple[State, FloatArray]:
+    """Return the state one step after `state`, and the angles [rad] turned meanwhile. Elementwise."""
+    h = drive.step
+    half = 0.5 * h
+    k1 = _rates(drive.begin, state)
+    k2 = _rates(drive.middle, tuple(x + half * k for x, k in zip(state, k1, strict=True)))
+    k3 = _rates(drive.middle, tuple(x + half * k for x, k in zip(state, k2, strict=True)))
+    k4 = _rates(drive.end, tuple(x + h * k for x, k in zip(state, k3, strict=True)))
+    sixth = h / 6.0
+    between = [a + b + c for a, b, c in zip(k1, k2, k3, strict=True)]
+    following = tuple(
+        x + sixth * (between_ + b + c + d) for x, between_, b, c, d in zip(state, between, k2, k3, k4, strict=True)
+    )
+    return following, h * (state[0] + sixth * between[0])
+
+
+def _rates(at: _Moment, state: State) -> State:
+    """The scalar equation of `models.norrbin`, elementwise, and the drift's where it counts."""
+    turning = cast(FloatArray, yaw_acceleration(at.model, cast(float, state[0]), cast(float, at.rudder)))
+    if at.pull is None or at.settle is None or at.push is None:
+        return (turning,)
+    return turning + at.pull * state[1], at.settle * (at.share * state[0] - state[1]) + at.push
+
+
+class Linearised:
+    """Every step from `start`, shape (C, M), and how what lies beside it is carried on."""
+
+    def __init__(self, drives: Sequence[_Drive], start: FloatArray) -> None:
+        self.start = start
+        self.ahead, self.advance = _advance(drives, start)
+        probe = PROBE * max(float(np.max(np.abs(start[0]))), PROBE)
+        count = start.shape[0]
+        self.memory, self.turning = np.empty((count, count, start.shape[1])), np.empty_like(start)
+        for column in range(count):
+            beside = start.copy()
+            beside[column] += probe
+            moved, advance = _advance(drives, beside)
+            self.memory[:, column] = (moved - self.ahead) / probe
+            self.turning[column] = (advance - self.advance) / probe
+
+    def carried(self, source: FloatArray, advance: FloatArray, initial: FloatArray, forcing: Forcing) -> Trajectory:
+        """Return the derivative whose own part of each step is `source` and, of the angle turned, `advance`."""
+        state = _finite(recurrence(self.memory, source, initial, forcing))
+        total = advance + np.einsum("cm,cm->m", self.turning, state[:, forcing.begin])
+        return _trajectory(state, _finite(_turned(_finite(total), forcing)))
 
 
 def _by_newton(
-    drive: _Drive, forcing: Forcing, initial_rate: FloatArray, guess: FloatArray | None
-) -> FloatArray | None:
-    """Return the rates at the nodes that follow from one another, None where Newton's method does not arrive."""
-    rate = np.zeros(forcing.step.size + forcing.first.size) if guess is None else guess.copy()
-    rate[forcing.first] = initial_rate
+    drives: Sequence[_Drive], forcing: Forcing, initial: FloatArray, guess: Trajectory | None
+) -> tuple[FloatArray, Linearised] | None:
+    """Return the states at the nodes that follow from one another, and the steps next to them; None where Newton's
+    method does not arrive."""
+    state = np.zeros((initial.shape[0], forcing.step.size + forcing.first.size))
+    if guess is not None and guess.rate.size == state.shape[1]:
+        known = _state(guess)[: state.shape[0]]
+        state[: known.shape[0]] = known
+    state[:, forcing.first] = initial
     for _ in range(NEWTON_ROUNDS):
-        start = rate[forcing.begin]
-        largest = float(np.max(np.abs(rate)))
+        largest = float(np.max(np.abs(state)))
         if not largest < RATE_BOUND_RAD_S:
             return None
-        ahead = _runge_kutta(drive, start)[0]
-        defect = ahead - rate[forcing.begin + 1]
+        step = Linearised(drives, state[:, forcing.begin])
+        defect = step.ahead - state[:, forcing.begin + 1]
         error = float(np.max(np.abs(defect))) / max(largest, SETTLED)
         if error <= SETTLED:
-            return rate
-        probe = PROBE * max(largest, PROBE)
-        memory = (_runge_kutta(drive, start + probe)[0] - ahead) / probe
-        rate = rate + _recurrence(memory, defect, np.zeros(forcing.first.size), forcing)
+            return state, step
+        state = state + recurrence(step.memory, defect, np.zeros_like(initial), forcing)
         if error <= NEARLY:
-            return rate
+            return state, step
     return None
 
 
-def _recurrence(memory: FloatArray, source: FloatArray, initial: FloatArray, forcing: Forcing) -> FloatArray:
-    """Return x at the nodes with x = `initial` at each segment's first and x_k+1 = memory_k x_k + source_k."""
-    nodes = forcing.step.size + forcing.first.size
-    band = np.zeros((2, nodes), order="F")
-    band[1, forcing.begin] = -memory
-    x = np.empty(nodes)
-    x[forcing.first] = initial
-    x[forcing.begin + 1] = source
-    return np.asarray(dtbsv(1, band, x, lower=1, diag=1, overwrite_x=1))
+def _one_by_one(drives: Sequence[_Drive], forcing: Forcing, initial: FloatArray) -> FloatArray:
+    """Return the states at the nodes, step after step in plain numbers, held inside the bound."""
+    state = np.empty((initial.shape[0], forcing.step.size + forcing.first.size))
+    state[:, forcing.first] = initial
+    nodes = iter(forcing.begin.tolist())
+    for drive in drives:
+        moments = [_in_turn(moment, drive.step.size) for moment in drive[:3]]
+        for begin, middle, end, step in zip(*moments, drive.step.tolist(), strict=True):
+            node = next(nodes)
+            following = _runge_kutta(_Drive(begin, middle, end, step), tuple(state[:, node]))[0]
+            # overflow on overflow is not a number: the bound is as good
+            state[:, node + 1] = [max(-RATE_BOUND_RAD_S, min(RATE_BOUND_RAD_S, float(x))) for x in following]
+    return state
 
 
-def _one_by_one(drive: _Drive, forcing: Forcing, initial_rate: FloatArray) -> FloatArray:
-    """Return the rates at the nodes, step after step in plain numbers, held inside the bound."""
-    rate = np.empty(forcing.step.size + forcing.first.size)
-    rate[forcing.first] = initial_rate
-    models = [[np.broadcast_to(values, drive.step.shape).tolist() for values in model] for model in drive[:3]]
-    begin, middle, end = ([Norrbin(*row) for row in zip(*model, strict=True)] for model in models)
-    rows = zip(begin, middle, end, drive.rudder.T.tolist(), drive.step.tolist(), forcing.begin.tolist(), strict=True)
-    for first, second, third, rudder, step, node in rows:
-        following = float(_runge_kutta(_Drive(first, second, third, rudder, step), rate[node])[0])
-        # overflow on overflow is not a number: the bound is as good
-        rate[node + 1] = max(-RATE_BOUND_RAD_S, min(RATE_BOUND_RAD_S, following))
-    return rate
+def _in_turn(moment: _Moment, count: int) -> list[_Moment]:
+    """Return the moment of one step after the other."""
+    models = [np.broadcast_to(values, (count,)).tolist() for values in moment.model]
+    others = [[None] * count if values is None else np.broadcast_to(values, (count,)).tolist() for values in moment[1:]]
+    rows = zip(*models, strict=True)
+    return [_Moment(Norrbin(*row), *rest) for row, *rest in zip(rows, *others, strict=True)]
 
 
 def _turned(advance: FloatArray, forcing: Forcing) -> FloatArray:
@@ -305,9 +306,3 @@ def _turned(advance: FloatArray, forcing: Forcing) -> FloatArray:
     turned = np.cumsum(turned)
     lengths = np.diff(np.append(forcing.first, turned.size))
     return np.asarray(turned - np.repeat(turned[forcing.first], lengths))
-
-
-def at_samples(values: FloatArray, forcing: Forcing, s: int) -> FloatArray:
-    """Return `values` at the nodes, shape (M+S,), at the N samples of segment `s`, linear between nodes."""
-    left, share = forcing.samples[s]
-    return np.asarray(values[left] * (1.0 - share) + values[left + 1] * share)

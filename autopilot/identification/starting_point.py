@@ -7,14 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from autopilot.identification.forcing import Forcing, at_samples, forcing
 from autopilot.identification.residuals import initial_state, triangle, typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment
-from autopilot.identification.simulation import Forcing, at_samples, forcing, simulate
+from autopilot.identification.simulation import linear_responses, simulate
 from autopilot.models.norrbin import Norrbin
 
 GRID_POINTS = 18
 PAST_THE_BEST = 3
 STEPS_PER_TIME_CONSTANT = 4.0
+ROUGH_STEPS = 2.0
+"""The same on the grid of linear models: exact to a few thousandths, which is enough to begin with."""
 SHORTEST_TIME_CONSTANT_S = 0.05
 LONGEST_TIME_CONSTANT_S = 500.0
 
@@ -92,17 +95,12 @@ def _misfit(
 
 def _linear_fit(segments: Sequence[Segment], T: float, reference_speed: float) -> StartingPoint:
     unit = Norrbin(1.0, T, reference_speed=reference_speed)
-    steps = forcing(segments, T / STEPS_PER_TIME_CONSTANT)
-    still, turning = np.zeros(len(segments)), np.ones(len(segments))
-    driven, offset, free = (
-        simulate(unit, steps, still),
-        simulate(unit._replace(gain=0.0, n0=-1.0), steps, still),
-        simulate(unit._replace(gain=0.0), steps, turning),
-    )
+    steps = forcing(segments, T / ROUGH_STEPS)
+    responses = linear_responses(unit, steps)
     rows = []
     for s, segment in enumerate(segments):
         measured_rate = bool(np.isfinite(segment.rate).any())
-        response = [at_samples(m.rate if measured_rate else m.turned, steps, s) for m in (driven, offset, free)]
+        response = [at_samples(motion[0 if measured_rate else 1], steps, s) for motion in responses]
         measured = segment.rate if measured_rate else segment.heading - initial_state(segment)[1]
         known = np.isfinite(measured)
         start = np.full(measured.size, 0.0 if measured_rate else 1.0)

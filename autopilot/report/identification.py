@@ -15,6 +15,7 @@ from autopilot.identification.prediction import Prediction
 from autopilot.identification.residual_tests import ResidualTest
 from autopilot.identification.rudder_path import RudderTrain
 from autopilot.identification.runs import FloatArray, Run
+from autopilot.identification.steering import steering_model
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.report.figures import Line, Panel, time_figure
 from autopilot.report.page import Section, render
@@ -28,6 +29,10 @@ SYMBOLS = {
     "race": ("c (race)", "m²"),
     "wind_beam": ("c1 (wind)", "rad/m²"),
     "wind_quarter": ("c2 (wind)", "rad/m²"),
+    "steady_race": ("w² (race)", "m²/s²"),
+    "drift": ("d (drift)", "1"),
+    "drift_time": ("Td (drift)", "s"),
+    "drift_wind": ("cd (drift by wind)", "rad/m²"),
     "dead_band": ("rudder dead band", "rad"),
     "delay": ("rudder delay", "s"),
     "lag": ("rudder lag", "s"),
@@ -102,7 +107,7 @@ def _value(found: Identified, name: str) -> float | None:
         return float(getattr(found.model, name))
     if name in RudderTrain._fields:
         return float(getattr(found.train, name)) or None
-    return None if found.around is None else float(getattr(found.around, name))
+    return None if found.around is None else float(getattr(found.around, name)) or None
 
 
 def _bound(findings: Findings) -> dict[str, float]:
@@ -210,7 +215,7 @@ def _steady_turn_curve(findings: Findings) -> list[Section]:
     if found.model.n1 <= 0.0 and found.model.n3 <= 0.0:
         return []
     rudder = np.linspace(-LARGEST_RUDDER, LARGEST_RUDDER, 71)
-    rates = _rates(found.model, rudder)
+    rates = _rates(steering_model(found), rudder)
     lines = [Line("model, 95 % band", np.degrees(rudder), np.degrees(rates), beside=_band(found, rudder, rates))]
     turns = findings.steady_turns
     if turns is not None:
@@ -237,7 +242,7 @@ def _band(found: Identified, rudder: FloatArray, rates: FloatArray) -> FloatArra
     slopes = []
     for name, variance in zip(names, np.diag(covariance), strict=True):
         step = max(PROBE * abs(getattr(found.model, name)), PROBE * math.sqrt(max(variance, 0.0)), 1.0e-9)
-        moved = found.model._replace(**{name: getattr(found.model, name) + step})
+        moved = steering_model(found._replace(model=found.model._replace(**{name: getattr(found.model, name) + step})))
         slopes.append((_rates(moved, rudder) - rates) / step)
     slope = np.stack(slopes)
     variance = np.einsum("in,ij,jn->n", slope, covariance, slope)

@@ -7,10 +7,11 @@ import pytest
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
 from autopilot.errors import InputError
+from autopilot.identification.forcing import at_samples, forcing
 from autopilot.identification.identified import SteadyTurns
 from autopilot.identification.identify import identify, mean_speed
 from autopilot.identification.prediction import predict
-from autopilot.identification.simulation import at_samples, forcing, simulate
+from autopilot.identification.simulation import simulate
 from autopilot.identification.two_stage import cubic_damping_stage, nomoto_stage
 from autopilot.models.norrbin import Norrbin, steady_rate
 

@@ -8,16 +8,28 @@ from zigzag_trials import RECORDINGS
 
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
-from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio
+from autopilot.identification.steering import steering_errors, steering_model
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, without_drift
 
 U0, N0, L2 = 0.25, 10.0, 8.0e-4
 COLUMNS = ("time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad", "speed_m_s", "propeller_rps")
 
 
-def trial(seed: int, propeller: float, race: float, wind: float, angle: float = 0.35, seconds: float = 150.0) -> Run:
-    """A boat getting under way and zigzagging in a gusty wind, Euler steps of 10 ms written out from the forces."""
+def trial(
+    seed: int,
+    propeller: float,
+    race: float,
+    wind: float,
+    angle: float = 0.35,
+    seconds: float = 150.0,
+    slide: float = 0.0,
+) -> Run:
+    """A boat getting under way and zigzagging in a gusty wind, Euler steps of 10 ms written out from the forces.
+
+    slide: how much the boat's sideways motion, which follows turn and wind within 8 s at U0, turns it further."""
     dt, random = 0.01, np.random.default_rng(seed)
-    rate = heading = rudder = speed = 0.0
+    rate = heading = rudder = speed = sway = 0.0
     order, gust, rows = angle, 3.0, []
     for i in range(int(seconds / dt)):
         gust += dt / 10.0 * (3.0 - gust) + np.sqrt(dt) * 0.3 * random.normal()
@@ -27,11 +39,13 @@ def trial(seed: int, propeller: float, race: float, wind: float, angle: float = 
         if heading * np.sign(order) >= abs(angle) and speed > 0.1:
             order = -order
         rudder += float(np.clip(order - rudder, -0.4 * dt, 0.4 * dt))
-        # K/T = 0.01 1/s^2 and 1/T = 1/12 1/s at U0 and N0; the force on the rudder goes with the inflow squared
-        inflow = (speed**2 + race * propeller**2) / (U0**2 + race * N0**2)
-        turning = 0.01 * inflow * rudder - speed / U0 / 12.0 * rate - 20.0 * (U0 / max(speed, 0.05)) * rate**3
+        # K/T = 0.01 1/s^2 and 1/T = 1/12 1/s at U0 and N0; the force on the rudder goes with the inflow squared, the
+        # damping with the inflow
+        inflow = max((speed**2 + race * propeller**2) / (U0**2 + race * N0**2), 0.0025)
+        turning = 0.01 * inflow * rudder - (rate / 12.0) * inflow**0.5 - 20.0 * rate**3 / inflow**0.5
         blown = wind * (np.sin(off_bow) - 0.5 * np.sin(2.0 * off_bow)) * gust**2
-        rate += dt * (turning + blown)
+        rate += dt * (turning + blown + slide * speed * sway)
+        sway += dt * (-speed / U0 / 8.0 * sway + speed * rate + 2.0 * wind * gust**2 * np.sin(off_bow))
         heading += dt * rate
         speed += dt * 0.2 * (0.025 * propeller - speed - 3.0 * abs(rate))
     table = np.array(rows)
@@ -48,7 +62,7 @@ def without(run: Run, *names: str) -> Run:
 def test_race_and_wind_are_recovered_and_foretell_another_trial() -> None:
     runs = [trial(seed, propeller, L2, 4.0e-4) for seed, propeller in enumerate((8.0, 12.0, 16.0))]
     found = identify(runs, reference_speed=U0)
-    assert found.around is not None
+    assert found.around is not None and not found.around.drifts
     assert found.around.race == pytest.approx(L2, rel=0.25)
     assert found.around.wind_beam == pytest.approx(4.0e-4, rel=0.1)
     assert found.around.wind_quarter == pytest.approx(-2.0e-4, rel=0.15)
@@ -73,25 +87,63 @@ def test_what_is_not_there_is_not_found() -> None:
         assert {"race", "wind_beam"} & set(found.unidentifiable)
 
 
-def test_without_columns_nothing_changes() -> None:
-    run = without(trial(1, 12.0, L2, 4.0e-4), "propeller", "beam_wind", "quarter_wind")
-    assert identify([run]).around is None
+def test_without_columns_neither_propeller_nor_wind_counts() -> None:
+    around = identify([without(trial(1, 12.0, L2, 4.0e-4), "propeller", "beam_wind", "quarter_wind")]).around
+    assert around is None or around.race == around.wind_beam == around.wind_quarter == around.drift == 0.0
 
 
 def test_the_inflow_is_one_at_the_reference() -> None:
     around = RaceAndWind(L2, N0)
     assert inflow_ratio(around, U0, np.array([1.0]), np.array([N0]))[0] == pytest.approx(1.0)
-    bollard = inflow_ratio(around, U0, np.array([0.05]), np.array([N0]))[0] * 0.05**2
-    assert bollard == pytest.approx((0.05**2 * U0**2 + L2 * N0**2) / (U0**2 + L2 * N0**2))
+    bollard = inflow_ratio(around, U0, np.array([0.05]), np.array([N0]))[0]
+    assert bollard**2 == pytest.approx((0.05**2 * U0**2 + L2 * N0**2) / (U0**2 + L2 * N0**2))
+    assert inflow_ratio(RaceAndWind(), U0, np.array([0.4]), np.array([N0]))[0] == pytest.approx(0.4)
+
+
+def test_drift_is_found_where_the_boat_slides_and_what_steers_is_what_it_comes_to() -> None:
+    runs = [trial(seed, propeller, L2, 4.0e-4, slide=0.07) for seed, propeller in enumerate((8.0, 12.0, 16.0))]
+    found = identify(runs, reference_speed=U0)
+    assert found.around is not None and found.around.drifts
+    # at U0: x = T slide U0 sway, sway settles at 8 s U0 rate
+    assert found.around.drift == pytest.approx(found.model.time_constant * U0 * 8.0 * U0 * 0.07, rel=0.3)
+    assert found.around.drift_time == pytest.approx(8.0, rel=0.5)
+    other = trial(9, 14.0, L2, 4.0e-4, angle=-0.25, slide=0.07)
+    rigid = identify(runs, "nomoto", U0).foretell(other).yaw_rate_r2
+    score = found.foretell(other).yaw_rate_r2
+    assert score is not None and rigid is not None and score > 0.97 > rigid
+    steering, errors = steering_model(found), steering_errors(found)
+    left = 1.0 - found.around.drift
+    assert steering.gain == pytest.approx(found.model.gain / left)
+    assert steering.time_constant > found.model.time_constant
+    assert errors["gain"] is not None and 0.0 < errors["gain"] < 0.3 * steering.gain
+    assert any(note.startswith("drift") for note in found.notes)
+
+
+def test_the_model_without_drift_has_the_same_answer_to_a_slow_rudder() -> None:
+    model, around = Norrbin(0.1, 7.0, reference_speed=U0), RaceAndWind(drift=0.4, drift_time=10.0)
+    steering = without_drift(model, around)
+    w = 1.0e-3j
+    exact = model.gain * (1.0 + 10.0 * w) / ((1.0 + 7.0 * w) * (1.0 + 10.0 * w) - 0.4)
+    assert steering.gain / (1.0 + steering.time_constant * w) == pytest.approx(exact, rel=1.0e-3)
+    with pytest.raises(ValueError, match="course-unstable"):
+        without_drift(model, around._replace(drift=1.0))
+
+
+def test_a_race_of_revolutions_that_nobody_recorded_is_found() -> None:
+    runs = [without(trial(seed, 10.0, L2, 0.0), "propeller", "beam_wind", "quarter_wind") for seed in range(3)]
+    found = identify(runs, reference_speed=U0)
+    assert found.around is not None
+    assert found.around.steady_race == pytest.approx(L2 * 10.0**2, rel=0.3)
+    score = found.foretell(
+        without(trial(9, 10.0, L2, 0.0, -0.25), "propeller", "beam_wind", "quarter_wind")
+    ).yaw_rate_r2
+    assert score is not None and score > 0.97
 
 
 @pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason="the recordings are not part of the project")
-@pytest.mark.parametrize(("turn", "together"), [("turn_14-Oct", False), ("turn_14-Sep", True)])
-def test_on_a_real_ship_propeller_and_wind_foretell_what_was_not_fitted(turn: str, together: bool) -> None:
-    """A turn from all other runs; without propeller and wind R2 is 0.87 to 0.90 there.
-
-    Without the second turn the race is uncertain by itself, and yet kept because n3 cannot do without it.
-    """
+@pytest.mark.parametrize(("left_out", "least"), [("turn_14-Sep", 0.94), ("13_50_28", 0.93)])
+def test_on_a_real_ship_propeller_and_wind_foretell_what_was_not_fitted(left_out: str, least: float) -> None:
+    """A turn from all other runs; without propeller and wind R2 is 0.87 to 0.94 there."""
     from autopilot.loop.recordings import load_run
 
     columns = {
@@ -105,9 +157,9 @@ def test_on_a_real_ship_propeller_and_wind_foretell_what_was_not_fitted(turn: st
         "wind_direction_rad": "wind_dir_relative_mid [rad]",
     }
     paths = sorted((RECORDINGS / "frt_ds_esso").glob("*.csv"))
-    unseen = next(path for path in paths if turn in path.name)
+    unseen = next(path for path in paths if left_out in path.name)
     found = identify([load_run(str(path), columns) for path in paths if path != unseen])
     assert found.around is not None and found.around.race > 0.0 and found.model.n3 > 0.0
-    assert ("race" in found.unidentifiable) == together
+    assert found.around.drifts
     score = found.foretell(load_run(str(unseen), columns)).yaw_rate_r2
-    assert score is not None and score > 0.94
+    assert score is not None and score > least

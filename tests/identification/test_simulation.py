@@ -10,12 +10,14 @@ from scipy.integrate import solve_ivp
 from zigzag_trials import LANXIN, zigzag
 
 from autopilot.identification import simulation
+from autopilot.identification.forcing import at_samples, forcing
 from autopilot.identification.rudder_path import corners
 from autopilot.identification.runs import FloatArray, Segment, run_from_columns
-from autopilot.identification.simulation import at_samples, forcing, simulate, slopes
+from autopilot.identification.simulation import simulate, slopes
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
+DRIFTING = RaceAndWind(0.5, 8.0, 2.0e-4, 1.0e-4, 1.0, 0.4, 1.5, 3.0e-4)
 TRUTH = Norrbin(LANXIN["K"], LANXIN["T"], LANXIN["n3"], reference_speed=5.0)
 
 
@@ -31,7 +33,7 @@ def segment(seconds: float = 20.0, spacing: float = 0.1, seed: int = 0) -> Segme
 def in_turn(model: Norrbin, segments: list[Segment], start: list[float], longest: float) -> FloatArray:
     """Return the rates at the nodes by the loop over time."""
     steps = forcing(segments, longest)
-    return simulation._one_by_one(simulation._drive(model, steps, None), steps, np.array(start))
+    return simulation._one_by_one(simulation._drives(model, steps, None), steps, np.array([start]))[0]
 
 
 @settings(max_examples=40, deadline=None)
@@ -57,7 +59,7 @@ def test_all_steps_at_once_are_the_steps_one_after_the_other(
 def test_a_guess_does_not_change_the_result() -> None:
     steps = forcing([segment()], 0.02)
     plain = simulate(TRUTH, steps, np.array([0.1]))
-    guessed = simulate(TRUTH, steps, np.array([0.1]), guess=np.full(plain.rate.size, 0.3))
+    guessed = simulate(TRUTH, steps, np.array([0.1]), guess=plain._replace(rate=np.full(plain.rate.size, 0.3)))
     np.testing.assert_allclose(guessed.rate, plain.rate, atol=1.0e-10)
 
 
@@ -73,7 +75,10 @@ def test_a_model_that_runs_away_is_held_inside_the_bound() -> None:
         assert np.isfinite(derivative.turned).all()
 
 
-@pytest.mark.parametrize("around", [None, RaceAndWind(0.5, 8.0, 2.0e-4, 1.0e-4)])
+@pytest.mark.parametrize(
+    "around",
+    [None, RaceAndWind(0.5, 8.0, 2.0e-4, 1.0e-4), RaceAndWind(0.5, 8.0, 2.0e-4, 1.0e-4, 1.0, 0.4, 1.5, 3.0e-4)],
+)
 def test_the_derivatives_are_those_of_whole_simulations(around: RaceAndWind | None) -> None:
     driven = segment()
     driven = driven._replace(
@@ -86,7 +91,8 @@ def test_the_derivatives_are_those_of_whole_simulations(around: RaceAndWind | No
     found = slopes(TRUTH, steps, motion, [(model, around, steps.rudder) for model in shifted], by, around)
     whole = [simulate(model, steps, start, around) for model in shifted] + [simulate(TRUTH, steps, start + by, around)]
     for derivative, other in zip(found, whole, strict=True):
-        for mine, theirs, base in zip(derivative, other, motion, strict=True):
+        for mine, theirs, base in zip(derivative[:2], other[:2], motion[:2], strict=True):
+            assert mine is not None and theirs is not None and base is not None
             difference = (theirs - base) / by
             np.testing.assert_allclose(mine, difference, atol=1.0e-4 * max(1.0, float(np.max(np.abs(difference)))))
 
