@@ -48,10 +48,10 @@ def test_the_real_boat_fitted_on_zigzags_predicts_its_turns(tmp_path: Path, caps
     fitted = sorted(row["yaw_rate_r2"] for row in found["runs"] if row["role"] == "fit")
     held_out = [row["yaw_rate_r2"] for row in found["runs"] if row["role"] == "holdout"]
     assert len(fitted) == 4
-    assert fitted[0] >= 0.82
+    assert fitted[0] >= 0.78
     assert fitted[2] >= 0.92
     assert len(held_out) == 2
-    assert min(held_out) >= 0.6
+    assert min(held_out) >= 0.8
     # it cannot be told, and is never negative
     assert found["parameters"]["n3"]["value"] >= 0.0
     assert "n3" in found["unidentifiable"]
