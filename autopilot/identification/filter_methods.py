@@ -46,7 +46,7 @@ BY_CHANCE = (
 )
 
 TOO_SURE = (
-    "{}'s standard errors take its noise for known and its samples' rudder for exact: on a slow boat (T of 5 s) its 95 % "
+    "{}'s standard errors take its noise for known and the rudder for exact: on a slow boat (T of 5 s) its 95 % "
     "intervals held the truth in only half of the trials without gusts; output-error's hold."
 )
 
