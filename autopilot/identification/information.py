@@ -85,7 +85,7 @@ def _least_errors(information: FloatArray) -> FloatArray:
     inverse = np.where(values > TOLD * values[-1], 1.0 / np.maximum(values, TOLD * values[-1]), np.inf)
     # 0 times inf: a direction without information counts only for the parameters it moves
     share = np.where(vectors**2 > TOLD, vectors**2, 0.0)
-    parts = np.where(share > 0.0, share * inverse, 0.0)
+    parts = np.multiply(share, inverse, out=np.zeros_like(share), where=share > 0.0)
     result[told] = np.sqrt(parts.sum(axis=1)) / size[told]
     return result
 
