@@ -12,6 +12,7 @@ from types import FrameType
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.links.base import LinkError
 from sitl.campaign import command as campaign
+from sitl.campaign import tune_command
 from sitl.fault_command import DEFAULT_DESK, add_fault_command
 from sitl.scenario import shipped_scenarios
 
@@ -66,6 +67,7 @@ def build_parser() -> argparse.ArgumentParser:
     glider.add_argument("--seed", metavar="N", type=_seed, default=1, help="seed of the noise (default 1)")
     glider.set_defaults(run=run_wave_glider)
     campaign.add_parser(commands)
+    tune_command.add_parser(commands)
     return parser
 
 

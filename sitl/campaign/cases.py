@@ -31,14 +31,19 @@ class Case(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A study with the folder that its paths start at: all that a worker needs to do any of its runs."""
+    """A study with the folder that its paths start at: all that a worker needs to do any of its runs.
+
+    vessel: what the pilot of every boat believes, in place of the boat's own file.
+    """
 
     study: Study
     folder: str
+    vessel: Vessel | None = None
 
     def __hash__(self) -> int:
         # a study holds dictionaries; its name and folder tell jobs apart well enough, equality does the rest
-        return hash((self.study.name, self.study.seed, self.folder))
+        gains = None if self.vessel is None else self.vessel.control
+        return hash((self.study.name, self.study.seed, self.folder, gains))
 
 
 @functools.lru_cache(maxsize=8)
@@ -83,7 +88,7 @@ def filed_vessel(name: str, folder: str) -> Vessel:
 
 def vessel_of(job: Job, case: Case) -> Vessel:
     """Return the vessel as the pilot knows it, its loop quicker by the case's factor. Raises InputError."""
-    vessel = filed_vessel(job.study.boats[case.boat].vessel, job.folder)
+    vessel = job.vessel or filed_vessel(job.study.boats[case.boat].vessel, job.folder)
     return vessel if case.gain_factor == 1.0 else quickened(vessel, case.gain_factor)
 
 

@@ -1,0 +1,72 @@
+"""`sitl tune`: what `autopilot gains --tune` calls, since the autopilot itself knows no simulator."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict, replace
+from typing import Any
+
+from autopilot.errors import ExitCode, InputError
+
+
+def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        "tune",
+        help="tune a law's gains over a campaign (autopilot gains --tune shows and writes them)",
+        description="Tune a law's gains over a campaign and print them, with what held-out seeds say, as JSON.",
+    )
+    parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
+    parser.add_argument("--law", choices=("backstepping", "pid", "sliding"), default="backstepping")
+    parser.add_argument("--weight", type=float, metavar="W", default=1.0, help="deg of rms a deg/s of travel is worth")
+    parser.add_argument("--study", metavar="STUDY.yaml", default="tuning", help="seas and mismatches (default tuning)")
+    parser.add_argument("--generations", type=int, metavar="N", default=10, help="of the search (default 10)")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes (default: as many as there are cores)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune and print JSON."""
+    from pathlib import Path
+
+    from autopilot.cli.progress import ProgressBar
+    from autopilot.params.vessel_file import load_vessel
+    from sitl.campaign.cases import Job
+    from sitl.campaign.engines import default_workers
+    from sitl.campaign.study import load_study
+    from sitl.campaign.tuning import tune
+
+    if not 0.0 <= arguments.weight <= 1.0e6:
+        raise InputError(f"--weight {arguments.weight:g}: allowed is 0 (heading alone) to 1e6")
+    if not 1 <= arguments.generations <= 10_000:
+        raise InputError(f"--generations {arguments.generations}: allowed is 1 to 10000")
+    vessel = load_vessel(arguments.vessel)
+    study, _ = load_study(arguments.study)
+    path = str(Path(arguments.vessel).resolve()) if Path(arguments.vessel).exists() else arguments.vessel
+    boats = {vessel.name: replace(next(iter(study.boats.values())), vessel=path)}
+    job = Job(replace(study, boats=boats), ".")
+    with ProgressBar("generations") as bar:
+        bar.show(0, arguments.generations)
+        found = tune(
+            job,
+            vessel,
+            arguments.law,
+            arguments.weight,
+            arguments.generations,
+            arguments.workers or default_workers(),
+            bar.show,
+        )
+    print(
+        json.dumps(
+            {
+                "law": arguments.law,
+                "weight": arguments.weight,
+                "gains": asdict(getattr(found.vessel.control, arguments.law)),
+                "candidates": found.candidates,
+                "training": found.training._asdict(),
+                "held_out": {"tuned": found.tuned._asdict(), "before": found.before._asdict()},
+            }
+        )
+    )
+    return int(ExitCode.OK)
