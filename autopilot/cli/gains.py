@@ -8,6 +8,7 @@ import math
 import shlex
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from autopilot.cli import gains_tune
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument("--damping", type=float, metavar="Z", help="its damping ratio, with --bandwidth-rad-s (0.8)")
     parser.add_argument("--report", metavar="FILE.html", help="write curves and tables into one page")
     parser.add_argument("--json", action="store_true", help="print JSON")
+    gains_tune.add_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -82,6 +84,9 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.params.vessel_file import load_vessel
     from autopilot.report.gains_judged import as_json, as_text, judged
 
+    gains_tune.check_options(arguments)
+    if arguments.tune:
+        return gains_tune.tuned(arguments)
     wish = _wish(arguments)
     if arguments.report:
         from autopilot.report import require_extra
@@ -100,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
         json.dumps({name: as_json(each) for name, each in rows.items()}, indent=2) if arguments.json else as_text(rows)
     )
     if arguments.out:
-        _write_vessel(arguments, better)
+        write_vessel(arguments, better)
     return int(ExitCode.OK)
 
 
@@ -119,7 +124,8 @@ def _wish(arguments: argparse.Namespace) -> Wish:
     return Wish(5 if level is None else level, bandwidth, 0.8 if damping is None else damping)
 
 
-def _write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
+def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
+    """Write the vessel where --out says; in the file's own place its comments stay."""
     from pathlib import Path
 
     from autopilot.params.editing import updated_vessel_text

@@ -3,8 +3,8 @@
     cost = heading rms [deg] + weight x rudder travel [deg/s]
 
 as the mean over the runs of a study. Differential evolution (Storn and Price 1997, by scipy) searches the logarithms of
-the law's gains within a factor of SPAN of those it begins with; gains without margins are never sailed. What is found is
-then sailed, beside the gains of the beginning, on seeds that the search has not seen.
+the law's gains within a factor of SPAN of those it begins with; gains without margins are never sailed. What is found
+is then sailed, beside the gains of the beginning, on seeds that the search has not seen.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import astuple, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
-from scipy.optimize import differential_evolution
+from scipy.optimize import Bounds, differential_evolution
 
 from autopilot.build import law_of, verdict_of
 from autopilot.errors import InputError, RefusedError
 from autopilot.params.vessel import Vessel
 from sitl.campaign.cases import Job, number_of_runs
+from sitl.campaign.study import LawName
 from sitl.campaign.work import REFUSED, do_runs, swift
 
 SPAN = 6.0
@@ -54,7 +55,7 @@ class Trial:
     """What a candidate costs; picklable, so that any process can try it."""
 
     def __init__(self, job: Job, vessel: Vessel, law: str, weight: float) -> None:
-        self.job = job._replace(study=replace(job.study, laws=(law,), gain_factors=(1.0,)))
+        self.job = job._replace(study=replace(job.study, laws=(cast(LawName, law),), gain_factors=(1.0,)))
         self.vessel, self.law, self.weight = vessel, law, weight
 
     def __call__(self, logarithms: Any) -> float:
@@ -103,9 +104,7 @@ def tune(
         raise InputError("tuning needs numba, which makes it a matter of minutes: pip install 'norrbin[fast]'")
     begin = np.array(astuple(getattr(vessel.control, law)))
     if not np.all(begin > 0.0):
-        raise InputError(
-            f"vessel {vessel.name!r}: control.{law} has a gain that is 0; tuning begins with positive ones"
-        )
+        raise InputError(f"vessel {vessel.name!r}: a gain in control.{law} is 0; tuning begins with positive ones")
     trial, middle, done = Trial(job, vessel, law, weight), np.log(begin), 0
     judged = verdict_of(vessel, law).refusal
     middle = middle if not judged else middle - math.log(2.0)
@@ -118,7 +117,7 @@ def tune(
     with ProcessPoolExecutor(workers) as pool:
         found = differential_evolution(
             trial,
-            [(value - math.log(SPAN), value + math.log(SPAN)) for value in middle],
+            Bounds(middle - math.log(SPAN), middle + math.log(SPAN)),
             maxiter=generations,
             popsize=CANDIDATES // len(begin),
             rng=np.random.default_rng(job.study.seed),
@@ -130,9 +129,7 @@ def tune(
             callback=on_generation,
         )
     if found.fun >= REFUSED_COST:
-        raise RefusedError(
-            f"vessel {vessel.name!r}: no gains of the law {law!r} with margins were found near the file's"
-        )
+        raise RefusedError(f"vessel {vessel.name!r}: no gains of the law {law!r} with margins were found")
     better = with_gains(vessel, law, np.exp(found.x))
     return Tuned(
         better, int(found.nfev), trial.judged(better), trial.judged(better, HELD_OUT), trial.judged(vessel, HELD_OUT)
