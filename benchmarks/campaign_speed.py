@@ -1,4 +1,4 @@
-"""Boat-steps a second of the whole closed loop on one core: compiled, the same loop in plain Python, the full simulator.
+"""Boat-steps a second of the whole closed loop on one core: compiled, the same plain, and the full simulator.
 
     python benchmarks/campaign_speed.py [--seconds 300] [--repeats 15] [--json]
 
