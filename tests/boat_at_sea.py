@@ -62,7 +62,7 @@ class Sea:
         self.tick: Tick | None = None
         self.route = [place(0.0, 200.0), place(400.0, 200.0)]
         self.links: list[BoatLink] = []
-        self.alarms = GuideAlarms(self.track, "track")
+        self.alarms: Any = GuideAlarms(self.track, "track")
         self.ticks: list[Tick] = []
 
     def sail(self, seconds: float, gps: bool = True, helm: HelmSample | None = None) -> Tick:

@@ -12,6 +12,7 @@ from boats import BOATS, vessel_of
 
 from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.tuning_desk import TuningDesk
+from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
@@ -21,6 +22,7 @@ from autopilot.loop.vessel_in_force import LATER, VesselInForce
 from autopilot.params.component_metadata import metadata_files
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_parameters import parameters_of
+from autopilot.signals import Sample
 from autopilot.web.line import BoatLine
 from autopilot.web.requests import asked_of
 from autopilot.web.station import Station
@@ -38,6 +40,16 @@ class AtOnce(Executor):
         return done
 
 
+class BothAlarms:
+    """The links to nobody that a run has: the route's alarms, and what the skipper has acknowledged."""
+
+    def __init__(self, *links: Any) -> None:
+        self._links = links
+
+    def receive(self, now: float) -> list[Sample]:
+        return [sample for link in self._links for sample in link.receive(now)]
+
+
 class Watched(Sea):
     """`watch` moves boat and display on together; `order` gives an order as the page does and returns how it ended."""
 
@@ -50,6 +62,7 @@ class Watched(Sea):
             self.desk.attach(self.pilot, self.in_force)
         self.tuner = TuningDesk(self.in_force, self.desk, AtOnce())
         self.files = metadata_files(parameters_of(self.in_force.vessel), LATER, "0.2.0")
+        self.alarms = BothAlarms(self.alarms, Acknowledgements(self.skipper))
         self.commands = Commands(self.skipper, False, self.mission, self.tuner)
         self.is_cut = False
         self.keeps_history = True

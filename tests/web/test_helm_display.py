@@ -16,7 +16,7 @@ from autopilot.links.base import LinkError
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.status_text import StatusTexts
 from autopilot.params.protocol import Target
-from autopilot.signals import AlarmSample, HelmSample
+from autopilot.signals import AlarmSample, HelmSample, Siren
 from autopilot.web.orders import Command, Orders
 from autopilot.web.requests import asked_of
 from autopilot.web.station import Station
@@ -128,6 +128,17 @@ def test_alarms_come_go_and_are_acknowledged_here(sea: Watched) -> None:
     sea.pilot.supervisor.note(AlarmSample(sea.now, "", "bilge"))
     sea.watch(2.0)
     assert sea.station.alarms.shown == []
+
+
+def test_what_is_acknowledged_is_quiet_on_board_and_what_nobody_sees_is_said_again_as_one(sea: Watched) -> None:
+    sea.pilot.supervisor.note(AlarmSample(sea.now, "gear hot: stop the engine", "gear"))
+    sea.watch(35.0)
+    assert sea.tick is not None and sea.tick.siren is Siren.ESCALATED
+    assert sea.station.alarms.shown == [{"words": "gear hot: stop the engine", "acknowledged": False}]
+    assert sea.order(do="acknowledge") == (True, "")
+    sea.watch(6.0)
+    assert sea.tick.siren is Siren.QUIET
+    assert sea.station.alarms.shown == [{"words": "gear hot: stop the engine", "acknowledged": True}]
 
 
 def test_a_display_that_comes_later_sees_the_alarms_that_are_on(sea: Watched) -> None:

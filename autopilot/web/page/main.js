@@ -4,6 +4,7 @@ import { drawDial } from "./dial.js";
 import { Plots } from "./plots.js";
 import { drawDesks, setUpDesks } from "./desks.js";
 import { setUpParameters, showParameters } from "./parameters.js";
+import { sound } from "./sound.js";
 import { setUpLogs, showLogs, drawTexts } from "./logs.js";
 
 const byId = (id) => document.getElementById(id);
@@ -151,6 +152,7 @@ function drawAlarms() {
   const element = byId("alarms");
   const alarms = boat.alarms ?? [];
   const key = JSON.stringify(alarms);
+  sound(alarms.some((alarm) => !alarm.acknowledged) && !boat.isStale("beat"));
   if (element.dataset.key === key) return;
   element.dataset.key = key;
   element.hidden = alarms.length === 0;
