@@ -1,6 +1,6 @@
 // Patterns, response level, trials and live identification.
 import { boat } from "./boat.js";
-import { drawTrial } from "./plots.js";
+import { drawLearnt, drawTrial } from "./plots.js";
 
 const byId = (id) => document.getElementById(id);
 const PATTERNS = [
@@ -10,7 +10,7 @@ const PATTERNS = [
 ];
 const RESULTS = { 0: "done", 1: "refused for now", 2: "refused", 3: "not known", 4: "ended early: the helm was taken", 5: "under way", 6: "ended as you asked" };
 const TRIAL_ROWS_MOST = 6000;
-let trialRows = [], trialStart = null, trialHeading = null, wasRunning = false;
+let learntRows = [], learntKey = "", trialRows = [], trialStart = null, trialHeading = null, wasRunning = false;
 
 function patternSizes() {
   const [, sizes] = PATTERNS[Number(byId("pattern").elements.number.value)];
@@ -115,5 +115,14 @@ function drawLearning() {
     `Proved: it foretells better than the model in force. ${proof}`,
   ];
   byId("learning-check").textContent = words[learnt.lrn_state ?? 0] ?? "";
+  const shares = [learnt.lrn_K / learnt.lrn_K_in, learnt.lrn_T / learnt.lrn_T_in].map((share) => 100 * share);
+  const told = JSON.stringify(learnt);
+  if (told !== learntKey && shares.every(Number.isFinite)) {
+    learntKey = told;
+    if (learntRows.length && boat.state.t < learntRows.at(-1)[0]) learntRows = [];
+    learntRows.push([boat.state.t, ...shares]);
+    learntRows.splice(0, learntRows.length - 900);
+  }
+  drawLearnt(learntRows);
   byId("adopt").disabled = learnt.lrn_state !== 2;
 }

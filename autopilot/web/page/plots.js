@@ -71,12 +71,14 @@ export class Plots {
     for (const chart of this.charts.values()) chart.destroy();
     this.charts.clear();
     trialChart?.destroy();
-    trialChart = null;
+    learntChart?.destroy();
+    trialChart = learntChart = null;
     this.show();
   }
 
   resize() {
     for (const [id, chart] of this.charts) chart.setSize({ width: byId(id).clientWidth || 320, height: KINDS[id].height });
+    if (learntChart && byId("plot-learning").clientWidth) learntChart.setSize({ width: byId("plot-learning").clientWidth, height: LEARNT.height });
     if (trialChart && byId("plot-trial").clientWidth) trialChart.setSize({ width: byId("plot-trial").clientWidth, height: 260 });
   }
 }
@@ -125,7 +127,19 @@ const TRIAL = {
   title: "Change of heading and rudder, °, + starboard", height: 260, least: 10,
   series: [["heading", "text", 2.5], ["rudder", "starboard", 2], ["order", "order", 1.5, [6, 4]]], labels: ["heading change", "rudder", "rudder order"],
 };
-let trialChart = null;
+const LEARNT = {
+  title: "Learnt, in % of the model in force", height: 180, least: 20,
+  series: [["K", "text", 2.5], ["T", "order", 2, [6, 4]]], labels: ["K", "T"],
+};
+let trialChart = null, learntChart = null;
+
+/* rows: [time, K, T], the latter in percent of what is in force */
+export function drawLearnt(rows) {
+  if (byId("plot-learning").offsetParent === null || typeof uPlot === "undefined" || rows.length < 2) return;
+  const end = rows.at(-1)[0];
+  learntChart ??= makeChart(byId("plot-learning"), LEARNT);
+  learntChart.setData([rows.map((row) => row[0] - end), ...[1, 2].map((column) => rows.map((row) => row[column]))], true);
+}
 
 /* rows: [time since the start, change of heading, rudder, rudder order] */
 export function drawTrial(rows) {
