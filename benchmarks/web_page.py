@@ -38,14 +38,15 @@ port, count = int(sys.argv[1]), int(sys.argv[2])
 waiting = selectors.DefaultSelector()
 for _ in range(count):
     line = socket.create_connection(("127.0.0.1", port))
-    line.sendall(b"GET /api/events HTTP/1.1\\r\\nHost: boat\\r\\n\\r\\n")
+    line.sendall(b"GET /api/events HTTP/1.1\\r\\nHost: localhost\\r\\n\\r\\n")
     waiting.register(line, selectors.EVENT_READ)
 print("ready", flush=True)
 since, states, size = time.monotonic(), 0, 0
 for command in sys.stdin:
     while waiting.select(0.0):  # what came before the block
         for key, _ in waiting.select(0.0):
-            key.fileobj.recv(65536)
+            if not key.fileobj.recv(65536):
+                sys.exit("the server hung up")
     until = time.monotonic() + float(command)
     states = size = 0
     while (left := until - time.monotonic()) > 0.0:
