@@ -16,7 +16,7 @@ from typing import Any
 LOCK = Path(__file__).parents[1] / "requirements.lock"
 COMMAND = [sys.executable, "-m", "pip_audit", "--format", "json", "--progress-spinner", "off"]
 COMMAND += ["--no-deps", "--disable-pip", "--requirement", str(LOCK)]
-PATIENCE_S = 300.0
+PATIENCE_S = 60.0
 
 
 def verdict(report: dict[str, Any]) -> tuple[int, str]:
