@@ -58,6 +58,13 @@ class WiredVehicle:
         self._transport = UdpOutTransport("vehicle", "127.0.0.1", port)
         self._pace = Pace(speedup)
         self.overrides: list[Heard] = []
+        self.held_until = -math.inf
+        """The vehicle's time when an override was last in force, seen at every step of its simulation."""
+        self.world.watchers.append(self._after_step)
+
+    def _after_step(self, now: float) -> None:
+        if self.firmware.overrides.active(now, OVERRIDE_TIME_S):
+            self.held_until = now
 
     @property
     def now(self) -> float:
@@ -105,7 +112,7 @@ class Killed(NamedTuple):
     """What one kill left behind.
 
     had_engaged: whether the rudder was ours at the kill; over: the rudder [rad] then.  released_s: the vehicle's time
-    until it let go.  ticks: in the log; replays: whether they replay bit for bit, False
+    until it let go, 0 where it was not held.  ticks: in the log; replays: whether they replay bit for bit, False
     where there was no log yet.  unlogged_s: age, at the kill, of the
     last override that reached the vehicle and is not in the log, behind the first such one: 0 where all are.
     resumed: the process had engaged by itself, from the note of the one before.
@@ -161,7 +168,7 @@ class KillingField:
         self.vehicle.run_for(0.02)
         over, was_held, killed = self.vehicle.rudder, self.vehicle.is_held, self.vehicle.now
         assert self.vehicle.run(lambda: not self.vehicle.is_held)
-        released = self.vehicle.now - killed
+        released = self.vehicle.held_until - killed if was_held else 0.0
         assert released <= OVERRIDE_TIME_S + 0.5, f"held for {released:.1f} s after the kill"
         self.vehicle.run_for(3.0)
         assert abs(self.vehicle.rudder) < math.radians(1.0), "the rudder did not come back"

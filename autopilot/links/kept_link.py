@@ -128,7 +128,8 @@ class KeptLink:
         self._news += samples
 
     def _lost(self, now: float, error: LinkError) -> None:
-        self.trouble = f"{error}; it is tried again"
+        # what the error says behind this is to start anew, which is not needed here
+        self.trouble = f"{str(error).partition('; ')[0]}; it is opened again as soon as it is there"
         self._next = now + RETRY_S
         link, self._link = self._link, None
         if link is not None:
