@@ -59,6 +59,13 @@ def add_parser(subparsers: Any) -> None:
         help="also fit what lies between the recorded rudder and the boat: delay,lag,lead,dead-band; "
         "lag,lead together make Nomoto's second order",
     )
+    parser.add_argument(
+        "--weighting",
+        choices=("residuals", "prediction-error"),
+        default="residuals",
+        help="prediction-error: weigh each sample by what those before it could not foretell, for records in gusts; "
+        "without propeller, wind, drift and --fit-rudder",
+    )
     parser.add_argument("--reference-speed-m-s", type=float, metavar="U", help="default: mean speed of the LOGs")
     parser.add_argument("--course-unstable", action="store_true", help="n1 = -1: the boat will not go straight")
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
@@ -128,6 +135,16 @@ def _check(arguments: argparse.Namespace) -> None:
         raise InputError(
             "--course-unstable needs n3 fitted from the LOGs: leave out --model nomoto and --steady-turns."
         )
+    if arguments.weighting == "prediction-error" and (
+        arguments.method != "output-error"
+        or arguments.course_unstable
+        or arguments.fit_rudder
+        or arguments.steady_turns
+    ):
+        raise InputError(
+            "--weighting prediction-error goes with --method output-error alone: leave out --course-unstable, "
+            "--fit-rudder and --steady-turns."
+        )
     if arguments.logs:
         return
     if not arguments.steady_turns:
@@ -166,6 +183,7 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
             gain=arguments.gain_1_s,
             forgetting=arguments.forgetting,
             rudder_train=_rudder_train(arguments),
+            weighting=arguments.weighting,
             progress=bar.show,
         )
         found = method.identify(fitted, question)
@@ -227,6 +245,7 @@ def _command(arguments: argparse.Namespace) -> str:
     words += [
         f"--{name.replace('_', '-')}" for name in ("course_unstable", "reverse_rudder") if getattr(arguments, name)
     ]
+    words += [] if arguments.weighting == "residuals" else ["--weighting", arguments.weighting]
     return shlex.join([*words, "--model", arguments.model, "--method", arguments.method])
 
 

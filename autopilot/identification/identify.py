@@ -17,7 +17,7 @@ from autopilot.identification.identified import (
     Steps,
     identified_from,
 )
-from autopilot.identification.output_error import NOISE_ROUNDS, Solution, solve
+from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
 from autopilot.identification.runs import Run, has_propeller, has_wind
 from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
 from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage
@@ -51,6 +51,7 @@ def identify(
     gain: float | None = None,
     course_unstable: bool = False,
     rudder_train: Sequence[str] = (),
+    weighting: Weighting = "residuals",
     progress: Progress = lambda done, total: None,
 ) -> Identified:
     """Return the output-error estimate from all runs together, scaled with speed.
@@ -65,6 +66,8 @@ def identify(
     rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water; those that
     cannot be told from 0 are left out again. Of a Norrbin without `steady_turns` only.
 
+    weighting: "prediction-error" knows gusts from instrument noise; K, T, n3 and n0 alone, of a course-stable boat.
+
     Raises InputError where the rudder never moves, the boat makes no way, the motion does not follow the
     rudder, or follows it backwards.
     """
@@ -78,15 +81,15 @@ def identify(
     if course_unstable:
         unstable = unstable_starting_point(runs, start.model)
         return _unstable(solve(runs, unstable, CUBIC, steps.next), runs)
-    linear = solve(runs, start.model, LINEAR, steps.next)
+    linear = solve(runs, start.model, LINEAR, steps.next, weighting=weighting)
     if kind == "nomoto":
         return identified_from(linear, {})
     if steady_turns is not None:
         return _with_steady_turns(runs, linear, steady_turns, gain, steps)
-    cubic = solve(runs, linear.model, CUBIC, steps.next)
+    cubic = solve(runs, linear.model, CUBIC, steps.next, weighting=weighting)
     reason = _why_no_cubic(cubic)
     plain = identified_from(linear, {"n3": reason}) if reason else identified_from(cubic, {})
-    return with_extras(runs, plain, rudder_train, steps)
+    return plain if weighting == "prediction-error" else with_extras(runs, plain, rudder_train, steps)
 
 
 def _unstable(solution: Solution, runs: Sequence[Run]) -> Identified:

@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 from autopilot.identification.identified import Convergence, Identified, ModelKind, Progress, SteadyTurns
 from autopilot.identification.identify import check_excitation, check_response, mean_speed
 from autopilot.identification.noise import residual_noise
+from autopilot.identification.output_error import Weighting
 from autopilot.identification.prediction import simulate_run
 from autopilot.identification.runs import Run
 from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
@@ -27,7 +28,8 @@ class Question(NamedTuple):
     kind: with n3 or without.  reference_speed [m/s]: where the parameters are stated, None for the runs' mean speed.
     course_unstable: n1 = -1.  steady_turns, gain [1/s]: for methods that take n3 from steady turns.  start: where a
     recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
-    rudder_train: names of RudderTrain to be fitted too, by methods that can. progress: told how far it is.
+    rudder_train: names of RudderTrain to be fitted too, by methods that can. weighting: of the
+    output-error fit. progress: told how far it is.
     """
 
     kind: ModelKind = "norrbin"
@@ -38,6 +40,7 @@ class Question(NamedTuple):
     start: Norrbin | None = None
     forgetting: float = 1.0
     rudder_train: tuple[str, ...] = ()
+    weighting: Weighting = "residuals"
     progress: Progress = _silent
 
 

@@ -17,7 +17,8 @@ the second differences of the record: a boat at rest forgets nothing, and must n
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,6 +28,7 @@ from autopilot.identification.noise import Noise, residual_noise, robust_covaria
 from autopilot.identification.residuals import Problem, initial_state, triangle, typical_rate, units
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.whitening import gusts_in
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
@@ -52,6 +54,11 @@ NOISE_ROUNDS = 4
 
 SETTLED = 0.01
 """Relative change of the weights below which another round would change nothing that matters."""
+
+
+Weighting = Literal["residuals", "prediction-error"]
+"""How rate and heading are weighed: each by its residuals' size and memory, or by how far each sample could not be
+foretold from those before it (`identification.whitening`): better where gusts push the boat."""
 
 
 class Solution(NamedTuple):
@@ -87,8 +94,11 @@ def solve(
     rounds: int = NOISE_ROUNDS,
     around: RaceAndWind | None = None,
     train: RudderTrain = DIRECT,
+    weighting: Weighting = "residuals",
 ) -> Solution:
     """Return the best model near `start` and `around` with the parameters `free` of them fitted.
+
+    weighting: see `Weighting`.
 
     K and T stay positive, n3 and the race not negative; what is not free keeps its value.
     """
@@ -100,6 +110,9 @@ def solve(
     for _ in range(rounds):
         steps = fit_steps(segments, base, scale)
         problem = Problem(segments, steps, base, around, free, scale, units(base, around, scale, segments), train)
+        if weighting == "prediction-error":
+            residuals = [values for values, _ in problem.response(problem.vector(states))]
+            problem = replace(problem, gusts=gusts_in(residuals, segments, base.time_constant))
         z = _minimise(problem, problem.vector(states), noise or _noise(problem, problem.vector(states)))
         base, around, train, states = (
             problem.model(z),

@@ -26,5 +26,6 @@ class OutputErrorMethod:
             gain=question.gain,
             course_unstable=question.course_unstable,
             rudder_train=question.rudder_train,
+            weighting=question.weighting,
             progress=question.progress,
         )

@@ -17,6 +17,7 @@ from autopilot.identification.noise import Noise, instrument_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.identification.simulation import Trajectory, simulate, slopes
+from autopilot.identification.whitening import Gusts, bridged, innovations
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
 
@@ -46,6 +47,8 @@ class Problem:
     typical_rate: float
     units: dict[str, float]
     train: RudderTrain = DIRECT
+    gusts: Gusts | None = None
+    """Where residuals are weighted by how well they could be foretold, what explains them."""
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
     """The latest response by its vector: minimiser, noise and standard errors ask for the same one in turn."""
     latest: dict[str, Trajectory] = field(default_factory=dict, repr=False)
@@ -137,13 +140,25 @@ class Problem:
         return result
 
     def weighted(self, z: FloatArray, noise: Sequence[Noise]) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the response times the weights of rate and heading, 0 where nothing was measured."""
+        """Return the response times the weights of rate and heading, 0 where nothing was measured; with gusts its
+        innovations."""
+        if self.gusts is not None:
+            return [
+                self._innovations(segment, *each) for segment, each in zip(self.segments, self.response(z), strict=True)
+            ]
         weight = np.array([instrument.weight for instrument in noise])
         result = []
         for values, slope in self.response(z):
             scale = np.isfinite(values) * weight
             result.append((np.where(np.isfinite(values), values, 0.0) * scale, slope * scale[:, :, None]))
         return result
+
+    def _innovations(self, segment: Segment, values: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
+        assert self.gusts is not None
+        table = bridged(np.concatenate([slope, values[:, :, None]], axis=2))
+        new = innovations(table, float(np.median(np.diff(segment.time))), self.gusts)
+        new *= np.isfinite(values)[:, :, None]
+        return new[:, :, -1], new[:, :, :-1]
 
     def anchors(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the initial states' distance from the first measured ones in units of the instrument noise,
