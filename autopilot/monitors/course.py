@@ -11,6 +11,8 @@ from autopilot.monitors.watched import AlarmLimits, Watched
 
 BACK_ON_COURSE = 0.7
 """An off-course alarm ends when the error is back within this share of its limit."""
+NEWS = math.radians(10.0)
+"""An alarm is said anew when the error has changed by more than this [rad]: each degree would be a new text."""
 AGAINST_SHARE = 0.8
 """A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
 SETTLED = 3.0
@@ -40,6 +42,7 @@ class OffCourse:
     def reset(self) -> None:
         """Forget everything."""
         self._since, self._is_off = math.nan, False
+        self._told = 0.0
         self.text = ""
 
     def look(self, limits: AlarmLimits, watched: Watched) -> None:
@@ -49,7 +52,10 @@ class OffCourse:
             return
         error = shortest_turn(watched.wanted, watched.state.heading)
         self._since, self._is_off = course_step(limits, self._since, self._is_off, watched.now, error)
-        self.text = _text(error, watched) if self._is_off else ""
+        if not self._is_off:
+            self.text = ""
+        elif not self.text or abs(error - self._told) > NEWS:
+            self.text, self._told = _text(error, watched), error
 
 
 def _text(error: float, watched: Watched) -> str:

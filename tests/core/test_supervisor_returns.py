@@ -18,6 +18,7 @@ from autopilot.safety import (
 from autopilot.signals import (
     REBOOTED,
     SILENT,
+    AlarmSample,
     HelmSample,
     Mode,
     NavState,
@@ -280,3 +281,41 @@ def test_an_order_waits_for_the_helm_alone_while_it_says_so() -> None:
     assert waits_to_engage(tick(Mode.OVERRIDE, "cannot engage: disarmed"))
     assert not waits_to_engage(tick(Mode.ENGAGED, "cannot engage: disarmed"))
     assert not waits_to_engage(tick(Mode.STANDBY, "waiting for a heading"))
+
+
+def test_the_numbers_are_those_of_the_documents() -> None:
+    assert (RESUME_AFTER, REENGAGE_WITHIN, ORDER_WAITS) == (2.0, 120.0, 30.0)
+    assert FailsafeAction(1.0, "hold", 5.0, False) == FailsafeAction(1.0, "hold", 5.0, False, False, 0.0)
+
+
+def test_serial_0_is_no_order_that_anybody_gave() -> None:
+    tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
+    assert tested.decide(0.0, COURSE._replace(serial=0), state()) is Mode.STANDBY
+    assert tested.alarms() == ()
+
+
+def test_a_short_fail_safe_is_held_for_its_time() -> None:
+    tested = made("hold", after=0.5)
+    tested.decide(1.0, COURSE, state(2.0))
+    assert tested.check(1.4, COURSE, 0.1, 0.0, 0.0, DT) == RudderCommand(1.4, 0.1, True)
+    assert not tested.check(1.5, COURSE, 0.1, 0.0, 0.0, DT).engaged
+
+
+def test_notes_are_known_by_who_says_them() -> None:
+    tested = made()
+    tested.note(AlarmSample(1.0, "9 A", "drive"))
+    assert tested.noted == {"note of drive": "9 A"}
+    tested.note(AlarmSample(2.0, "", "nobody"))
+    tested.note(AlarmSample(2.0, "", "drive"))
+    assert tested.noted == {}
+
+
+def test_a_tick_that_comes_long_after_the_time_was_up_counts_too() -> None:
+    tested = made("hold")
+    tested.decide(1.0, COURSE, state(2.0))
+    assert not tested.check(30.0, COURSE, 0.1, 0.0, 0.0, DT).engaged
+    waiting = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
+    waiting.hear(helm("disarmed; arm it"))
+    waiting.decide(0.0, COURSE, state())
+    waiting.decide(100.0, COURSE, state())
+    assert "dropped" in waiting.alarms()[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from hypothesis import given, settings
@@ -10,7 +11,9 @@ from hypothesis import strategies as st
 from autopilot.build import build_pilot
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (
+    AcknowledgeSample,
     AlarmSample,
+    ConditionSample,
     HeadingSample,
     HelmSample,
     Mode,
@@ -20,6 +23,8 @@ from autopilot.signals import (
     RollSample,
     RudderSample,
     SpeedSample,
+    SupervisorState,
+    WindSample,
 )
 
 VESSEL = load_vessel("lanxin")
@@ -35,6 +40,9 @@ sample = st.one_of(
     st.builds(SpeedSample, moment, value),
     st.builds(RollSample, moment, value),
     st.builds(HelmSample, moment, st.booleans(), st.just("x"), st.just("link")),
+    st.builds(ConditionSample, moment, st.sampled_from(["battery_low", "link_flooded", "none"]), st.booleans()),
+    st.builds(AcknowledgeSample, moment, st.sampled_from(["", "off_course"])),
+    st.builds(WindSample, moment, value, value),
     st.builds(AlarmSample, moment, st.sampled_from(["", "a", "b"]), st.sampled_from(["x", "y"])),
 )
 order = st.builds(Order, st.sampled_from(OrderKind), value, value, value, st.integers(0, 4))
@@ -60,4 +68,29 @@ def test_no_command_leaves_its_limits(steps: list[tuple[float, list[object], Ord
         if before is not None and before.command.engaged and tick.command.engaged:
             allowed = RATE_MAX * min(max(now - previous_now, 0.0), 0.5)
             assert abs(tick.command.angle - before.command.angle) <= allowed + 1e-9
+        before = tick
+
+
+ACTIONS = ["release", "amidships", "hold", "dead_reckoning", "windward", "firmware"]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(step, min_size=8, max_size=30), st.sampled_from(ACTIONS), st.integers(2, 6))
+def test_nor_does_it_in_any_fail_safe(steps: list[tuple[float, list[object], Order]], action: str, lost: int) -> None:
+    """The heading is there for some ticks of one order, and then only what else comes in."""
+    failsafe = dataclasses.replace(VESSEL.failsafe, action=action)  # type: ignore[arg-type]
+    pilot = build_pilot(dataclasses.replace(VESSEL, failsafe=failsafe))
+    now, before = 0.0, None
+    for number, (dt, samples, _) in enumerate(steps):
+        previous_now = now
+        now += abs(dt)
+        seen = (HeadingSample(now, 0.01 * number, 0.1),) if number < lost else ()
+        spoilt = tuple(sample for sample in samples if not isinstance(sample, HelmSample))
+        tick = pilot.step(now, (*spoilt, *seen), Order(OrderKind.HEADING, 0.5, serial=1))
+        assert tick.supervisor in SupervisorState
+        assert math.isfinite(tick.command.angle)
+        assert abs(tick.command.angle) <= ANGLE_MAX + 1e-9
+        assert tick.command.engaged or tick.command.angle == 0.0
+        if before is not None and before.command.engaged and tick.command.engaged:
+            assert abs(tick.command.angle - before.command.angle) <= RATE_MAX * min(now - previous_now, 0.5) + 1e-9
         before = tick
