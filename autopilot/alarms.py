@@ -6,6 +6,7 @@ something outside of the pilot says so with a `ConditionSample` of the alarm's n
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum, IntEnum
 from typing import NamedTuple
 
@@ -391,3 +392,9 @@ def text_of(name: str, detail: str = "") -> str:
 def kind_of(text: str) -> AlarmKind | None:
     """Return the alarm that a text shown is of, None where it is of none: what links say in their own words."""
     return next((kind for kind in CATALOGUE.values() if text.startswith(kind.text)), None)
+
+
+def doubts_of(texts: Iterable[str]) -> dict[str, str]:
+    """Return those texts, by name, that are doubts of the catalogue: what links say in its words, no more than that."""
+    kinds = ((kind_of(text), text) for text in texts)
+    return {kind.name: text for kind, text in kinds if kind is not None and kind.response is Response.DEGRADE}

@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from autopilot.alarm_panel import AlarmPanel
-from autopilot.alarms import text_of
+from autopilot.alarms import doubts_of, text_of
 from autopilot.angles import shortest_turn
 from autopilot.control.roll_damping import RollDamper, RollDamping
 from autopilot.envelope import Envelope, Picture
@@ -184,7 +184,8 @@ class Pilot:
         state = self.estimator.update(now, samples)
         was = self.supervisor.mode
         self.monitors.look(self.estimator.model, self._watched(now, state))
-        mode = self.supervisor.decide(now, order, state, self.monitors.findings)
+        found = {**self.monitors.findings, **doubts_of(self.supervisor.noted.values())}
+        mode = self.supervisor.decide(now, order, state, found)
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
             state = self._engage(now, state)
         steady = self._steady(state)

@@ -48,7 +48,22 @@ SENSELESS = re.compile(
     r"|Is_Eq$|IsNot_NotEq$|Eq_Is$|NotEq_IsNot$"
 )
 
-EXPLAINED: dict[tuple[str, str], str] = {}
+FIRST = "set anew by the first change of state, before anybody asks"
+SAME_END = "what comes back and what is ordered lead to the same state, one after the other in the same tick"
+RELEASES = 'lets_go = self._failsafe.action in ("release", "firmware") or self._failsafe.release_after'
+WAITS = "self._fire(now, _order_event(order) if {} self._spent else back, order)"
+EXPLAINED: dict[tuple[str, str], str] = {
+    ("AddNot", WAITS.format("not order.serial !=")): SAME_END,
+    ("ReplaceComparisonOperator_NotEq_Eq", WAITS.format("order.serial ==")): SAME_END,
+    ("ReplaceComparisonOperator_LtE_Eq", f"{RELEASES} == 0.0"): "the vessel file knows no time below 0",
+    ("ReplaceFalseWithTrue", "self._rebooted = True"): "the first tick, standing by, forgets it",
+    ("ReplaceUnaryOperator_Delete_USub", "self._since = math.inf"): FIRST,
+    ("ReplaceUnaryOperator_USub_Not", "self._since = not math.inf"): FIRST,
+    ("ReplaceUnaryOperator_USub_UAdd", "self._since = +math.inf"): FIRST,
+    ("ReplaceUnaryOperator_Delete_USub", "self._reboot_time = math.inf"): FIRST,
+    ("ReplaceUnaryOperator_USub_Not", "self._reboot_time = not math.inf"): FIRST,
+    ("ReplaceUnaryOperator_USub_UAdd", "self._reboot_time = +math.inf"): FIRST,
+}
 """Operator and the line as it became -> why no test can tell the difference."""
 
 

@@ -12,7 +12,7 @@ from autopilot.build import build_pilot, gear_of, model_of
 from autopilot.monitors import FROZEN, RUNAWAY
 from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import Pilot
-from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, Tick
+from autopilot.signals import AlarmSample, HeadingSample, Mode, Order, OrderKind, Sample, SupervisorState, Tick
 
 VESSEL = load_vessel("lanxin")
 DT = 0.05
@@ -98,3 +98,18 @@ def test_turns_gusts_and_noise_raise_no_alarm() -> None:
     ticks = sail(pilot, plant, orders, 150.0, DT)
     assert ticks[-1].mode is Mode.ENGAGED
     assert not any("off course" in alarm or "frozen" in alarm for tick in ticks for alarm in tick.alarms)
+
+
+def test_a_doubt_that_a_link_tells_of_degrades_and_nothing_else_that_it_says_ends_steering() -> None:
+    pilot, plant = build_pilot(VESSEL), boat()
+
+    def told(*texts: str) -> SupervisorState:
+        notes = tuple(AlarmSample(plant.time, text, str(place)) for place, text in enumerate(texts))
+        tick = pilot.step(plant.time, (*plant.sense(), *notes), course(0.0))
+        plant.step(tick.command.angle, DT)
+        assert tick.mode is Mode.ENGAGED
+        return tick.supervisor
+
+    assert told("", "") is SupervisorState.HEADING
+    assert told("two compasses disagree by 20 deg: compare them", "heading lost: says who") is SupervisorState.DEGRADED
+    assert told("", "heading lost: says who") is SupervisorState.HEADING
