@@ -19,13 +19,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from sitl.campaign.brain import first_mind, tick
-from sitl.campaign.cases import Job, number_of_runs
-from sitl.campaign.score import ordered
-from sitl.campaign.setting import rooms_of, setting_of
-from sitl.campaign.study import BoatSection, SeaSection, Study
-from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, readings
-from sitl.campaign.waters import WaterState, water_step
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.build import alarm_limits_of
@@ -35,6 +28,13 @@ from autopilot.monitors import AlarmLimits
 from autopilot.monitors.course import course_step
 from autopilot.params.vessel_file import load_vessel
 from sitl.boat import boat_step
+from sitl.campaign.brain import first_mind, tick
+from sitl.campaign.cases import Job, number_of_runs
+from sitl.campaign.score import ordered
+from sitl.campaign.setting import rooms_of, setting_of
+from sitl.campaign.study import BoatSection, SeaSection, Study
+from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, readings
+from sitl.campaign.waters import WaterState, water_step
 from sitl.compiled import compiled
 from sitl.scenario import HullSection, IttcSection, WavesSection, WindSection
 
