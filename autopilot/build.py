@@ -65,6 +65,9 @@ DISTURBANCE_TIME = 0.5
 """What moves the boat like a rudder of this size [rad], correlated over this time [s]: the whole sea, or all but it."""
 MODEL_ERROR = 0.1
 """The rudder's effect is uncertain by this share of it, as white noise [s^(1/2)]."""
+MODEL_ERROR_UNSTABLE = 0.6
+"""The same of a course-unstable boat, whose rudder and own moment nearly cancel. With 0.1 a boat with 30 % less rudder
+than the model's swings by 12 deg on a straight course in calm water, with 0.6 by 0.3 deg."""
 WAVE_CORNER_SHARE = 0.55
 """Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
@@ -130,7 +133,7 @@ def noise_of(vessel: Vessel) -> FilterNoise:
         rate=math.radians(sensors.rate_noise_deg_s) ** 2,
         acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
         bias=bias * bias / bias_time,
-        model_error=MODEL_ERROR if filtered else 0.0,
+        model_error=(MODEL_ERROR if model.n1 > 0.0 else MODEL_ERROR_UNSTABLE) if filtered else 0.0,
         waves=filtered,
         gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
         gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
@@ -276,7 +279,8 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
     guidance, model = vessel.guidance, model_of(vessel)
     limits = limits_of(vessel)
     turn_rate = _radians_or_unlimited(guidance.turn_rate_max_deg_s)
-    turn = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, turn_rate)
+    # the circle between two legs is one that leaves rudder to keep to it
+    turn = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, turn_rate, begins=1.0)
     onset = model.time_constant + 0.5 * turn.rudder_max / turn.rudder_rate
     return TrackSettings(
         lookahead=guidance.lookahead_s,

@@ -69,7 +69,8 @@ def noises_of(noise: FilterNoise) -> Noises:
 class Estimator:
     """Heading, rate, rudder and bias from irregular samples; see the module's docstring.
 
-    Slower than `steerage` [m/s], and astern, the rudder tells nothing of the bias: it stays what it was.
+    Slower than `steerage` [m/s], and astern, the rudder tells nothing of the bias: it stays what it was. So it does
+    while `holds_bias` is set, for turns that are planned.
     """
 
     def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
@@ -91,6 +92,7 @@ class Estimator:
         self._speed: float | None = None
         self._speed_time = -math.inf
         self.speed_over_ground = False
+        self.holds_bias = False
 
     def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         """Go on with another model, steering gear and noise; what is known of the boat stays known."""
@@ -221,7 +223,7 @@ class Estimator:
             if self._fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):
                 self._begin(sample)
             return
-        if self._speed is not None and self._speed < self._steerage:
+        if self.holds_bias or (self._speed is not None and self._speed < self._steerage):
             self._fusion = self._fusion._replace(state=ekf.with_bias_of(before, self._fusion.state))
         if isinstance(sample, HeadingSample):
             self._heading_time = max(self._heading_time, sample.time)

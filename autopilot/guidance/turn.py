@@ -8,6 +8,9 @@ now would leave, e - D, the wanted acceleration is
 
     r' = -kappa r + mu (e - D),   held to what rate and rudder allow.
 
+A turn is begun with more of the rudder than it is ended with: a boat whose rudder is weaker than the model's is slow to
+turn then, and `within_reach` waits for her, but the rudder left is enough to stop her in time.
+
 Close to the goal D = r/kappa, and the poles are -kappa and -mu/kappa: no overshoot; far from it, e = D is
 the moment to meet the turn with counter-rudder.
 """
@@ -24,19 +27,32 @@ from autopilot.signals import Reference
 
 SHARPEST = 5.0
 """Deceleration is built up in no less than 1/SHARPEST [s], even by a rudder of unlimited rate."""
-STABLE_STOP = (2.5, 2.0)
+STABLE_STOP = (3.0, 2.0)
 UNSTABLE_STOP = (1.0, 0.8)
 """kappa in units of jerk/acceleration, and mu in units of kappa^2, by course stability: tuned on boats with T
 from 0.3 to 20 s for turns without overshoot in little more than the time-optimal time."""
 ARRIVED = 1.0e-6
 """Heading [rad] and rate [rad/s] to go, and rudder [rad] off straight, together: below it the turn is over."""
+BEGINS = 1.25
+MOST_SHARE = 0.9
+"""A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share."""
+HELD_UNSTABLE = 0.6
+"""A course-unstable boat turns no faster than this share of the planned rudder can hold: with more, one whose rudder is
+30 % weaker than the model's is not stopped any more and turns on for good (tried with 0.8)."""
+BRAKED_UNSTABLE = 0.6
+BRAKED_RANGE = (0.3, 0.5)
+"""The share of the rudder that a course-unstable boat's turn is stopped with, by its time constant over the time that
+the rudder takes amidships: a boat quicker than her rudder is stopped earlier."""
+BEHIND = math.radians(2.0)
+"""The virtual boat turns no further [rad] ahead of the real one."""
 STOP_STEPS = 24
 STOP_STEPS_MOST = 60
 
 
 class TurnLimits(NamedTuple):
     """rudder_max [rad] and rudder_rate [rad/s] the virtual boat may use, and what follows from them: rate_max
-    [rad/s], acceleration [rad/s^2], kappa [1/s] and mu [1/s^2]."""
+    [rad/s], acceleration [rad/s^2], kappa [1/s] and mu [1/s^2]; a turn is begun with `begins` [-] times rudder_max and
+    rudder_rate."""
 
     rudder_max: float
     rudder_rate: float
@@ -44,6 +60,7 @@ class TurnLimits(NamedTuple):
     acceleration: float
     kappa: float
     mu: float
+    begins: float = 1.0
 
 
 class VirtualBoat(NamedTuple):
@@ -55,28 +72,36 @@ class VirtualBoat(NamedTuple):
 
 
 def turn_limits(
-    model: Norrbin, rudder_max: float, rudder_rate: float, share: float, rate_max: float = math.inf
+    model: Norrbin,
+    rudder_max: float,
+    rudder_rate: float,
+    share: float,
+    rate_max: float = math.inf,
+    begins: float = BEGINS,
 ) -> TurnLimits:
     """Return what the virtual boat may do with `share` of the rudder's angle [rad] and rate [rad/s].
 
+    A turn is begun with `begins` times as much, where the rudder has it.
     A course-unstable boat brakes against its own wish to turn: the worst of it is taken off.
     """
     usable = share * rudder_max
+    begins = clip(MOST_SHARE / share, 1.0, begins) if model.n1 > 0.0 else 1.0
     drive = model.gain * usable
     symmetric = symmetric_of(model)
     if model.n1 > 0.0:
-        bound = steady_rate(symmetric, usable)
+        bound = steady_rate(symmetric, begins * usable)
         braking = drive
     else:
-        # half of the rudder is kept to stop what the boat does by itself
-        bound = _rate_held_by(symmetric, 0.5 * drive)
-        braking = 0.5 * drive
+        # the rest of the rudder is kept to stop what the boat does by itself
+        bound = _rate_held_by(symmetric, HELD_UNSTABLE * drive)
+        slowness = model.time_constant * share * rudder_rate / usable if math.isfinite(rudder_rate) else math.inf
+        braking = clip(BRAKED_UNSTABLE * slowness, *BRAKED_RANGE) * drive
     acceleration = braking / model.time_constant
     fastest = share * rudder_rate
     jerk = min(model.gain * fastest / model.time_constant, SHARPEST * acceleration)
     quickness, pull = STABLE_STOP if model.n1 > 0.0 else UNSTABLE_STOP
     kappa = quickness * jerk / acceleration
-    return TurnLimits(usable, fastest, min(rate_max, 0.98 * bound), acceleration, kappa, pull * kappa * kappa)
+    return TurnLimits(usable, fastest, min(rate_max, 0.98 * bound), acceleration, kappa, pull * kappa * kappa, begins)
 
 
 def symmetric_of(model: Norrbin) -> Norrbin:
@@ -115,12 +140,15 @@ def stop_angle(model: Norrbin, limits: TurnLimits, rate: float, rudder: float) -
 
 
 def _rudder_and_rate(
-    model: Norrbin, limits: TurnLimits, rate: float, rudder: float, acceleration: float, dt: float
+    model: Norrbin, limits: TurnLimits, rate: float, rudder: float, acceleration: float, dt: float, more: float = 1.0
 ) -> tuple[float, float]:
-    """Return rate [rad/s] and rudder [rad] after `dt` [s] of trying for `acceleration` [rad/s^2]."""
-    wanted = clip(acceleration, -limits.acceleration, limits.acceleration)
-    order = clip(rudder_for(model, rate, wanted), -limits.rudder_max, limits.rudder_max)
-    reach = limits.rudder_rate * dt
+    """Return rate [rad/s] and rudder [rad] after `dt` [s] of trying for `acceleration` [rad/s^2].
+
+    more: so many times the rudder's angle and rate may be used.
+    """
+    wanted = clip(acceleration, -limits.acceleration * more, limits.acceleration * more)
+    order = clip(rudder_for(model, rate, wanted), -limits.rudder_max * more, limits.rudder_max * more)
+    reach = limits.rudder_rate * more * dt
     moved = rudder + clip(order - rudder, -reach, reach)
     middle = 0.5 * (rudder + moved)
     half = rate + 0.5 * dt * yaw_acceleration(model, rate, middle)
@@ -145,10 +173,23 @@ def _substep(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: floa
     left = error - stop_angle(model, limits, boat.rate, boat.rudder)
     wanted = -limits.kappa * boat.rate + limits.mu * left
     wanted = clip(wanted, limits.kappa * (-limits.rate_max - boat.rate), limits.kappa * (limits.rate_max - boat.rate))
-    rate, rudder = _rudder_and_rate(model, limits, boat.rate, boat.rudder, wanted, dt)
+    more = limits.begins if wanted * boat.rate >= 0.0 else 1.0
+    rate, rudder = _rudder_and_rate(model, limits, boat.rate, boat.rudder, wanted, dt, more)
     return VirtualBoat(heading=wrap(boat.heading + 0.5 * dt * (boat.rate + rate)), rate=rate, rudder=rudder)
 
 
 def reference_of(model: Norrbin, boat: VirtualBoat) -> Reference:
     """Return psi_d, psi_d' and psi_d'' of the virtual boat."""
     return Reference(boat.heading, boat.rate, yaw_acceleration(model, boat.rate, boat.rudder))
+
+
+def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int) -> VirtualBoat:
+    """Return the virtual boat, waiting where the real one at `heading` [rad] and `rate` [rad/s] cannot keep up with it.
+
+    hard_over: the side, 1 or -1, on which the real rudder is at its stop; 0: at neither. A boat that turns worse than
+    her model is then never more than BEHIND, so that the turn is met when she must meet it.
+    """
+    behind = hard_over * wrap(boat.heading - heading)
+    if behind <= BEHIND or hard_over * boat.rate <= max(hard_over * rate, 0.0):
+        return boat
+    return boat._replace(heading=wrap(heading + hard_over * BEHIND), rate=hard_over * max(hard_over * rate, 0.0))

@@ -66,7 +66,7 @@ def test_a_turn_ends_without_overshoot(
     assert furthest < abs(wrap(math.radians(goal - start))) + math.radians(2.0)
 
 
-@pytest.mark.parametrize(("name", "limit_deg"), [("lanxin", 1.0), ("middle", 0.5), ("slow", 0.5), ("unstable", 0.5)])
+@pytest.mark.parametrize(("name", "limit_deg"), [("lanxin", 1.3), ("middle", 0.5), ("slow", 0.5), ("unstable", 0.5)])
 def test_the_pid_too_follows_a_planned_turn(name: str, limit_deg: float) -> None:
     """With the model's rudder fed forward; without it these boats are 4 to 7 deg behind and overshoot by 2 to 3."""
     ticks = turn(BOATS[name], 0.0, 90.0, law="pid")
