@@ -19,9 +19,21 @@ from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.wave_motion import left_alone
 from autopilot.failsafe_steering import FailsafeSteering, error_of
 from autopilot.guidance.trials import zigzag_side
-from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_limits, turn_step, within_reach
+from autopilot.guidance.turn import (
+    TurnLimits,
+    VirtualBoat,
+    is_turning,
+    reference_of,
+    replan_beyond,
+    replanned,
+    side_hard_over,
+    turn_limits,
+    turn_step,
+    turning_time,
+    within_reach,
+)
 from autopilot.limits import RudderLimits, limit
-from autopilot.models.norrbin import Norrbin, rudder_for
+from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.monitors import AlarmLimits, Monitors, Watched
 from autopilot.safety import STEERING_ACTIONS, FailsafeAction, Supervisor
@@ -46,17 +58,6 @@ if TYPE_CHECKING:
 
 LONGEST_STEP = 0.5
 """A longer silence between ticks [s] counts as this much for limits and reference."""
-HARD_OVER = 0.98
-"""A rudder told this share of its angle is at its stop."""
-TURNING_RUDDER = math.radians(1.0)
-TURNING_SHARE = 0.1
-"""A planned turn with more rudder [rad] or more of the boat's fastest turn than this shows how strong the rudder is,
-and a rudder stronger or weaker than the model's must not be taken for wind."""
-REPLAN = math.radians(20.0)
-"""Carried off this far [rad] from the planned turn, the boat is led back by a turn planned from where it is."""
-REPLAN_UNSTABLE = math.radians(8.0)
-"""A course-unstable boat that swings further than her rudder's rate can follow is lost: the plan, which knows that
-rate, takes over early."""
 REPLAN_GUIDED = math.radians(90.0)
 """A firmware that steers by itself turns in its own time: it is only never led the wrong way round."""
 SPEED_CHANGE = 0.02
@@ -64,12 +65,6 @@ SPEED_CHANGE = 0.02
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
 NO_STEERAGE = text_of("low_speed")
-
-
-NO_TURN = math.radians(5.0)
-TURNING_SLACK = 1.5
-SETTLING_TIME_CONSTANTS = 5.0
-"""A turn may take this much longer than planned, and this many time constants to settle, before it is off course."""
 
 
 def _envelope_of(config: PilotConfig) -> Envelope:
@@ -190,7 +185,8 @@ class Pilot:
         dt = 0.0 if self._now is None else clip(now - self._now, 0.0, LONGEST_STEP)
         self._now = now
         self._listen(now, samples)
-        self.estimator.holds_bias = self._is_turning(now)
+        model = self.estimator.model
+        self.estimator.holds_bias = now < self._turning_until and is_turning(model, self._limits_at(model), self._boat)
         state = self.estimator.update(now, samples)
         was = self.supervisor.mode
         self.monitors.look(self.estimator.model, self._watched(now, state))
@@ -345,28 +341,16 @@ class Pilot:
             return Reference(self._order_heading)
         model = self.estimator.model
         target = self._order_heading
-        replan = REPLAN_GUIDED
-        if self.config.rudder_is_ours:
-            replan = REPLAN if model.n1 > 0.0 else REPLAN_UNSTABLE
-        if abs(shortest_turn(self._boat.heading, state.heading)) > replan:
-            self._boat = self._virtual(state, state.rudder + state.bias)
-        led = within_reach(self._boat, state.heading, state.rate, self._hard_over())
-        self._boat = turn_step(model, self._limits_at(model), led, target, dt)
+        limits = self._limits_at(model)
+        beyond = replan_beyond(model) if self.config.rudder_is_ours else REPLAN_GUIDED
+        if abs(shortest_turn(self._boat.heading, state.heading)) > beyond:
+            self._boat = replanned(model, limits, state.heading, state.rate, state.rudder + state.bias)
+        led = self._boat
+        if self.config.rudder_is_ours and state.time < self._turning_until:
+            stop = side_hard_over(self._told.angle, self.config.limits.angle_max)
+            led = within_reach(led, state.heading, state.rate, stop)
+        self._boat = turn_step(model, limits, led, target, dt)
         return reference_of(model, self._boat)
-
-    def _hard_over(self) -> int:
-        """Return the side, 1 or -1, on which the rudder is told to stand at its stop; 0: on neither."""
-        if not self.config.rudder_is_ours or abs(self._told.angle) < HARD_OVER * self.config.limits.angle_max:
-            return 0
-        return 1 if self._told.angle > 0.0 else -1
-
-    def _is_turning(self, now: float) -> bool:
-        """Return whether the rudder is busy with a turn that was ordered: it tells of its own strength, not of bias."""
-        model, boat = self.estimator.model, self._boat
-        if now >= self._turning_until:
-            return False
-        is_over = abs(boat.rudder - rudder_for(model, 0.0, 0.0)) > TURNING_RUDDER
-        return is_over or abs(boat.rate) > TURNING_SHARE * self._limits_at(model).rate_max
 
     def _begin(self, order: Order, state: NavState) -> None:
         """An order that is new: adopt the present heading where it names none."""
@@ -375,22 +359,14 @@ class Pilot:
         self._order = order
         self._order_heading = order.heading if math.isfinite(order.heading) else state.heading
         self._side = 1
-        self._turning_until = max(self._turning_until, state.time + self._turning_time(state.heading))
+        model, turn = self.estimator.model, shortest_turn(state.heading, self._order_heading)
+        may_take = turning_time(model, self._limits_at(model), turn)
+        self._turning_until = max(self._turning_until, state.time + may_take)
 
-    def _turning_time(self, heading: float) -> float:
-        """Return how long [s] the boat may need from `heading` [rad] to the one ordered; a touch is no turn."""
-        turn = abs(shortest_turn(heading, self._order_heading))
-        if turn < NO_TURN:
-            return 0.0
-        model = self.estimator.model
-        return TURNING_SLACK * turn / self._limits_at(model).rate_max + SETTLING_TIME_CONSTANTS * model.time_constant
-
-    def _virtual(self, state: NavState, rudder: float = 0.0) -> VirtualBoat:
-        """A virtual boat where the real one is, turning no faster than it may, with the `rudder` [rad] set so far."""
-        limits = self._limits_at(self.estimator.model)
-        rate = clip(state.rate, -limits.rate_max, limits.rate_max)
-        most = limits.rudder_max * limits.begins
-        return VirtualBoat(state.heading, rate, clip(rudder, -most, most))
+    def _virtual(self, state: NavState) -> VirtualBoat:
+        """A virtual boat where the real one is, turning no faster than it may."""
+        most = self._limits_at(self.estimator.model).rate_max
+        return VirtualBoat(state.heading, clip(state.rate, -most, most), 0.0)
 
     def _limits_at(self, model: Norrbin) -> TurnLimits:
         speed = model.reference_speed

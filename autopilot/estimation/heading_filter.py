@@ -64,8 +64,11 @@ class FilterState(NamedTuple):
 
 def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
     """Return the state with the bias, and how well it is known, as they were `before`."""
-    kept = state._replace(bias=before.bias, p02=0.0, p12=0.0, p22=before.p22)
-    return kept._replace(p23=0.0, p24=0.0, p25=0.0)
+    boat = (state.time, state.psi, state.rate, before.bias, state.p00, state.p01, 0.0, state.p11, 0.0, before.p22)
+    waves = (state.wave, state.wave_rate, state.wave_lag, state.p03, state.p04, state.p05)
+    across = (state.p13, state.p14, state.p15, 0.0, 0.0, 0.0)
+    own = (state.p33, state.p34, state.p35, state.p44, state.p45, state.p55)
+    return FilterState(*boat, *waves, *across, *own, state.sea)
 
 
 Waves = tuple[

@@ -45,6 +45,21 @@ BRAKED_RANGE = (0.3, 0.5)
 the rudder takes amidships: a boat quicker than her rudder is stopped earlier."""
 BEHIND = math.radians(2.0)
 """The virtual boat turns no further [rad] ahead of the real one."""
+HARD_OVER = 0.98
+"""A rudder told this share of its angle is at its stop."""
+TURNING_RUDDER = math.radians(1.0)
+TURNING_SHARE = 0.1
+"""A planned turn with more rudder [rad] or more of the boat's fastest turn than this shows how strong the rudder is,
+and a rudder stronger or weaker than the model's must not be taken for wind."""
+NO_TURN = math.radians(5.0)
+TURNING_SLACK = 1.5
+SETTLING_TIME_CONSTANTS = 5.0
+"""A turn may take this much longer than planned, and this many time constants to settle, before it is off course."""
+REPLAN = math.radians(20.0)
+"""Carried off this far [rad] from the planned turn, the boat is led back by a turn planned from where it is."""
+REPLAN_UNSTABLE = math.radians(8.0)
+"""A course-unstable boat that swings further than her rudder's rate can follow is lost: the plan, which knows that
+rate, takes over early."""
 STOP_STEPS = 24
 STOP_STEPS_MOST = 60
 
@@ -192,4 +207,36 @@ def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int)
     behind = hard_over * wrap(boat.heading - heading)
     if behind <= BEHIND or hard_over * boat.rate <= max(hard_over * rate, 0.0):
         return boat
-    return boat._replace(heading=wrap(heading + hard_over * BEHIND), rate=hard_over * max(hard_over * rate, 0.0))
+    return VirtualBoat(wrap(heading + hard_over * BEHIND), hard_over * max(hard_over * rate, 0.0), boat.rudder)
+
+
+def side_hard_over(told: float, angle_max: float) -> int:
+    """Return the side, 1 or -1, on which a rudder `told` [rad] stands at its stop; 0: on neither."""
+    if abs(told) < HARD_OVER * angle_max:
+        return 0
+    return 1 if told > 0.0 else -1
+
+
+def is_turning(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> bool:
+    """Return whether the planned turn keeps the rudder busy: it tells of its own strength then, not of wind."""
+    is_over = abs(boat.rudder - rudder_for(model, 0.0, 0.0)) > TURNING_RUDDER
+    return is_over or abs(boat.rate) > TURNING_SHARE * limits.rate_max
+
+
+def turning_time(model: Norrbin, limits: TurnLimits, turn: float) -> float:
+    """Return how long [s] the boat may need for a `turn` [rad]; a touch is no turn."""
+    if abs(turn) < NO_TURN:
+        return 0.0
+    return TURNING_SLACK * abs(turn) / limits.rate_max + SETTLING_TIME_CONSTANTS * model.time_constant
+
+
+def replan_beyond(model: Norrbin) -> float:
+    """Return how far [rad] the boat may be carried off from the planned turn before it is planned anew."""
+    return REPLAN if model.n1 > 0.0 else REPLAN_UNSTABLE
+
+
+def replanned(model: Norrbin, limits: TurnLimits, heading: float, rate: float, rudder: float) -> VirtualBoat:
+    """Return a virtual boat where the real one is, turning no faster than it may; `rudder` [rad] as it acts."""
+    most = limits.rudder_max * limits.begins
+    begun = clip(rudder, -most, most) if model.n1 < 0.0 else 0.0
+    return VirtualBoat(heading, clip(rate, -limits.rate_max, limits.rate_max), begun)

@@ -22,16 +22,28 @@ from autopilot.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.estimation import wave_motion
 from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST, SPEED_SMOOTHING
 from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
-from autopilot.estimation.heading_filter import FilterState
+from autopilot.estimation.heading_filter import FilterState, with_bias_of
 from autopilot.estimation.rudder_track import RudderPast
 from autopilot.estimation.wave_motion import left_alone
-from autopilot.guidance.turn import TurnLimits, VirtualBoat, reference_of, turn_limits, turn_step
+from autopilot.guidance.turn import (
+    TurnLimits,
+    VirtualBoat,
+    is_turning,
+    reference_of,
+    replan_beyond,
+    replanned,
+    side_hard_over,
+    turn_limits,
+    turn_step,
+    turning_time,
+    within_reach,
+)
 from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
 from autopilot.monitors import AT_THE_STOP, FROZEN_SAMPLES
 from autopilot.monitors.heading import DISAGREES_TIME
-from autopilot.pilot import LONGEST_STEP, REPLAN, SPEED_CHANGE
+from autopilot.pilot import LONGEST_STEP, SPEED_CHANGE
 from autopilot.signals import Reference
 
 Floats = NDArray[np.float64]
@@ -84,6 +96,8 @@ class Mind(NamedTuple):
     boat: VirtualBoat
     turn: TurnLimits
     turn_speed: float
+    target: float
+    turning_until: float
     pid: PidMemory
     told: float
     rudder: float
@@ -134,6 +148,8 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         boat=VirtualBoat(steered, clip(rate, -turn.rate_max, turn.rate_max), 0.0),
         turn=turn,
         turn_speed=model.reference_speed,
+        target=math.nan,
+        turning_until=-math.inf,
         pid=PidMemory(0.0, math.nan),
         told=0.0,
         rudder=0.0,
@@ -158,11 +174,16 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     turn, turn_speed = listened.turn, listened.turn_speed
     if abs(model.reference_speed - turn_speed) > SPEED_CHANGE * turn_speed:
         turn, turn_speed = _turn_limits(brain, model), model.reference_speed
+    turning_until = listened.turning_until
+    if target != listened.target:
+        turning_until = max(turning_until, now + turning_time(model, turn, shortest_turn(heading, target)))
     boat = listened.boat
-    if abs(shortest_turn(boat.heading, heading)) > REPLAN:
-        boat = VirtualBoat(heading, clip(rate, -turn.rate_max, turn.rate_max), 0.0)
-    boat = turn_step(model, turn, boat, target, dt)
     bias = clip(listened.fusion.state.bias, -BIAS_MOST, BIAS_MOST)
+    if abs(shortest_turn(boat.heading, heading)) > replan_beyond(model):
+        boat = replanned(model, turn, heading, rate, listened.rudder + bias)
+    if now < turning_until:
+        boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
+    boat = turn_step(model, turn, boat, target, dt)
     demand, pid = _demand(brain, model, reference_of(model, boat), heading, rate, bias, listened.pid, mind.told, dt)
     told = limit(brain.limits, mind.told, demand, dt)
     place = listened.ticks % len(past.orders)
@@ -182,6 +203,8 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         boat=boat,
         turn=turn,
         turn_speed=turn_speed,
+        target=target,
+        turning_until=turning_until,
         pid=pid,
         told=told,
         rudder=listened.rudder,
@@ -241,9 +264,12 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         gone = gone or heard.time - fusion.state.time > PREDICT_LONGEST
         # the gap that a restart of the filter ends is not carried over
         time = min(heard.time, fusion.state.time + PREDICT_LONGEST)
+        before = fusion.state
         fusion, is_fused = fuse_measured(
             model, brain.noises, fusion, RudderPast(past.times, past.angles, mind.ticks + 1), time, heading, heard.rate
         )
+        if is_fused and now < mind.turning_until and is_turning(mind.model, mind.turn, mind.boat):
+            fusion = Fusion(with_bias_of(before, fusion.state), fusion.surprise, fusion.spikes, fusion.spike)
         heading_time = time if is_fused else heading_time
         gone = gone or fusion.spikes > GATE_PATIENCE
     return Mind(
@@ -256,6 +282,8 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         boat=mind.boat,
         turn=mind.turn,
         turn_speed=mind.turn_speed,
+        target=mind.target,
+        turning_until=mind.turning_until,
         pid=mind.pid,
         told=mind.told,
         rudder=rudder,
