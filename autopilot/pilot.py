@@ -31,6 +31,7 @@ from autopilot.guidance.turn import (
     turn_step,
     turning_time,
     within_reach,
+    without_haste,
 )
 from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin
@@ -346,7 +347,9 @@ class Pilot:
         if abs(shortest_turn(self._boat.heading, state.heading)) > beyond:
             self._boat = replanned(model, limits, state.heading, state.rate, state.rudder + state.bias)
         led = self._boat
-        if self.config.rudder_is_ours and state.time < self._turning_until:
+        if state.time >= self._turning_until:
+            limits = without_haste(limits)
+        elif self.config.rudder_is_ours:
             stop = side_hard_over(self._told.angle, self.config.limits.angle_max)
             led = within_reach(led, state.heading, state.rate, stop)
         self._boat = turn_step(model, limits, led, target, dt)

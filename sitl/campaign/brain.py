@@ -37,6 +37,7 @@ from autopilot.guidance.turn import (
     turn_step,
     turning_time,
     within_reach,
+    without_haste,
 )
 from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin, at_speed
@@ -181,9 +182,10 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     bias = clip(listened.fusion.state.bias, -BIAS_MOST, BIAS_MOST)
     if abs(shortest_turn(boat.heading, heading)) > replan_beyond(model):
         boat = replanned(model, turn, heading, rate, listened.rudder + bias)
+    planned = turn if now < turning_until else without_haste(turn)
     if now < turning_until:
         boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
-    boat = turn_step(model, turn, boat, target, dt)
+    boat = turn_step(model, planned, boat, target, dt)
     demand, pid = _demand(brain, model, reference_of(model, boat), heading, rate, bias, listened.pid, mind.told, dt)
     told = limit(brain.limits, mind.told, demand, dt)
     place = listened.ticks % len(past.orders)
