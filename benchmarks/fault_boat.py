@@ -30,7 +30,7 @@ from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.loop.session import Session
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import Mode, Order, OrderKind, Tick
+from autopilot.signals import Mode, Order, OrderKind, SupervisorState, Tick
 from sitl.chaos import ChaosPort
 from sitl.faults import Fault
 from sitl.firmware import Firmware
@@ -242,11 +242,11 @@ def _trial(boat: FaultBoat) -> None:
 
 
 def _degraded(boat: FaultBoat) -> None:
-    """Engaged without a speed."""
+    """Engaged with a rate gyro that is off by 10 deg/s, which has been noticed."""
     _heading(boat)
-    boat.add("speed_lost")
-    boat.run(15.0)
-    assert boat.tick.mode is Mode.ENGAGED, boat.tick.alarms
+    boat.add("rate_bias", 10.0)
+    boat.run(12.0)
+    assert boat.tick.supervisor is SupervisorState.DEGRADED, boat.tick.alarms
 
 
 def _override(boat: FaultBoat) -> None:

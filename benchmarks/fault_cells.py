@@ -16,7 +16,7 @@ from fault_rows import Row
 
 from autopilot.signals import Mode, Tick
 
-WINDOW_S = 20.0
+WINDOW_S = 16.0
 """So long the fault is watched."""
 LATE_LIMIT_S = 15.0
 """So long after the fault is over an order may take to engage again."""
