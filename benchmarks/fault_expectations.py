@@ -53,7 +53,7 @@ FROZEN, LOST, JUMPS = "heading frozen", "heading lost", "heading jumps"
 EXPECTED: dict[str, Expect] = {
     "nothing": steers_on(0.0),
     "heading lost": fails_safe(LOST, 1.0, 3.0),
-    "heading lost for 0.6 s": steers_on(3.0),
+    "heading lost for 0.6 s": steers_on(5.0),
     "heading frozen": fails_safe(FROZEN, 5.0),
     "heading and rate frozen": fails_safe(FROZEN, 5.0),
     "heading frozen, compass without rate": fails_safe(FROZEN, 5.0),
@@ -68,7 +68,7 @@ EXPECTED: dict[str, Expect] = {
     "second compass drifts by 1 deg/s": steers_on(1.0),
     "first of two compasses lost": fails_safe(LOST, 1.0, 3.0),
     "rate off by 5 deg/s": tells("rate of turn", 7.0, 10.0),
-    "rate frozen": steers_on(10.0),
+    "rate frozen": steers_on(20.0),
     "rate reversed": Expect(("failsafe", "degraded"), "rate of turn", 4.0, 45.0),
     "rate noise of 5 deg/s": steers_on(6.0),
     "speed lost": steers_on(1.0),
@@ -76,9 +76,9 @@ EXPECTED: dict[str, Expect] = {
     "speed three times too high": steers_on(5.0),
     "position lost": steers_on(1.0),
     "position jumps by 200 m": steers_on(1.0),
-    "rudder stuck": Expect(("failsafe", "degraded"), "", 20.0, 45.0),
+    "rudder stuck": fails_safe("rudder", 5.0, 15.0),
     "rudder stuck, with a rudder sensor": fails_safe("rudder does not move", 3.0, 10.0),
-    "rudder reversed": fails_safe("wrong way", 5.5, 16.0),
+    "rudder reversed": fails_safe("wrong way", 5.0, 15.0),
     "rudder reversed, with a rudder sensor": fails_safe("wrong way", 5.0, 15.0),
     "rudder at a tenth of its rate": steers_on(10.0),
     "rudder linkage slipped by 8 deg": steers_on(10.0),
@@ -100,7 +100,7 @@ EXPECTED: dict[str, Expect] = {
     "somebody disarms": lets_go("disarmed", 1.5),
     "a hand on the sticks": lets_go("stick", 1.0),
     "the radio's override switch goes off": lets_go("switch", 1.0),
-    "overrides ignored": lets_go("does not obey", 3.0),
+    "overrides ignored": lets_go("does not obey", 5.0),
     "another ground station steers": lets_go("does not obey", 3.0),
     "battery low": tells("battery", 2.0),
     "geofence breached": tells("fence", 2.0),
@@ -110,7 +110,7 @@ EXPECTED: dict[str, Expect] = {
     "heartbeats lost": lets_go("no heartbeat", 9.0),
     "link silent": fails_safe(LOST, 1.0, 3.0),
     "link silent for 2 s": fails_safe(LOST, 1.0, 3.0),
-    "link deaf: nothing we send arrives": lets_go("does not obey", 3.0),
+    "link deaf: nothing we send arrives": lets_go("does not obey", 5.0),
     "link half open": fails_safe(LOST, 1.0, 3.0),
     "link loses 30 %": steers_on(3.0),
     "link 0.3 s late each way": steers_on(5.0),
@@ -125,6 +125,38 @@ EXPECTED: dict[str, Expect] = {
 }
 
 
+BEHIND = steers_on(180.0)
+"""A boat whose rudder cannot turn her falls behind the turn that she would have made."""
+OPEN_LOOP = steers_on(60.0)
+"""A zigzag gives rudder and waits for the heading: what slows the rudder shifts the whole of it."""
+SPECIAL: dict[tuple[str, str], Expect] = {
+    ("rudder at a tenth of its rate", "turn"): BEHIND,
+    ("rudder stops at 5 deg", "turn"): BEHIND,
+    ("rudder linkage broken", "turn"): BEHIND,
+    ("engine stopped", "turn"): BEHIND,
+    ("rudder at a tenth of its rate", "trial"): OPEN_LOOP,
+    ("rudder stops at 5 deg", "trial"): OPEN_LOOP,
+    ("rudder play of 3 deg", "trial"): OPEN_LOOP,
+    ("link 0.3 s late each way", "trial"): OPEN_LOOP,
+    ("link jitter of 0.3 s", "trial"): OPEN_LOOP,
+    ("pushed by a gust worth 15 deg of rudder", "trial"): OPEN_LOOP,
+    # no law steers a zigzag, and its rudder keeps to the angle that was ordered until the side changes
+    ("the law returns no number", "trial"): steers_on(0.0),
+    ("limits broken, law wants 60 deg", "trial"): Expect(("fault",), "envelope", 5.0, 1.0),
+    ("speed lost", "track"): tells("", 6.0, 5.0),
+    ("position lost", "track"): tells("", 6.0, 5.0),
+    # nothing on board can tell which of two places is the true one: the boat goes back to the line
+    ("position jumps by 200 m", "track"): tells("", 5.0, 90.0),
+}
+OPEN: dict[str, tuple[str, ...]] = {
+    "rudder stuck": ENGAGED,
+    "rudder reversed": ENGAGED,
+    "rudder runs hard over": ("turn", "trial", "degraded"),
+    "pushed by more than the rudder can hold": ("turn", "trial", "degraded"),
+}
+"""Cells, by fault and states, where the pilot does not yet do what is wanted; they are marked in the page."""
+
+
 def expected(cell: Cell) -> Expect:
     """Return what is expected of a cell."""
     ended = ENDED.get(cell.state)
@@ -132,9 +164,6 @@ def expected(cell: Cell) -> Expect:
         return Expect(ended)
     wanted = SPECIAL.get((cell.row, cell.state), EXPECTED[cell.row])
     return wanted._replace(off_deg=wanted.off_deg * QUICK.get(cell.state, 1.0))
-
-
-SPECIAL: dict[tuple[str, str], Expect] = {}
 
 
 def complaints(cell: Cell) -> Iterator[str]:
@@ -154,3 +183,8 @@ def complaints(cell: Cell) -> Iterator[str]:
     if cell.again is False:
         yield "does not engage again"
     yield from cell.broken
+
+
+def is_open(cell: Cell) -> bool:
+    """Return whether it is known that this cell is not yet as it should be."""
+    return cell.state in OPEN.get(cell.row, ())

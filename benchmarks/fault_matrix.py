@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import argparse
 import os
+import pickle
 import re
 import sys
 from pathlib import Path
 
 from fault_boat import STATES
 from fault_cells import Cell, run_cells
-from fault_expectations import complaints, expected
+from fault_expectations import complaints, expected, is_open
 from fault_rows import ROWS
 
 BEGIN, END = "<!-- matrix: begin -->", "<!-- matrix: end -->"
@@ -30,27 +31,39 @@ def main() -> int:
     options.add_argument("--rows", default="", help="only faults whose name holds this regular expression")
     options.add_argument("--states", default=",".join(STATES), help=f"only these of {','.join(STATES)}")
     options.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    options.add_argument(
+        "--cells", type=Path, help="keep the cells here, and take those that are not asked for from it"
+    )
     options.add_argument("--out", type=Path, help="put the tables into this page, between its marks")
     arguments = options.parse_args()
     states = arguments.states.split(",")
     if unknown := set(states) - set(STATES):
         options.error(f"--states {', '.join(sorted(unknown))}: allowed are {', '.join(STATES)}")
     rows = [row for row in ROWS if re.search(arguments.rows, row.name)]
-    cells: dict[tuple[str, str], Cell] = {}
-    wrong = 0
+    cells = kept(arguments.cells)
     for cell in run_cells(rows, states, arguments.workers):
         cells[cell.row, cell.state] = cell
         complaint = "; ".join(complaints(cell))
-        wrong += bool(complaint)
         print(f"{'WRONG' if complaint else 'ok':5} {cell.row} | {cell.state} | {short(cell)} | {complaint}", flush=True)
-    print(f"{len(cells)} cells, {wrong} not as expected")
+        if arguments.cells is not None:
+            arguments.cells.write_bytes(pickle.dumps(cells))
+    bad = [cell for cell in cells.values() if list(complaints(cell))]
+    wrong = sum(not is_open(cell) for cell in bad)
+    print(f"{len(cells)} cells, {wrong} not as expected, {len(bad) - wrong} open")
     if arguments.out is not None:
-        names = [row.name for row in rows]
-        put(
-            arguments.out,
-            f"{summary(cells, wrong)}\n\n{first_table(names, cells)}\n\n{second_table(names, states, cells)}",
-        )
+        names = [row.name for row in ROWS if any((row.name, state) in cells for state in STATES)]
+        states = [state for state in STATES if any((name, state) in cells for name in names)]
+        parts = (summary(cells, wrong, len(bad) - wrong), first_table(names, cells), second_table(names, states, cells))
+        put(arguments.out, "\n\n".join(parts))
     return int(wrong > 0)
+
+
+def kept(place: Path | None) -> dict[tuple[str, str], Cell]:
+    """Return the cells of runs before."""
+    if place is None or not place.exists():
+        return {}
+    cells: dict[tuple[str, str], Cell] = pickle.loads(place.read_bytes())
+    return cells
 
 
 def short(cell: Cell) -> str:
@@ -73,11 +86,11 @@ def action(cell: Cell) -> str:
     return last if last in ("steers", "degraded", "standby") else f"{last}, rudder {cell.rudder}"
 
 
-def summary(cells: dict[tuple[str, str], Cell], wrong: int) -> str:
+def summary(cells: dict[tuple[str, str], Cell], wrong: int, still_open: int) -> str:
     """Return the sentence on top."""
     faults, states = len({row for row, _ in cells}), len({state for _, state in cells})
-    verdict = "all as expected" if not wrong else f"{wrong} not as expected, marked **!**"
-    return f"{faults} rows in {states} states, {len(cells)} cells, {verdict}."
+    verdict = f"{wrong} not as expected" if wrong else "none against what is expected"
+    return f"{faults} rows in {states} states, {len(cells)} cells: {verdict}, {still_open} open, marked **!**."
 
 
 def first_table(names: list[str], cells: dict[tuple[str, str], Cell]) -> str:

@@ -1,0 +1,53 @@
+"""The command of the fault matrix on a sample of its cells, and the page that it has written."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ENGAGED = (
+    "nothing|heading lost|heading frozen, compass without rate|rudder stuck, with a rudder sensor|"
+    "somebody chooses HOLD|heading jumps by 40 deg|link half open|the law returns no number"
+)
+
+
+@pytest.mark.parametrize(
+    ("rows", "states", "cells"),
+    [
+        (ENGAGED, "heading", 8),
+        ("heading lost|somebody disarms", "trial", 2),
+        ("link silent|firmware reboots", "fail-safe", 2),
+    ],
+)
+def test_a_sample_of_cells_is_as_expected(rows: str, states: str, cells: int) -> None:
+    command = [
+        sys.executable,
+        str(ROOT / "benchmarks" / "fault_matrix.py"),
+        "--rows",
+        f"^({rows})$",
+        "--states",
+        states,
+    ]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    run = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert f"{cells} cells, 0 not as expected, 0 open" in run.stdout
+
+
+def test_the_page_holds_the_whole_matrix() -> None:
+    page = (ROOT / "docs" / "fault_matrix.md").read_text(encoding="utf-8")
+    found = re.search(r"^(\d+) rows in (\d+) states, (\d+) cells", page, re.MULTILINE)
+    assert found is not None
+    rows, states, cells = map(int, found.groups())
+    assert rows >= 45
+    assert cells == rows * states
+    first, second = page.split("## In the other states")
+    names = set(re.findall(r"^\| (?!Fault )([^|]+) \|", second, re.MULTILINE))
+    assert len(names) == rows
+    assert all(f"| {name}" in first for name in names)
