@@ -353,6 +353,9 @@ class Pilot:
             stop = side_hard_over(self._told.angle, self.config.limits.angle_max)
             led = within_reach(led, state.heading, state.rate, stop)
         self._boat = turn_step(model, limits, led, target, dt)
+        if not math.isfinite(self._boat.heading + self._boat.rate + self._boat.rudder):
+            # far quicker than the model of a boat that has lost her way allows: the turn is planned anew
+            self._boat = self._virtual(state)
         return reference_of(model, self._boat)
 
     def _begin(self, order: Order, state: NavState) -> None:

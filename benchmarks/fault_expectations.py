@@ -151,6 +151,7 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     ("position jumps by 200 m", "track"): tells("", 5.0, 90.0),
 }
 OPEN: dict[str, tuple[str, ...]] = {
+    "heading frozen, compass without rate": ENGAGED,
     "rudder stuck": ENGAGED,
     "rudder reversed": ENGAGED,
     "rudder runs hard over": ("turn", "trial"),

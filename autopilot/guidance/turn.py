@@ -155,6 +155,8 @@ def _rate_held_by(model: Norrbin, drive: float) -> float:
 def stop_angle(model: Norrbin, limits: TurnLimits, rate: float, rudder: float) -> float:
     """Return D, the angle [rad] turned through until a stop begun now at `rate` [rad/s] and `rudder` [rad] ends."""
     horizon = abs(rate) / limits.acceleration + 3.0 / limits.kappa
+    if not math.isfinite(horizon):
+        return math.nan
     dt = min(horizon / STOP_STEPS, model.time_constant)
     turned = 0.0
     for _ in range(min(STOP_STEPS_MOST, math.ceil(horizon / dt))):

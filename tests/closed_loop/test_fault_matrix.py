@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 ENGAGED = (
-    "nothing|heading lost|heading frozen, compass without rate|rudder stuck, with a rudder sensor|"
+    "nothing|heading lost|heading frozen|rudder stuck, with a rudder sensor|"
     "somebody chooses HOLD|heading jumps by 40 deg|link half open|the law returns no number"
 )
 
