@@ -29,7 +29,7 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "law": lambda run: (run.pilot.law, "update"),
     "limits": lambda _: (pilot_module, "limit"),
     "supervisor checks": lambda run: (run.pilot.supervisor, "check"),
-    "alarms": lambda run: (run.pilot.supervisor, "alarms"),
+    "alarms": lambda run: (run.pilot._panel, "update"),
     "send": lambda run: (run.link, "send"),
     "transport send": lambda run: (run.near, "send"),
     "show": lambda run: (run.link, "show"),
