@@ -131,7 +131,7 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "off its order by more than the tolerance and standing for 1.5 s and the gear's delay",
+        "off its order by more than the tolerance and standing for 1.2 s and the gear's delay and lag",
         "rudder.follow_tolerance_deg",
     ),
     AlarmKind(
@@ -141,7 +141,7 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "off its order by more than the tolerance and not on its way for 1.5 s and the gear's delay",
+        "off its order by more than the tolerance and not on its way for 1.2 s and the gear's delay and lag",
         "rudder.follow_tolerance_deg",
     ),
     AlarmKind(

@@ -34,7 +34,7 @@ EXIT_CODES = """exit codes:
   2  bad usage, or a file or record that cannot be used
   3  a link could not be opened, stayed silent or was lost
   4  refused: engaging would not be safe, the vehicle does not obey, or a trial ended early; doctor: no go
-  5  ended in fail-safe
+  5  ended in fail-safe, or in fault
   6  compared and found different (params upload, verify, diff; replay)
 """
 

@@ -19,7 +19,9 @@ except SystemExit:
     pass
 print(*(name for name in sys.modules if "." not in name or name.startswith("autopilot")), sep="\\n", file=sys.stderr)
 """
-HEAVY = {"numpy", "scipy", "matplotlib", "jinja2", "numba", "can", "pyulog", "ruamel"}
+PLOT_AND_PAGE = {"matplotlib", "jinja2", "starlette", "uvicorn"}
+ENGINES_AND_READERS = {"numba", "ray", "distributed", "can", "pyulog", "mcap", "pyarrow", "ruamel"}
+HEAVY = {"numpy", "scipy", *PLOT_AND_PAGE, *ENGINES_AND_READERS}
 
 
 def modules_of(*arguments: str) -> set[str]:
