@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TextIO
 
+from autopilot.control import backstepping, sliding_heading
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.design import (
     LoopGains,
@@ -48,7 +49,7 @@ from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.signing import Signing
 from autopilot.links.transports.sockets import Network, network_of
 from autopilot.links.url import LinkUrl, open_transport, parse_url
-from autopilot.models.norrbin import Norrbin
+from autopilot.models.norrbin import Norrbin, at_speed_ratio
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.monitors import AlarmLimits
 from autopilot.params.vessel import Vessel
@@ -185,25 +186,42 @@ def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
     )
 
 
-def loop_gains_of(vessel: Vessel, name: str | None = None) -> LoopGains:
-    """Return the law's gains on heading error, rate and integral, about straight running."""
+def gains_in_force(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> tuple[float, ...]:
+    """Return the law's own gains at `ratio` times the speed of the trial; the PID's are the same at every speed."""
     law = law_of(vessel, name)
     if isinstance(law, BacksteppingLaw):
-        return linear_gains_backstepping(model_of(vessel), law.gains)
+        return backstepping.gains_at(law.gains, ratio)
     if isinstance(law, SlidingLaw):
-        return linear_gains_sliding(model_of(vessel), law.gains)
+        return sliding_heading.gains_at(law.gains, ratio)
     assert isinstance(law, PidLaw)
-    return linear_gains_pid(law.gains)
+    return law.gains
 
 
-def verdict_of(vessel: Vessel, name: str | None = None) -> Verdict:
-    """Return the margins of the vessel's law with its rudder, and why it must not engage where it must not."""
+def loop_gains_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> LoopGains:
+    """Return the law's gains on heading error, rate and integral, about straight running.
+
+    ratio: at so many times the speed of the trial.
+    """
+    model, gains = at_speed_ratio(model_of(vessel), ratio), gains_in_force(vessel, name, ratio)
+    if isinstance(gains, BacksteppingGains):
+        return linear_gains_backstepping(model, gains)
+    if isinstance(gains, SlidingGains):
+        return linear_gains_sliding(model, gains)
+    assert isinstance(gains, PidGains)
+    return linear_gains_pid(gains)
+
+
+def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Verdict:
+    """Return the margins of the vessel's law with its rudder, and why it must not engage where it must not.
+
+    ratio: at so many times the speed of the trial.
+    """
     return judge(
-        model_of(vessel),
+        at_speed_ratio(model_of(vessel), ratio),
         gear_of(vessel),
         limits_of(vessel).rate_max,
         vessel.control.loop_delay_s,
-        loop_gains_of(vessel, name),
+        loop_gains_of(vessel, name, ratio),
     )
 
 

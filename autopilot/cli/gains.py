@@ -83,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
     from autopilot.params.vessel_file import load_vessel
     from autopilot.report.gains_judged import as_json, as_text, judged
+    from autopilot.report.gains_speeds import speeds_as_json, speeds_as_text
 
     gains_tune.check_options(arguments)
     if arguments.tune:
@@ -101,9 +102,10 @@ def run(arguments: argparse.Namespace) -> int:
     rows |= {f"file's {law}": judged(vessel, law) for law in LAWS if getattr(vessel.control, law) is not None}
     if arguments.report:
         _write_report(arguments, vessel, rows)
-    print(
-        json.dumps({name: as_json(each) for name, each in rows.items()}, indent=2) if arguments.json else as_text(rows)
-    )
+    if arguments.json:
+        print(json.dumps({name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}, indent=2))
+    else:
+        print(as_text(rows), speeds_as_text(rows), sep="\n\n")
     if arguments.out:
         write_vessel(arguments, better)
     return int(ExitCode.OK)

@@ -13,6 +13,7 @@ from autopilot.control.design import loop
 from autopilot.control.large_errors import trace
 from autopilot.report.figures import FloatArray, Line, Panel, time_figure
 from autopilot.report.gains_judged import LARGE_ERRORS_DEG, Judged, loop_of, sentences
+from autopilot.report.gains_speeds import UNSCHEDULED, chosen, speed_table
 from autopilot.report.page import Section, render
 
 CURVE_POINTS = 300
@@ -33,6 +34,7 @@ def gains_page(name: str, rows: Mapping[str, Judged], levels: Mapping[int, Judge
         ),
         *(_step(rows, degrees) for degrees in STEP_DEG),
         Section("Large errors", _large_errors(rows), ("Without a planned turn: in the pilot a turn is planned.",)),
+        *(Section(f"By speed: {name}", speed_table(each), (UNSCHEDULED,)) for name, each in chosen(rows).items()),
         Section("Response levels", _levels(levels), ("Level 5 is the quickest loop with good margins.",)),
     ]
     return render("Gain design", lead, sections, command, __version__)

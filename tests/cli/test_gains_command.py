@@ -9,10 +9,12 @@ from typing import Any
 
 import pytest
 
-from autopilot.build import build_pilot, verdict_of
+from autopilot.build import build_pilot, gains_in_force, model_of, verdict_of
 from autopilot.cli.gains import designed
 from autopilot.cli.main import main
 from autopilot.errors import RefusedError
+from autopilot.models.norrbin import at_speed_ratio
+from autopilot.params.vessel import Backstepping
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 
 
@@ -121,8 +123,61 @@ def test_the_report_shows_the_loop(tmp_path: Path) -> None:
     assert main(["gains", "lanxin", "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
     assert text.count("<svg") >= 3
-    for wanted in ("Response levels", "Large errors", "delay margin"):
+    for wanted in ("Response levels", "Large errors", "delay margin", "By speed: designed", "150 % = 6.95 m/s"):
         assert wanted in text
+
+
+def test_every_row_has_the_gains_in_force_by_speed(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = as_json(capsys, "lanxin")
+    for name, row in rows.items():
+        speeds = row["speeds"]
+        assert [each["speed_percent"] for each in speeds] == [20, 50, 75, 100, 125, 150]
+        at_trial = speeds[3]
+        for key in ("gain_margin", "phase_margin_deg", "delay_margin_s", "stable"):
+            assert at_trial[key] == row[key]
+        assert at_trial["gains"] == row["gains"]
+        assert all(each["stable"] and each["refusal"] is None and not each["below_steerage"] for each in speeds), name
+        delays = [each["delay_margin_s"] for each in speeds]
+        if "pid" not in name:
+            assert delays == sorted(delays, reverse=True), "a quick boat forgives less delay"
+    slow = rows["file's backstepping"]["speeds"][1]
+    assert slow["speed_m_s"] == pytest.approx(0.5 * 4.63)
+    assert slow["K_1_s"] == pytest.approx(0.5 * 0.701)
+    assert slow["T_s"] == pytest.approx(2.0 * 0.332)
+    assert slow["gains"] == pytest.approx({"k1_1_s": 1.0, "k2_1_s": 1.0, "gamma_1_s2": 0.25})
+    sliding = [each["gains"] for each in rows["file's sliding"]["speeds"]]
+    assert sliding[1] == pytest.approx({"slope_1_s": 1.0, "reach_deg_s2": 63.3 / 4.0, "boundary_deg_s": 31.7 / 2.0})
+    assert len({tuple(each["gains"].values()) for each in rows["file's pid"]["speeds"]}) == 1
+
+
+def test_the_margins_by_speed_are_those_of_a_boat_identified_at_that_speed() -> None:
+    """The same boat and the gains that it has at half the speed, written down as a file of their own."""
+    vessel = load_vessel("lanxin")
+    half = at_speed_ratio(model_of(vessel), 0.5)
+    model = replace(
+        vessel.model,
+        K_1_s=half.gain,
+        T_s=half.time_constant,
+        n3_s2_rad2=half.n3,
+        reference_speed_m_s=half.reference_speed,
+    )
+    control = replace(vessel.control, backstepping=Backstepping(*gains_in_force(vessel, "backstepping", 0.5)))
+    alone = verdict_of(replace(vessel, model=model, control=control), "backstepping").margins
+    assert verdict_of(vessel, "backstepping", 0.5).margins == pytest.approx(alone)
+
+
+def test_speeds_that_are_not_steered_or_not_stable_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vessel = load_vessel("lanxin_paper_gains")
+    path = tmp_path / "waits.yaml"
+    path.write_text(dump_vessel(replace(vessel, control=replace(vessel.control, steerage_m_s=2.0))))
+    assert main(["gains", str(path)]) == 0
+    designed_rows, files_rows = capsys.readouterr().out.split("by speed\n")[1:]
+    assert designed_rows.count("below steerage") == 1
+    assert "unstable" not in designed_rows
+    assert "20 % = 0.93 m/s" in designed_rows
+    assert files_rows.count("unstable") == files_rows.count("not to be engaged") == 5
 
 
 def test_a_slower_rudder_gets_gentler_gains() -> None:
