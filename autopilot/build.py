@@ -27,7 +27,7 @@ from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackSettings
-from autopilot.guidance.turn import turn_limits
+from autopilot.guidance.turn import preset_rate, turn_limits
 from autopilot.limits import RudderLimits
 from autopilot.links.admission import Admission, Doors
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
@@ -248,7 +248,6 @@ def learner_of(vessel: Vessel) -> Learner:
 def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
     """Return what the pilot knows of the vessel that `law` (None: the file's own) is to steer."""
     failsafe, steerage = vessel.failsafe, vessel.control.steerage_m_s
-    turn_rate = vessel.guidance.turn_rate_max_deg_s
     return PilotConfig(
         model=model_of(vessel),
         gear=gear_of(vessel),
@@ -264,7 +263,8 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         ),
         alarms=alarm_limits_of(vessel),
         rudder_share=vessel.guidance.rudder_share,
-        turn_rate_max=_radians_or_unlimited(turn_rate),
+        turn_rate_max=_radians_or_unlimited(vessel.guidance.turn_rate_max_deg_s),
+        turn_curvature_max=curvature_max_of(vessel),
         rudder_is_ours=vessel.helm.method != "guided",
         wave_corner=wave_corner_of(vessel, law),
         steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
@@ -293,10 +293,14 @@ def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
 
 
 def track_settings_of(vessel: Vessel) -> TrackSettings:
-    """Return how the vessel follows a route. Its turning circle hardly depends on the speed: K grows with it."""
+    """Return how the vessel follows a route.
+
+    The turning circle is that at the model's speed: without a preset rate it hardly depends on it, K grows with it.
+    """
     guidance, model = vessel.guidance, model_of(vessel)
     limits = limits_of(vessel)
-    turn_rate = _radians_or_unlimited(guidance.turn_rate_max_deg_s)
+    fastest = _radians_or_unlimited(guidance.turn_rate_max_deg_s)
+    turn_rate = preset_rate(fastest, curvature_max_of(vessel), model.reference_speed)
     # the circle between two legs is one that leaves rudder to keep to it
     turn = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, turn_rate, begins=1.0)
     onset = model.time_constant + 0.5 * turn.rudder_max / turn.rudder_rate
@@ -307,6 +311,12 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
         turn_reach=model.reference_speed * onset,
         alarm_distance=guidance.off_track_alarm_m,
     )
+
+
+def curvature_max_of(vessel: Vessel) -> float:
+    """Return 1/R [1/m] of the vessel's tightest turn; inf where the file names none."""
+    radius = vessel.guidance.turn_radius_m
+    return math.inf if radius is None else 1.0 / radius
 
 
 def _radians_or_unlimited(degrees: float | None) -> float:

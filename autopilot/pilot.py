@@ -23,6 +23,7 @@ from autopilot.guidance.turn import (
     TurnLimits,
     VirtualBoat,
     is_turning,
+    preset_rate,
     reference_of,
     replan_beyond,
     replanned,
@@ -89,11 +90,11 @@ class HeadingLaw(Protocol):
 class PilotConfig(NamedTuple):
     """Everything the pilot knows of the boat; `build` makes it from a vessel file.
 
-    rudder_share [-] and turn_rate_max [rad/s] bound the planned turns. rudder_is_ours: False where the other side
-    steers by itself to the reference heading, so that only what it reports says where the rudder is. Waves quicker
-    than wave_corner [rad/s], which holds at the model's speed, are kept from the rudder; slower ones are steered
-    against. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts for this
-    where steerage_over_ground says so. roll: the rudder damps roll too, while that helps; None: it does not.
+    rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
+    where the other side steers by itself to the reference heading, so that only what it reports says where the rudder
+    is. Waves quicker than wave_corner [rad/s], which holds at the model's speed, are kept from the rudder; slower ones
+    are steered against. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
+    for this where steerage_over_ground says so. roll: the rudder damps roll too, while that helps; None: it does not.
     """
 
     model: Norrbin
@@ -103,6 +104,7 @@ class PilotConfig(NamedTuple):
     failsafe: FailsafeAction
     rudder_share: float = 0.7
     turn_rate_max: float = math.inf
+    turn_curvature_max: float = math.inf
     rudder_is_ours: bool = True
     wave_corner: float = 0.0
     steerage: float = 0.0
@@ -383,7 +385,7 @@ class Pilot:
                 self.config.limits.angle_max,
                 self.config.limits.rate_max,
                 self.config.rudder_share,
-                self.config.turn_rate_max,
+                preset_rate(self.config.turn_rate_max, self.config.turn_curvature_max, speed),
             )
         return self._turn_limits
 

@@ -46,6 +46,15 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--law", choices=("backstepping", "pid", "sliding"), help="law to steer with (default: the file's)"
     )
     parser.add_argument(
+        "--turn-rate-deg-s",
+        type=float,
+        metavar="R",
+        help="turn no faster (default: the file's, or what the rudder does)",
+    )
+    parser.add_argument(
+        "--turn-radius-m", type=float, metavar="R", help="turn no tighter, through the water (default: the file's)"
+    )
+    parser.add_argument(
         "--learn",
         action="store_true",
         help="learn the boat's model while steering; type learn, adopt, revert on a terminal",
@@ -77,6 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     vessel = load_vessel(arguments.vessel)
     if arguments.steer is not None:
         vessel = replace(vessel, helm=replace(vessel.helm, method=arguments.steer))
+    vessel = turning_as_asked(vessel, arguments.turn_rate_deg_s, arguments.turn_radius_m)
     law = law_of_run(vessel, arguments.law)
     guide = PlotterGuide()
     mission = load_mission(arguments.vessel, arguments.route)
@@ -115,6 +125,24 @@ def run(arguments: argparse.Namespace) -> int:
         desk=desk,
         resumes=skipper.engage,
     )
+
+
+def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float | None) -> Vessel:
+    """Return the vessel with the preset rate [deg/s] and radius [m] of its turns; None: the file's. InputError."""
+    from dataclasses import replace
+
+    from autopilot.params.vessel_parameters import parameters_of
+
+    asked = {"turn_rate_max_deg_s": rate_deg_s, "turn_radius_m": radius_m}
+    given: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
+    turning = replace(vessel, guidance=replace(vessel.guidance, **given))
+    allowed = {parameter.path: parameter for parameter in parameters_of(turning)}
+    for key, value in given.items():
+        known = allowed[f"guidance.{key}"]
+        if not (known.low or 0.0) <= value <= (known.high or math.inf):
+            option = "--turn-rate-deg-s" if key == "turn_rate_max_deg_s" else "--turn-radius-m"
+            raise InputError(f"{option} {value:g}: allowed is {known.allowed}")
+    return turning
 
 
 def law_of_run(vessel: Vessel, law: str | None) -> str | None:

@@ -129,6 +129,14 @@ def turn_limits(
     return TurnLimits(usable, fastest, min(rate_max, 0.98 * bound), acceleration, kappa, pull * kappa * kappa, begins)
 
 
+def preset_rate(rate_max: float, curvature_max: float, speed: float) -> float:
+    """Return the rate [rad/s] that turns are preset to at `speed` U [m/s]: r = U/R, or `rate_max` [rad/s] if slower.
+
+    curvature_max: 1/R [1/m], inf for a radius of nothing. What the rudder allows is for `turn_limits` to say.
+    """
+    return min(rate_max, speed * curvature_max)
+
+
 def symmetric_of(model: Norrbin) -> Norrbin:
     """Return the model without what makes one side differ from the other."""
     return Norrbin(model.gain, model.time_constant, model.n3, 0.0, model.n1, 0.0, model.reference_speed)

@@ -29,6 +29,7 @@ from autopilot.guidance.turn import (
     TurnLimits,
     VirtualBoat,
     is_turning,
+    preset_rate,
     reference_of,
     replan_beyond,
     replanned,
@@ -71,6 +72,7 @@ class Brain(NamedTuple):
     limits: RudderLimits
     rudder_share: float
     turn_rate_max: float
+    turn_curvature_max: float
     wave_corner: float
     steerage: float
     heading_timeout: float
@@ -315,7 +317,8 @@ def _model_at(brain: Brain, speed: float) -> Norrbin:
 
 
 def _turn_limits(brain: Brain, model: Norrbin) -> TurnLimits:
-    return turn_limits(model, brain.limits.angle_max, brain.limits.rate_max, brain.rudder_share, brain.turn_rate_max)
+    preset = preset_rate(brain.turn_rate_max, brain.turn_curvature_max, model.reference_speed)
+    return turn_limits(model, brain.limits.angle_max, brain.limits.rate_max, brain.rudder_share, preset)
 
 
 def _steered_by(

@@ -15,6 +15,7 @@ import pytest
 
 from autopilot.errors import ExitCode, InputError
 from autopilot.params.strict_yaml import parse_document
+from autopilot.params.vessel_file import dump_vessel, load_vessel
 from sitl.campaign import work
 from sitl.campaign.cases import Job, case_and_seed, cases_of, number_of_runs
 from sitl.campaign.engines import in_order, local
@@ -90,6 +91,21 @@ def test_the_loop_as_it_is_compiled_gives_the_full_simulators_numbers(job: Job) 
     full = run_fully(job, 1)
     assert full.travel_deg_s > 0.5
     assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+
+
+def test_a_preset_radius_gives_the_full_simulators_numbers_too(tmp_path: Path) -> None:
+    vessel = load_vessel("lanxin")
+    preset = replace(vessel, guidance=replace(vessel.guidance, turn_radius_m=60.0))
+    (tmp_path / "preset.yaml").write_text(dump_vessel(preset))
+    turning = replace(STUDY, speed_shares=(0.7,), gain_factors=(1.0,))
+    job = Job(replace(turning, boats={"boat": BoatSection("preset.yaml")}), str(tmp_path))
+    setting = setting_of(job, 0)
+    assert setting is not None
+    score, is_whole = run_swiftly(setting, rooms_of(setting))
+    assert is_whole
+    full = run_fully(job, 0)
+    assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+    assert full.travel_deg_s < 0.8 * run_fully(Job(turning, "."), 0).travel_deg_s, "a wide turn takes little rudder"
 
 
 def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
