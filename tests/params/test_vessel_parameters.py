@@ -40,7 +40,8 @@ def test_each_has_its_unit_range_and_meaning() -> None:
     gain = TABLE["BS_K1"]
     assert (gain.unit, gain.high, gain.doc) == ("1/s", 1000.0, "heading gain k1")
     assert TABLE["RUD_RATE_MAX"].unit == "deg/s"
-    assert TABLE["FS_ACTION"].allowed == "0 (release), 1 (amidships), 2 (hold)"
+    actions = "0 (release), 1 (amidships), 2 (hold), 3 (dead_reckoning), 4 (windward), 5 (firmware)"
+    assert TABLE["FS_ACTION"].allowed == actions
     assert TABLE["CTL_RATE"].allowed == "1 to 200 hz"
 
 
