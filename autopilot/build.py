@@ -497,6 +497,12 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
     raise RefusedError(f"vessel {vessel.name!r}: failsafe.action {action} needs {needed}")
 
 
+def refuse_wind_hold(urls: Sequence[str]) -> None:
+    """Raise RefusedError where no link of `urls` could bring a wind to hold the angle of."""
+    if "nmea" not in {parse_url(url).protocol for url in urls}:
+        raise RefusedError("--engage wind needs a wind vane on an nmea: link (MWV); add that --link")
+
+
 def _kept(url: LinkUrl, opener: Callable[[], Link]) -> KeptLink:
     steers = url.options.steers or url.protocol not in ("nmea", "n2k")
     return KeptLink(url.text, steers, opener)

@@ -14,10 +14,12 @@ from autopilot.cli.trial_script import Step, TrialScript, turning, zigzag
 from autopilot.errors import InputError
 from autopilot.guidance.patterns import Pattern, PatternGuide
 from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.boat.mission import Mission
-from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick
+from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick, WindSample
 
 ROUTE_HELP = "t [N]: follow the route"
+WIND_HELP = "w: hold the wind's angle"
 BEGIN_PATIENCE_S = 5.0
 """A trial that has not begun after this time [s] is not sailed: the pilot cannot engage."""
 ANGLE_LEAST, CHANGE_MOST = math.radians(1.0), math.radians(90.0)
@@ -28,7 +30,7 @@ class RouteSkipper(PlotterSkipper):
     """A `PlotterSkipper` whose heading orders come from the guides while they lead, and who sails trials.
 
     Attributes:
-        mission: the route.  track: leads along it.  patterns: leads through turn patterns.
+        mission: the route.  track: leads along it.  patterns: leads through turn patterns.  wind: leads by the wind.
     """
 
     def __init__(self, rudder_max: float, plotter: PlotterGuide, mission: Mission) -> None:
@@ -36,6 +38,8 @@ class RouteSkipper(PlotterSkipper):
         self.mission = mission
         self.track = mission.guide
         self.patterns = PatternGuide()
+        self.wind = WindGuide()
+        self._awaits_wind = False
         self._tick: Tick | None = None
         self._has_led = False
         self._script: TrialScript | None = None
@@ -49,10 +53,14 @@ class RouteSkipper(PlotterSkipper):
             for sample in tick.samples:
                 if isinstance(sample, PositionSample):
                     self.track.take(sample)
+                elif isinstance(sample, WindSample) and tick.state.valid:
+                    self.wind.hear(sample, tick.state.heading)
+            if self._awaits_wind and self.wind.is_known(tick.now):
+                self.hold_wind()
         if self._script is not None:
             return self._sail(now, tick, self._script)
         order = super().__call__(now, tick)
-        leader = self.track if self.track.following else self.patterns
+        leader = next((guide for guide in (self.track, self.wind) if guide.following), self.patterns)
         if not leader.following or tick is None:
             if order.is_led and not self._guide.following:
                 self._order = order = order._replace(is_led=False)
@@ -94,6 +102,9 @@ class RouteSkipper(PlotterSkipper):
         if word == "p":
             self.sail_pattern(pattern_typed(rest))
             return f"pattern {rest}"
+        if word == "w" and not rest:
+            self.hold_wind()
+            return "holding the wind's angle"
         if word == "t":
             return self._follow_route(rest)
         answer = super().type_line(line)
@@ -125,6 +136,20 @@ class RouteSkipper(PlotterSkipper):
         else:
             self.engage(None)
         self._has_led = False
+
+    def hold_wind(self) -> None:
+        """Hold the present angle of the apparent wind, engaging where no heading is steered yet. Raises InputError."""
+        tick = self._tick
+        if tick is None or not self.wind.is_known(tick.now):
+            raise InputError("no wind is heard that could be held: check the wind vane and its NMEA link (MWV)")
+        self.hand_to_track()
+        self.wind.follow()
+
+    def await_wind(self) -> None:
+        """Hold the angle of the apparent wind as soon as one is heard; until then give no order."""
+        self.give(Order())
+        self.wind.wait()
+        self._awaits_wind = True
 
     def sail_pattern(self, pattern: Pattern) -> None:
         """Sail a turn pattern, engaging on the present heading where none is steered yet."""
@@ -194,6 +219,8 @@ class RouteSkipper(PlotterSkipper):
     def _take_back(self) -> None:
         self.track.leave()
         self.patterns.leave()
+        self.wind.leave()
+        self._awaits_wind = False
         if self._script is not None:
             self._script.stop()
             self._script = None

@@ -27,7 +27,11 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     add_steering_options(parser)
     add_serving_options(parser)
-    parser.add_argument("--engage", metavar="HEADING", help="engage on this heading in degrees, or `present`")
+    parser.add_argument(
+        "--engage",
+        metavar="HEADING",
+        help="engage on this heading in degrees, on the `present` one, or hold the `wind`'s angle",
+    )
     parser.add_argument(
         "--follow", choices=("plotter",), help="follow the chart plotter on the NMEA links (APB, RMB, XTE, HTC, HTD)"
     )
@@ -67,11 +71,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from dataclasses import replace
 
-    from autopilot.build import limits_of
+    from autopilot.build import limits_of, refuse_wind_hold
     from autopilot.cli.learning_desk import LEARN_HELP, LearningDesk
     from autopilot.cli.pattern_order import PATTERN_HELP
     from autopilot.cli.plotter_follow import FOLLOW_HELP
-    from autopilot.cli.route_skipper import ROUTE_HELP, RouteSkipper
+    from autopilot.cli.route_skipper import ROUTE_HELP, WIND_HELP, RouteSkipper
     from autopilot.cli.serving import load_mission, serving_of
     from autopilot.cli.skipper import HELP, heading_of
     from autopilot.cli.steering import steer
@@ -91,7 +95,10 @@ def run(arguments: argparse.Namespace) -> int:
     guide = PlotterGuide()
     mission = load_mission(arguments.vessel, arguments.route)
     skipper = RouteSkipper(limits_of(vessel).angle_max, guide, mission)
-    if arguments.engage is not None:
+    if arguments.engage == "wind":
+        refuse_wind_hold(arguments.link)
+        skipper.await_wind()
+    elif arguments.engage is not None:
         skipper.engage(None if arguments.engage == "present" else heading_of(arguments.engage))
     if arguments.follow is not None:
         skipper.follow()
@@ -99,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
     listens = sys.stdin is not None and sys.stdin.isatty()
     desk = LearningDesk() if arguments.learn else None
     if listens:
-        typed = [HELP, FOLLOW_HELP, ROUTE_HELP, *([LEARN_HELP] if desk is not None else [])]
+        typed = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, *([LEARN_HELP] if desk is not None else [])]
         print("  ".join(typed), PATTERN_HELP, sep="\n")
 
     def watch(tick: Tick) -> bool:
@@ -121,7 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
         law=law,
         must_engage=must_engage,
         guide=guide,
-        serving=serving_of(arguments, skipper, mission, armed=must_engage),
+        serving=serving_of(arguments, skipper, mission, armed=must_engage)._replace(wind=skipper.wind),
         desk=desk,
         resumes=skipper.engage,
     )

@@ -12,6 +12,7 @@ from autopilot import __version__
 from autopilot.build import networks_of, track_settings_of
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide
+from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.admission import Doors
 from autopilot.links.base import Link
 from autopilot.links.boat.boat_link import BoatLink
@@ -35,7 +36,7 @@ SYSTEM_MAX = 255
 class Serving(NamedTuple):
     """What `--serve` asks for: where, under which system id, and who carries out what is ordered there.
 
-    `mission` is the route, whose guide leads the helmsman.
+    `mission` is the route, whose guide leads the helmsman; so does `wind`.
     """
 
     urls: tuple[str, ...]
@@ -43,6 +44,7 @@ class Serving(NamedTuple):
     helmsman: Helmsman
     mission: Mission
     armed: bool
+    wind: WindGuide | None = None
 
 
 def add_serving_options(parser: argparse.ArgumentParser) -> None:
@@ -99,7 +101,7 @@ def open_boat_links(
 ) -> list[Link]:
     """Return the opened links to ground stations, over which the vessel in force is tuned. Raises LinkError.
 
-    The first one is to nobody: it brings the alarms of the route's guide.
+    The first are to nobody: they bring the alarms of those who lead.
     """
     mission, path = serving.mission, mission_file(vessel_path)
     networks, doors = networks_of(in_force.vessel), doors or Doors()
@@ -113,6 +115,8 @@ def open_boat_links(
     files = metadata_files(parameters_of(in_force.vessel), LATER, __version__)
     commands = Commands(serving.helmsman, serving.armed, mission, tuner)
     links: list[Link] = [GuideAlarms(mission.guide, "track")]
+    if serving.wind is not None:
+        links.append(GuideAlarms(serving.wind, "wind"))
     try:
         for url in serving.urls:
             transport = open_transport(url, networks)
