@@ -23,8 +23,8 @@ SEA_DIGITS = 5.0
 SEA_STOOD = 3.0
 """In a sea that moved the heading by this standard deviation [rad], and by so many of the compass's own digits, no
 heading stands for so long [s], between two wave groups neither."""
-SEA_PROVEN = 30.0
-"""A sea is one that has been felt for so long [s]: a turn in flat water looks like a wave for some time."""
+SEA_PROVEN = 20.0
+"""A sea is one that has been felt for so long [s] on a course that is held: a turn in flat water looks like a wave."""
 JUMPS = 3
 JUMPS_WITHIN = 10.0
 """So many jumps within this time [s] are no spikes any more."""
@@ -93,7 +93,7 @@ class FrozenHeading:
     def _is_proven(self, model: Norrbin, watched: Watched) -> bool:
         if self._same < 2:
             self._sea = watched.state.wave_deviation
-            if self._sea < SEA_LEAST or math.isnan(self._flat):
+            if self._sea < SEA_LEAST or math.isnan(self._flat) or not watched.holds_course:
                 self._flat = watched.now
         elif self._stands_in_a_sea():
             return True
