@@ -42,7 +42,7 @@ from sitl.world import World
 
 STEP = 0.025
 COURSE_DEG = 40.0
-WARM_UP_S = 25.0
+WARM_UP_S = 45.0
 M_PER_RAD = 6371008.8
 SENTENCES = {"HDT": 10.0, "ROT": 10.0, "RSA": 10.0, "VHW": 2.0, "RMC": 2.0}
 SEA = SecondOrderSection(frequency_rad_s=1.0, damping=0.1, sigma_deg=30.0)

@@ -145,13 +145,15 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     # no law steers a zigzag, and its rudder keeps to the angle that was ordered until the side changes
     ("the law returns no number", "trial"): steers_on(0.0),
     ("limits broken, law wants 60 deg", "trial"): Expect(("fault",), "envelope", 5.0, 1.0),
+    # the wave filter keeps the rudder still on a course that is held: until it moves nothing tells of its sensor
+    ("rudder sensor frozen", "heading"): Expect(("same", "failsafe"), off_deg=5.0),
+    ("rudder sensor frozen", "track"): Expect(("same", "failsafe"), off_deg=5.0),
     ("speed lost", "track"): tells("", 6.0, 5.0),
     ("position lost", "track"): tells("", 6.0, 5.0),
     # nothing on board can tell which of two places is the true one: the boat goes back to the line
     ("position jumps by 200 m", "track"): tells("", 5.0, 90.0),
 }
 OPEN: dict[str, tuple[str, ...]] = {
-    "heading frozen, compass without rate": ENGAGED,
     "rudder stuck": ENGAGED,
     "rudder reversed": ENGAGED,
     "rudder runs hard over": ("turn", "trial"),
