@@ -135,7 +135,7 @@ def test_windward_turns_slowly_into_the_wind_without_a_compass(wind_from: float)
 
 def test_windward_without_wind_is_amidships_and_that_is_said_beforehand() -> None:
     ticks, _ = sail("windward")
-    assert any(alarm.startswith("the wind is not known") for alarm in ticks[0].alarms)
+    assert any("the wind is not known" in alarm for alarm in ticks[0].alarms)
     assert all(tick.command.angle == 0.0 for tick in failing(ticks)[20:])
 
 

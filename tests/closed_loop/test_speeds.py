@@ -89,7 +89,8 @@ def test_without_steerage_the_rudder_waits_amidships_and_the_bias_stays(speed: f
             learnt = tick.state.bias
     assert tick.mode is Mode.ENGAGED
     assert tick.command == tick.command._replace(angle=0.0, engaged=True)
-    assert tick.alarms == (NO_STEERAGE,)
+    # it has stood for minutes, and nobody has acknowledged it
+    assert tick.alarms == (f"NOT ACKNOWLEDGED: {NO_STEERAGE}",)
     assert abs(tick.state.bias - learnt) < math.radians(0.3)
 
 

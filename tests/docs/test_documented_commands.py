@@ -1,6 +1,6 @@
 """Every command line in README and docs is one that the programs take; pages that say so are run from top to bottom.
 
-A block after `<!-- run: page -->` is run, five times as fast as it is printed where it sails; what such a page needs
+A block after `<!-- run: page -->` is run, five times as fast as it is printed where it sails, on a port of its own; what such a page needs
 beside it stands in a comment of its own, `<!-- run: before COMMAND -->`.
 """
 
@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from two_processes import free_port
 
 from autopilot.cli.main import build_parser as autopilot_parser
 from sitl.cli import build_parser as sitl_parser
@@ -74,6 +75,7 @@ def test_a_page_that_says_so_runs_from_top_to_bottom(page: Path, tmp_path: Path)
         script.chmod(0o755)
     text = page.read_text(encoding="utf-8")
     blocks = SAILS.sub(r"\1 --speedup 5 ", "\n".join([*BEFORE.findall(text), *RUN.findall(text)]))
+    blocks = blocks.replace("14550", str(free_port()))
     script = f"set -e\ntrap 'kill $(jobs -p) 2> {os.devnull} || true' EXIT\n{blocks}"
     environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(

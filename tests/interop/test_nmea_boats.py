@@ -147,14 +147,14 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
     assert max(abs(place[0] - 40.0) for place in at_last) < 15.0
 
 
-def test_a_rudder_that_sticks_is_an_override_with_the_reason(boat: Path, tmp_path: Path) -> None:
+def test_a_rudder_that_sticks_ends_in_the_fail_safe_with_the_reason(boat: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.tlog"
     command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{boat}:38400", "--engage", "170"]
     command += ["--duration", "8", "--log", str(log), "--speedup", str(SPEEDUP)]
     run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
-    assert run.returncode == 0, run.stderr
+    assert run.returncode == 5, run.stderr
+    assert "the rudder does not move" in run.stderr
     ticks = read_log(log).ticks
     assert any(tick.mode is Mode.ENGAGED for tick in ticks)
-    assert ticks[-1].mode is Mode.OVERRIDE
-    assert "the rudder does not follow: IIRSA shows" in ticks[-1].alarms[0]
-    assert not ticks[-1].command.engaged
+    assert ticks[-1].mode is Mode.FAILSAFE
+    assert any("the rudder does not move" in alarm for alarm in ticks[-1].alarms)

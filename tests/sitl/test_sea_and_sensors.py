@@ -78,7 +78,7 @@ def test_a_moving_boat_meets_head_seas_more_often() -> None:
     """The encounter comes out of the boat's own motion, as the formula says it must."""
     section = IttcSection(significant_height_m=1.0, peak_period_s=8.0, from_deg=30.0, components=2)
     sea = IttcSea(section, Hull(), np.random.default_rng(1))
-    frequency = np.asarray(sea._frequency)
+    frequency = np.asarray(sea._waves.frequency)
     speed, towards = 6.0, math.radians(210.0)
     times = 0.05 * np.arange(40000)
     yaw = [sea.at(time, BoatState(north=speed * time))[0] for time in times]
