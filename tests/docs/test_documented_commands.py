@@ -1,7 +1,7 @@
 """Every command line in README and docs is one that the programs take; pages that say so are run from top to bottom.
 
-A block after `<!-- run: page -->` is run, five times as fast as it is printed where it sails, on a port of its own; what such a page needs
-beside it stands in a comment of its own, `<!-- run: before COMMAND -->`.
+A block after `<!-- run: page -->` is run, five times as fast as it is printed where it sails, on a port of its own;
+what such a page needs beside it stands in a comment, `<!-- run: before COMMAND -->`.
 """
 
 from __future__ import annotations
