@@ -20,6 +20,9 @@ from autopilot.loop.replay import replay
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import Mode
 
+# threads and processes that keep to the wall clock
+pytestmark = pytest.mark.real_time
+
 VESSEL = load_vessel("lanxin")
 HEADER = {"vessel": dump_vessel(VESSEL), "law": None}
 SMALL = FolderLimits(total=100_000, part=15_000, free=0)
@@ -163,7 +166,8 @@ def test_a_disk_that_hangs_keeps_nobody_waiting(tmp_path: Path, monkeypatch: pyt
     run = sail(recorder, hook=hang)
     assert "log has a gap: the disk is too slow; use a faster card, or log elsewhere" in said
     logs = read_logs(tmp_path / "a.tlog")
-    assert len(logs) == 2
+    # one part before the gap and one behind it; more where the writer's thread fell behind a loop that never waits
+    assert len(logs) >= 2
     written = [tick.number for log in logs for tick in log.ticks]
     assert recorder.dropped == len(run.ticks) - len(written) > 50
     assert written == sorted(written)

@@ -23,6 +23,9 @@ from autopilot.loop.service_manager import ServiceManager
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import Tick
 
+# threads and processes that keep to the wall clock
+pytestmark = pytest.mark.real_time
+
 VESSEL = load_vessel("lanxin")
 
 
