@@ -11,29 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from autopilot.alarm_panel import AlarmPanel
 from autopilot.alarms import doubts_of, text_of
-from autopilot.angles import shortest_turn
 from autopilot.control.roll_damping import RollDamper, RollDamping
 from autopilot.envelope import Envelope, Picture
 from autopilot.estimation.estimator import Estimator, is_rudder
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.wave_motion import left_alone
 from autopilot.failsafe_steering import FailsafeSteering, error_of
-from autopilot.guidance.trials import zigzag_side
-from autopilot.guidance.turn import (
-    TurnLimits,
-    VirtualBoat,
-    is_turning,
-    preset_rate,
-    reference_of,
-    replan_beyond,
-    replanned,
-    side_hard_over,
-    turn_limits,
-    turn_step,
-    turning_time,
-    within_reach,
-    without_haste,
-)
+from autopilot.guidance.heading_guide import HeadingGuide
+from autopilot.guidance.turn import TurnLimits, preset_rate, side_hard_over, turn_limits
 from autopilot.limits import RudderLimits, limit
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
@@ -60,8 +45,6 @@ if TYPE_CHECKING:
 
 LONGEST_STEP = 0.5
 """A longer silence between ticks [s] counts as this much for limits and reference."""
-REPLAN_GUIDED = math.radians(90.0)
-"""A firmware that steers by itself turns in its own time: it is only never led the wrong way round."""
 SPEED_CHANGE = 0.02
 """Turn limits are worked out anew when the speed has changed by this share."""
 STEERAGE_AGAIN = 1.2
@@ -126,6 +109,7 @@ class Pilot:
         self.monitors = Monitors(config.alarms)
         self._failsafe = FailsafeSteering()
         self._panel = AlarmPanel()
+        self._guide = HeadingGuide()
         self.reset()
 
     def reset(self) -> None:
@@ -135,6 +119,7 @@ class Pilot:
         self.monitors.reset()
         self._failsafe.reset()
         self._panel.reset()
+        self._guide.reset()
         self._is_reckoned = False
         self.law.reset(0.0)
         self._roll_rudder = 0.0
@@ -143,11 +128,6 @@ class Pilot:
         self._number = 0
         self._now: float | None = None
         self._told = RudderCommand(0.0, 0.0, False)
-        self._boat = VirtualBoat(0.0)
-        self._order = Order()
-        self._order_heading = 0.0
-        self._side = 1
-        self._turning_until = -math.inf
         self._turn_limits: TurnLimits | None = None
         self._turn_speed = 0.0
         self._waits = False
@@ -189,7 +169,9 @@ class Pilot:
         self._now = now
         self._listen(now, samples)
         model = self.estimator.model
-        self.estimator.holds_bias = now < self._turning_until and is_turning(model, self._limits_at(model), self._boat)
+        self.estimator.holds_bias = not self._guide.is_late(now) and self._guide.is_turning(
+            model, self._limits_at(model)
+        )
         state = self.estimator.update(now, samples)
         was = self.supervisor.mode
         self.monitors.look(self.estimator.model, self._watched(now, state))
@@ -203,7 +185,7 @@ class Pilot:
             steady, reference, demand = self._steer_blindly(now, steady, dt)
         else:
             self._is_reckoned = False
-            reference = self._guide(mode, order, steady, dt)
+            reference = self._lead(mode, order, steady, dt)
             demand = self._demand(mode, order, reference, steady, dt) + self._against_roll(now, dt, mode, order)
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
@@ -265,14 +247,14 @@ class Pilot:
         """Return what the monitors look at: the course that was being held until this tick, and how."""
         is_engaged = self.supervisor.mode is Mode.ENGAGED
         ours = is_engaged and self.config.rudder_is_ours
-        is_turned = now >= self._turning_until and not self._waits
-        holds = is_engaged and self._order.kind is OrderKind.HEADING and is_turned
+        is_turned = self._guide.is_late(now) and not self._waits
+        holds = is_engaged and self._guide.order.kind is OrderKind.HEADING and is_turned
         return Watched(
             now,
             state,
             ours,
             holds,
-            self._order_heading,
+            self._guide.heading,
             self._told.angle if ours else 0.0,
             self.config.limits.angle_max,
             abs(state.speed) >= self.config.steerage,
@@ -308,8 +290,8 @@ class Pilot:
         there = self._told.angle if self._told.engaged else state.rudder
         start = clip(there, -self.config.limits.angle_max, self.config.limits.angle_max)
         self.law.reset(start)
-        self._boat = self._virtual(self._steady(state))
-        self._order = Order()
+        self._guide.start(self._steady(state), self._limits_at(self.estimator.model))
+        self._guide.forget_order()
         self._told = RudderCommand(now, start, True)
         return state
 
@@ -330,51 +312,21 @@ class Pilot:
         self._waits = waits
         if mode is Mode.ENGAGED:
             # the turn is planned anew, from where the boat has drifted to
-            self._boat = self._virtual(state)
+            self._guide.start(state, self._limits_at(self.estimator.model))
             self.law.reset(self._told.angle)
 
-    def _guide(self, mode: Mode, order: Order, state: NavState, dt: float) -> Reference:
+    def _lead(self, mode: Mode, order: Order, state: NavState, dt: float) -> Reference:
         if mode is not Mode.ENGAGED:
             return Reference(state.heading, state.rate, 0.0)
-        if not order.is_same(self._order):
-            self._begin(order, state)
+        model = self.estimator.model
+        if not order.is_same(self._guide.order):
+            self._guide.begin(order, state, model, self._limits_at(model))
         if order.kind is not OrderKind.HEADING:
             return Reference(state.heading, state.rate, 0.0)
         if self._waits:
-            return Reference(self._order_heading)
-        model = self.estimator.model
-        target = self._order_heading
-        limits = self._limits_at(model)
-        beyond = replan_beyond(model) if self.config.rudder_is_ours else REPLAN_GUIDED
-        if abs(shortest_turn(self._boat.heading, state.heading)) > beyond:
-            self._boat = replanned(model, limits, state.heading, state.rate, state.rudder + state.bias)
-        led = self._boat
-        if state.time >= self._turning_until:
-            limits = without_haste(limits)
-        elif self.config.rudder_is_ours:
-            stop = side_hard_over(self._told.angle, self.config.limits.angle_max)
-            led = within_reach(led, state.heading, state.rate, stop)
-        self._boat = turn_step(model, limits, led, target, dt)
-        if not math.isfinite(self._boat.heading + self._boat.rate + self._boat.rudder):
-            # far quicker than the model of a boat that has lost her way allows: the turn is planned anew
-            self._boat = self._virtual(state)
-        return reference_of(model, self._boat)
-
-    def _begin(self, order: Order, state: NavState) -> None:
-        """An order that is new: adopt the present heading where it names none."""
-        if self._order.kind is not OrderKind.HEADING:
-            self._boat = self._virtual(state)
-        self._order = order
-        self._order_heading = order.heading if math.isfinite(order.heading) else state.heading
-        self._side = 1
-        model, turn = self.estimator.model, shortest_turn(state.heading, self._order_heading)
-        may_take = turning_time(model, self._limits_at(model), turn)
-        self._turning_until = max(self._turning_until, state.time + may_take)
-
-    def _virtual(self, state: NavState) -> VirtualBoat:
-        """A virtual boat where the real one is, turning no faster than it may."""
-        most = self._limits_at(self.estimator.model).rate_max
-        return VirtualBoat(state.heading, clip(state.rate, -most, most), 0.0)
+            return Reference(self._guide.heading)
+        steers, over = self.config.rudder_is_ours, side_hard_over(self._told.angle, self.config.limits.angle_max)
+        return self._guide.lead(state, model, self._limits_at(model), over, steers, dt)
 
     def _limits_at(self, model: Norrbin) -> TurnLimits:
         speed = model.reference_speed
@@ -403,8 +355,7 @@ class Pilot:
         if order.kind is OrderKind.RUDDER:
             return order.rudder
         if order.kind is OrderKind.ZIGZAG:
-            self._side = zigzag_side(self._side, self._order_heading, state.heading, order.heading_change)
-            return self._side * order.rudder
+            return self._guide.zigzag_rudder(state, order)
         if self._waits:
             return 0.0
         # the law's memory is of its own rudder, not of what was set against roll on top of it

@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from autopilot import __version__
-from autopilot.build import TRIAL_LAW, LinkOptions, build_links, build_pilot, model_of
+from autopilot.build import TRIAL_LAW, build_pilot, model_of
+from autopilot.build_links import LinkOptions, build_links
 from autopilot.cli.gains import designed
 from autopilot.cli.trial_script import Step, TrialScript, heading, turning, zigzag
 from autopilot.errors import RefusedError

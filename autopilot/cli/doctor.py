@@ -82,7 +82,7 @@ def _findings(arguments: argparse.Namespace) -> list[Finding]:
 
 
 def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
-    from autopilot.build import LinkOptions, build_link
+    from autopilot.build_links import LinkOptions, build_link
     from autopilot.doctor.link import examine
     from autopilot.links.base import Link
     from autopilot.loop.clock import MonotonicClock

@@ -71,7 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from dataclasses import replace
 
-    from autopilot.build import limits_of, refuse_wind_hold
+    from autopilot.build import limits_of
+    from autopilot.build_links import refuse_wind_hold
     from autopilot.cli.learning_desk import LEARN_HELP, LearningDesk
     from autopilot.cli.pattern_order import PATTERN_HELP
     from autopilot.cli.plotter_follow import FOLLOW_HELP

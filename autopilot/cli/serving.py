@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from autopilot import __version__
-from autopilot.build import networks_of, track_settings_of
+from autopilot.build import track_settings_of
+from autopilot.build_links import networks_of
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide
 from autopilot.guidance.wind_vane import WindGuide

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 from autopilot.angles import compass_deg
-from autopilot.build import LinkOptions, admission_of, alarm_outputs_of, build_links, build_pilot
+from autopilot.build import build_pilot
+from autopilot.build_links import LinkOptions, admission_of, alarm_outputs_of, build_links
 from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.log_keeping import add_log_options, alarm_links, gaps_of, open_log
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links

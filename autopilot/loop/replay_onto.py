@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.build import nmea_settings_of
+from autopilot.build_links import nmea_settings_of
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import Link, Shows, Transport

@@ -8,7 +8,8 @@ import math
 import pytest
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, nmea_settings_of, priority_of
+from autopilot.build import build_pilot
+from autopilot.build_links import nmea_settings_of, priority_of
 from autopilot.estimation.source_priority import SourcePriority
 from autopilot.links.believed_link import BelievedLink
 from autopilot.links.nmea_link import NmeaLink

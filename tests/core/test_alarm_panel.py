@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from autopilot.alarm_panel import ESCALATES_AFTER, UNHEARD, AlarmPanel
 from autopilot.alarms import CATALOGUE, Severity, kind_of, text_of
-from autopilot.build import alarm_outputs_of
+from autopilot.build_links import alarm_outputs_of
 from autopilot.cli.skipper import Skipper
 from autopilot.errors import InputError
 from autopilot.links.alarm_outputs import Acknowledgements, Bell, SwitchFile, VehicleSounder

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.build import build_links, priority_of
+from autopilot.build_links import build_links, priority_of
 from autopilot.errors import InputError
 from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
 from autopilot.links.believed_link import BelievedLink

@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.build import admission_of, build_pilot
+from autopilot.build import build_pilot
+from autopilot.build_links import admission_of
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.admission import BYTES_AT_ONCE, Admission, Budget, Doors

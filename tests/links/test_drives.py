@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.build import DRIVES, drive_settings_of, follow_of
+from autopilot.build import follow_of
+from autopilot.build_links import DRIVES, drive_settings_of
 from autopilot.links.drives.base import DriveSettings
 from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2

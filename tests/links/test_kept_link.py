@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 from lockstep import Lockstep
 
-from autopilot.build import LinkOptions, build_links, build_pilot
+from autopilot.build import build_pilot
+from autopilot.build_links import LinkOptions, build_links
 from autopilot.links.base import Link, LinkError
 from autopilot.links.drives.base import DriveSettings
 from autopilot.links.drives.drive_link import DriveLink

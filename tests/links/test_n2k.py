@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot.build import LinkOptions, build_link
+from autopilot.build_links import LinkOptions, build_link
 from autopilot.links.base import LinkError
 from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.n2k_messages import NodeAddress, group_and_source, identifier

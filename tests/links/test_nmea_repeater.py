@@ -9,7 +9,7 @@ import operator
 import pynmea2
 import pytest
 
-from autopilot.build import LinkOptions, build_link
+from autopilot.build_links import LinkOptions, build_link
 from autopilot.links.nmea0183 import format_sentence
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.nmea_repeater import NmeaRepeater

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import pytest
 
-from autopilot.build import LinkOptions, build_link
+from autopilot.build_links import LinkOptions, build_link
 from autopilot.links import nmea_encoders as encode
 from autopilot.links.base import LinkError, Shows
 from autopilot.links.nmea_link import NmeaLink
