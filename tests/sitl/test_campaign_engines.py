@@ -26,6 +26,7 @@ pytestmark = [
     # both libraries leave sockets and loops to the garbage collector
     pytest.mark.filterwarnings("ignore"),
     pytest.mark.slow,
+    pytest.mark.xdist_group("compiled"),
 ]
 
 

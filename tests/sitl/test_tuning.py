@@ -17,6 +17,9 @@ from sitl.campaign.study import BoatSection, SeaSection, Study
 from sitl.campaign.tuning import REFUSED_COST, Trial, tune, with_gains
 from sitl.scenario import WindSection
 
+# one process compiles for all of them
+pytestmark = pytest.mark.xdist_group("compiled")
+
 STUDY = Study(
     1,
     "short",
