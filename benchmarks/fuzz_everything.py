@@ -1,28 +1,39 @@
 """The whole pilot, and every reader of files, under millions of inputs: two engines, one command.
 
     python benchmarks/fuzz_everything.py --inputs 100000                       # every target, random damage
-    python benchmarks/fuzz_everything.py --only "pilot, backstepping" --inputs 1000000
+    python benchmarks/fuzz_everything.py --only pilot --inputs 1200000 --kept parts.jsonl
     python benchmarks/fuzz_everything.py --only ULog --engine atheris --inputs 50000     # guided by coverage
 
 For the pilot an input is one tick; for a reader it is one file. Random damage: sound inputs cut, joined, doubled, with
 bytes and bits changed, put in and taken out, and noise. `atheris` (extra `bench`) watches which branches an input
 reaches and builds on those that reach new ones; there inputs are counted as it counts them. Exit code 1 at the first
 input that a target cannot take, which is written to fuzz-failure.bin.
+
+`--kept` names a file with a line for every part that is done, and a run that was cut goes on from there. The pilot's
+targets need no more than pymavlink and pyyaml, so that PyPy can run them, twice as fast.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import random
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from autopilot.errors import InputError
+from autopilot.links.base import LinkError
+
+REFUSALS = (InputError, LinkError)
+"""How a target refuses its input."""
 FAILURE = Path("fuzz-failure.bin")
 LONGEST = 1 << 16
+PART = 50_000
+"""Inputs after which a run is kept."""
 INTERESTING = (0, 1, 0x7F, 0x80, 0xFF, 0x0A, 0x2C, 0x2D, 0x3A, 0x22)
 
 
@@ -74,29 +85,34 @@ def _damage(rng: random.Random, data: bytearray, seeds: Sequence[bytes]) -> None
 def names() -> list[str]:
     """Return the names of all targets."""
     from fuzz_file_targets import targets
-    from fuzz_pilot_target import LAWS
 
-    return [*(f"pilot, {law}" for law in LAWS), *targets()]
+    return [*pilot_names(), *targets()]
+
+
+def pilot_names() -> list[str]:
+    """Return the names of the pilot's targets."""
+    from fuzz_pilot_target import BOATS
+
+    return [f"pilot, {name}" for name in BOATS]
 
 
 def target_of(name: str) -> tuple[Callable[[bytes], None], Sequence[bytes], Callable[[], int]]:
     """Return a target, its sound inputs, and what counts its inputs, -1 where each call is one."""
-    from fuzz_file_targets import pilot_seeds, targets
-    from fuzz_pilot_target import PilotTarget
-
     if name.startswith("pilot, "):
+        from fuzz_pilot_target import PilotTarget, pilot_seeds
+
         pilot = PilotTarget(name.removeprefix("pilot, "))
         return pilot, pilot_seeds(), lambda: pilot.steps
+    from fuzz_file_targets import targets
+
     target = targets()[name]
     return target.take, target.seeds, lambda: -1
 
 
-def run_random(name: str, inputs: int, seed: int) -> Count:
-    """Give a target so many inputs; the exception of one that it cannot take goes up."""
-    from fuzz_file_targets import REFUSALS
-
+def run_random(name: str, inputs: int, seed: int, part: int = 0) -> Count:
+    """Give a target so many inputs, others in every part; the exception of one that it cannot take goes up."""
     take, seeds, counted = target_of(name)
-    rng = random.Random(f"{seed} {name}")
+    rng = random.Random(f"{seed} {name}" + (f" {part}" if part else ""))
     calls = taken = 0
     for data in damaged(rng, seeds):
         calls += 1
@@ -131,8 +147,6 @@ def run_atheris(name: str, inputs: int, seed: int) -> int:
         print("--engine atheris needs the extra: pip install 'norrbin[bench]'", file=sys.stderr)
         return 2
     with atheris.instrument_imports(include=["autopilot", "sitl"]):
-        from fuzz_file_targets import REFUSALS
-
         take, seeds, counted = target_of(name)
     folder = Path(f"/tmp/fuzz-seeds-{seed}-{abs(hash(name))}")
     folder.mkdir(exist_ok=True)
@@ -156,26 +170,64 @@ def run_atheris(name: str, inputs: int, seed: int) -> int:
     return 0
 
 
+class Kept:
+    """The parts that are done, of this run and, where a file keeps them, of those before it."""
+
+    def __init__(self, path: Path | None, seed: int) -> None:
+        self._path, self._seed = path, seed
+        lines = path.read_text().splitlines() if path is not None and path.exists() else []
+        self._parts = [part for part in map(json.loads, lines) if part["seed"] == seed]
+
+    def parts(self, name: str) -> list[dict[str, Any]]:
+        """Return those of one target."""
+        return [part for part in self._parts if part["name"] == name]
+
+    def inputs(self, name: str) -> int:
+        """Return how many inputs a target has had."""
+        return sum(part["inputs"] for part in self.parts(name))
+
+    def run_part(self, name: str, inputs: int) -> None:
+        """Run the next part of a target."""
+        start = time.process_time()
+        count = run_random(name, min(PART, inputs - self.inputs(name)), self._seed, len(self.parts(name)))
+        part = {"name": name, "seed": self._seed, **count._asdict(), "seconds": time.process_time() - start}
+        self._parts.append(part)
+        if self._path is not None:
+            with self._path.open("a") as kept:
+                print(json.dumps(part), file=kept)
+
+    def row(self, name: str) -> str:
+        """Return the row of a target."""
+        parts, inputs = self.parts(name), self.inputs(name)
+        each = sum(part["seconds"] for part in parts) / max(inputs, 1) * 1e6
+        seen = max((part["remark"] for part in parts), key=len, default="")
+        return f"| {name} | {inputs} | {sum(part['taken'] for part in parts)} | {seen} | {each:.0f} |"
+
+
 def main() -> int:
     """Run the targets asked for and print a row of each; 1 where one has failed."""
     options = argparse.ArgumentParser()
     options.add_argument("--inputs", type=int, default=100_000)
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--only")
+    options.add_argument("--only", help="a target's name, or how it begins")
     options.add_argument("--engine", choices=("random", "atheris"), default="random")
+    options.add_argument("--kept", type=Path)
     arguments = options.parse_args()
     if arguments.engine == "atheris":
         return run_atheris(arguments.only, arguments.inputs, arguments.seed)
-    chosen = names()
-    if arguments.only is not None and arguments.only not in chosen:
-        options.error(f"--only {arguments.only}: allowed are {', '.join(chosen)}")
+    known = pilot_names() if (arguments.only or "").startswith("pilot") else names()
+    chosen = [name for name in known if name.startswith(arguments.only or "")]
+    if not chosen:
+        options.error(f"--only {arguments.only}: allowed are {', '.join(known)}")
+    kept = Kept(arguments.kept, arguments.seed)
+    while left := [name for name in chosen if kept.inputs(name) < arguments.inputs]:
+        for name in left:
+            kept.run_part(name, arguments.inputs)
+            print(kept.row(name), file=sys.stderr, flush=True)
     print("| target | inputs | taken | what was seen | us an input |")
     print("|---|---|---|---|---|")
-    for name in chosen if arguments.only is None else [arguments.only]:
-        start = time.perf_counter()
-        count = run_random(name, arguments.inputs, arguments.seed)
-        each = (time.perf_counter() - start) / count.inputs * 1e6
-        print(f"| {name} | {count.inputs} | {count.taken} | {count.remark} | {each:.0f} |", flush=True)
+    for name in chosen:
+        print(kept.row(name))
     return 0
 
 

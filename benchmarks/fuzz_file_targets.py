@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 import math
 import os
-import struct
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -17,8 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.errors import InputError
-from autopilot.links.base import LinkError
 from autopilot.links.signing_key import key_of
 from autopilot.links.url import parse_url
 from autopilot.loop.csv_log import load_column_map
@@ -39,8 +36,6 @@ from sitl.fault_desk import obey
 from sitl.scenario import load_scenario, scenario_from
 from sitl.world import World
 
-REFUSALS = (InputError, LinkError)
-"""How a target refuses its input."""
 ROOT = Path(__file__).parents[1]
 SECONDS = 4.0
 """Length of the recordings that are damaged: short, so that damage reaches every part of them."""
@@ -206,9 +201,3 @@ def _nmea(boat: object) -> bytes:
             stamp + encode.encode_rsa(0.05),
         ]
     return b"".join(lines)
-
-
-def pilot_seeds() -> list[bytes]:
-    """Return inputs for the pilot: quiet runs, of which the engines make wild ones."""
-    quiet = bytes((0,)) + b"".join(struct.pack("<BBB", 0, 128 + step % 5, 255) for step in range(60))
-    return [quiet, quiet[:90], bytes(range(256)), bytes(200)]

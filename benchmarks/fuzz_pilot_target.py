@@ -6,13 +6,17 @@ import math
 import struct
 import types
 import typing
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from autopilot import signals
 from autopilot.build import build_pilot
+from autopilot.params.vessel import Roll, Vessel
 from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import LONGEST_STEP, Pilot
-from autopilot.signals import HeadingSample, Mode, Order, OrderKind, SupervisorState, Tick
+from autopilot.signals import HeadingSample, HelmSample, Mode, Order, OrderKind, SupervisorState, Tick
+from autopilot.supervisor import ENDED
 
 LAWS = ("backstepping", "pid", "sliding", "trial")
 SPECIAL = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, math.pi, -math.pi, 1e16, 2.0**53)
@@ -20,6 +24,33 @@ WORDS = ("", "x", "battery_low", "disk_full", "deadline_missed", signals.REBOOTE
 SAMPLES: tuple[Any, ...] = typing.get_args(signals.Sample)
 FIELDS = {sample: list(typing.get_type_hints(sample).items()) for sample in SAMPLES}
 SLACK = 1.0e-9
+
+
+def _failsafe(action: str) -> Callable[[Vessel], Vessel]:
+    back = {"resume": True, "reengage_after_reboot": True}
+    return lambda boat: replace(boat, failsafe=replace(boat.failsafe, action=action, **back))  # type: ignore[arg-type]
+
+
+def _rolling(boat: Vessel) -> Vessel:
+    alarms = replace(boat.alarms, roll_deg=30.0)
+    return replace(boat, control=replace(boat.control, roll=Roll(0.2)), alarms=alarms)
+
+
+BOATS: dict[str, tuple[str, Callable[[Vessel], Vessel]]] = {
+    **{law: (law, lambda boat: boat) for law in LAWS},
+    "windward": ("backstepping", _failsafe("windward")),
+    "dead reckoning": ("backstepping", _failsafe("dead_reckoning")),
+    "roll damping": ("backstepping", _rolling),
+    "guided": ("backstepping", lambda boat: replace(boat, helm=replace(boat.helm, method="guided"))),
+    "no wave filter": ("pid", lambda boat: replace(boat, estimator=replace(boat.estimator, wave_filter="off"))),
+}
+"""What steers -> the law, and what is changed in the vessel file, so that every branch of the tick is reached."""
+
+
+def pilot_seeds() -> list[bytes]:
+    """Return sound inputs: quiet runs, of which the engines make wild ones."""
+    quiet = bytes((0,)) + b"".join(struct.pack("<BBB", 0, 128 + step % 5, 255) for step in range(60))
+    return [quiet, quiet[:90], bytes(range(256)), bytes(200)]
 
 
 class Feed:
@@ -72,19 +103,23 @@ def order_of(feed: Feed, order: Order) -> Order:
         return order
     kind = OrderKind(feed.byte() % len(OrderKind))
     serial = order.serial + feed.byte() % 3
-    return Order(kind, feed.number(-4.0, 4.0), feed.number(-1.0, 1.0), feed.number(-1.0, 1.0), serial)
+    is_led = feed.byte() >= 192
+    return Order(kind, feed.number(-4.0, 4.0), feed.number(-1.0, 1.0), feed.number(-1.0, 1.0), serial, is_led)
 
 
 class PilotTarget:
-    """Runs a pilot of one law through the ticks that an input stands for. AssertionError where a command is unfit.
+    """Runs the pilot of one of BOATS through the ticks that an input stands for. AssertionError where one is unfit.
 
     Attributes:
         steps: ticks run; engaged: those in which the pilot had the rudder; states: of the supervisor, that were seen.
     """
 
-    def __init__(self, law: str) -> None:
-        vessel = load_vessel("lanxin")
+    def __init__(self, name: str) -> None:
+        law, change = BOATS[name]
+        vessel = change(load_vessel("lanxin"))
         self._pilot: Pilot = build_pilot(vessel, law)
+        self._resumes = vessel.failsafe.resume or vessel.failsafe.reengage_after_reboot
+        self._spent = 0
         limits = self._pilot.config.limits
         self._angle_max, self._rate_max = limits.angle_max, limits.rate_max
         self.steps = self.engaged = 0
@@ -99,6 +134,7 @@ class PilotTarget:
         order = Order(OrderKind.HEADING, 0.5, serial=1) if feed.byte() < 200 else Order()
         now, heading = 10.0, 0.1
         before: Tick | None = None
+        self._spent = 0
         while feed:
             step = feed.byte()
             dt = 0.05 if step < 200 else feed.number(-0.2, 0.7)
@@ -111,6 +147,7 @@ class PilotTarget:
             order = order_of(feed, order)
             tick = pilot.step(now, tuple(samples), order)
             self._judge(tick, before)
+            self._judge_state(tick, before)
             before = tick
 
     def _judge(self, tick: Tick, before: Tick | None) -> None:
@@ -131,3 +168,27 @@ class PilotTarget:
         if before is not None and before.command.engaged and command.engaged:
             allowed = self._rate_max * min(max(tick.now - before.now, 0.0), LONGEST_STEP)
             assert abs(command.angle - before.command.angle) <= allowed + SLACK, f"{before.command} {command}"
+
+    def _judge_state(self, tick: Tick, before: Tick | None) -> None:
+        """The state is one that the orders given, and who has the helm, allow."""
+        state, order = tick.supervisor, tick.order
+        if order.kind is OrderKind.STANDBY:
+            assert state is SupervisorState.STANDBY, f"{order} {state}"
+        was = SupervisorState.STANDBY if before is None else before.supervisor
+        if tick.mode is Mode.ENGAGED:
+            asked = _asked_by(order)
+            assert state in (asked, SupervisorState.DEGRADED), f"{order} {state}"
+            helms = {sample.source: sample.available for sample in tick.samples if isinstance(sample, HelmSample)}
+            assert all(helms.values()), f"{state}, but {helms}"
+            if was in ENDED and not self._resumes:
+                assert order.serial != self._spent, f"{was} -> {state} by {order}"
+        elif state in ENDED:
+            assert tick.alarms, f"{state} without a word"
+            if state is not was:
+                self._spent = order.serial
+
+
+def _asked_by(order: Order) -> SupervisorState:
+    if order.kind is not OrderKind.HEADING:
+        return SupervisorState.TRIAL
+    return SupervisorState.TRACK if order.is_led else SupervisorState.HEADING

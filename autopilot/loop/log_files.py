@@ -26,6 +26,7 @@ CLOSING_S = 5.0
 """A disk that does not answer is left alone after this time when the log is closed."""
 MEGABYTE = 1_000_000
 TOO_SLOW = "log has a gap: the disk is too slow; use a faster card, or log elsewhere"
+OUT_OF_MEMORY = "log stopped: out of memory; end other programs"
 PART_NAME = re.compile(r"(?P<run>.*\.)(?P<part>\d{3,})\.tlog")
 RUN_NAME = re.compile(r"norrbin-(?P<number>\d{5,})-\d{8}T\d{6}Z\.\d{3,}\.tlog")
 
@@ -148,6 +149,9 @@ class FolderSink:
         except (OSError, InputError) as error:
             self._part -= 1
             return f"log stopped: {error}"
+        except MemoryError:
+            self._part -= 1
+            raise
         return ""
 
     def _next_path(self) -> Path:
@@ -184,6 +188,7 @@ class ThreadedSink:
         self._inside, self._waiting_max, self._retry = inside, waiting_max, retry
         self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._refused_until = 0.0
+        self._sync_at = time.monotonic() + SYNC_S
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="log", daemon=True)
         self._thread.start()
@@ -216,26 +221,38 @@ class ThreadedSink:
             self.dropped += self._queue.qsize()
 
     def _work(self) -> None:
-        synced = time.monotonic()
-        while (data := self._queue.get()) is not None:
-            if not data:
-                self._inside.next_part()
-                continue
-            if time.monotonic() < self._refused_until:
-                self.dropped += 1  # it was put here before the refusal; what follows begins with a header
-                continue
-            self._inside.write(data)
-            if self._inside.trouble:
-                self.trouble = self._inside.trouble
-                self.dropped += 1
-                self._refused_until = time.monotonic() + self._retry
-            elif self._queue.qsize() < self._waiting_max // 2:
-                self.trouble = ""
-            if time.monotonic() - synced >= SYNC_S:
-                self._inside.sync()
-                synced = time.monotonic()
+        while True:
+            try:
+                data = self._queue.get()
+                if data is None:
+                    break
+                self._take(data)
+            except Exception as error:  # steering goes on without its log, and hears why
+                self._refuse(f"log stopped: {error}" if str(error) else OUT_OF_MEMORY)
         self._inside.sync()
         self._inside.close()
+
+    def _take(self, data: bytes) -> None:
+        """Do what has been put into the queue."""
+        if not data:
+            self._inside.next_part()
+            return
+        if time.monotonic() < self._refused_until:
+            self.dropped += 1  # it was put here before the refusal; what follows begins with a header
+            return
+        self._inside.write(data)
+        if self._inside.trouble:
+            self._refuse(self._inside.trouble)
+        elif self._queue.qsize() < self._waiting_max // 2:
+            self.trouble = ""
+        if time.monotonic() >= self._sync_at:
+            self._inside.sync()
+            self._sync_at = time.monotonic() + SYNC_S
+
+    def _refuse(self, trouble: str) -> None:
+        self.trouble = trouble
+        self.dropped += 1
+        self._refused_until = time.monotonic() + self._retry
 
 
 def appended(file: int, data: bytes) -> str:

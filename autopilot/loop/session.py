@@ -29,6 +29,8 @@ SHORTEST_PERIOD = 0.4
 """Headings that come quicker than this share of the control period wait for the next tick."""
 PATIENCE = 1.5
 """After a tick that a heading caused, the timer waits this many control periods for the next heading."""
+SPARE = 1 << 20
+"""Memory [bytes] that is given up to give the rudder back in, where there is no other left."""
 NEVER_DROPPED = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
 
 Orders = Callable[[float, Tick | None], Order]
@@ -75,6 +77,7 @@ class Session:
         self._last = -self._period
         self._fresh = False
         self._driven = False
+        self._spare = bytes(SPARE)
         self.tick: Tick | None = None
 
     def __enter__(self) -> Session:
@@ -85,6 +88,7 @@ class Session:
 
     def close(self) -> None:
         """Release the rudder on every link, then close links and log."""
+        self._spare = b""
         now = self._clock.now()
         with ExitStack() as leaving:
             # run in reverse, and each even if another fails: no broken link keeps the rudder of a sound one

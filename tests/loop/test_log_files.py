@@ -41,10 +41,11 @@ def sail(recorder: Recorder, seconds: float = 9.0, hook: Callable[[Lockstep], No
 
 
 class Disk:
-    """Stands for os.write on the log: refuses while `full`, and can hang."""
+    """Stands for os.write on the log: refuses while `full`, with `error`, and can hang."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.full = False
+        self.error: Exception = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         self.goes_on = threading.Event()
         self.goes_on.set()
         self._write = os.write
@@ -53,7 +54,7 @@ class Disk:
     def __call__(self, file: int, data: bytes) -> int:
         self.goes_on.wait(30.0)
         if self.full:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise self.error
         return self._write(file, data)
 
 
@@ -186,15 +187,25 @@ def test_a_disk_that_never_answers_does_not_keep_the_end_waiting(
     disk.goes_on.set()
 
 
-def test_a_full_disk_refuses_for_a_while_and_is_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), "log stopped: No space left on device; free the disk"),
+        (MemoryError(), "log stopped: out of memory; end other programs"),
+        (RuntimeError("a mistake of ours"), "log stopped: a mistake of ours"),
+    ],
+)
+def test_a_log_that_failed_in_its_thread_is_said_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, said: str
+) -> None:
     disk = Disk(monkeypatch)
     sink = ThreadedSink(FileSink(tmp_path / "a"), retry=0.05)
-    disk.full = True
+    disk.full, disk.error = True, error
     sink.write(b"lost")
     deadline = time.monotonic() + 20.0
     while not sink.trouble and time.monotonic() < deadline:
         time.sleep(0.005)
-    assert sink.trouble.startswith("log stopped: No space left")
+    assert sink.trouble == said
     disk.full = False
     while sink.trouble and time.monotonic() < deadline:
         sink.write(b"x")
@@ -202,6 +213,21 @@ def test_a_full_disk_refuses_for_a_while_and_is_asked_again(tmp_path: Path, monk
     sink.close()
     assert set((tmp_path / "a").read_bytes()) == {ord("x")}
     assert sink.dropped >= 1
+
+
+def test_a_part_that_no_memory_was_left_for_leaves_no_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sink = FolderSink(tmp_path)
+    opened = log_files._opened
+    sink.write(b"first")
+    sink.next_part()
+    monkeypatch.setattr(log_files, "_opened", lambda *_: (_ for _ in ()).throw(MemoryError))
+    with pytest.raises(MemoryError):
+        sink.write(b"lost")
+    monkeypatch.setattr(log_files, "_opened", opened)
+    sink.write(b"second")
+    sink.close()
+    (first, second) = following_parts(min(tmp_path.iterdir()))
+    assert (first.read_bytes(), second.read_bytes()) == (b"first", b"second")
 
 
 def test_the_log_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
