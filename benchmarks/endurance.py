@@ -7,19 +7,17 @@
 Simulated: pilot and boat in lockstep, a new heading every ten minutes, five seconds without a compass every half hour
 (a fail-safe, then engaged anew), standby every hour, a log folder that is kept below its size. Every simulated ten
 minutes: memory, live Python blocks, open descriptors. The slope is that of a straight line through the second half,
-with its standard error.
+with its standard error. A rudder that is still held a second after the pilot stood by is a missed release.
 
 Real: `autopilot run --realtime` over UDP beside processes that count without end, and cyclictest beside it where it is
 installed. A tick that is later than two control periods after the one before is a missed deadline: with or without a
-heading the loop must tick after one and a half.
+heading the loop must tick after one and a half. `--report FILE.html` writes the page of a run (extra `report`).
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import gc
-import math
 import os
 import shutil
 import signal
@@ -30,163 +28,25 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from lockstep import STEP, Lockstep
-from plant import Plant
+from endurance_day import LIMITS, PERIODS_MISSED, Day
+from endurance_page import Reading, page, print_table, reading_of
 from wired_vehicle import WiredVehicle
 
-from autopilot.build import build_pilot, gear_of, model_of
-from autopilot.loop.clock import ManualClock
-from autopilot.loop.log_files import FolderLimits, FolderSink, following_parts
-from autopilot.loop.record import Recorder, read_logs
-from autopilot.loop.session import Session
-from autopilot.params.vessel_file import dump_vessel, load_vessel
-from autopilot.signals import HelmSample, Mode, Order, OrderKind, RudderCommand, Sample, Tick
-
-EVERY_S = 600.0
-TURN_S, SILENT_S, STANDBY_S = 600.0, 1800.0, 3600.0
-LIMITS = FolderLimits(total=40_000_000, part=4_000_000, free=0)
-PAGE_KB = os.sysconf("SC_PAGE_SIZE") / 1024.0
-PERIODS_MISSED = 2.0
+from autopilot.loop.log_files import following_parts
+from autopilot.loop.record import read_logs
+from autopilot.loop.session import PATIENCE
+from autopilot.params.vessel_file import load_vessel
+from autopilot.report import require_extra
+from autopilot.signals import Mode, Tick
 
 
-class Reading(NamedTuple):
-    """After `hours`: resident memory [kB], live Python memory blocks, open file descriptors."""
-
-    hours: float
-    resident_kb: float
-    blocks: float
-    descriptors: float
-
-
-def reading_of(hours: float, pid: str = "self", blocks: float = math.nan) -> Reading:
-    """Return how a process stands."""
-    resident = int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE_KB
-    return Reading(hours, resident, blocks, len(list(Path(f"/proc/{pid}/fd").iterdir())))
-
-
-def slope(readings: list[Reading], name: str) -> tuple[float, float]:
-    """Return the slope per hour of one figure over the second half, and its standard error."""
-    half = readings[len(readings) // 2 :]
-    x, y = (np.array([getattr(each, field) for each in half]) for field in ("hours", name))
-    deviation = x - x.mean()
-    found = float(deviation @ y / (deviation @ deviation))
-    residual = y - y.mean() - found * deviation
-    return found, float(np.sqrt(residual @ residual / max(1, len(x) - 2) / (deviation @ deviation)))
-
-
-def table(readings: list[Reading]) -> None:
-    """Print some of the readings and the slopes."""
-    print("  hours  resident kB   Python blocks  descriptors")
-    for each in readings[:: max(1, len(readings) // 8)]:
-        print(f"{each.hours:7.2f} {each.resident_kb:12.0f} {each.blocks:15.0f} {each.descriptors:12.0f}")
-    for name, unit in (("resident_kb", "kB"), ("blocks", "blocks"), ("descriptors", "descriptors")):
-        found, error = slope(readings, name)
-        if not math.isnan(found):
-            print(f"slope of {name:12s} {found:+.3f} +- {error:.3f} {unit} an hour, second half")
-
-
-class DirectLink:
-    """A boat without a wire: its compass goes silent for five seconds every half hour."""
-
-    name = "direct"
-
-    def __init__(self) -> None:
-        vessel = load_vessel("lanxin")
-        self.plant = Plant(model_of(vessel), gear_of(vessel), heading_noise=0.005, rate_noise=0.003)
-        self._command = RudderCommand(0.0, 0.0, False)
-        self.releases = 0
-
-    def receive(self, now: float) -> list[Sample]:
-        if now > self.plant.time:
-            self.plant.step(self._command.angle if self._command.engaged else 0.0, now - self.plant.time)
-        seen = self.plant.sense()
-        return [] if now % SILENT_S > SILENT_S - 5.0 else [*seen, HelmSample(now, True, "", self.name)]
-
-    def send(self, now: float, command: RudderCommand) -> None:
-        self.releases += self._command.engaged and not command.engaged
-        self._command = command
-
-    def fileno(self) -> int:
-        return -1
-
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None: ...
-
-    def keep(self, now: float) -> None: ...
-
-    def release(self, now: float) -> None: ...
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        return []
-
-    def close(self) -> None: ...
-
-
-class Skipper:
-    """A new heading every ten minutes, standby for the last minute of every hour, engaged anew after every trouble."""
-
-    def __init__(self) -> None:
-        self._serial = 0
-
-    def __call__(self, now: float, tick: Tick | None) -> Order:
-        if now % STANDBY_S > STANDBY_S - 60.0:
-            return Order(serial=self._serial)
-        if tick is not None and tick.mode in (Mode.FAILSAFE, Mode.OVERRIDE, Mode.STANDBY) and now % 10.0 < 0.1:
-            self._serial += 1
-        turn = int(now // TURN_S)
-        return Order(
-            OrderKind.HEADING, math.radians(40.0 * (turn % 3) - 60.0 * (turn % 2)), serial=max(1, self._serial)
-        )
-
-
-class Day:
-    """Simulated hours of one session, whose log goes into a folder that is kept below its size."""
-
-    def __init__(self, folder: Path, with_mavlink: bool) -> None:
-        vessel = load_vessel("lanxin")
-        self.folder = folder
-        self.recorder = Recorder(FolderSink(folder, LIMITS), {"vessel": dump_vessel(vessel), "law": None}, 0.0)
-        self.readings: list[Reading] = []
-        self.modes: dict[str, int] = {}
-        self._wire = Lockstep(vessel) if with_mavlink else None
-        self._clock = ManualClock()
-        if self._wire is not None:
-            self.session = self._wire.session
-            self.session._recorder, self.session._orders = self.recorder, Skipper()
-        else:
-            pilot = build_pilot(vessel)
-            self.session = Session(pilot, [DirectLink()], self._clock, 20.0, Skipper(), self.recorder)
-
-    def sail(self, hours: float) -> None:
-        """Sail so far."""
-        step, started, due, now = (STEP if self._wire else 0.05), time.monotonic(), 0.0, 0.0
-        last = Mode.STANDBY
-        while now < 3600.0 * hours:
-            now = round(now + step, 9)
-            self._advance(now)
-            if self.session.poll(now) and self.session.tick is not None and self.session.tick.mode is not last:
-                last = self.session.tick.mode
-                self.modes[last.name] = self.modes.get(last.name, 0) + 1
-            if now >= due:
-                due += EVERY_S
-                gc.collect()
-                self.readings.append(reading_of(now / 3600.0, blocks=sys.getallocatedblocks()))
-                print(f"{now / 3600.0:.2f} h, {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
-
-    def _advance(self, now: float) -> None:
-        if self._wire is None:
-            self._clock.advance(now - self._clock.now())
-        else:
-            self._wire.clock.time = now
-            self._wire.carry(now)
-
-
-def simulated(hours: float, with_mavlink: bool) -> None:
+def simulated(hours: float, with_mavlink: bool, report: Path | None) -> None:
     """Sail, read, print; Ctrl-C and SIGTERM end the day early."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
@@ -197,10 +57,24 @@ def simulated(hours: float, with_mavlink: bool) -> None:
         kept = sum(path.stat().st_size for path in Path(name).iterdir())
         day.session.close()
     reached, wall = day.readings[-1].hours, time.monotonic() - started
-    print(f"{reached:.1f} simulated hours in {wall:.0f} s, {'MAVLink' if with_mavlink else 'direct'} link")
-    print(f"changes of mode: {', '.join(f'{count} to {mode}' for mode, count in sorted(day.modes.items()))}")
-    print(f"log folder {kept / 1e6:.1f} MB of {LIMITS.total / 1e6:.0f}, ticks not written: {day.recorder.dropped}")
-    table(day.readings)
+    told = [
+        f"{reached:.1f} simulated hours in {wall:.0f} s, {'MAVLink' if with_mavlink else 'direct'} link",
+        f"changes of mode: {', '.join(f'{count} to {mode}' for mode, count in sorted(day.modes.items()))}",
+        f"releases of the rudder {day.releases}, missed {day.kept_hold}",
+        f"ticks {day.ticks}, more than {PERIODS_MISSED:g} periods after the one before {day.missed}",
+        f"log folder {kept / 1e6:.1f} MB of {LIMITS.total / 1e6:.0f}, ticks not written: {day.recorder.dropped}",
+    ]
+    tell(f"Endurance: {reached:.1f} simulated hours", told, day.readings, report)
+
+
+def tell(
+    title: str, told: list[str], readings: list[Reading], report: Path | None, gaps: np.ndarray[Any, Any] | None = None
+) -> None:
+    """Print a run, and write its page where asked for."""
+    print("\n".join(told))
+    print_table(readings)
+    if report is not None:
+        report.write_text(page(title, told, readings, gaps), encoding="utf-8")
 
 
 @contextlib.contextmanager
@@ -215,7 +89,7 @@ def hogs(count: int) -> Iterator[None]:
             process.wait()
 
 
-def real(minutes: float, count: int, options: list[str]) -> None:
+def real(minutes: float, count: int, options: list[str], report: Path | None) -> None:
     """Steer a real process beside hogs, and print what its log and /proc say."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -244,23 +118,29 @@ def real(minutes: float, count: int, options: list[str]) -> None:
             process.kill()
         first = min(logs.glob("*.tlog"))
         ticks = [tick for log in read_logs(*following_parts(first)) for tick in log.ticks]
-    print(f"{minutes:g} minutes, {count} hogs on {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}")
-    print(f"exit code {code}, rudder given back at the end: {'yes' if released else 'NO'}")
-    _print_pace(ticks, load_vessel("lanxin").control.rate_hz)
-    table(readings)
+    gaps = np.diff([tick.now for tick in ticks])
+    told = [
+        f"{minutes:g} minutes, {count} hogs on {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}",
+        f"exit code {code}, rudder given back at the end: {'yes' if released else 'NO'}",
+        *_pace(ticks, gaps, load_vessel("lanxin").control.rate_hz),
+    ]
     if tester is not None:
         said = tester.communicate(timeout=60.0)[0].strip().splitlines()
-        print(f"cyclictest, 1 ms, priority 40 [us]: {said[-1] if said else 'said nothing'}")
+        told.append(f"cyclictest, 1 ms, priority 40 [us]: {said[-1] if said else 'said nothing'}")
+    tell(f"Endurance: {minutes:g} minutes beside {count} hogs", told, readings, report, gaps)
 
 
-def _print_pace(ticks: list[Tick], rate_hz: float) -> None:
-    engaged = [tick for tick in ticks if tick.mode is Mode.ENGAGED]
-    gaps = np.diff([tick.now for tick in ticks])
-    missed = int(np.sum(gaps > PERIODS_MISSED / rate_hz))
+def _pace(ticks: list[Tick], gaps: np.ndarray[Any, Any], rate_hz: float) -> list[str]:
+    engaged = sum(tick.mode is Mode.ENGAGED for tick in ticks)
+    late = int(np.sum(gaps > PERIODS_MISSED / rate_hz))
+    skipped = int(np.sum(gaps > 2.0 * PATIENCE / rate_hz))
     quantiles = ", ".join(f"{1e3 * float(np.quantile(gaps, share)):.0f}" for share in (0.5, 0.99, 0.999, 1.0))
-    print(f"ticks {len(ticks)}, engaged {len(engaged)}, other modes after engaging: {_others(ticks)}")
-    print(f"between ticks, 50 %, 99 %, 99.9 %, longest: {quantiles} ms of {1e3 / rate_hz:.0f}")
-    print(f"missed deadlines (more than {PERIODS_MISSED:g} periods): {missed} of {len(gaps)}")
+    return [
+        f"ticks {len(ticks)}, engaged {engaged}, other modes after engaging: {_others(ticks)}",
+        f"between ticks, 50 %, 99 %, 99.9 %, longest: {quantiles} ms of {1e3 / rate_hz:.0f}",
+        f"missed deadlines (more than {PERIODS_MISSED:g} periods): {late} of {len(gaps)}",
+        f"missed releases (a tick that the timer owed and that did not come): {skipped}",
+    ]
 
 
 def _others(ticks: list[Tick]) -> str:
@@ -295,11 +175,15 @@ def main() -> None:
     process.add_argument("--minutes", type=float, default=30.0)
     process.add_argument("--hogs", type=int, default=2)
     process.add_argument("--plain", action="store_true", help="without --realtime")
+    for each in (lockstep, process):
+        each.add_argument("--report", type=Path, metavar="FILE.html")
     arguments = parser.parse_args()
+    if arguments.report is not None:
+        require_extra("by leaving --report out")
     if arguments.kind == "simulated":
-        simulated(arguments.hours, arguments.mavlink)
+        simulated(arguments.hours, arguments.mavlink, arguments.report)
     else:
-        real(arguments.minutes, arguments.hogs, [] if arguments.plain else ["--realtime"])
+        real(arguments.minutes, arguments.hogs, [] if arguments.plain else ["--realtime"], arguments.report)
 
 
 if __name__ == "__main__":
