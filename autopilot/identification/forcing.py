@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, corners
 from autopilot.identification.runs import FloatArray, Segment
+from autopilot.models.norrbin import Norrbin
 
 BESIDE_RUDDER = ("speed", "propeller", "beam_wind", "quarter_wind")
 
@@ -31,7 +32,8 @@ class Forcing(NamedTuple):
     the node at which each segment begins, shape (S,). rudder [rad] and speed [m/s], shape (3, M), at the beginning,
     middle and end of each step, as are propeller [1/s], beam_wind and quarter_wind [m^2/s^2], 0 where the recording
     has none. samples: per segment, at which nodes its samples lie. moments [s]: per segment its steps' beginnings,
-    middles and ends, shape (3, its steps); paths: per segment time [s] and angle [rad] of the recorded rudder.
+    middles and ends, shape (3, its steps); paths: per segment time [s] and angle [rad] of the recorded rudder. scales:
+    what a simulation has found of the scaling with speed, for the next one.
     """
 
     step: FloatArray
@@ -45,6 +47,7 @@ class Forcing(NamedTuple):
     samples: tuple[SamplePlaces, ...]
     moments: tuple[FloatArray, ...]
     paths: tuple[tuple[FloatArray, FloatArray], ...]
+    scales: dict[tuple[float, int, int], Norrbin]
 
 
 def forcing(segments: Sequence[Segment], longest_step: float, together: float | None = None) -> Forcing:
@@ -75,7 +78,7 @@ def forcing(segments: Sequence[Segment], longest_step: float, together: float | 
         _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
     )
     step = np.concatenate([np.diff(times) for times in knots])
-    return Forcing(step, begin, first, **driven, samples=samples, moments=moments, paths=paths)
+    return Forcing(step, begin, first, **driven, samples=samples, moments=moments, paths=paths, scales={})
 
 
 def rudder_behind(train: RudderTrain, forcing: Forcing) -> FloatArray:
@@ -109,15 +112,22 @@ def _places(time: FloatArray, knots: FloatArray, start: int) -> SamplePlaces:
 
 def _knots(time: FloatArray, longest_step: float, together: float) -> FloatArray:
     """Return the ends of the integration steps [s]: every few samples, or several within a sample spacing."""
-    within = np.searchsorted(time, time + together * (1.0 + 1.0e-9), side="right") - 1
+    coarse = _thinned(time, together * (1.0 + 1.0e-9))
+    pieces = np.maximum(np.ceil(np.diff(coarse) / longest_step - 1e-9), 1.0).astype(int)
+    return np.interp(np.arange(pieces.sum() + 1), np.concatenate([[0], np.cumsum(pieces)]), coarse)
+
+
+def _thinned(time: FloatArray, together: float) -> FloatArray:
+    """Return `time` without what lies within `together` [s] of one that is kept; the last one always stays."""
+    if time.size < 3 or float(np.min(time[2:] - time[:-2])) > together:
+        return time
+    within = np.searchsorted(time, time + together, side="right") - 1
     # the last sample within reach, and the next one where none is
     following = np.maximum(within, np.arange(1, time.size + 1)).tolist()
     chosen = [0]
     while chosen[-1] < time.size - 1:
         chosen.append(following[chosen[-1]])
-    coarse = time[chosen]
-    pieces = np.maximum(np.ceil(np.diff(coarse) / longest_step - 1e-9), 1.0).astype(int)
-    return np.interp(np.arange(pieces.sum() + 1), np.concatenate([[0], np.cumsum(pieces)]), coarse)
+    return time[chosen]
 
 
 def at_samples(values: FloatArray, forcing: Forcing, s: int) -> FloatArray:

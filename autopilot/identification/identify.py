@@ -81,14 +81,16 @@ def identify(
     if course_unstable:
         unstable = unstable_starting_point(runs, start.model)
         return _unstable(solve(runs, unstable, CUBIC, steps.next), runs)
-    linear = solve(runs, start.model, LINEAR, steps.next, weighting=weighting)
     if kind == "nomoto":
-        return identified_from(linear, {})
+        return identified_from(solve(runs, start.model, LINEAR, steps.next, weighting=weighting), {})
     if steady_turns is not None:
+        linear = solve(runs, start.model, LINEAR, steps.next, weighting=weighting)
         return _with_steady_turns(runs, linear, steady_turns, gain, steps)
-    cubic = solve(runs, linear.model, CUBIC, steps.next, weighting=weighting)
-    reason = _why_no_cubic(cubic)
-    plain = identified_from(linear, {"n3": reason}) if reason else identified_from(cubic, {})
+    cubic = solve(runs, start.model, CUBIC, steps.next, weighting=weighting)
+    plain = identified_from(cubic, {})
+    if reason := _why_no_cubic(cubic):
+        linear = solve(runs, cubic.model._replace(n3=0.0), LINEAR, steps.next, weighting=weighting)
+        plain = identified_from(linear, {"n3": reason})
     return plain if weighting == "prediction-error" else with_extras(runs, plain, rudder_train, steps)
 
 

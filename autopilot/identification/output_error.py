@@ -38,7 +38,10 @@ SAMPLES_TOGETHER = 200.0
 """Samples closer than a time constant by this number are stepped over together: what lies inside a step, the rudder's
 movement and the motion between two samples, is otherwise known only roughly."""
 LARGE_TURN = 2.0
-"""Cubic damping shortens the memory in a turn; it is reckoned with at this many times the typical rate."""
+"""Cubic damping shortens the memory in a turn; it is reckoned with at the largest rates measured, at most at this many
+times the typical rate."""
+LARGE_SHARE = 0.99
+"""Rates above this quantile are too rare to count."""
 
 NOT_NEGATIVE = ("n3", "race", "steady_race", "drift", "dead_band", "delay", "lag")
 LARGEST_DRIFT = 0.95
@@ -51,6 +54,9 @@ AT_BOUND = 1.0e-4
 
 NOISE_ROUNDS = 4
 """How often, at most, the weights are found anew from the residuals."""
+
+TOLERANCE, FIRST_TOLERANCE = 1.0e-6, 1.0e-3
+"""Relative change of parameters and loss at which a round ends; the first one has only rough weights."""
 
 SETTLED = 0.01
 """Relative change of the weights below which another round would change nothing that matters."""
@@ -113,7 +119,8 @@ def solve(
         if weighting == "prediction-error":
             residuals = [values for values, _ in problem.response(problem.vector(states))]
             problem = replace(problem, gusts=gusts_in(residuals, segments, base.time_constant))
-        z = _minimise(problem, problem.vector(states), noise or _noise(problem, problem.vector(states)))
+        start_z = problem.vector(states)
+        z = _minimise(problem, start_z, noise or _noise(problem, start_z), TOLERANCE if noise else FIRST_TOLERANCE)
         base, around, train, states = (
             problem.model(z),
             problem.race_and_wind(z),
@@ -132,8 +139,15 @@ def fit_steps(segments: Sequence[Segment], model: Norrbin, typical_rate: float) 
 
     What counts is T/(1 + 3 n3 r^2) in a large turn, the linearised time constant there.
     """
-    memory = model.time_constant / (1.0 + 3.0 * model.n3 * (LARGE_TURN * typical_rate) ** 2)
+    memory = model.time_constant / (1.0 + 3.0 * model.n3 * _large_rate(segments, typical_rate) ** 2)
     return forcing(segments, memory / STEPS_PER_TIME_CONSTANT, memory / SAMPLES_TOGETHER)
+
+
+def _large_rate(segments: Sequence[Segment], typical_rate: float) -> float:
+    rates = np.concatenate([segment.rate[np.isfinite(segment.rate)] for segment in segments])
+    if rates.size == 0:
+        return LARGE_TURN * typical_rate
+    return min(LARGE_TURN * typical_rate, float(np.quantile(np.abs(rates), LARGE_SHARE)))
 
 
 def _settled(before: Sequence[Noise], now: Sequence[Noise]) -> bool:
@@ -145,7 +159,7 @@ def _noise(problem: Problem, z: FloatArray) -> tuple[Noise, Noise]:
     return residual_noise([values[:, 0] for values in residuals]), residual_noise([v[:, 1] for v in residuals])
 
 
-def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise]) -> FloatArray:
+def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise], tolerance: float) -> FloatArray:
     """Return the vector that minimises the weighted residuals and the anchors of the initial states."""
     S, F = len(problem.segments), len(problem.free)
     memory: dict[bytes, tuple[FloatArray, FloatArray]] = {}
@@ -179,8 +193,8 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise]) -> FloatA
         jac=jacobian,
         bounds=(low, high),
         x_scale="jac",
-        xtol=1.0e-6,
-        ftol=1.0e-6,
+        xtol=tolerance,
+        ftol=tolerance,
         max_nfev=60,
     )
     return np.asarray(found.x, dtype=np.float64)

@@ -15,7 +15,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from autopilot.identification.forcing import Forcing
-from autopilot.identification.recurrence import recurrence
+from autopilot.identification.recurrence import Recurrence
 from autopilot.identification.runs import FloatArray
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, wind_acceleration
@@ -34,6 +34,9 @@ NEARLY = 1.0e-6
 """A defect, as a share of the largest rate, from which one round more leads to rounding errors: they square."""
 PROBE = 1.0e-6
 """Step of the finite differences inside one integration step, as a share of the largest rate."""
+
+UNIT = Norrbin(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+"""What is scaled with speed to find the scales."""
 
 BLOCK = 8192
 """Steps that are evaluated together: their arrays then stay in the processor's cache."""
@@ -116,9 +119,9 @@ def linear_responses(model: Norrbin, forcing: Forcing) -> tuple[FloatArray, Floa
     memory, turning = _advance(free, still + 1.0)
     pushed = _advance(_drives(model._replace(gain=0.0, n0=-1.0), forcing, None), still)
     at_rest, moving = np.zeros((1, forcing.first.size)), np.ones((1, forcing.first.size))
-    result = []
+    result, following = [], Recurrence(memory[None], forcing)
     for (source, advance), initial in ((driven, at_rest), (pushed, at_rest), ((still, still[0]), moving)):
-        rate = recurrence(memory[None], source, initial, forcing)[0]
+        rate = following.solved(source, initial)[0]
         result.append(np.stack([rate, _turned(advance + turning * rate[forcing.begin], forcing)]))
     return result[0], result[1], result[2]
 
@@ -175,9 +178,9 @@ def _drive(model: Norrbin, forcing: Forcing, around: RaceAndWind | None, steps: 
 
 
 def _moment(model: Norrbin, forcing: Forcing, around: RaceAndWind | None, at: tuple[int, slice]) -> _Moment:
-    speed = np.maximum(np.abs(forcing.speed[at]) / model.reference_speed, SPEED_FLOOR_RATIO)
     if around is None:
-        return _Moment(at_speed_ratio(model, cast(float, speed)), forcing.rudder[at])
+        return _Moment(_scaled(model, forcing, at), forcing.rudder[at])
+    speed = np.maximum(np.abs(forcing.speed[at]) / model.reference_speed, SPEED_FLOOR_RATIO)
     ratio = inflow_ratio(around, model.reference_speed, speed, forcing.propeller[at])
     scaled = at_speed_ratio(model, cast(float, ratio))
     wind = wind_acceleration(around, forcing.beam_wind[at], forcing.quarter_wind[at])
@@ -187,6 +190,18 @@ def _moment(model: Norrbin, forcing: Forcing, around: RaceAndWind | None, at: tu
         return _Moment(scaled, rudder)
     pull, push = speed / model.time_constant, around.drift_wind * forcing.beam_wind[at]
     return _Moment(scaled, rudder, pull, speed / around.drift_time, around.drift, push)
+
+
+def _scaled(model: Norrbin, forcing: Forcing, at: tuple[int, slice]) -> Norrbin:
+    """Return the model at the speeds of the moment. Each parameter goes with a power of the speed that is the same for
+    all models, so that these powers are found once."""
+    key = (model.reference_speed, at[0], at[1].start)
+    if key not in forcing.scales:
+        speed = np.maximum(np.abs(forcing.speed[at]) / model.reference_speed, SPEED_FLOOR_RATIO)
+        # the reference speed itself is no part of the equation
+        forcing.scales[key] = at_speed_ratio(UNIT, cast(float, speed))._replace(reference_speed=1.0)
+    scales = forcing.scales[key]
+    return Norrbin(*(value and value * scale for value, scale in zip(model, scales, strict=True)))
 
 
 def _advance(drives: Sequence[_Drive], state: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -233,6 +248,7 @@ class Linearised:
 
     def __init__(self, drives: Sequence[_Drive], start: FloatArray) -> None:
         self.start = start
+        self._recurrence: Recurrence | None = None
         self.ahead, self.advance = _advance(drives, start)
         probe = PROBE * max(float(np.max(np.abs(start[0]))), PROBE)
         count = start.shape[0]
@@ -244,9 +260,15 @@ class Linearised:
             self.memory[:, column] = (moved - self.ahead) / probe
             self.turning[column] = (advance - self.advance) / probe
 
+    def recurrence(self, forcing: Forcing) -> Recurrence:
+        """Return the recurrence of what lies beside the steps."""
+        if self._recurrence is None:
+            self._recurrence = Recurrence(self.memory, forcing)
+        return self._recurrence
+
     def carried(self, source: FloatArray, advance: FloatArray, initial: FloatArray, forcing: Forcing) -> Trajectory:
         """Return the derivative whose own part of each step is `source` and, of the angle turned, `advance`."""
-        state = _finite(recurrence(self.memory, source, initial, forcing))
+        state = _finite(self.recurrence(forcing).solved(source, initial))
         total = advance + np.einsum("cm,cm->m", self.turning, state[:, forcing.begin])
         return _trajectory(state, _finite(_turned(_finite(total), forcing)))
 
@@ -270,7 +292,7 @@ def _by_newton(
         error = float(np.max(np.abs(defect))) / max(largest, SETTLED)
         if error <= SETTLED:
             return state, step
-        state = state + recurrence(step.memory, defect, np.zeros_like(initial), forcing)
+        state = state + step.recurrence(forcing).solved(defect, np.zeros_like(initial))
         if error <= NEARLY:
             return state, step
     return None

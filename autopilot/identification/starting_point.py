@@ -14,7 +14,9 @@ from autopilot.identification.simulation import linear_responses, simulate
 from autopilot.models.norrbin import Norrbin
 
 GRID_POINTS = 18
-PAST_THE_BEST = 3
+EVERY = 2
+"""Every so many points of the grid are tried first, and then those beside the best."""
+PAST_THE_BEST = 4
 STEPS_PER_TIME_CONSTANT = 4.0
 ROUGH_STEPS = 2.0
 """The same on the grid of linear models: exact to a few thousandths, which is enough to begin with."""
@@ -45,16 +47,20 @@ def starting_point(runs: Sequence[Run], reference_speed: float) -> StartingPoint
     segments = tuple(segment for run in runs for segment in run.segments)
     duration = max(float(segment.time[-1] - segment.time[0]) for segment in segments)
     longest = max(min(LONGEST_TIME_CONSTANT_S, duration), 2.0 * SHORTEST_TIME_CONSTANT_S)
+    times = np.geomspace(longest, SHORTEST_TIME_CONSTANT_S, GRID_POINTS).tolist()
     # from the slow end, where steps are long: a short T costs most and is seldom worth trying
-    tried: list[StartingPoint] = []
-    for T in np.geomspace(longest, SHORTEST_TIME_CONSTANT_S, GRID_POINTS):
-        tried.append(_linear_fit(segments, float(T), reference_speed))
-        best = max(tried, key=lambda point: point.explained)
+    tried: dict[int, StartingPoint] = {}
+    for index in range(0, GRID_POINTS, EVERY):
+        tried[index] = _linear_fit(segments, times[index], reference_speed)
+        best = max(tried, key=lambda at: tried[at].explained)
         # a regular zigzag is explained by half by a slow boat that turns the wrong way: no reason to stop there
-        found = best.model.gain > 0.0 and best.explained > WELL_EXPLAINED
-        if found and len(tried) - tried.index(best) > PAST_THE_BEST:
+        found = tried[best].model.gain > 0.0 and tried[best].explained > WELL_EXPLAINED
+        if found and index - best >= PAST_THE_BEST:
             break
-    return best
+    for index in range(max(best - EVERY + 1, 0), min(best + EVERY, GRID_POINTS)):
+        if index not in tried:
+            tried[index] = _linear_fit(segments, times[index], reference_speed)
+    return max(tried.values(), key=lambda point: point.explained)
 
 
 def unstable_starting_point(runs: Sequence[Run], linear: Norrbin) -> Norrbin:
