@@ -244,6 +244,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
         steerage_over_ground=steerage is not None,
         roll=roll_damping_of(vessel),
+        dead_band=math.radians(vessel.limits.dead_band_deg),
     )
 
 

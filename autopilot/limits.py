@@ -19,6 +19,24 @@ class RudderLimits(NamedTuple):
     rate_max: float
 
 
+class Rest(NamedTuple):
+    """What the dead band leaves: `told` [rad]; `allowed` [rad], what the law may take for its own, since the dead band
+    is nothing to unwind from; whether the rudder is on its way."""
+
+    told: float = 0.0
+    allowed: float = 0.0
+    is_moving: bool = False
+
+
+def rested(limits: RudderLimits, band: float, before: Rest, demand: float, limited: float) -> Rest:
+    """Return the order after the dead `band` [rad]: a rudder at rest stays until it is wrong by more, and then goes all
+    the way. `limited` [rad] is what `limit` made of the `demand` [rad]; a band of 0 leaves it as it is."""
+    wanted = clip(demand, -limits.angle_max, limits.angle_max)
+    if not before.is_moving and abs(wanted - before.told) <= band:
+        return Rest(before.told if band > 0.0 else limited, wanted, False)
+    return Rest(limited, limited, limited != wanted)
+
+
 def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> float:
     """Return `demand` [rad] held to the angle, and to what the rate allows `dt` [s] after `previous` [rad].
 

@@ -19,7 +19,7 @@ from autopilot.estimation.wave_motion import left_alone
 from autopilot.failsafe_steering import FailsafeSteering, error_of
 from autopilot.guidance.heading_guide import HeadingGuide
 from autopilot.guidance.turn import TurnLimits, preset_rate, side_hard_over, turn_limits
-from autopilot.limits import RudderLimits, limit
+from autopilot.limits import Rest, RudderLimits, limit, rested
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.monitors import AlarmLimits, Monitors, Watched
@@ -78,6 +78,7 @@ class PilotConfig(NamedTuple):
     is. Waves quicker than wave_corner [rad/s], which holds at the model's speed, are kept from the rudder; slower ones
     are steered against. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
     for this where steerage_over_ground says so. roll: the rudder damps roll too, while that helps; None: it does not.
+    dead_band [rad]: on a course the rudder rests until it is wrong by more.
     """
 
     model: Norrbin
@@ -93,6 +94,7 @@ class PilotConfig(NamedTuple):
     steerage: float = 0.0
     steerage_over_ground: bool = False
     roll: RollDamping | None = None
+    dead_band: float = 0.0
     alarms: AlarmLimits = AlarmLimits()
 
 
@@ -128,6 +130,7 @@ class Pilot:
         self._number = 0
         self._now: float | None = None
         self._told = RudderCommand(0.0, 0.0, False)
+        self._rest = Rest()
         self._turn_limits: TurnLimits | None = None
         self._turn_speed = 0.0
         self._waits = False
@@ -189,8 +192,10 @@ class Pilot:
             demand = self._demand(mode, order, reference, steady, dt) + self._against_roll(now, dt, mode, order)
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
+        rest = self._rested(mode, order, previous, demand, limited)
         picture = self._picture(order, reference, steady)
-        command = self.supervisor.check(now, order, previous, demand, limited, dt, picture)
+        command = self.supervisor.check(now, order, previous, demand, rest.told, dt, picture)
+        self._rest = rest if command.angle == rest.told else Rest(command.angle, command.angle)
         if command.engaged and self.config.rudder_is_ours:
             self.estimator.rudder.order(now, command.angle)
         self._told = command
@@ -293,6 +298,7 @@ class Pilot:
         self._guide.start(self._steady(state), self._limits_at(self.estimator.model))
         self._guide.forget_order()
         self._told = RudderCommand(now, start, True)
+        self._rest = Rest(start, start)
         return state
 
     def _steady(self, state: NavState) -> NavState:
@@ -349,6 +355,12 @@ class Pilot:
         self._roll_rudder = self.damper.update(now, dt, engaged=steers and not self._waits)
         return self._roll_rudder
 
+    def _rested(self, mode: Mode, order: Order, previous: float, demand: float, limited: float) -> Rest:
+        """Return what the dead band leaves of an order; only a course that is held has one."""
+        if mode is not Mode.ENGAGED or order.kind is not OrderKind.HEADING or self._waits:
+            return Rest(limited, limited)
+        return rested(self.config.limits, self.config.dead_band, self._rest._replace(told=previous), demand, limited)
+
     def _demand(self, mode: Mode, order: Order, reference: Reference, state: NavState, dt: float) -> float:
         if mode is not Mode.ENGAGED:
             return 0.0
@@ -359,5 +371,5 @@ class Pilot:
         if self._waits:
             return 0.0
         # the law's memory is of its own rudder, not of what was set against roll on top of it
-        own = self._told.angle - self._roll_rudder
+        own = self._rest.allowed - self._roll_rudder
         return self.law.update(self.estimator.model, reference, state, own, dt)

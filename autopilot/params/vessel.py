@@ -164,6 +164,7 @@ class Limits:
 
     angle_max_deg: Annotated[float, Bounds(1.0, 90.0, "largest rudder angle commanded")] | None = None
     rate_max_deg_s: Annotated[float, Bounds(0.1, 1000.0, "fastest change of the command")] | None = None
+    dead_band_deg: Annotated[float, Bounds(0.0, 5.0, "on a course the rudder rests until it is wrong by more")] = 0.0
     source: str = ""
     date: str = ""
 

@@ -40,7 +40,7 @@ from autopilot.guidance.turn import (
     within_reach,
     without_haste,
 )
-from autopilot.limits import RudderLimits, limit
+from autopilot.limits import Rest, RudderLimits, limit, rested
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
 from autopilot.monitors import AT_THE_STOP, FROZEN_SAMPLES
@@ -70,6 +70,7 @@ class Brain(NamedTuple):
     gear: SteeringGear
     noises: Noises
     limits: RudderLimits
+    dead_band: float
     rudder_share: float
     turn_rate_max: float
     turn_curvature_max: float
@@ -103,6 +104,7 @@ class Mind(NamedTuple):
     turning_until: float
     pid: PidMemory
     told: float
+    rest: Rest
     rudder: float
     ticks: int
     same: int
@@ -155,6 +157,7 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         turning_until=-math.inf,
         pid=PidMemory(0.0, math.nan),
         told=0.0,
+        rest=Rest(0.0, 0.0, False),
         rudder=0.0,
         ticks=1,
         same=1,
@@ -188,8 +191,11 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     if now < turning_until:
         boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
     boat = turn_step(model, planned, boat, target, dt)
-    demand, pid = _demand(brain, model, reference_of(model, boat), heading, rate, bias, listened.pid, mind.told, dt)
-    told = limit(brain.limits, mind.told, demand, dt)
+    reference, own = reference_of(model, boat), mind.rest.allowed
+    demand, pid = _demand(brain, model, reference, heading, rate, bias, listened.pid, own, dt)
+    limited = limit(brain.limits, mind.told, demand, dt)
+    rest = rested(brain.limits, brain.dead_band, mind.rest, demand, limited)
+    told = rest.told
     place = listened.ticks % len(past.orders)
     past.order_times[place], past.orders[place] = now, told
     easy_time = listened.easy_time if abs(mind.told) >= AT_THE_STOP * brain.limits.angle_max else now
@@ -211,6 +217,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         turning_until=turning_until,
         pid=pid,
         told=told,
+        rest=rest,
         rudder=listened.rudder,
         ticks=listened.ticks,
         same=listened.same,
@@ -290,6 +297,7 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         turning_until=mind.turning_until,
         pid=mind.pid,
         told=mind.told,
+        rest=mind.rest,
         rudder=rudder,
         ticks=mind.ticks + 1,
         same=same,

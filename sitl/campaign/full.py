@@ -61,7 +61,8 @@ def run_fully(job: Job, run: int) -> Figures:
         now = world.time
         reading = world.sensors.latest(now)
         if reading is not None and reading is not seen:
-            samples = _samples(world, reading, now, round(reading.time / STEP) // every % max(study.heading_hz, 1) == 0)
+            with_speed = round(reading.time / STEP) // every % max(study.heading_hz, 1) == 0
+            samples = _samples(world, reading, now, with_speed, study.gyro)
             order = Order(OrderKind.HEADING, ordered(course, now), serial=1)
             tick = pilot.step(now, samples, order)
             command = tick.command
@@ -73,7 +74,7 @@ def run_fully(job: Job, run: int) -> Figures:
     return figures(score, every * STEP, engaged / max(ticks, 1))
 
 
-def _samples(world: World, reading: Reading, now: float, with_speed: bool) -> tuple[Sample, ...]:
+def _samples(world: World, reading: Reading, now: float, with_speed: bool, with_rate: bool) -> tuple[Sample, ...]:
     """Return what of a set of readings reaches the pilot: the speed once a second, the heading unless it fails."""
     if world.sensors.is_silent(now):
         return ()
@@ -82,7 +83,7 @@ def _samples(world: World, reading: Reading, now: float, with_speed: bool) -> tu
     if not world.sensors.has_heading(now):
         return speed
     heading = math.nan if world.faults.is_on("heading_nan", now) else wrap(reading.heading)
-    return (HeadingSample(reading.time, heading, reading.rate), *speed)
+    return (HeadingSample(reading.time, heading, reading.rate if with_rate else None), *speed)
 
 
 def _scored(score: Score, course: Course, world: World, before: float, told: float) -> Score:

@@ -25,6 +25,7 @@ from sitl.campaign.cases import Case, Job, case_and_seed, real_boat, scenario_of
 from sitl.campaign.failing import can_be_tabled, failing
 from sitl.campaign.full import SPEED_HZ, WATER_EVERY, course_of, measured_every
 from sitl.campaign.score import Course
+from sitl.campaign.study import Study
 from sitl.campaign.swift import Instruments, Rooms, Setting, readings
 from sitl.campaign.waters import Water, surface_of
 from sitl.faults import FaultBoard
@@ -93,6 +94,7 @@ def brain_of(vessel: Vessel, law: str) -> Brain | None:
         gear=config.gear,
         noises=noises_of(config.noise),
         limits=config.limits,
+        dead_band=config.dead_band,
         rudder_share=config.rudder_share,
         turn_rate_max=config.turn_rate_max,
         turn_curvature_max=config.turn_curvature_max,
@@ -116,7 +118,7 @@ def setting_of(job: Job, run: int) -> Setting | None:
     sea_seed, sensor_seed, fault_seed, _ = np.random.SeedSequence(seed).spawn(4)
     water, swell = water_of(shared.scenario, shared.plant, sea_seed, steps // WATER_EVERY + 1)
     every = measured_every(job.study)
-    instruments = instruments_of(shared, sensor_seed, steps, every, job.study.heading_hz)
+    instruments = instruments_of(shared, sensor_seed, steps, every, job.study)
     if shared.scenario.faults:
         instruments = failing(instruments, FaultBoard(shared.scenario.faults, fault_seed), sensor_seed)
     heading, rate, _ = readings(instruments, 0, shared.start)
@@ -132,14 +134,12 @@ def setting_of(job: Job, run: int) -> Setting | None:
         swell=swell,
         instruments=instruments,
         brain=shared.brain,
-        filtered=initial(0.0, wrap(float(heading)), float(rate), shared.brain.noises.usual),
+        filtered=initial(0.0, wrap(float(heading)), float(rate) if job.study.gyro else None, shared.brain.noises.usual),
         course=shared.course,
     )
 
 
-def instruments_of(
-    shared: Prepared, seed: np.random.SeedSequence, steps: int, every: int, heading_hz: int
-) -> Instruments:
+def instruments_of(shared: Prepared, seed: np.random.SeedSequence, steps: int, every: int, study: Study) -> Instruments:
     """Return the instruments with all their deviates, drawn as `sitl.sensors.Sensors` draws them."""
     section, vessel = shared.scenario.sensors, shared.vessel.sensors
     sets = steps // every + 1
@@ -153,7 +153,8 @@ def instruments_of(
         latency=or_else(section.latency_s, vessel.heading_latency_s),
         deviates=deviates,
         every=every,
-        speed_every=heading_hz // SPEED_HZ,
+        speed_every=study.heading_hz // SPEED_HZ,
+        has_rate=study.gyro,
         fails=False,
         spoilt=np.zeros((0, 4)),
         missing=np.zeros(1, dtype=np.int64),

@@ -66,6 +66,8 @@ class Study:
     seconds: Annotated[float, Bounds(1.0, 1.0e5, "simulated time of a run")] = 300.0
     measured_from_s: Annotated[float, Bounds(0.0, 1.0e5, "what is earlier does not count")] = 60.0
     heading_hz: Annotated[int, Bounds(1, 100, "readings and ticks a second, a divisor of 100")] = 10
+    gyro: bool = True
+    """False: the compass comes alone, without a rate of turn."""
     turn: TurnSection = field(default_factory=TurnSection)
     laws: tuple[LawName, ...] = ("backstepping",)
     gain_factors: tuple[Annotated[float, Bounds(0.01, 100.0, "factor on the loop's bandwidth")], ...] = (1.0,)

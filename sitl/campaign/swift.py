@@ -33,7 +33,8 @@ CALM = Disturbance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class Instruments(NamedTuple):
     """Standard deviations [rad], [rad/s], [m/s]; offset and resolution [rad]; latency [s]; deviates by set of readings.
 
-    A set is measured every `every` steps, a speed goes out with every `speed_every`-th set. Where instruments fail,
+    A set is measured every `every` steps, a speed goes out with every `speed_every`-th set, and a rate with each where
+    there is a gyro, `has_rate`. Where instruments fail,
     `spoilt` holds by set what to add to the heading [rad], factor on and addition to the rate [rad/s], factor on the
     speed; `missing` by set what does not arrive.
     """
@@ -47,6 +48,7 @@ class Instruments(NamedTuple):
     deviates: Floats
     every: int
     speed_every: int
+    has_rate: bool
     fails: bool
     spoilt: Floats
     missing: NDArray[np.int64]
@@ -149,7 +151,8 @@ def heard_of(instruments: Instruments, rooms: Rooms, reading: int, dt: float) ->
     missing = instruments.missing[reading] if instruments.fails else 0
     heading, rate, speed = math.nan, math.nan, math.nan
     if not missing & NO_HEADING:
-        heading, rate = wrap(rooms.readings[place, 0]), rooms.readings[place, 1]
+        heading = wrap(rooms.readings[place, 0])
+        rate = rooms.readings[place, 1] if instruments.has_rate else math.nan
     if not missing & NO_SPEED and reading % instruments.speed_every == 0:
         speed = rooms.readings[place, 2]
     return Heard(time, heading, rate, speed)

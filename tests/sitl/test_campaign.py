@@ -15,6 +15,7 @@ import pytest
 
 from autopilot.errors import ExitCode, InputError
 from autopilot.params.strict_yaml import parse_document
+from autopilot.params.vessel import Limits
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from sitl.campaign import work
 from sitl.campaign.cases import Job, case_and_seed, cases_of, number_of_runs
@@ -25,6 +26,7 @@ from sitl.campaign.score import Figures, figures
 from sitl.campaign.setting import rooms_of, setting_of
 from sitl.campaign.study import (
     BoatSection,
+    LawName,
     MismatchSection,
     SeaSection,
     Study,
@@ -71,6 +73,7 @@ STUDIES = {
     "pid": replace(STUDY, laws=("pid",), seas={"swell": SEAS["swell"]}, speed_shares=(0.6,)),
     "sliding": replace(STUDY, laws=("sliding",), heading_hz=20),
     "late, coarse compass": replace(STUDY, instruments={"late": SensorsSection(latency_s=0.25, heading_step_deg=0.1)}),
+    "compass alone": replace(STUDY, gyro=False, seas={"sea": SEAS["sea"]}),
     "gaps and offsets": faulty(
         ("heading_dropout", 4.0, 4.6, 1.0),
         ("heading_jump", 5.0, 6.0, 3.0),
@@ -93,6 +96,20 @@ def test_the_loop_as_it_is_compiled_gives_the_full_simulators_numbers(job: Job) 
     assert is_whole
     full = run_fully(job, 1)
     assert full.travel_deg_s > 0.5
+    assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+
+
+@pytest.mark.parametrize("law", ["backstepping", "pid"])
+def test_a_dead_band_gives_the_full_simulators_numbers_too(tmp_path: Path, law: LawName) -> None:
+    vessel = load_vessel("lanxin")
+    (tmp_path / "resting.yaml").write_text(dump_vessel(replace(vessel, limits=Limits(dead_band_deg=0.7))))
+    asked = replace(STUDY, laws=(law,), seas={"sea": SEAS["sea"]}, boats={"boat": BoatSection("resting.yaml")})
+    job = Job(asked, str(tmp_path))
+    setting = setting_of(job, 0)
+    assert setting is not None
+    score, is_whole = run_swiftly(setting, rooms_of(setting))
+    assert is_whole
+    full = run_fully(job, 0)
     assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
 
 

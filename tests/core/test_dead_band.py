@@ -1,0 +1,65 @@
+"""The dead band of the order: a rudder that rests until it is wrong by more, and then goes all the way."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.build import build_pilot
+from autopilot.limits import Rest, RudderLimits, limit, rested
+from autopilot.params.vessel import Limits, Vessel
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import HeadingSample, Order, OrderKind, Tick
+
+LIMITS = RudderLimits(0.5, 0.3)
+angles = st.floats(-0.5, 0.5)
+
+
+@given(angles, st.floats(-2.0, 2.0), st.floats(0.0, 0.5), st.booleans())
+def test_without_a_dead_band_the_limits_have_the_last_word(
+    told: float, demand: float, dt: float, is_moving: bool
+) -> None:
+    limited = limit(LIMITS, told, demand, dt)
+    assert rested(LIMITS, 0.0, Rest(told, told, is_moving), demand, limited).told == limited
+
+
+@given(angles, st.floats(-2.0, 2.0), st.floats(0.001, 0.2))
+def test_a_rudder_at_rest_stays_within_the_band_and_leaves_it_for_its_goal(
+    told: float, demand: float, band: float
+) -> None:
+    wanted = min(max(demand, -0.5), 0.5)
+    rest = Rest(told, told, False)
+    for _ in range(200):
+        rest = rested(LIMITS, band, rest, demand, limit(LIMITS, rest.told, demand, 0.02))
+    assert rest.told == (told if abs(wanted - told) <= band else wanted)
+    assert not rest.is_moving
+    assert rest.allowed == wanted, "a law has nothing to unwind where only the dead band holds the rudder"
+
+
+def held(vessel: Vessel, order: Order) -> list[Tick]:
+    """A minute on a compass that swings to and fro by 0.3 deg."""
+    pilot = build_pilot(vessel)
+    swing = math.radians(0.3)
+    return [
+        pilot.step(tick / 20.0, (HeadingSample(tick / 20.0, swing * math.sin(tick), 0.0),), order)
+        for tick in range(1200)
+    ]
+
+
+def travel(ticks: list[Tick]) -> float:
+    angles = [tick.command.angle for tick in ticks]
+    return sum(abs(after - before) for before, after in itertools.pairwise(angles))
+
+
+def test_a_dead_band_spares_the_rudder_on_a_course_and_no_ordered_angle() -> None:
+    busy = load_vessel("lanxin")
+    calm = replace(busy, limits=Limits(dead_band_deg=2.0))
+    north = Order(OrderKind.HEADING, 0.0, serial=1)
+    assert travel(held(busy, north)) > 0.1
+    assert travel(held(calm, north)) < 0.5 * travel(held(busy, north))
+    over = Order(OrderKind.RUDDER, rudder=math.radians(1.0), serial=1)
+    assert held(calm, over)[-1].command.angle == math.radians(1.0)
