@@ -16,11 +16,13 @@ from autopilot.control.design import (
     linear_gains_pid,
     linear_gains_sliding,
 )
+from autopilot.control.observed_margins import Delays, Observed, refusal_of
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.control.roll_damping import RollDamping
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.turn import preset_rate, turn_limits
 from autopilot.limits import RudderLimits
@@ -50,6 +52,8 @@ WAVE_CORNER_SHARE = 0.55
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
 STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
+HEADING_INTERVAL = 0.1
+"""Loops are judged as if headings came so often [s], as most compasses send them."""
 TRIAL_LAW = "trial"
 """In place of a law's name: trials order rudder angles and need no gains."""
 BIAS_CHANGE = math.radians(2.0)
@@ -190,12 +194,26 @@ def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> V
 
     ratio: at so many times the speed of the trial.
     """
-    return judge(
+    verdict = judge(
         at_speed_ratio(model_of(vessel), ratio),
         gear_of(vessel),
         limits_of(vessel).rate_max,
         vessel.control.loop_delay_s,
         loop_gains_of(vessel, name, ratio),
+    )
+    return verdict if verdict.refusal else verdict._replace(refusal=refusal_of(observed_of(vessel, name, ratio)))
+
+
+def observed_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Observed:
+    """Return the loop of the vessel's law with the heading filter in it, at `ratio` times the speed of the trial."""
+    model = at_speed_ratio(model_of(vessel), ratio)
+    return Observed(
+        model,
+        gear_of(vessel),
+        Delays(vessel.control.loop_delay_s, vessel.sensors.heading_latency_s),
+        loop_gains_of(vessel, name, ratio),
+        (name or vessel.control.law) != "pid",
+        steady_filter(model, noise_of(vessel), HEADING_INTERVAL, vessel.sensors.heading_latency_s),
     )
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from autopilot.control.design import Margins, Spread, Verdict
     from autopilot.control.large_errors import Loop, Recovery
+    from autopilot.control.observed_margins import ObservedMargins
     from autopilot.params.vessel import Vessel
 
 ASSUMED_SPREAD = 0.2
@@ -17,7 +18,8 @@ LARGE_ERRORS_DEG = (5.0, 20.0, 45.0, 90.0)
 
 
 class Judged(NamedTuple):
-    """A vessel's law: its verdict, the worst margins within `spread`, said in words, and what large errors do."""
+    """A vessel's law: its verdict, the worst margins within `spread`, said in words, what large errors do, and the
+    margins with the heading filter in the loop."""
 
     vessel: Vessel
     law: str
@@ -25,13 +27,15 @@ class Judged(NamedTuple):
     worst: Margins
     spread: str
     recoveries: list[Recovery]
+    observed: ObservedMargins
 
 
 def judged(vessel: Vessel, law: str) -> Judged:
     """Return the gains of the vessel's `law` judged."""
-    from autopilot.build import gear_of, law_of, limits_of, loop_gains_of, model_of, verdict_of
+    from autopilot.build import gear_of, law_of, limits_of, loop_gains_of, model_of, observed_of, verdict_of
     from autopilot.control.design import worst_margins
     from autopilot.control.large_errors import recoveries
+    from autopilot.control.observed_margins import observed_margins
 
     verdict = verdict_of(vessel, law)
     spread, words = spread_of(vessel)
@@ -41,7 +45,7 @@ def judged(vessel: Vessel, law: str) -> Judged:
     )
     errors = [math.radians(error) for error in LARGE_ERRORS_DEG]
     found = recoveries(loop_of(vessel), law_of(vessel, law), verdict.margins.crossover, errors)
-    return Judged(vessel, law, verdict, worst, words, found)
+    return Judged(vessel, law, verdict, worst, words, found, observed_margins(observed_of(vessel, law)))
 
 
 def loop_of(vessel: Vessel) -> Loop:
@@ -85,6 +89,13 @@ def as_json(each: Judged) -> dict[str, Any]:
         "phase_margin_deg": math.degrees(found.phase),
         "delay_margin_s": _finite(found.delay),
         "worst_sensitivity": found.sensitivity,
+        "with_heading_filter": {
+            "stable": each.observed.stable,
+            "delay_margin_s": _finite(each.observed.delay),
+            "worst_sensitivity": _finite(each.observed.sensitivity),
+            "K_may_be_smaller_by_factor": each.observed.gain_down,
+            "K_may_be_larger_by_factor": _finite(each.observed.gain_up),
+        },
         "crossover_rad_s": found.crossover,
         "rudder_rate_saturates_at_heading_error_deg": _finite(math.degrees(found.saturation)),
         "worst_boat": {
@@ -133,7 +144,7 @@ def as_text(rows: dict[str, Judged]) -> str:
 
 def sentences(each: Judged) -> list[str]:
     """Return what the worst boat and large errors do, and why the gains are refused where they are."""
-    said = []
+    said = [_with_filter(each.observed)] if each.verdict.margins.stable else []
     if each.verdict.margins.stable:
         outcome = f"worst sensitivity {each.worst.sensitivity:.2f}" if each.worst.stable else "UNSTABLE"
         said.append(f"worst boat ({each.spread}): {outcome}")
@@ -151,3 +162,14 @@ def sentences(each: Judged) -> list[str]:
             f"{max(math.degrees(row.swing) for row in bad):.1f} deg"
         )
     return [*said, each.verdict.refusal] if each.verdict.refusal else said
+
+
+def _with_filter(found: ObservedMargins) -> str:
+    if not found.stable:
+        return "with the heading filter: UNSTABLE"
+    least = f"{found.gain_down:.2f}" if found.gain_down > 0.0 else "next to nothing"
+    most = f"{found.gain_up:.1f}" if math.isfinite(found.gain_up) else "any"
+    return (
+        f"with the heading filter: delay margin {found.delay:.2f} s, worst sensitivity {found.sensitivity:.2f}, "
+        f"K from {least} to {most} times the model's"
+    )
