@@ -19,7 +19,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "signalk",
         help="the running pilot in Signal K: its state as deltas, orders from Signal K programs",
         description="Tell a Signal K server what a pilot does that runs with `autopilot run --serve`, and carry out "
-        "what Signal K programs order. One more MAVLink client in a process of its own; see docs/signalk.md.",
+        "what Signal K programs order. One more MAVLink client in a process of its own; see docs/howto/signalk.md.",
     )
     parser.add_argument("--link", metavar="URL", help="where the pilot serves: udpin:127.0.0.1:14551, tcp:HOST:PORT")
     parser.add_argument(

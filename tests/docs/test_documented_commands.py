@@ -1,7 +1,6 @@
-"""Every command line in README and docs is one that the programs take; pages that say so are run from top to bottom.
+"""Every command line in README and docs is one that the programs take, and is run or says why not: see `page_blocks`.
 
-A block after `<!-- run: page -->` is run, five times as fast as it is printed where it sails, on a port of its own;
-what such a page needs beside it stands in a comment, `<!-- run: before COMMAND -->`.
+`NORRBIN_SLOW=1 python -m pytest tests/docs` runs the slow ones, too.
 """
 
 from __future__ import annotations
@@ -9,33 +8,35 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from documented_files import furnish
+from page_blocks import INSTALLS, PAGES, ROOT, Block, before, blocks_of
 from two_processes import free_port
 
 from autopilot.cli.main import build_parser as autopilot_parser
+from autopilot.cli.main import main as autopilot
 from sitl.cli import build_parser as sitl_parser
+from sitl.cli import main as sitl
 
-ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PARSERS = {"autopilot": autopilot_parser, "sitl": sitl_parser}
-FENCED = re.compile(r"^```(?:sh|bash|console)?\n(.*?)^```", re.MULTILINE | re.DOTALL)
-INDENTED = re.compile(r"(?:^(?: {4,}|\t).*\n)+", re.MULTILINE)
-RUN = re.compile(r"<!-- run: page -->\n```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
-BEFORE = re.compile(r"<!-- run: before (.*?) -->")
-SAILS = re.compile(r"^((?:sitl serve|autopilot run|autopilot trial [a-z-]+)) ", re.MULTILINE)
-
-
-def command_lines(page: Path) -> list[str]:
-    """Return the lines of the page's code blocks that call one of our programs, continued lines joined."""
-    text = page.read_text(encoding="utf-8")
-    blocks = [*FENCED.findall(text), *INDENTED.findall(FENCED.sub("", text))]
-    lines = [line.strip() for block in blocks for line in re.sub(r"\\\n\s*", " ", block).splitlines()]
-    calls = [re.sub(r"^(?:\S*/)?(?=(?:autopilot|sitl) )", "", line.removeprefix("$ ")) for line in lines]
-    return [line for line in calls if line.split(" ")[0] in PARSERS]
+MAINS = {"autopilot": autopilot, "sitl": sitl}
+SLOW = os.environ.get("NORRBIN_SLOW") == "1"
+SAILS = re.compile(r"^((?:sitl serve|autopilot run|autopilot trial (?!design)[a-z-]+)) ", re.MULTILINE)
+LASTS = re.compile(
+    r"^((?:autopilot run|sitl serve|sitl ardupilot-physics) (?!.*--duration)[^&\n#]*?) *((?:&|#.*)?)$", re.M
+)
+"""What sails until it is stopped is given a duration."""
+STAYS = re.compile(r"^(autopilot (?:web|signalk) [^&\n]*)$", re.MULTILINE)
+"""Displays know no duration: they are stopped as Ctrl-C does."""
+SAID_BY_THE_GATE = ("demo", "tests", "workflow")
+BLOCKS = [block for page in PAGES for block in blocks_of(page)]
+CASES = [pytest.param(line, id=f"{block.page.name}: {line}"[:100]) for block in BLOCKS for line in block.calls]
 
 
 def arguments(line: str) -> list[str]:
@@ -45,11 +46,38 @@ def arguments(line: str) -> list[str]:
     return words[1 : ends[0]] if ends else words[1:]
 
 
-CASES = [pytest.param(line, id=f"{page.name}: {line}"[:100]) for page in PAGES for line in command_lines(page)]
+def marked(kind: str) -> list[Path]:
+    """Return the pages with blocks to be run in this way."""
+    return [page for page in PAGES if any((block.mark, block.said) == ("run", kind) for block in blocks_of(page))]
+
+
+def lines_of(page: Path, kind: str) -> list[str]:
+    """Return the lines of the page's blocks to be run in this way; what they install is there."""
+    blocks = [block for block in blocks_of(page) if (block.mark, block.said) == ("run", kind)]
+    return [line for block in blocks for line in block.lines if not INSTALLS.match(line)]
 
 
 def test_there_are_commands_to_look_at() -> None:
-    assert len(CASES) > 40
+    assert len(CASES) > 80 and len(BLOCKS) > 80
+    assert len([block for block in BLOCKS if block.mark == "run"]) > 20
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: f"{block.page.name}:{block.line}")
+def test_a_block_of_commands_is_run_or_says_why_not(block: Block) -> None:
+    where = f"{block.page.name}, line {block.line}"
+    if block.mark == "run":
+        assert block.said in ("files", "page", "slow"), where
+    elif block.mark == "command":
+        assert block.said in SAID_BY_THE_GATE and f"readme_command.py {block.said})" in (ROOT / ".ci/run").read_text()
+    elif block.mark == "not run":
+        assert len(block.said.split()) > 2, f"{where}: say what it would need"
+    else:
+        assert block.is_measurement, f"{where}: mark it (tests/page_blocks.py)"
+        for line in block.lines:
+            if not INSTALLS.match(line):
+                script, *options = shlex.split(line, comments=True)[1:]
+                text = (ROOT / script).read_text(encoding="utf-8")
+                assert [option for option in options if option[:2] == "--" and f'"{option}"' not in text] == [], where
 
 
 @pytest.mark.parametrize("line", CASES)
@@ -61,26 +89,69 @@ def test_a_documented_command_is_taken_by_the_program(line: str, capsys: pytest.
         assert ended.code == 0, capsys.readouterr().err
 
 
-PAGES_RUN = [page for page in PAGES if RUN.search(page.read_text(encoding="utf-8"))]
+@pytest.mark.parametrize("page", marked("files"), ids=lambda page: page.stem)
+def test_a_page_that_works_on_files_runs_from_top_to_bottom(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [*before(page), *lines_of(page, "files")] if not marked_as_processes(page) else lines_of(page, "files")
+    furnish(tmp_path, lines)
+    (tmp_path / "firmware_params").symlink_to(ROOT / "firmware_params")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
+    for line in lines:
+        program = line.split(" ")[0]
+        assert MAINS[program](arguments(line)) == 0, f"{line}\n{capsys.readouterr().err}"
+
+
+def marked_as_processes(page: Path) -> bool:
+    """Whether blocks of the page are run as processes, which is what the lines before them are for."""
+    return bool(lines_of(page, "page") or lines_of(page, "slow"))
 
 
 @pytest.mark.real_time
-@pytest.mark.parametrize("page", PAGES_RUN, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", marked("page"), ids=lambda page: page.stem)
 def test_a_page_that_says_so_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "bin"
-    folder.mkdir()
-    for name, module in (("autopilot", "autopilot"), ("sitl", "sitl")):
-        script = folder / name
-        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {module} "$@"\n')
+    run_as_processes([*before(page), *lines_of(page, "page")], tmp_path)
+
+
+@pytest.mark.real_time
+@pytest.mark.skipif(not SLOW, reason="set NORRBIN_SLOW=1")
+@pytest.mark.parametrize(
+    "block",
+    [block for block in BLOCKS if (block.mark, block.said) == ("run", "slow")],
+    ids=lambda block: f"{block.page.stem}:{block.line}",
+)
+def test_a_block_that_takes_longer_runs(block: Block, tmp_path: Path) -> None:
+    run_as_processes([*before(block.page), *(line for line in block.lines if not INSTALLS.match(line))], tmp_path)
+
+
+def run_as_processes(lines: list[str], folder: Path) -> None:
+    """Run the lines as one script, in a folder where devices and temporary files are their own."""
+    furnish(folder, lines)
+    for name in ("bin", "dev", "tmp"):
+        (folder / name).mkdir()
+    for name in ("autopilot", "sitl"):
+        script = folder / "bin" / name
+        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {name} "$@"\n')
         script.chmod(0o755)
-    text = page.read_text(encoding="utf-8")
-    blocks = SAILS.sub(r"\1 --speedup 5 ", "\n".join([*BEFORE.findall(text), *RUN.findall(text)]))
-    blocks = blocks.replace("14550", str(free_port()))
-    script = f"set -e\ntrap 'kill $(jobs -p) 2> {os.devnull} || true' EXIT\n{blocks}"
-    environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+    text = SAILS.sub(r"\1 --speedup 5 ", "\n".join(lines))
+    text = LASTS.sub(r"\1 --duration 20 \2", text)
+    text = re.sub(r"&$", "& sleep 4", text, flags=re.M)  # a reader takes his time
+    text = re.sub(r"^(autopilot params diff .*)$", r"\1 || [ $? = 6 ]", text, flags=re.M)  # 6: they differ
+    text = STAYS.sub(r"timeout --preserve-status -s INT 6 \1", text)
+    for port in sorted(set(re.findall(r":(\d{4,5})\b(?=['\"?\s]|$)", text)) - {"4800", "38400", "115200", "57600"}):
+        kind = socket.SOCK_STREAM if f"tcp:127.0.0.1:{port}" in text else socket.SOCK_DGRAM
+        text = text.replace(f":{port}", f":{free_port(kind)}")
+    text = re.sub(r"/(dev/tty|tmp/)", rf"{folder}/\1", text)
+    environment = {
+        **os.environ,
+        "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "NORRBIN_STATE": str(folder / "state"),
+    }
     done = subprocess.run(
-        ["bash", "-c", script],
-        cwd=tmp_path,
+        ["bash", "-c", f"set -e\ntrap 'kill $(jobs -p) 2> {os.devnull} || true' EXIT\n{text}"],
+        cwd=folder,
         env=environment,
         capture_output=True,
         text=True,
@@ -88,4 +159,5 @@ def test_a_page_that_says_so_runs_from_top_to_bottom(page: Path, tmp_path: Path)
         timeout=400,
         check=False,
     )
-    assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    assert done.returncode == 0, f"{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    shutil.rmtree(folder / "dev")
