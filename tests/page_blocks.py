@@ -35,7 +35,7 @@ PROGRAM_PATH = re.compile(r"^(?:\S*/)?(?=(?:autopilot|sitl) )")
 
 
 class Block(NamedTuple):
-    """A block of commands: its page and line, the mark before it, what that says, and its lines, continued ones joined."""
+    """A block of commands: its page and line, the mark before it, what that says, its lines, continued ones joined."""
 
     page: Path
     line: int
