@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from autopilot.alarms import CATALOGUE, Response, Severity
-from autopilot.signals import AcknowledgeSample, Order, Sample, Siren
+from autopilot.signals import AcknowledgeSample, AlarmState, Order, Sample, Siren
 
 ESCALATES_AFTER = 30.0
 UNHEARD = "NOT ACKNOWLEDGED: "
@@ -23,7 +23,11 @@ class _Entry:
 
 
 class AlarmPanel:
-    """`update` every tick with what is the case; an order of the skipper's acknowledges what sounds by then."""
+    """`update` every tick with what is the case; an order of the skipper's acknowledges what sounds by then.
+
+    Attributes:
+        states: of the texts that `update` returned last.
+    """
 
     def __init__(self) -> None:
         self.reset()
@@ -32,6 +36,7 @@ class AlarmPanel:
         """Forget everything."""
         self._entries: dict[str, _Entry] = {}
         self._order: tuple[int, int] | None = None
+        self.states: tuple[AlarmState, ...] = ()
 
     def update(
         self, now: float, raised: Mapping[str, str], samples: tuple[Sample, ...], order: Order
@@ -48,15 +53,19 @@ class AlarmPanel:
         if self._order is not None and given != self._order:
             self._acknowledge("")
         self._order = given
-        texts, siren = [], Siren.QUIET
+        texts, states, siren = [], [], Siren.QUIET
         for name, text in raised.items():
             entry = self._entries.setdefault(name, _Entry(now, now))
             entry.last = now
-            sounds = _sounds(name) and not entry.is_heard
+            heard = AlarmState.ACKNOWLEDGED if entry.is_heard else AlarmState.SOUNDING
+            state = heard if _sounds(name) else AlarmState.NOTICE
+            sounds = state is AlarmState.SOUNDING
+            states.append(state)
             escalated = sounds and now - entry.since >= ESCALATES_AFTER
             texts.append(f"{UNHEARD}{text}" if escalated else text)
             if sounds:
                 siren = max(siren, Siren.ESCALATED if escalated else Siren.SOUNDING)
+        self.states = tuple(states)
         return tuple(texts), siren
 
     def _acknowledge(self, name: str) -> None:

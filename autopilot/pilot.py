@@ -214,6 +214,7 @@ class Pilot:
             alarms=alarms,
             supervisor=self.supervisor.state,
             siren=siren,
+            heard=self._panel.states,
         )
 
     def _raised(self) -> dict[str, str]:

@@ -238,6 +238,14 @@ class Siren(IntEnum):
     ESCALATED = 2
 
 
+class AlarmState(IntEnum):
+    """What an alarm that is on asks of people: nothing but to be read, to be acknowledged, or no more."""
+
+    NOTICE = 0
+    SOUNDING = 1
+    ACKNOWLEDGED = 2
+
+
 class RudderCommand(NamedTuple):
     """Rudder angle [rad] to be set at `time`; where `engaged` is False the rudder is released instead."""
 
@@ -261,3 +269,5 @@ class Tick(NamedTuple):
     alarms: tuple[str, ...]
     supervisor: SupervisorState = SupervisorState.STANDBY
     siren: Siren = Siren.QUIET
+    heard: tuple[AlarmState, ...] = ()
+    """The state of each of `alarms`; empty where it is not known, as in old logs."""

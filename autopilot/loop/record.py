@@ -26,9 +26,7 @@ from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
 from autopilot.loop.log_files import FileSink, Sink
 from autopilot.loop.tick_codec import (
     HEADER,
-    TICK,
-    TICK_BEFORE_SUPERVISOR,
-    TICK_BEFORE_WAVES,
+    TICKS,
     VESSEL,
     decode_header,
     decode_tick,
@@ -204,7 +202,7 @@ def read_logs(*paths: Path) -> list[Log]:
     for record in itertools.chain.from_iterable(map(_records, paths)):
         if record[0] == HEADER:
             _take_header(logs, decode_header(record))
-        elif record[0] in (TICK, TICK_BEFORE_SUPERVISOR, TICK_BEFORE_WAVES) and logs:
+        elif record[0] in TICKS and logs:
             logs[-1].ticks.append(decode_tick(record))
         elif record[0] == VESSEL and logs:
             logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")

@@ -15,6 +15,7 @@ from autopilot.errors import InputError
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmSample,
+    AlarmState,
     ConditionSample,
     HeadingSample,
     HelmSample,
@@ -44,7 +45,11 @@ VESSEL = 3
 
 TICK_BEFORE_SUPERVISOR = 4
 """A tick whose mode is all that is known of the supervisor."""
-TICK = 5
+TICK_BEFORE_ACKNOWLEDGING = 5
+"""A tick that does not know which of its alarms have been acknowledged."""
+TICK = 6
+TICKS = (TICK, TICK_BEFORE_ACKNOWLEDGING, TICK_BEFORE_SUPERVISOR, TICK_BEFORE_WAVES)
+"""Every kind of record that is a tick."""
 
 MOST_SAMPLES = 255
 """Samples one tick can hold: their count is one byte."""
@@ -60,6 +65,8 @@ _OUTPUTS_BEFORE_WAVES = struct.Struct("<7d?3dd?dB")
 _SAMPLE = struct.Struct("<Bdd")
 _NUMBER = struct.Struct("<d")
 _LED = 0x80
+_UNKNOWN = 0xFF
+"""In the place of an alarm's state that nobody knows."""
 
 
 def encode_header(fields: dict[str, Any]) -> bytes:
@@ -115,7 +122,8 @@ def encode_tick(tick: Tick) -> bytes:
             tick.siren,
         )
     )
-    parts.extend(_text(alarm) for alarm in tick.alarms)
+    heard = tick.heard if len(tick.heard) == len(tick.alarms) else (_UNKNOWN,) * len(tick.alarms)
+    parts.extend(bytes([state]) + _text(alarm) for state, alarm in zip(heard, tick.alarms, strict=True))
     return b"".join(parts)
 
 
@@ -145,8 +153,11 @@ def _decode_tick(record: bytes) -> Tick:
     else:
         out = _OUTPUTS.unpack_from(record, place)
         place += _OUTPUTS.size
-    alarms = []
+    alarms, heard = [], []
     while place < len(record):
+        if record[0] == TICK:
+            heard.append(record[place])
+            place += 1
         alarm, place = _read_text(record, place)
         alarms.append(alarm)
     return Tick(
@@ -162,6 +173,7 @@ def _decode_tick(record: bytes) -> Tick:
         alarms=tuple(alarms),
         supervisor=SupervisorState(out[19]),
         siren=Siren(out[20]),
+        heard=() if _UNKNOWN in heard else tuple(AlarmState(state) for state in heard),
     )
 
 

@@ -1,7 +1,7 @@
-"""The alarms that are on: the list is the boat's, fetched when the number it tells changes; who has seen them is ours.
+"""The alarms that are on, and who has seen them: both are the boat's, fetched when the numbers it tells change. Pure.
 
-Pure. Texts alone would not do: they tell when an alarm begins, never when it ends, and a display that comes later has
-not heard them.
+Texts alone would not do: they tell when an alarm begins, never when it ends or was acknowledged, and a display that
+comes later has not heard them.
 """
 
 from __future__ import annotations
@@ -10,55 +10,78 @@ import json
 import math
 from typing import Any
 
+from autopilot.alarm_panel import UNHEARD
 from autopilot.links.boat.alarm_list import ALARMS
+from autopilot.signals import AlarmState
 from autopilot.web.ftp_client import FtpClient
 from autopilot.web.view import BoatView
 
-AGAIN = "NOT ACKNOWLEDGED: "
 LOOK_S = 5.0
 """The list is fetched again after this [s] while alarms are on: one may have taken another's place."""
+STATES = {state.name.lower(): state for state in AlarmState}
 
 
 class AlarmBoard:
-    """`shown` are the alarms that are on, the newest last, with whether they have been acknowledged here."""
+    """`shown` are the alarms that are on, the newest last, with what the boat knows of who has seen them."""
 
     def __init__(self, files: FtpClient) -> None:
         self._files = files
-        self._on: dict[str, bool] = {}
-        self._count: float | None = None
+        self._on: dict[str, tuple[str, AlarmState]] = {}
+        self._seen: set[str] = set()
+        self._told: tuple[float, float | None] | None = None
         self._next = -math.inf
+        self._is_asked = self._is_old = False
 
     @property
     def shown(self) -> list[dict[str, Any]]:
-        """The alarms, each with its words and whether it was acknowledged."""
-        return [{"words": words, "acknowledged": seen} for words, seen in self._on.items()]
+        """The alarms, each with its name, its words, whether it sounds, and whether somebody has acknowledged it."""
+        return [
+            {
+                "name": name,
+                "words": words,
+                "sounds": state is AlarmState.SOUNDING and words not in self._seen,
+                "acknowledged": state is AlarmState.ACKNOWLEDGED or words in self._seen,
+            }
+            for words, (name, state) in self._on.items()
+        ]
 
     def look(self, now: float, view: BoatView) -> None:
-        """Fetch the list where the boat tells of other alarms than we know."""
+        """Fetch the list where the boat tells of other alarms than we know, or of others that were acknowledged."""
         count = view.value("alarm_count")
         if count is None:
             return
+        told = (count, view.value("alarm_new"))
         if count == 0.0:
             self._on.clear()
-        elif count != self._count or now >= self._next:
-            self._next = now + LOOK_S
+        elif told != self._told or now >= self._next:
+            self._next, self._is_old = now + LOOK_S, True
+        self._told = told
+        if self._is_old and not self._is_asked:
+            self._is_asked, self._is_old = True, False
             self._files.fetch(ALARMS, self._take)
-        self._count = count
 
-    def acknowledge(self) -> None:
-        """Note that somebody has seen all that is on; each alarm that comes later is new."""
-        self._on = dict.fromkeys(self._on, True)
+    def acknowledge(self, is_known_aboard: bool) -> None:
+        """Note that all that sounds has been seen; where the boat does not know, it counts here alone."""
+        sounding = [words for words, (_, state) in self._on.items() if state is AlarmState.SOUNDING]
+        if is_known_aboard:
+            self._on.update({words: (self._on[words][0], AlarmState.ACKNOWLEDGED) for words in sounding})
+        else:
+            self._seen.update(sounding)
 
     def forget(self) -> None:
         """The boat has started again."""
         self._on.clear()
-        self._count = None
+        self._told = None
 
     def _take(self, content: bytes | None) -> None:
+        self._is_asked = False
         try:
-            words = [str(entry) for entry in json.loads(content or b"null")]
-        except (ValueError, TypeError):
+            entries = json.loads(content or b"null")
+            # one that nobody has acknowledged for long is said again under another heading: it is the same alarm
+            self._on = {
+                str(entry["words"]).removeprefix(UNHEARD): (str(entry["name"]), STATES[entry["state"]])
+                for entry in entries
+            }
+        except (ValueError, TypeError, KeyError):
             return
-        # one that nobody has acknowledged for long is said again under another heading: it is the same alarm
-        alarms = {each.removeprefix(AGAIN): each.startswith(AGAIN) for each in words}
-        self._on = {each: self._on.get(each, False) and not again for each, again in alarms.items()}
+        self._seen &= self._on.keys()

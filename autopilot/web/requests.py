@@ -59,11 +59,12 @@ def _back(station: Station, wish: dict[str, Any]) -> Asked:
 
 def _acknowledge(station: Station, wish: dict[str, Any]) -> Asked:
     def noted(taken: bool, words: str, told: orders.Told) -> None:
-        # a pilot that keeps no list of what has been seen refuses the command: then it counts here alone
-        told(words != orders.NO_ANSWER, "" if words != orders.NO_ANSWER else f"seen here, but {words}")
+        # a recording refuses every order: then it counts here alone
+        if words != orders.NO_ANSWER:
+            station.alarms.acknowledge(is_known_aboard=taken)
+        told(words != orders.NO_ANSWER, "" if words != orders.NO_ANSWER else words)
 
     def asked(_: float, told: orders.Told) -> None:
-        station.alarms.acknowledge()
         station.orders.give((orders.ACKNOWLEDGE,), lambda taken, words: noted(taken, words, told))
 
     return asked

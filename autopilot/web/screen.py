@@ -74,7 +74,9 @@ def _head(shown: dict[str, Any], trouble: str, station: Station) -> list[Line]:
 
 def _alarms(station: Station) -> list[Line]:
     return [
-        Line(f" {'  ' if each['acknowledged'] else '! '}{each['words']}", "dim" if each["acknowledged"] else "alarm")
+        Line(f"   {each['words']}  (acknowledged)", "dim")
+        if each["acknowledged"]
+        else Line(f" ! {each['words']}", "alarm")
         for each in station.alarms.shown
     ]
 

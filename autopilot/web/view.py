@@ -31,6 +31,7 @@ NAMED = {
     "gap_ms": ("gap", "loop"),
     "hdg_age_ms": ("heading_age", "loop"),
     "alarms": ("alarm_count", "loop"),
+    "alarms_new": ("alarm_new", "loop"),
     "level": ("level", "loop"),
 }
 """NAMED_VALUE_FLOAT to our value and the group it ages with; `lrn_` values are kept under their own names."""

@@ -22,6 +22,7 @@ from autopilot.links.status_text import severity_of
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (
     AcknowledgeSample,
+    AlarmState,
     Mode,
     NavState,
     Order,
@@ -50,7 +51,9 @@ def test_an_alarm_sounds_escalates_after_half_a_minute_and_is_silent_when_heard(
     texts, siren = panel.update(ESCALATES_AFTER, OFF, (), COURSE)
     assert siren is Siren.ESCALATED
     assert texts == (UNHEARD + OFF["off_course"],)
+    assert panel.states == (AlarmState.SOUNDING,)
     assert panel.update(31.0, OFF, (AcknowledgeSample(31.0),), COURSE) == ((OFF["off_course"],), Siren.QUIET)
+    assert panel.states == (AlarmState.ACKNOWLEDGED,)
     assert panel.update(500.0, OFF, (), COURSE)[1] is Siren.SOUNDING, "forgotten for so long it is another one"
 
 
@@ -79,7 +82,9 @@ def test_whoever_gives_an_order_has_heard() -> None:
 
 @pytest.mark.parametrize("name", ["cannot_engage", "waiting_heading", "clock_stepped"])
 def test_what_only_waits_makes_no_noise(name: str) -> None:
-    assert AlarmPanel().update(100.0, {name: text_of(name)}, (), COURSE)[1] is Siren.QUIET
+    panel = AlarmPanel()
+    assert panel.update(100.0, {name: text_of(name)}, (), COURSE)[1] is Siren.QUIET
+    assert panel.states == (AlarmState.NOTICE,)
 
 
 def test_what_links_say_in_their_own_words_sounds() -> None:

@@ -21,11 +21,18 @@ from autopilot.loop.logs.table import table_of
 from autopilot.loop.record import Recorder, read_log, read_logs, read_packets
 from autopilot.loop.replay import replay
 from autopilot.loop.session import Session
-from autopilot.loop.tick_codec import TICK_BEFORE_SUPERVISOR, TICK_BEFORE_WAVES, decode_tick, encode_tick
+from autopilot.loop.tick_codec import (
+    TICK_BEFORE_ACKNOWLEDGING,
+    TICK_BEFORE_SUPERVISOR,
+    TICK_BEFORE_WAVES,
+    decode_tick,
+    encode_tick,
+)
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmSample,
+    AlarmState,
     ConditionSample,
     HeadingSample,
     HelmSample,
@@ -242,6 +249,13 @@ samples = st.one_of(
     st.builds(AcknowledgeSample, number, text, text),
     st.builds(WindSample, number, number, number, text),
 )
+
+
+def states_of(alarms: tuple[str, ...]) -> st.SearchStrategy[tuple[AlarmState, ...]]:
+    """The state of each alarm, or nothing."""
+    return st.one_of(st.just(()), st.tuples(*[st.sampled_from(AlarmState)] * len(alarms)))
+
+
 ticks = st.builds(
     Tick,
     st.integers(0, 2**32 - 1),
@@ -256,7 +270,7 @@ ticks = st.builds(
     st.lists(text, max_size=3).map(tuple),
     st.sampled_from(SupervisorState),
     st.sampled_from(Siren),
-)
+).flatmap(lambda tick: st.builds(lambda heard: tick._replace(heard=heard), states_of(tick.alarms)))
 
 
 @given(ticks)
@@ -277,7 +291,21 @@ def old_tick(tick: Tick) -> Tick:
         mode=mode,
         supervisor=states[mode],
         siren=Siren.QUIET,
+        heard=(),
     )
+
+
+def without_states(record: bytes, tick: Tick) -> bytes:
+    """Return the record as it was before the alarms had states."""
+    texts = [alarm.encode()[:255] for alarm in tick.alarms]
+    alarms = b"".join(bytes([len(text)]) + text for text in texts)
+    return bytes([TICK_BEFORE_ACKNOWLEDGING]) + record[1 : len(record) - len(alarms) - len(texts)] + alarms
+
+
+@given(ticks)
+def test_a_tick_from_before_acknowledgements_is_read(tick: Tick) -> None:
+    tick = tick._replace(command=tick.command._replace(time=tick.now), heard=())
+    assert repr(decode_tick(without_states(encode_tick(tick), tick))) == repr(tick)
 
 
 def cut_out(record: bytes, tick: Tick, kind: int, behind: str, count: int) -> bytes:
@@ -290,7 +318,7 @@ def cut_out(record: bytes, tick: Tick, kind: int, behind: str, count: int) -> by
 @given(ticks)
 def test_a_tick_from_before_the_supervisor_is_read(tick: Tick) -> None:
     tick = old_tick(tick)
-    before = cut_out(encode_tick(tick), tick, TICK_BEFORE_SUPERVISOR, "<", 2)
+    before = cut_out(without_states(encode_tick(tick), tick), tick, TICK_BEFORE_SUPERVISOR, "<", 2)
     assert repr(decode_tick(before)) == repr(tick)
 
 
@@ -298,7 +326,7 @@ def test_a_tick_from_before_the_supervisor_is_read(tick: Tick) -> None:
 def test_a_tick_of_the_first_version_is_read(tick: Tick) -> None:
     state = tick.state._replace(wave_heading=0.0, wave_rate=0.0, wave_deviation=0.0, wave_frequency=0.0)
     tick = old_tick(tick)._replace(state=state)
-    without_waves = cut_out(encode_tick(tick), tick, TICK_BEFORE_WAVES, "<3dd?dBBB", 32)
+    without_waves = cut_out(without_states(encode_tick(tick), tick), tick, TICK_BEFORE_WAVES, "<3dd?dBBB", 32)
     before = cut_out(without_waves, tick, TICK_BEFORE_WAVES, "<", 2)
     assert repr(decode_tick(before)) == repr(tick)
 

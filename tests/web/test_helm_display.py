@@ -17,8 +17,11 @@ from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.status_text import StatusTexts
 from autopilot.params.protocol import Target
 from autopilot.signals import AlarmSample, HelmSample, Siren
+from autopilot.web.alarms import AlarmBoard
+from autopilot.web.ftp_client import FtpClient
 from autopilot.web.orders import Command, Orders
 from autopilot.web.requests import asked_of
+from autopilot.web.screen import screen
 from autopilot.web.station import Station
 from autopilot.web.texts import TextPieces
 
@@ -113,14 +116,14 @@ def test_alarms_come_go_and_are_acknowledged_here(sea: Watched) -> None:
     )
     sea.pilot.supervisor.note(AlarmSample(sea.now, long, "gear"))
     sea.watch(2.0)
-    assert sea.station.alarms.shown == [{"words": long, "acknowledged": False}]
+    assert sea.station.alarms.shown == [{"name": "", "words": long, "sounds": True, "acknowledged": False}]
     assert sea.station.view.texts.kept[-1].words == long
     assert sea.order(do="acknowledge") == (True, "")
     sea.pilot.supervisor.note(AlarmSample(sea.now, "bilge: pump", "bilge"))
     sea.watch(2.0)
-    assert [(each["words"], each["acknowledged"]) for each in sea.station.alarms.shown] == [
-        (long, True),
-        ("bilge: pump", False),
+    assert [(each["words"], each["acknowledged"], each["sounds"]) for each in sea.station.alarms.shown] == [
+        (long, True, False),
+        ("bilge: pump", False, True),
     ]
     sea.pilot.supervisor.note(AlarmSample(sea.now, "", "gear"))
     sea.watch(2.0)
@@ -134,11 +137,48 @@ def test_what_is_acknowledged_is_quiet_on_board_and_what_nobody_sees_is_said_aga
     sea.pilot.supervisor.note(AlarmSample(sea.now, "gear hot: stop the engine", "gear"))
     sea.watch(35.0)
     assert sea.tick is not None and sea.tick.siren is Siren.ESCALATED
-    assert sea.station.alarms.shown == [{"words": "gear hot: stop the engine", "acknowledged": False}]
+    gear = {"name": "", "words": "gear hot: stop the engine"}
+    assert sea.station.alarms.shown == [{**gear, "sounds": True, "acknowledged": False}]
     assert sea.order(do="acknowledge") == (True, "")
     sea.watch(6.0)
     assert sea.tick.siren is Siren.QUIET
-    assert sea.station.alarms.shown == [{"words": "gear hot: stop the engine", "acknowledged": True}]
+    assert sea.station.alarms.shown == [{**gear, "sounds": False, "acknowledged": True}]
+
+
+def test_what_one_display_acknowledges_is_acknowledged_on_the_others(sea: Watched) -> None:
+    sea.pilot.supervisor.note(AlarmSample(sea.now, "gear hot: stop the engine", "gear"))
+    sea.watch(2.0)
+    here = sea.station
+    sea.station = sea.line._station = Station()
+    sea.watch(2.0)
+    there = sea.station
+    assert [each["sounds"] for each in (*here.alarms.shown, *there.alarms.shown)] == [True, True]
+    assert sea.order(do="acknowledge") == (True, "")
+    sea.station = sea.line._station = here
+    sea.watch(2.0)
+    assert [each["acknowledged"] for each in (*here.alarms.shown, *there.alarms.shown)] == [True, True]
+    assert any("(acknowledged)" in line.text for line in screen(here, sea.now, (80, 24)))
+
+
+def test_a_list_of_alarms_that_is_none_is_left_alone() -> None:
+    board = AlarmBoard(FtpClient())
+    board._take(b'[{"name":"roll","words":"heeled","state":"sounding"}]')
+    for bad in (
+        None,
+        b"",
+        b"{",
+        b"[1]",
+        b'[{"name":"roll","words":"heeled","state":"loud"}]',
+        b'["heeled"]',
+        b'{"a":1}',
+    ):
+        board._take(bad)
+        assert board.shown == [{"name": "roll", "words": "heeled", "sounds": True, "acknowledged": False}], bad
+    board.acknowledge(is_known_aboard=False)
+    assert board.shown[0]["acknowledged"] and not board.shown[0]["sounds"]
+    board._take(b"[]")
+    board._take(b'[{"name":"roll","words":"heeled","state":"sounding"}]')
+    assert board.shown[0]["sounds"], "it was over: it is another one"
 
 
 def test_a_display_that_comes_later_sees_the_alarms_that_are_on(sea: Watched) -> None:

@@ -176,7 +176,8 @@ class BoatLink:
         self._transport.close()
 
     def _alarm_file(self) -> bytes:
-        return alarm_list(self._alarms)
+        tick = self._telemetry.tick
+        return alarm_list(tick.alarms, tick.heard) if tick is not None else alarm_list((), ())
 
     def _heartbeat(self, now: float, state: int) -> None:
         tick = self._telemetry.tick

@@ -21,7 +21,7 @@ from autopilot.links.boat.modes import current_mode, mode_of
 from autopilot.links.boat.tuning import Tuner
 from autopilot.links.extra_messages import CurrentMode
 from autopilot.links.mavlink_codec import Message
-from autopilot.signals import Mode, OrderKind, PositionSample, RollSample, Tick
+from autopilot.signals import AlarmState, Mode, OrderKind, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0
 LEARNT_S = 2.0
@@ -222,6 +222,7 @@ class Telemetry:
             "gap_ms": 1000.0 * self._longest_gap,
             "hdg_age_ms": 1000.0 * tick.state.heading_age,
             "alarms": float(len(tick.alarms)),
+            "alarms_new": float(sum(state is AlarmState.SOUNDING for state in tick.heard)),
         }
         self._told, self._ticks, self._longest_gap = tick.now, 0, 0.0
         return self._named(tick, values)

@@ -152,13 +152,13 @@ function drawAlarms() {
   const element = byId("alarms");
   const alarms = boat.alarms ?? [];
   const key = JSON.stringify(alarms);
-  sound(alarms.some((alarm) => !alarm.acknowledged) && !boat.isStale("beat"));
+  sound(alarms.some((alarm) => alarm.sounds) && !boat.isStale("beat"));
   if (element.dataset.key === key) return;
   element.dataset.key = key;
   element.hidden = alarms.length === 0;
-  element.classList.toggle("seen", alarms.every((alarm) => alarm.acknowledged));
+  element.classList.toggle("seen", alarms.every((alarm) => !alarm.sounds));
   const list = document.createElement("ul");
-  for (const { words } of alarms) {
+  for (const { words, acknowledged } of alarms) {
     // what is wrong stands before the colon, what to do behind it
     const colon = words.indexOf(": ");
     const item = document.createElement("li");
@@ -168,10 +168,16 @@ function drawAlarms() {
       what.textContent = words.slice(colon + 2);
       item.append(what);
     }
+    if (acknowledged) {
+      const seen = document.createElement("small");
+      seen.className = "acknowledged";
+      seen.textContent = "acknowledged";
+      item.append(seen);
+    }
     list.append(item);
   }
   element.replaceChildren(list);
-  if (alarms.some((alarm) => !alarm.acknowledged)) {
+  if (alarms.some((alarm) => alarm.sounds)) {
     const button = document.createElement("button");
     button.type = "button";
     button.textContent = "Acknowledge";
