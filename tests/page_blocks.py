@@ -9,7 +9,7 @@ A comment in the page's source, just before a block, says so:
     <!-- command: NAME -->    run by the gate under this name
     <!-- not run: REASON -->  what it would need
 
-Blocks that call only `python benchmarks/...` make the tables of the page and need no mark.
+Blocks that call only `python benchmarks/...` make the tables of the page and need no mark, nor do those of pytest.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ PROGRAMS = ("autopilot", "sitl")
 SHELLS = ("sh", "bash", "console")
 CALLS = (*PROGRAMS, "python", "python3", "pip", "sudo", "cd", "dask", "ray", "npm", "git")
 """First words by which a block without a language is taken for one of commands."""
+MEASURES = ("python benchmarks/", "python -m pytest ")
 INSTALLS = re.compile(r"^(?:\S*python -m )?pip install ")
 FENCE = re.compile(r"^( *)```(\S*)\s*$")
 MARK = re.compile(r"^\s*<!-- (run|not run|command): (.+?) -->\s*$")
@@ -45,8 +46,8 @@ class Block(NamedTuple):
 
     @property
     def is_measurement(self) -> bool:
-        """Whether it only makes tables and figures again."""
-        return all(line.startswith("python benchmarks/") for line in self.lines if not INSTALLS.match(line))
+        """Whether it only makes tables and figures again, or runs tests."""
+        return all(line.startswith(MEASURES) for line in self.lines if not INSTALLS.match(line))
 
     @property
     def calls(self) -> list[str]:

@@ -73,11 +73,14 @@ def test_a_block_of_commands_is_run_or_says_why_not(block: Block) -> None:
         assert len(block.said.split()) > 2, f"{where}: say what it would need"
     else:
         assert block.is_measurement, f"{where}: mark it (tests/page_blocks.py)"
-        for line in block.lines:
-            if not INSTALLS.match(line):
-                script, *options = shlex.split(line, comments=True)[1:]
-                text = (ROOT / script).read_text(encoding="utf-8")
-                assert [option for option in options if option[:2] == "--" and f'"{option}"' not in text] == [], where
+        for line in (line for line in block.lines if not INSTALLS.match(line)):
+            words = shlex.split(line, comments=True)[1:]
+            files = [word for word in words if word.startswith(("benchmarks/", "tests/"))]
+            assert files and all((ROOT / file).exists() for file in files), f"{where}: {line}"
+            if words[0] == files[0]:
+                text = (ROOT / files[0]).read_text(encoding="utf-8")
+                unknown = [word for word in words if word.startswith("--") and f'"{word}"' not in text]
+                assert unknown == [], f"{where}: {line}"
 
 
 @pytest.mark.parametrize("line", CASES)
