@@ -29,7 +29,8 @@ MAINS = {"autopilot": autopilot, "sitl": sitl}
 SLOW = os.environ.get("NORRBIN_SLOW") == "1"
 SAILS = re.compile(r"^((?:sitl serve|autopilot run|autopilot trial (?!design)[a-z-]+)) ", re.MULTILINE)
 LASTS = re.compile(
-    r"^((?:autopilot run|sitl serve|sitl ardupilot-physics) (?!.*--duration)[^&\n#]*?) *((?:&|#.*)?)$", re.M
+    r"^((?:autopilot run|sitl serve|sitl ardupilot-physics) (?!.*--duration)[^&\n#]*?(?:'[^'\n]*'[^&\n#]*?)*) *(#.*)?$",
+    re.MULTILINE,
 )
 """What sails until it is stopped is given a duration."""
 STAYS = re.compile(r"^(autopilot (?:web|signalk) [^&\n]*)$", re.MULTILINE)
@@ -138,7 +139,7 @@ def run_as_processes(lines: list[str], folder: Path) -> None:
         script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {name} "$@"\n')
         script.chmod(0o755)
     text = SAILS.sub(r"\1 --speedup 5 ", "\n".join(lines))
-    text = LASTS.sub(r"\1 --duration 20 \2", text)
+    text = LASTS.sub(r"\1 --duration 20", text)
     text = re.sub(r"&$", "& sleep 4", text, flags=re.M)  # a reader takes his time
     text = re.sub(r"^(autopilot params diff .*)$", r"\1 || [ $? = 6 ]", text, flags=re.M)  # 6: they differ
     text = STAYS.sub(r"timeout --preserve-status -s INT 6 \1", text)
