@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from autopilot.signalk.clients import LineClients
-from autopilot.signalk.deltas import Deltas, delta_of, values_of
+from autopilot.signalk.deltas import Deltas, delta_of, notifications_of, values_of
 from autopilot.signalk.requests import BadRequestError, answer, line_of, parse
 from autopilot.web.line import BoatLine
 from autopilot.web.requests import asked_of
@@ -49,7 +49,9 @@ class Bridge:
         self._line.turn(now)
         new, heard = self._clients.turn()
         for client in new:
-            self._clients.say(line_of(delta_of(values_of(self._station, now))), client)
+            self._clients.say(
+                line_of(delta_of(values_of(self._station, now) | notifications_of(self._station))), client
+            )
         for client, line in heard:
             self._take(now, client, line)
         if heard:

@@ -6,6 +6,7 @@ Paths and units of the Signal K specification 1.7: radians, radians a second, me
 from __future__ import annotations
 
 import math
+import zlib
 from typing import Any
 
 from autopilot.links.boat.modes import HEADING, TRACK, TRIAL
@@ -28,7 +29,12 @@ MEASURED = (
     ("navigation", "xte", "navigation.courseRhumbline.crossTrackError", 1.0),
 )
 """Group that ages together, our value, path, and factor to Signal K's unit."""
-NOTIFICATION = "notifications.steering.autopilot.norrbin"
+NOTIFICATIONS = "notifications.steering.autopilot.norrbin."
+"""Before the name of an alarm: each has a notification of its own."""
+OURS_ALONE = {"acknowledgeSupport": "No", "temporarySilenceSupport": "No"}
+"""signalk-server lets everybody who reaches it acknowledge by its notifications API, and would show an alarm that comes
+again as acknowledged: with this it leaves both to the boat."""
+OVER = {"state": "normal", "method": [], "message": "", **OURS_ALONE}
 
 
 def state_of(station: Station, now: float) -> str:
@@ -53,33 +59,55 @@ def values_of(station: Station, now: float) -> dict[str, Any]:
         values["steering.autopilot.target.headingTrue"] = None
     if state != "route":
         values["navigation.courseRhumbline.crossTrackError"] = None
-    values[NOTIFICATION] = notification([alarm["words"] for alarm in station.alarms.shown])
     return values
 
 
-def notification(alarms: list[str]) -> dict[str, Any]:
-    """Return the notification of the alarms that are on."""
-    state = "alarm" if alarms else "normal"
-    return {"state": state, "method": ["visual", "sound"] if alarms else [], "message": "; ".join(alarms)}
+def notifications_of(station: Station) -> dict[str, Any]:
+    """Return the notification of each alarm that is on, by path: it sounds until somebody has acknowledged it."""
+    return {
+        path_of(alarm): {
+            "state": "alarm" if alarm["sounds"] or alarm["acknowledged"] else "alert",
+            "method": ["visual", "sound"] if alarm["sounds"] else ["visual"],
+            "message": alarm["words"],
+            **OURS_ALONE,
+        }
+        for alarm in station.alarms.shown
+    }
+
+
+def path_of(alarm: dict[str, Any]) -> str:
+    """Return the path of an alarm's notification; what a link says in its own words has none but those."""
+    first, *rest = (alarm["name"] or f"other_{zlib.crc32(alarm['words'].encode()):08x}").split("_")
+    return NOTIFICATIONS + first + "".join(word.capitalize() for word in rest)
 
 
 class Deltas:
     """Makes deltas: all values at first and every so often, in between what has changed."""
 
     ALL_S = 5.0
+    OVER_S = 60.0
+    """How long it is repeated that an alarm is over."""
 
     def __init__(self) -> None:
         self._told: dict[str, Any] = {}
+        self._over: dict[str, float] = {}
         self._next = -math.inf
 
     def due(self, station: Station, now: float) -> dict[str, Any] | None:
         """Return what to tell at `now` [s], None where nothing has changed."""
-        values = values_of(station, now)
+        values = values_of(station, now) | self._notifications(station, now)
         if now >= self._next:
             self._next, self._told = now + self.ALL_S, {}
         changed = {path: value for path, value in values.items() if path not in self._told or self._told[path] != value}
         self._told = values
         return delta_of(changed) if changed else None
+
+    def _notifications(self, station: Station, now: float) -> dict[str, Any]:
+        """Return the alarms that are on, and for a while those that were."""
+        on = notifications_of(station)
+        self._over = {path: until for path, until in self._over.items() if now < until}
+        self._over.update(dict.fromkeys(on, now + self.OVER_S))
+        return {path: on.get(path, OVER) for path in self._over}
 
 
 def delta_of(values: dict[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ It runs where NORRBIN_INTEROP and NORRBIN_SIGNALK are set; see `test_outside_rea
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import hmac
 import json
@@ -20,11 +21,12 @@ from typing import Any
 
 import pytest
 from outside_programs import HAS_SIGNALK, LOOPBACK, SIGNALK, program, until
-from two_processes import free_port, patient_vessel, simulator
+from two_processes import free_port, patient_vessel, provoke, simulator
 
 import autopilot.signalk
+from autopilot.errors import InputError
 from autopilot.loop.record import read_log
-from autopilot.signals import Mode
+from autopilot.signals import AlarmState, Mode
 
 pytestmark = pytest.mark.skipif(not HAS_SIGNALK, reason="set NORRBIN_INTEROP=1 and NORRBIN_SIGNALK: see above")
 SECRET = "0123456789abcdef" * 4
@@ -160,6 +162,63 @@ def test_signal_k_programs_steer_the_boat_and_strangers_do_not(tmp_path: Path) -
         with program(tmp_path / "b", *between):
             until("the bridge again", lambda: server.value("steering/autopilot/state") == "auto")
     assert read_log(log).ticks[-1].mode is Mode.ENGAGED
+
+
+def test_alarms_are_acknowledged_on_board_from_signal_k(tmp_path: Path) -> None:
+    web, bridge = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_STREAM)
+    sim, serve, control = free_port(), free_port(), free_port()
+    (tmp_path / "token").write_text(TOKEN + "\n")
+    (tmp_path / "token").chmod(0o600)
+    config = config_folder(tmp_path, web, bridge, TOKEN)
+    pilot = [sys.executable, "-m", "autopilot", "run", str(patient_vessel(tmp_path)), "--as-gcs"]
+    pilot += ["--link", f"udpin:127.0.0.1:{sim}", "--serve", f"udpout:127.0.0.1:{serve}", "--engage", str(GOAL_DEG)]
+    pilot += ["--speedup", str(SPEEDUP), "--log", str(tmp_path / "run.tlog")]
+    between = [sys.executable, "-m", "autopilot", "signalk", "--link", f"udpin:127.0.0.1:{serve}"]
+    between += ["--listen", f"127.0.0.1:{bridge}", "--token-file", str(tmp_path / "token")]
+    node = ["node", "--require", str(config / "loopback.cjs"), str(SIGNALK)]
+    server = Server(web)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+
+    def alarm(path: str = "batteryLow") -> dict[str, Any]:
+        return server.value(f"notifications/steering/autopilot/norrbin/{path}") or {}
+
+    def sounds(path: str = "batteryLow") -> bool:
+        return "sound" in alarm(path).get("method", [])
+
+    def on_board() -> bool:
+        with contextlib.suppress(InputError, OSError):
+            return any(AlarmState.ACKNOWLEDGED in tick.heard for tick in read_log(tmp_path / "run.tlog").ticks[-20:])
+        return False
+
+    with (
+        simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{sim}", "--armed", "--control", f"127.0.0.1:{control}"),
+        program(tmp_path, *node, SIGNALK_NODE_CONFIG_DIR=str(config)),
+        program(tmp_path / "a", *pilot),
+        program(tmp_path / "b", *between),
+    ):
+        until("the course held", lambda: near(server.value("navigation/headingTrue"), GOAL_DEG))
+        provoke(control, "battery_low")
+        until("the alarm", sounds)
+        # the notifications API knows no sign-in, so that nobody may acknowledge there
+        for user in (False, True):
+            status, words = server.ask(f"v2/api/notifications/{alarm()['id']}/acknowledge", None, "POST", user)
+            assert status == 400 and "cannot be acknowledged" in words
+        v1 = "v1/api/vessels/self"
+        path = f"{v1}/notifications/steering/autopilot/norrbin/batteryLow/method"
+        assert server.ask(path, ["visual"], "PUT", user=False)[0] in (401, 403)
+        server.ask(path, ["visual", "sound"], "PUT")
+        assert sounds() and not on_board()
+        # silenced by a PUT, as KIP does
+        assert server.ask(path, ["visual"], "PUT")[0] in (200, 202)
+        until("acknowledged on board", on_board)
+        until("silence", lambda: alarm().get("method") == ["visual"])
+        provoke(control, "clear")
+        until("the end of the alarm", lambda: alarm().get("state") == "normal")
+        provoke(control, "battery_low")
+        until("the alarm again", sounds)
+        assert server.ask(f"{v1}/steering/autopilot/actions/acknowledge", True, "PUT")[0] in (200, 202)
+        until("acknowledged on board again", on_board)
 
 
 def test_a_plugin_without_the_token_only_looks_and_a_plain_connection_reads_along(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports.memory import LoopbackTransport, loopback_pair
 from autopilot.signalk.bridge import Bridge
 from autopilot.signalk.clients import BEHIND_MOST, LineClients
-from autopilot.signalk.deltas import Deltas, state_of, values_of
+from autopilot.signalk.deltas import NOTIFICATIONS, OURS_ALONE, OVER, Deltas, path_of, state_of, values_of
 from autopilot.signalk.requests import LINE_MOST, BadRequestError, answer, parse
 from autopilot.web.line import BoatLine
 from autopilot.web.station import Station
@@ -125,7 +125,6 @@ def test_a_pilot_that_falls_silent_is_off_line_and_nothing_stale_is_told(rig: Ri
     values = values_of(rig.station, rig.now + 10.0)
     assert values.pop("steering.autopilot.state") == "off-line"
     assert values.pop("steering.autopilot.engaged") is False
-    assert values.pop("notifications.steering.autopilot.norrbin")["state"] == "normal"
     assert set(values.values()) == {None}
 
 
@@ -133,7 +132,7 @@ def test_only_what_changes_is_told_between_whole_deltas(rig: Rig) -> None:
     rig.turn(3)
     deltas = Deltas()
     first = deltas.due(rig.station, rig.now)
-    assert first is not None and [len(update["values"]) for update in first["updates"]] == [8, 1]
+    assert first is not None and [len(update["values"]) for update in first["updates"]] == [8]
     assert deltas.due(rig.station, rig.now) is None
     rig.boat.order_deg = 95.0
     rig.turn()
@@ -141,7 +140,37 @@ def test_only_what_changes_is_told_between_whole_deltas(rig: Rig) -> None:
     assert changed is not None
     assert [each["path"] for each in changed["updates"][0]["values"]] == ["steering.autopilot.target.headingTrue"]
     again = deltas.due(rig.station, rig.now + 0.5 + Deltas.ALL_S)
-    assert again is not None and [len(update["values"]) for update in again["updates"]] == [8, 1]
+    assert again is not None and [len(update["values"]) for update in again["updates"]] == [8]
+
+
+def test_each_alarm_has_a_notification_that_sounds_until_it_is_acknowledged_and_ends_with_it(rig: Rig) -> None:
+    rig.turn(3)
+    deltas, board = Deltas(), rig.station.alarms
+    deltas.due(rig.station, rig.now)
+
+    def told(*alarms: tuple[str, str, str]) -> dict[str, Any]:
+        board._take(json.dumps([dict(zip(("name", "words", "state"), each, strict=True)) for each in alarms]).encode())
+        rig.now += 0.1
+        delta = deltas.due(rig.station, rig.now)
+        return {each["path"]: each["value"] for each in delta["updates"][0]["values"]} if delta else {}
+
+    gear = path_of({"name": "", "words": "gear hot"})
+    found = told(("roll", "heeled too far", "sounding"), ("", "gear hot", "notice"))
+    assert found[NOTIFICATIONS + "roll"] == {
+        "state": "alarm",
+        "method": ["visual", "sound"],
+        "message": "heeled too far",
+        **OURS_ALONE,
+    }
+    assert (found[gear]["state"], found[gear]["method"]) == ("alert", ["visual"])
+    seen = told(("roll", "heeled too far", "acknowledged"), ("", "gear hot", "notice"))
+    assert list(seen) == [NOTIFICATIONS + "roll"] and seen[NOTIFICATIONS + "roll"]["method"] == ["visual"]
+    assert told() == {NOTIFICATIONS + "roll": OVER, gear: OVER}
+    rig.now += Deltas.OVER_S + 1.0
+    later = deltas.due(rig.station, rig.now)
+    assert later is not None and not any(
+        each["path"].startswith("notifications.") for update in later["updates"] for each in update["values"]
+    )
 
 
 def test_orders_reach_the_boat_with_the_token_and_not_without(rig: Rig) -> None:

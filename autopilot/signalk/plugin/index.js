@@ -12,6 +12,8 @@ const STATE = 'steering.autopilot.state'
 const TARGET = 'steering.autopilot.target.headingTrue'
 const ADJUST = 'steering.autopilot.actions.adjustHeading'
 const DODGE = 'steering.autopilot.actions.dodge'
+const ACKNOWLEDGE = 'steering.autopilot.actions.acknowledge'
+const NOTIFICATIONS = 'notifications.steering.autopilot.norrbin.'
 const TARGET_MAGNETIC = 'steering.autopilot.target.headingMagnetic'
 const OFF_LINE = 'off-line'
 const STATES = [
@@ -33,6 +35,7 @@ module.exports = function (app) {
   let isDodging = false
   let known = {}
   const waiting = new Map()
+  const alarms = new Set()
 
   // ---- the line to `autopilot signalk`
 
@@ -89,6 +92,7 @@ module.exports = function (app) {
     Object.assign(known, values)
     if (!state().engaged) isDodging = false
     const told = Object.entries(values).filter(([path]) => !isOurs(path)).map(([path, value]) => ({ path, value }))
+    for (const { path } of told) if (path.startsWith(NOTIFICATIONS)) watch(path)
     // apart: the server gives all of an update that has a notification in it another source
     for (const apart of [false, true]) {
       const group = told.filter(({ path }) => path.startsWith('notifications.') === apart)
@@ -97,6 +101,25 @@ module.exports = function (app) {
     if (STATE in values || TARGET in values) {
       app.autopilotUpdate(DEVICE, { state: state().name, mode: 'compass', target: target(), engaged: state().engaged, actions: actions() })
     }
+  }
+
+  // ---- alarms: who silences one by a PUT of version 1 acknowledges on board. The server's notifications API (v2) is not
+  // heeded: signalk-server 2.23 lets everybody acknowledge there, signed in or not.
+
+  function watch(path) {
+    if (alarms.has(path)) return
+    alarms.add(path)
+    app.registerPutHandler('vessels.self', `${path}.method`, handler(silence))
+    app.registerPutHandler('vessels.self', `${path}.state`, handler(never('way to end an alarm but to end its cause')))
+  }
+
+  async function silence(method) {
+    if (!Array.isArray(method) || method.includes('sound')) throw failure(400, 'method: a list without sound is allowed')
+    await acknowledge()
+  }
+
+  function acknowledge() {
+    return put(ACKNOWLEDGE, true)
   }
 
   // what the autopilot API tells by itself
@@ -230,6 +253,7 @@ module.exports = function (app) {
       app.registerPutHandler('vessels.self', TARGET, handler((value) => put(TARGET, value)))
       app.registerPutHandler('vessels.self', TARGET_MAGNETIC, handler(turnToMagnetic))
       app.registerPutHandler('vessels.self', ADJUST, handler((value) => put(ADJUST, value)))
+      app.registerPutHandler('vessels.self', ACKNOWLEDGE, handler(acknowledge))
       connect()
     },
     stop: () => {
