@@ -215,10 +215,10 @@ def test_alarms_are_acknowledged_on_board_from_signal_k(tmp_path: Path) -> None:
         until("silence", lambda: alarm().get("method") == ["visual"])
         provoke(control, "clear")
         until("the end of the alarm", lambda: alarm().get("state") == "normal")
-        provoke(control, "battery_low")
-        until("the alarm again", sounds)
+        provoke(control, "shallow")
+        until("another alarm", lambda: sounds("shallow"))
         assert server.ask(f"{v1}/steering/autopilot/actions/acknowledge", True, "PUT")[0] in (200, 202)
-        until("acknowledged on board again", on_board)
+        until("acknowledged on board again", lambda: on_board() and not sounds("shallow"))
 
 
 def test_a_plugin_without_the_token_only_looks_and_a_plain_connection_reads_along(tmp_path: Path) -> None:
