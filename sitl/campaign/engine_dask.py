@@ -6,27 +6,43 @@ dask hands the runs of a worker that is lost to another one.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from autopilot.errors import InputError
 from sitl.campaign.cases import Job
-from sitl.campaign.engines import AHEAD, Batch, Engine
-from sitl.campaign.work import Row, do_runs
+from sitl.campaign.engines import AHEAD, Batch, Engine, nobody
+from sitl.campaign.work import Row, do_runs, warm
 
 RETRIES = 5
+LEAN = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.memory.monitor-interval": "1s",
+}
+"""For workers of our own: nobody looks at their profiles, and a run needs little memory."""
 
 
 def dask_engine(address: str | None) -> Engine:
     """Return the engine. Raises InputError where dask is not installed, or nobody answers at the address."""
     try:
+        import dask
         import distributed
     except ImportError as exc:
         raise InputError("--engine dask needs dask: pip install 'norrbin[dask]'") from exc
 
-    def engine(job: Job, batches: list[Batch], workers: int, is_compiled: bool) -> Iterator[list[Row]]:
-        with _client(distributed, address, workers) as client:
+    def engine(
+        job: Job, batches: list[Batch], workers: int, is_compiled: bool, ready: Callable[[], None] = nobody
+    ) -> Iterator[list[Row]]:
+        with dask.config.set(LEAN), _client(distributed, address, workers) as client:
             shared = client.scatter(job, broadcast=True, hash=False)
+            client.gather(
+                [
+                    client.submit(warm, shared, is_compiled, workers=[worker], pure=False, retries=RETRIES)
+                    for worker in client.ncores()
+                ]
+            )
+            ready()
             waiting = iter(batches)
 
             def more(count: int) -> list[Any]:

@@ -13,17 +13,32 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
+from typing import Protocol
 
 from autopilot.errors import InputError
 from sitl.campaign.cases import Job
-from sitl.campaign.work import Row, do_runs, swift
+from sitl.campaign.work import Row, do_runs, warm
 
 Batch = tuple[int, int]
-Engine = Callable[[Job, list[Batch], int, bool], Iterator[list[Row]]]
 MOST_LOSSES = 5
 """So many times in a row a batch may lose its worker before the study is given up."""
 AHEAD = 3
 """Batches that wait for each worker."""
+
+
+def nobody() -> None:
+    """Be told that the workers are ready, and do nothing."""
+
+
+class Engine(Protocol):
+    """Yields the rows of batches as they are done, by so many workers, compiled or not.
+
+    `ready` is called when every worker has started and has loaded what it needs, before the first batch.
+    """
+
+    def __call__(
+        self, job: Job, batches: list[Batch], workers: int, is_compiled: bool, ready: Callable[[], None] = nobody
+    ) -> Iterator[list[Row]]: ...
 
 
 def in_order(done: Iterable[list[Row]]) -> Iterator[list[Row]]:
@@ -38,11 +53,13 @@ def in_order(done: Iterable[list[Row]]) -> Iterator[list[Row]]:
             yield ready
 
 
-def local(job: Job, batches: list[Batch], workers: int, is_compiled: bool) -> Iterator[list[Row]]:
+def local(
+    job: Job, batches: list[Batch], workers: int, is_compiled: bool, ready: Callable[[], None] = nobody
+) -> Iterator[list[Row]]:
     """Do the batches in `workers` processes of this machine; a batch whose process died is done again."""
-    if is_compiled:
-        # compiled once, before there are many
-        swift()
+    # compiled once, before there are many
+    warm(job, is_compiled)
+    ready()
     if workers == 1:
         for first, last in batches:
             yield do_runs(job, first, last, is_compiled)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 from collections.abc import Callable
@@ -39,6 +40,13 @@ def swift() -> Callable[..., Any] | None:
         return compiled(run_swiftly, quick=True)
     except InputError:
         return None
+
+
+def warm(job: Job, is_compiled: bool) -> None:
+    """Load what a worker needs, and compile it where that was never done, by one run whose row is thrown away."""
+    if is_compiled:
+        with contextlib.suppress(RefusedError):
+            done_swiftly(job, 0)
 
 
 def do_runs(job: Job, first: int, last: int, is_compiled: bool = True) -> list[Row]:
