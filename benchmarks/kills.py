@@ -62,7 +62,7 @@ def main() -> None:
             if len(left) % 10 == 0:
                 print(f"{len(left)} kills, {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
         field.close()
-    print(f"gave up before it was killed               {gave_up}")
+    print(f"gave up on a busy machine, not counted     {gave_up}")
     table(left, arguments.speedup)
 
 

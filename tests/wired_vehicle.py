@@ -127,6 +127,12 @@ class Killed(NamedTuple):
     resumed: bool
 
 
+def waited_more_than_it_ran(pid: int) -> bool:
+    """Return whether a process has spent more time in the queue for a core than on one (proc(5), schedstat)."""
+    ran, waited, _ = map(int, Path(f"/proc/{pid}/schedstat").read_text().split())
+    return waited > ran
+
+
 class KillingField:
     """Starts `autopilot run` on one boat again and again, and kills it at random moments."""
 
@@ -144,7 +150,8 @@ class KillingField:
     def kill_one(self) -> Killed | None:
         """Start a process, kill it, and return what it left; AssertionError where the rudder or the log is not well.
 
-        None where it gave up by itself before it steered: speeded up on a busy machine its patience is short.
+        None where it gave up by itself before it steered, or dropped the order: speeded up on a machine that lets it
+        wait for longer than it runs its patience is short.
         """
         logs = self._folder / f"logs-{self._turn}"
         resumes = self._random.random() < 0.5 and self._holds_a_note()
@@ -157,8 +164,9 @@ class KillingField:
                 self.vehicle.run(lambda: time.monotonic() >= end)
             else:
                 steers = lambda: self._is_steered(first) or process.poll() is not None  # noqa: E731 - read at once
-                assert self.vehicle.run(steers), "never steered"
-                if process.poll() is not None:
+                steered = self.vehicle.run(steers)
+                assert steered or waited_more_than_it_ran(process.pid), "never steered"
+                if process.poll() is not None or not steered:
                     self._turn += 1
                     return None
                 self.vehicle.run_for(self._random.uniform(0.0, 3.0))
