@@ -12,6 +12,7 @@ with its standard error. A rudder that is still held a second after the pilot st
 Real: `autopilot run --realtime` over UDP beside processes that count without end, and cyclictest beside it where it is
 installed. A tick that is later than two control periods after the one before is a missed deadline: with or without a
 heading the loop must tick after one and a half. `--report FILE.html` writes the page of a run (extra `report`).
+Exit code 1 where a release was missed, a descriptor stays open, or the process did not steer to the end.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ from autopilot.report import require_extra
 from autopilot.signals import Mode, Tick
 
 
-def simulated(hours: float, with_mavlink: bool, report: Path | None) -> None:
-    """Sail, read, print; Ctrl-C and SIGTERM end the day early."""
+def simulated(hours: float, with_mavlink: bool, report: Path | None) -> bool:
+    """Sail, read, print; Ctrl-C and SIGTERM end the day early. Return whether nothing was missed or left open."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         day = Day(Path(name), with_mavlink)
@@ -65,6 +66,8 @@ def simulated(hours: float, with_mavlink: bool, report: Path | None) -> None:
         f"log folder {kept / 1e6:.1f} MB of {LIMITS.total / 1e6:.0f}, ticks not written: {day.recorder.dropped}",
     ]
     tell(f"Endurance: {reached:.1f} simulated hours", told, day.readings, report)
+    is_flat = day.readings[-1].descriptors <= day.readings[0].descriptors
+    return is_flat and not (day.kept_hold or day.missed or day.recorder.dropped)
 
 
 def tell(
@@ -89,8 +92,8 @@ def hogs(count: int) -> Iterator[None]:
             process.wait()
 
 
-def real(minutes: float, count: int, options: list[str], report: Path | None) -> None:
-    """Steer a real process beside hogs, and print what its log and /proc say."""
+def real(minutes: float, count: int, options: list[str], report: Path | None) -> bool:
+    """Steer a real process beside hogs, print what its log and /proc say; return whether it steered to the end."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = int(probe.getsockname()[1])
@@ -128,6 +131,7 @@ def real(minutes: float, count: int, options: list[str], report: Path | None) ->
         said = tester.communicate(timeout=60.0)[0].strip().splitlines()
         told.append(f"cyclictest, 1 ms, priority 40 [us]: {said[-1] if said else 'said nothing'}")
     tell(f"Endurance: {minutes:g} minutes beside {count} hogs", told, readings, report, gaps)
+    return code == 0 and released and _others(ticks) == "none"
 
 
 def _pace(ticks: list[Tick], gaps: np.ndarray[Any, Any], rate_hz: float) -> list[str]:
@@ -164,8 +168,8 @@ def _cyclictest(minutes: float) -> subprocess.Popen[str] | None:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
 
-def main() -> None:
-    """Run what is asked for."""
+def main() -> int:
+    """Run what is asked for; 1 where something was missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
     lockstep = kinds.add_parser("simulated")
@@ -181,10 +185,12 @@ def main() -> None:
     if arguments.report is not None:
         require_extra("by leaving --report out")
     if arguments.kind == "simulated":
-        simulated(arguments.hours, arguments.mavlink, arguments.report)
+        is_well = simulated(arguments.hours, arguments.mavlink, arguments.report)
     else:
-        real(arguments.minutes, arguments.hogs, [] if arguments.plain else ["--realtime"], arguments.report)
+        options = [] if arguments.plain else ["--realtime"]
+        is_well = real(arguments.minutes, arguments.hogs, options, arguments.report)
+    return 0 if is_well else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -104,8 +105,8 @@ def forgers(
     }
 
 
-def main() -> None:
-    """Attack and print."""
+def main() -> int:
+    """Attack and print; 1 where a forged frame was obeyed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--frames", type=int, default=1_000_000, help="forged frames in all")
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
@@ -151,13 +152,14 @@ def main() -> None:
     }
     if arguments.json:
         print(json.dumps(result, indent=2))
-        return
+        return int(obeyed > 0)
     print(
         f"{result['frames']} forged frames, {obeyed} obeyed; the true station was heard {result['true_station_heard']}"
     )
     for name in kinds:
         print(f"{name:26s}{1e6 * spent[name] / sent[name]:8.2f} us a frame")
+    return int(obeyed > 0)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

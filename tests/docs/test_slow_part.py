@@ -1,0 +1,25 @@
+"""`.ci/slow`: every study that it names can be run, and a name that it does not know is refused before anything is."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SLOW = ROOT / ".ci" / "slow"
+
+
+def test_every_study_named_has_commands_that_exist() -> None:
+    text = SLOW.read_text(encoding="utf-8")
+    (names,) = re.findall(r"^names=\((.*)\)$", text, re.MULTILINE)
+    assert names.split() == re.findall(r"^        (\w+)\)", text, re.MULTILINE)
+    files = re.findall(r"(?:benchmarks|tests)/[\w/]+\.py", text)
+    assert len(files) > 10
+    assert [file for file in files if not (ROOT / file).exists()] == []
+
+
+def test_a_study_that_there_is_not_is_refused() -> None:
+    done = subprocess.run(["bash", str(SLOW), "mutations"], capture_output=True, text=True, timeout=20, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("slow: there is no mutations; allowed are mutation pilot ")
