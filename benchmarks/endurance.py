@@ -81,9 +81,10 @@ def tell(
 
 
 @contextlib.contextmanager
-def hogs(count: int) -> Iterator[None]:
-    """Run so many processes that take all the processor they get."""
-    running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+def hogs(count: int, nice: int) -> Iterator[None]:
+    """Run so many processes that take all the processor they get, at this niceness."""
+    program = f"import os; os.nice({nice})\nwhile True: pass"
+    running = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(count)]
     try:
         yield
     finally:
@@ -92,14 +93,14 @@ def hogs(count: int) -> Iterator[None]:
             process.wait()
 
 
-def real(minutes: float, count: int, options: list[str], report: Path | None) -> bool:
+def real(minutes: float, count: int, nice: int, options: list[str], report: Path | None) -> bool:
     """Steer a real process beside hogs, print what its log and /proc say; return whether it steered to the end."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = int(probe.getsockname()[1])
     with contextlib.suppress(PermissionError):
         os.nice(-5)  # the vehicle is hardware elsewhere
-    with tempfile.TemporaryDirectory() as name, hogs(count):
+    with tempfile.TemporaryDirectory() as name, hogs(count, nice):
         logs = Path(name) / "logs"
         command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"udpin:127.0.0.1:{port}", "--as-gcs"]
         command += ["--engage", "90", "--log-dir", str(logs), "--wait", "0", *options]
@@ -178,6 +179,7 @@ def main() -> int:
     process = kinds.add_parser("real")
     process.add_argument("--minutes", type=float, default=30.0)
     process.add_argument("--hogs", type=int, default=2)
+    process.add_argument("--nice", type=int, default=0, help="of the hogs: what others do on this machine goes first")
     process.add_argument("--plain", action="store_true", help="without --realtime")
     for each in (lockstep, process):
         each.add_argument("--report", type=Path, metavar="FILE.html")
@@ -188,7 +190,7 @@ def main() -> int:
         is_well = simulated(arguments.hours, arguments.mavlink, arguments.report)
     else:
         options = [] if arguments.plain else ["--realtime"]
-        is_well = real(arguments.minutes, arguments.hogs, options, arguments.report)
+        is_well = real(arguments.minutes, arguments.hogs, arguments.nice, options, arguments.report)
     return 0 if is_well else 1
 
 

@@ -146,11 +146,15 @@ class PilotTarget:
                 samples.append(HeadingSample(now, heading, 0.0))
             order = order_of(feed, order)
             tick = pilot.step(now, tuple(samples), order)
-            self._judge(tick, before)
-            self._judge_state(tick, before)
+            self.judge(tick, before)
             before = tick
 
-    def _judge(self, tick: Tick, before: Tick | None) -> None:
+    def judge(self, tick: Tick, before: Tick | None) -> None:
+        """Raise AssertionError where the tick must not be, after the one before."""
+        self._judge_command(tick, before)
+        self._judge_state(tick, before)
+
+    def _judge_command(self, tick: Tick, before: Tick | None) -> None:
         command, state = tick.command, tick.state
         self.steps += 1
         self.engaged += tick.mode is Mode.ENGAGED
@@ -160,8 +164,8 @@ class PilotTarget:
         assert math.isfinite(command.angle), f"{command}"
         assert abs(command.angle) <= self._angle_max + SLACK, f"{command}"
         assert command.engaged or command.angle == 0.0, f"{command}"
-        assert tick.mode not in (Mode.STANDBY, Mode.OVERRIDE) or not command.engaged, f"{tick.mode} {command}"
-        assert tick.mode is not Mode.ENGAGED or command.engaged, f"{tick.mode} {command}"
+        assert tick.mode not in (Mode.STANDBY, Mode.OVERRIDE) or not command.engaged, f"{tick.mode!r} {command}"
+        assert tick.mode is not Mode.ENGAGED or command.engaged, f"{tick.mode!r} {command}"
         assert math.isfinite(state.heading), f"{state}"
         assert math.isfinite(state.rate), f"{state}"
         assert math.isfinite(state.bias), f"{state}"
@@ -173,17 +177,17 @@ class PilotTarget:
         """The state is one that the orders given, and who has the helm, allow."""
         state, order = tick.supervisor, tick.order
         if order.kind is OrderKind.STANDBY:
-            assert state is SupervisorState.STANDBY, f"{order} {state}"
+            assert state is SupervisorState.STANDBY, f"{order} {state!r}"
         was = SupervisorState.STANDBY if before is None else before.supervisor
         if tick.mode is Mode.ENGAGED:
             asked = _asked_by(order)
-            assert state in (asked, SupervisorState.DEGRADED), f"{order} {state}"
+            assert state in (asked, SupervisorState.DEGRADED), f"{order} {state!r}"
             helms = {sample.source: sample.available for sample in tick.samples if isinstance(sample, HelmSample)}
-            assert all(helms.values()), f"{state}, but {helms}"
+            assert all(helms.values()), f"{state!r}, but {helms}"
             if was in ENDED and not self._resumes:
-                assert order.serial != self._spent, f"{was} -> {state} by {order}"
+                assert order.serial != self._spent, f"{was!r} -> {state!r} by {order}"
         elif state in ENDED:
-            assert tick.alarms, f"{state} without a word"
+            assert tick.alarms, f"{state!r} without a word"
             if state is not was:
                 self._spent = order.serial
 
