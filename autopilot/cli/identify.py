@@ -50,6 +50,12 @@ def add_parser(subparsers: Any) -> None:
         help="output-error (default), two-stage, ...; `--method list` says what each does",
     )
     parser.add_argument(
+        "--gain",
+        choices=("constant", "galerkin", "kernel"),
+        default="constant",
+        help="of --method fpf (default constant); what each costs: docs/identification.md",
+    )
+    parser.add_argument(
         "--forgetting", type=float, default=1.0, metavar="F", help="forgetting of recursive least squares (default 1)"
     )
     parser.add_argument(
@@ -172,7 +178,7 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
     from autopilot.identification.residual_tests import residual_tests
     from autopilot.identification.two_stage import nomoto_stage
 
-    method = method_named(arguments.method)
+    method = method_named(arguments.method, arguments.gain)
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
     with ProgressBar("identifying") as bar:
         question = Question(
@@ -246,6 +252,7 @@ def _command(arguments: argparse.Namespace) -> str:
         f"--{name.replace('_', '-')}" for name in ("course_unstable", "reverse_rudder") if getattr(arguments, name)
     ]
     words += [] if arguments.weighting == "residuals" else ["--weighting", arguments.weighting]
+    words += [] if arguments.gain == "constant" else ["--gain", arguments.gain]
     return shlex.join([*words, "--model", arguments.model, "--method", arguments.method])
 
 

@@ -98,18 +98,17 @@ def _recorded(arguments: argparse.Namespace) -> ShipTrial:
 def _answers(arguments: argparse.Namespace, ship_trial: ShipTrial, random: np.random.Generator) -> Answers:
     from autopilot.cli.identify_dp_report import Answers
     from autopilot.cli.progress import ProgressBar
-    from autopilot.filters.particle_gains import ConstantGain, Gain, GalerkinGain, KernelGain
+    from autopilot.filters.particle_gains import GAINS
     from autopilot.identification.dynamic_positioning import trial_steps
     from autopilot.identification.prediction_error import by_prediction_errors
     from autopilot.identification.recursive import by_kalman_filter, by_particle_filter
 
-    gains: dict[str, Gain] = {"constant": ConstantGain(), "galerkin": GalerkinGain(), "kernel": KernelGain()}
     case, steps = ship_trial.case, trial_steps(ship_trial.hull, ship_trial.trial)
     with ProgressBar("identifying") as bar:
         bar.show(0, 3)
         kalman = by_kalman_filter(case, steps)
         bar.show(1, 3)
-        particles = by_particle_filter(case, steps, arguments.particles, random, gains[arguments.gain])
+        particles = by_particle_filter(case, steps, arguments.particles, random, GAINS[arguments.gain])
         bar.show(2, 3)
         batch = by_prediction_errors(case, steps, kalman.estimate[-1])
     return Answers(ship_trial.source, case, steps, kalman, particles, batch, arguments.gain, ship_trial.truth)

@@ -30,7 +30,7 @@ def identify_wave_glider(arguments: argparse.Namespace) -> str:
         raise InputError("identify --wave-glider needs a LOG, a CSV table with the headings of both bodies.")
     if not 1.0 <= arguments.fixed_angle_deg <= 90.0:
         raise InputError(f"--fixed-angle-deg {arguments.fixed_angle_deg:g}: allowed is 1 to 90.")
-    method = method_named(arguments.method)
+    method = method_named(arguments.method, arguments.gain)
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
     question = Question(arguments.model, arguments.reference_speed_m_s, forgetting=arguments.forgetting)
     with ProgressBar("identifying") as bar:

@@ -101,6 +101,10 @@ class KernelGain(NamedTuple):
         return np.asarray(velocity @ L.T)
 
 
+GAINS: dict[str, Gain] = {"constant": ConstantGain(), "galerkin": GalerkinGain(), "kernel": KernelGain()}
+"""Every gain by the name that the command line has for it."""
+
+
 def _markov(y: FloatArray, bandwidth: float) -> tuple[FloatArray, FloatArray]:
     """Return the diffusion map's Markov matrix T, shape (N, N), and its stationary distribution, shape (N,)."""
     squares = np.sum(y * y, axis=1)

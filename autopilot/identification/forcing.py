@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, corners
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, corners, with_corners
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.norrbin import Norrbin
 
@@ -65,7 +65,9 @@ def forcing(segments: Sequence[Segment], longest_step: float, together: float | 
     first = np.cumsum([0, *(times.size for times in knots[:-1])])
     begin = np.concatenate([start + np.arange(times.size - 1) for start, times in zip(first, knots, strict=True)])
     moments = tuple(np.stack([t[:-1], 0.5 * (t[:-1] + t[1:]), t[1:]]) for t in knots)
-    paths = tuple(_with_corners(segment, turn) for segment, turn in zip(segments, turns, strict=True))
+    paths = tuple(
+        with_corners(segment.time, segment.rudder, turn) for segment, turn in zip(segments, turns, strict=True)
+    )
     driven = {
         "rudder": np.concatenate([np.interp(m, *path) for m, path in zip(moments, paths, strict=True)], axis=1)
     } | {
@@ -91,13 +93,6 @@ def rudder_behind(train: RudderTrain, forcing: Forcing) -> FloatArray:
         there = behind_train(train, time, angle, in_order)
         parts.append(np.stack([there[:-1:2], there[1::2], there[2::2]]))
     return np.concatenate(parts, axis=1)
-
-
-def _with_corners(segment: Segment, turns: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Return the rudder's path: the samples and the corners between them, in order of time."""
-    time = np.concatenate([segment.time, turns[0]])
-    order = np.argsort(time)
-    return time[order], np.concatenate([segment.rudder, turns[1]])[order]
 
 
 def _recorded(segment: Segment, name: str, moments: FloatArray) -> FloatArray:

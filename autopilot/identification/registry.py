@@ -22,8 +22,12 @@ METHODS: tuple[Method, ...] = (
 NAMES = tuple(method.name for method in METHODS)
 
 
-def method_named(name: str) -> Method:
-    """Return the method called `name`. Raises InputError."""
+def method_named(name: str, gain: str = "constant") -> Method:
+    """Return the method called `name`; gain: of the feedback particle filter, one of `GAINS`. Raises InputError."""
+    if gain != "constant":
+        if name != ParticleMethod.name:
+            raise InputError(f"--gain {gain} goes with --method {ParticleMethod.name} alone; leave one of them out.")
+        return ParticleMethod(gain)
     for method in METHODS:
         if method.name == name:
             return method

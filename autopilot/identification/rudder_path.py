@@ -54,6 +54,17 @@ def corners(time: FloatArray, rudder: FloatArray) -> tuple[FloatArray, FloatArra
     return (time[chosen] + t)[inside], (rudder[chosen] + before * t)[inside]
 
 
+def with_corners(
+    time: FloatArray, rudder: FloatArray, turns: tuple[FloatArray, FloatArray] | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the rudder's path, times [s] and angles [rad]: the samples and the corners between them, in order of
+    time; turns: the `corners` where they are known already."""
+    turns = corners(time, rudder) if turns is None else turns
+    moments = np.concatenate([time, turns[0]])
+    order = np.argsort(moments)
+    return moments[order], np.concatenate([rudder, turns[1]])[order]
+
+
 def _at_rate_limit(slope: FloatArray, tolerance: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Return which slopes are the steepest of the record, where more than two in a hundred of all that move are."""
     steep = np.abs(slope)

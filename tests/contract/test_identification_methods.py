@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from autopilot.errors import InputError
+from autopilot.identification.filter_methods import ParticleMethod
 from autopilot.identification.identified import Identified
 from autopilot.identification.methods import PARAMETERS, Method, Question
 from autopilot.identification.registry import METHODS, NAMES, method_named
@@ -45,7 +46,16 @@ def run_of(table: dict[str, Any], source: str = "zigzag.csv") -> Run:
     return run_from_columns(source, table)
 
 
-@pytest.fixture(params=METHODS, ids=NAMES)
+# fewer particles than the command has: the gain is what differs, and a kernel's cost goes with their square
+OTHER_GAINS = {"fpf-galerkin": ParticleMethod("galerkin", 60), "fpf-kernel": ParticleMethod("kernel", 120)}
+
+
+@pytest.fixture(
+    params=[
+        *(pytest.param(method, id=method.name) for method in METHODS),
+        *(pytest.param(method, id=name, marks=pytest.mark.slow) for name, method in OTHER_GAINS.items()),
+    ]
+)
 def method(request: pytest.FixtureRequest) -> Method:
     return request.param
 
