@@ -148,5 +148,8 @@ def covariance_of(told: Sequence[Innovations], off: FloatArray, prior: FloatArra
     """Return the covariance, shape (p, p), of an estimate that lies `off` the point of what each segment told, beside
     a prior's: of scores that may remember (`noise.robust_covariance`). What the record does not tell stays as it was.
     """
-    data = robust_covariance([each.slope for each in told], [each.value - each.slope @ off for each in told])
-    return np.asarray(prior - prior @ np.linalg.solve(data + prior, prior))
+    flat = np.concatenate([each.slope.reshape(-1, off.size) for each in told])
+    information, certain = flat.T @ flat, np.linalg.inv(prior)
+    scores = robust_covariance([each.slope for each in told], [each.value - each.slope @ off for each in told])
+    outer = np.linalg.inv(information + certain)
+    return np.asarray(outer @ (information @ scores @ information + certain) @ outer)
