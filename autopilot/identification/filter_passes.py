@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -34,6 +35,9 @@ PASSES = 10
 
 SETTLED = 0.1
 """Of a standard deviation: what moves by less has settled."""
+
+ALIKE = 0.8
+"""Where the gusts' strength moves by less of its logarithm, a step of the ladder, it is known."""
 
 LARGEST_MOVE = 1.0
 """Of ln K, ln T, n0/w and n3 w^2 from pass to pass."""
@@ -79,8 +83,8 @@ class Passes(NamedTuple):
                 break
             about = about + np.clip(off, -LARGEST_MOVE, LARGEST_MOVE)
             if not weighed:
-                before, noise = noise, self._noise(self.model(about))
-                weighed = noise.process == before.process
+                before, noise = noise, self._noise(self.model(about), noise.process)
+                weighed = abs(math.log(noise.process / before.process)) < ALIKE
         convergence = self._convergence(estimates, model)
         return Passed(estimates[-1], covariance_of(told, off, prior.covariance), convergence)
 
@@ -111,11 +115,13 @@ class Passes(NamedTuple):
     def _segments(self) -> list[Segment]:
         return [segment for run in self.runs for segment in run.segments]
 
-    def _noise(self, model: Norrbin) -> RunNoise:
+    def _noise(self, model: Norrbin, near: float | None = None) -> RunNoise:
         sizes = instruments(model, self.runs)
         passages = [passage(segment, model, sizes, self.unit) for segment in self._segments()]
-        with np.errstate(all="ignore"):
-            return RunNoise(gust_strength(model, self.unit, passages), *sizes)
+        try:
+            return RunNoise(gust_strength(model, self.unit, passages, near), *sizes)
+        except (OverflowError, ValueError, ZeroDivisionError) as error:
+            raise self._lost() from error
 
     def _told(self, model: Norrbin, noise: RunNoise, cubic: bool) -> list[Innovations]:
         filter_ = Separated(model, self.unit, cubic, noise.process)

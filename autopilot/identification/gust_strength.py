@@ -5,9 +5,9 @@ heading and rate alone, the parameters held, tells how likely the record is:
 
     -2 log L = sum log det S_k + e_k' S_k^-1 e_k
 
-and the strength that makes it most likely is taken (Ljung 1999, section 7.4). All strengths pass over the record at
-once. A heading that drifts away betrays gusts long before the rates' own scatter does, and for a boat that is
-course-unstable, whose simulation strays however good the model is, the filter stays with the record.
+and the strength that makes it most likely is taken (Ljung 1999, section 7.4). A heading that drifts away betrays gusts
+long before the rates' own scatter does, and where a boat is course-unstable, and her simulation strays however good the
+model is, the filter stays with the record.
 
 The instruments' noise comes from second differences of the record, or of what a simulation leaves of it where that is
 less: there the motion itself is gone.
@@ -15,8 +15,9 @@ less: there the motion itself is gone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,11 +26,14 @@ from autopilot.identification.noise import instrument_noise
 from autopilot.identification.prediction import simulate_run
 from autopilot.identification.recursive import Steps
 from autopilot.identification.runs import Run
-from autopilot.models.norrbin import Norrbin, at_speed_ratio, yaw_acceleration
+from autopilot.models.norrbin import Norrbin, at_speed_ratio
 
 LEAST_PROCESS, LARGEST_PROCESS, STRENGTHS = 1.0e-5, 3.0, 23
-"""Gusts make the rate stray by between these shares of the typical rate; the strengths tried lie a factor of 1.8
-apart, which is closer than a record tells them."""
+"""Gusts make the rate stray by between these shares of the typical rate; the strengths tried lie a factor of 1.8 apart,
+which is closer than a record tells them."""
+
+ROUGHLY = 4
+"""Where nothing is known, every fourth strength is tried before the search goes uphill."""
 
 LONGEST_LOOK = 20000
 """Steps of a long record that the strength is taken from; the others would cost more than they tell."""
@@ -65,52 +69,69 @@ def instruments(model: Norrbin, runs: Sequence[Run]) -> tuple[float, float]:
     return _typical(rates), _typical(headings)
 
 
-def gust_strength(model: Norrbin, unit: float, passages: Sequence[Passage]) -> float:
-    """Return the process noise [rad/s/sqrt(s)] with which `model` explains the passages best; unit: a typical rate."""
-    memory = float(np.sqrt(2.0 / model.time_constant))
-    strengths = unit * memory * np.geomspace(LEAST_PROCESS, LARGEST_PROCESS, STRENGTHS)
-    total, left = np.zeros(STRENGTHS), LONGEST_LOOK
+def gust_strength(model: Norrbin, unit: float, passages: Sequence[Passage], near: float | None = None) -> float:
+    """Return the process noise [rad/s/sqrt(s)] with which `model` explains the passages best; unit: a typical rate;
+    near: where to look first."""
+    memory = math.sqrt(2.0 / model.time_constant)
+    strengths = (unit * memory * np.geomspace(LEAST_PROCESS, LARGEST_PROCESS, STRENGTHS)).tolist()
+    tried: dict[int, float] = {}
+
+    def unlikeliness(place: int) -> float:
+        if place not in tried:
+            total = _of_all(model, strengths[place], passages)
+            tried[place] = total if math.isfinite(total) else math.inf
+        return tried[place]
+
+    begin = range(0, STRENGTHS, ROUGHLY)
+    if near is not None:
+        begin = range(int(np.argmin(np.abs(np.log(strengths) - math.log(near)))), STRENGTHS, STRENGTHS)
+    best = min(begin, key=unlikeliness)
+    while True:
+        beside = range(max(best - 1, 0), min(best + 2, STRENGTHS))
+        better = min(beside, key=unlikeliness)
+        if unlikeliness(better) >= unlikeliness(best):
+            return float(strengths[best])
+        best = better
+
+
+def _of_all(model: Norrbin, process: float, passages: Sequence[Passage]) -> float:
+    total, left = 0.0, LONGEST_LOOK
     for passage in passages:
-        total += _unlikeliness(model, strengths, passage, left)
+        total += _unlikeliness(model, process * process, passage, left)
         left -= min(left, passage.steps.dt.size)
-    known = np.where(np.isfinite(total), total, np.inf)
-    return float(strengths[int(np.argmin(known))])
-
-
-def _unlikeliness(model: Norrbin, strengths: FloatArray, passage: Passage, most: int) -> FloatArray:
-    """Return -2 log L of a passage for each strength: heading and rate with their covariance a, b, c, all at once."""
-    psi, r = (np.full(strengths.size, value) for value in passage.start)
-    a, b, c = np.full(strengths.size, passage.variance[0]), np.zeros(strengths.size), passage.variance[1] + 0.0 * r
-    intensity, total = strengths**2, np.zeros(strengths.size)
-    steps = passage.steps
-    for dt, drive, z in zip(steps.dt[:most], steps.inputs, steps.measured, strict=False):
-        boat = at_speed_ratio(model, drive.ratio)
-        psi, r, keep, turn = _moved(boat, psi, r, drive.rudder, float(dt))
-        a, b, c = a + turn * (2.0 * b + turn * c), keep * (b + turn * c), keep * keep * c
-        a, b, c = a + intensity * dt**3 / 3.0, b + intensity * dt**2 / 2.0, c + intensity * dt
-        if z[0] == z[0]:
-            S, e = a + passage.R[0], z[0] - psi
-            total += np.log(S) + e * e / S
-            psi, r, a, b, c = psi + a / S * e, r + b / S * e, a - a * a / S, b - a * b / S, c - b * b / S
-        if z[1] == z[1]:
-            S, e = c + passage.R[1], z[1] - r
-            total += np.log(S) + e * e / S
-            psi, r, a, b, c = psi + b / S * e, r + c / S * e, a - b * b / S, b - b * c / S, c - c * c / S
     return total
 
 
-def _moved(boat: Norrbin, psi: Any, r: Any, rudder: float, dt: float) -> tuple[Any, Any, Any, Any]:
-    """Return heading and rate after a step of the midpoint rule, taken twice, and the slopes of both by the rate."""
-    keep: Any = 1.0
-    turn: Any = 0.0
-    h = 0.5 * dt
-    for _ in range(2):
-        middle = r + 0.5 * h * yaw_acceleration(boat, r, rudder)
-        psi, r = psi + h * middle, r + h * yaw_acceleration(boat, middle, rudder)
-        decay = -(3.0 * boat.n3 * middle * middle + boat.n1) / boat.time_constant
-        half = keep * (1.0 + 0.5 * h * decay)
-        turn, keep = turn + h * half, keep + h * decay * half
-    return psi, r, keep, turn
+def _unlikeliness(model: Norrbin, intensity: float, passage: Passage, most: int) -> float:
+    """Return -2 log L of a passage, but for a constant: heading and rate with their covariance a, b, c, in plain
+    numbers, by two steps of the midpoint rule each."""
+    steps, (psi, r), (a, c), (R_heading, R_rate) = passage.steps, *(v.tolist() for v in passage[2:])
+    b, total, ratio, log = 0.0, 0.0, 0.0, math.log
+    for dt, drive, (heading, rate) in zip(
+        steps.dt[:most].tolist(), steps.inputs, steps.measured.tolist(), strict=False
+    ):
+        if drive.ratio != ratio:
+            boat = at_speed_ratio(model, drive.ratio)
+            ratio, T, n1, n3 = drive.ratio, boat.time_constant, boat.n1, boat.n3
+        push = boat.gain * drive.rudder - boat.n0
+        keep, turn, h = 1.0, 0.0, 0.5 * dt
+        for _ in range(2):
+            middle = r + 0.5 * h * (push - (n3 * r * r + n1) * r) / T
+            psi, r = psi + h * middle, r + h * (push - (n3 * middle * middle + n1) * middle) / T
+            decay = -(3.0 * n3 * middle * middle + n1) / T
+            half = keep * (1.0 + 0.5 * h * decay)
+            turn, keep = turn + h * half, keep + h * decay * half
+        a, b, c = a + turn * (2.0 * b + turn * c), keep * (b + turn * c), keep * keep * c
+        a, b, c = a + intensity * dt**3 / 3.0, b + intensity * dt**2 / 2.0, c + intensity * dt
+        if heading == heading:
+            S, e = a + R_heading, heading - psi
+            total += log(S) + e * e / S
+            psi, r, a, b, c = psi + a / S * e, r + b / S * e, a - a * a / S, b - a * b / S, c - b * b / S
+        if rate == rate:
+            S, e = c + R_rate, rate - r
+            total += log(S) + e * e / S
+            psi, r, a, b, c = psi + b / S * e, r + c / S * e, a - b * b / S, b - b * c / S, c - c * c / S
+    return total
 
 
 def _typical(noises: Sequence[float]) -> float:
