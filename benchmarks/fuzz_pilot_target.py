@@ -42,6 +42,7 @@ BOATS: dict[str, tuple[str, Callable[[Vessel], Vessel]]] = {
     "dead reckoning": ("backstepping", _failsafe("dead_reckoning")),
     "roll damping": ("backstepping", _rolling),
     "guided": ("backstepping", lambda boat: replace(boat, helm=replace(boat.helm, method="guided"))),
+    "dead band": ("backstepping", lambda boat: replace(boat, rudder=replace(boat.rudder, dead_band_deg=2.0))),
     "no wave filter": ("pid", lambda boat: replace(boat, estimator=replace(boat.estimator, wave_filter="off"))),
 }
 """What steers -> the law, and what is changed in the vessel file, so that every branch of the tick is reached."""
