@@ -1,219 +1,258 @@
-"""Heading error against rudder travel: the pilot with its wave filter beside a PID tuned for the same cost.
+"""Heading error against rudder travel: the shipped pilot beside a PID that was tuned as long for the same cost.
 
-    python benchmarks/pareto.py [--candidates 60] [--seeds 2] [--json]
+    python benchmarks/pareto.py [--quick] [--candidates 50] [--boats lanxin15,coaster] [--out DIR]
 
-The peer is `autopilot.control.pid` on compass and gyro with filters of its own, one on the heading and one on the rate,
-and an integrator with anti-windup. For every boat, sea and side its five numbers are drawn at random about a design by
-the model (log-uniform) and judged on training seeds; those that no other one beats in both rms and travel form its
-front, which is then sailed again on seeds that it has not seen. So is the pilot, at five response levels: all gains of
-the law times a factor, nothing else touched. From both fronts follow travel at equal rms, rms at equal travel.
+Four boats, calm, a breeze and sea states 3 and 5 from five sides, K as modelled, 30 % less and 40 % more, a 10 Hz
+compass alone with 0.2 or 0.5 deg of noise. For each boat and helmsman the same number of settings is tried on the
+training seed; for each weight w the one of least
+
+    cost = mean of heading rms [deg] (10 at most) + w x mean rudder travel [deg/s]
+
+is kept, once over all seas and once for each sea by itself, and sailed on held-out seeds. Fronts are then compared
+case by case: rms at equal travel, travel at equal rms. `--out` keeps every boat's points and the figure; a boat
+whose points lie there already is not sailed again.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
+import itertools
 import json
 import math
-import os
 import statistics
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from study_boats import CONTROL_HZ, SEAS, Figures, Helmsman, StudyBoat, StudySea, boats, figures, sail
+import numpy.typing as npt
+from pareto_front import LEAST, Beside, Explored, beside, chosen, explore, front
+from pareto_study import BOATS, SEAS, Helmsman, Ours, Run, Theirs, held_out_runs, training_runs
 
-from autopilot.angles import wrap
-from autopilot.build import limits_of, model_of
-from autopilot.control.pid import PidGains, PidMemory, pid_step
-from autopilot.limits import limit
-from autopilot.params.vessel import Backstepping
-from autopilot.signals import HeadingSample, Reference, Sample
+from autopilot.cli.progress import ProgressBar
 
-LEVELS = (0.35, 0.5, 0.7, 1.0, 1.4)
-SIDES_DEG = (45.0, 135.0)
-WEATHERS = {"breeze": StudySea(0.0, 1.0, 5.0, 0.7), "state 3": SEAS["state 3"], "state 5": SEAS["state 5"]}
-"""In dead calm the best helmsman sleeps; so no weather is without wind."""
-TRAINING, HELD_OUT = 100, 7000
-SECONDS, SETTLED_S = 240.0, 90.0
+Floats = npt.NDArray[np.float64]
+
+WEIGHTS = np.logspace(-3.0, 1.5, 10)
+TRAINING, HELD_OUT, SEARCH_SEED = 100, 7000, 42
 LOST_DEG = 10.0
-"""A boat that strays further than this, rms, is not held by the sea's measure; the case is shown and not counted."""
-
-
-class Peer(NamedTuple):
-    """The PID's numbers: gains, and the time constants [s] of its filters on heading and rate."""
-
-    gains: PidGains
-    heading_time: float
-    rate_time: float
+"""A boat that strays further than this, rms, is not held; such cases are counted apart."""
+EVERY_SEA = "all"
 
 
 class Case(NamedTuple):
-    """Boat, sea, and where it comes from [deg off the bow]."""
+    """Boat, sea, side [deg off the bow], real K beside the model's, and what the settings were tuned in."""
 
     boat: str
     sea: str
     side: float
+    mismatch: str
+    tuned: str
 
 
-Point = tuple[float, float]
-"""Heading rms [deg], rudder travel [deg/s]."""
+class Compared(NamedTuple):
+    """A case with both fronts (n, 2) on held-out seeds, and what they come to."""
+
+    case: Case
+    ours: Floats
+    theirs: Floats
+    beside: Beside
+
+    @property
+    def is_held(self) -> bool:
+        """Whether anybody holds the boat."""
+        return bool(min(self.ours[:, 0].min(), self.theirs[:, 0].min()) < LOST_DEG)
 
 
-def peer_helmsman(boat: StudyBoat, peer: Peer) -> Helmsman:
-    """Return the PID with its filters and memory."""
-    dt, limits = 1.0 / CONTROL_HZ, limits_of(boat.vessel)
-    memory, told = PidMemory(), 0.0
-    heading = rate = last = 0.0
+def costs_over(runs: Sequence[Run]) -> tuple[list[str], Callable[[Floats], Floats]]:
+    """Return the groups of runs, all seas first, and the function that gives every group's cost for every weight."""
+    groups = [EVERY_SEA, *dict.fromkeys(run.sea for run in runs)]
+    masks = [np.array([group in (EVERY_SEA, run.sea) for run in runs]) for group in groups]
 
-    def steer(now: float, samples: tuple[Sample, ...]) -> float:
-        nonlocal memory, told, heading, rate, last
-        for sample in samples:
-            if isinstance(sample, HeadingSample):
-                since, last = now - last, now
-                heading += wrap(sample.heading - heading) * _share(since, peer.heading_time)
-                rate += ((sample.rate or 0.0) - rate) * _share(since, peer.rate_time)
-        demand, memory = pid_step(peer.gains, memory, Reference(0.0), heading, rate, told, dt)
-        told = limit(limits, told, demand, dt)
-        return told
+    def costs(points: Floats) -> Floats:
+        bounded = np.minimum(points[:, 0], LOST_DEG), points[:, 1]
+        means = [(bounded[0][mask].mean(), bounded[1][mask].mean()) for mask in masks]
+        return np.concatenate([rms + WEIGHTS * travel for rms, travel in means])
 
-    return steer
+    return groups, costs
 
 
-def _share(dt: float, time: float) -> float:
-    return -math.expm1(-dt / time) if time > 0.0 else 1.0
+def fronts(
+    helmsman: Helmsman, training: Sequence[Run], held_out: Sequence[Run], count: int, shown: Callable[[], None]
+) -> dict[str, Floats]:
+    """Return for each group the points (settings, held-out runs, 2) of what was tuned in it; nan where not sailed."""
+    groups, costs = costs_over(training)
+    found: Explored = explore(
+        lambda numbers: helmsman.sailed(numbers, training),
+        helmsman.starts,
+        helmsman.low,
+        helmsman.high,
+        costs,
+        count,
+        SEARCH_SEED,
+        shown,
+    )
+    result = {}
+    for place, group in enumerate(groups):
+        kept = chosen(found, costs, range(place * len(WEIGHTS), (place + 1) * len(WEIGHTS)))
+        sailed = [number for number, run in enumerate(held_out) if group in (EVERY_SEA, run.sea)]
+        points = np.full((len(kept), len(held_out), 2), np.nan)
+        for row, numbers in enumerate(kept):
+            points[row, sailed] = helmsman.sailed(numbers, [held_out[number] for number in sailed])
+        result[group] = points
+        shown()
+    return result
 
 
-def candidates(boat: StudyBoat, count: int) -> list[Peer]:
-    """Return PIDs drawn about natural frequencies and dampings that suit the boat's model."""
-    model, random = model_of(boat.vessel), np.random.default_rng(42)
-    assert boat.vessel.control.pid is not None
-    ratio, base = model.time_constant / model.gain, boat.vessel.control.pid
-    quick = math.sqrt(base.kp / ratio)
+def compared(boat: str, held_out: Sequence[Run], ours: dict[str, Floats], theirs: dict[str, Floats]) -> list[Compared]:
+    """Return every case of a boat, the runs on both compasses and all seeds taken together."""
+    cases = dict.fromkeys((run.sea, run.side, run.mismatch) for run in held_out)
     found = []
-    for _ in range(count):
-        natural, damping = quick * 10.0 ** random.uniform(-1.2, 0.1), random.uniform(0.5, 1.6)
-        kd = max(ratio * (2.0 * damping * natural - model.n1 / model.time_constant), 0.0)
-        kp = ratio * natural * natural
-        ki = kp * natural * 10.0 ** random.uniform(-2.0, -0.7)
-        times = (random.uniform(0.0, 0.5), 10.0 ** random.uniform(-1.5, 0.3)) / np.array(natural)
-        found.append(Peer(PidGains(kp, ki, kd), float(times[0]), float(times[1])))
+    for tuned in ours:
+        for case in cases:
+            if tuned not in (EVERY_SEA, case[0]):
+                continue
+            mask = np.array([(run.sea, run.side, run.mismatch) == case for run in held_out])
+            mine, peers = (_means(points[tuned][:, mask]) for points in (ours, theirs))
+            found.append(Compared(Case(boat, *case, tuned), mine, peers, beside(mine, peers)))
     return found
 
 
-def at_level(boat: StudyBoat, level: float) -> StudyBoat:
-    """Return the boat with all gains of its law times `level`."""
-    gains = boat.vessel.control.backstepping
-    assert gains is not None
-    scaled = Backstepping(gains.k1_1_s * level, gains.k2_1_s * level, gains.gamma_1_s2 * level * level)
-    control = dataclasses.replace(boat.vessel.control, backstepping=scaled)
-    return boat._replace(vessel=dataclasses.replace(boat.vessel, control=control))
+def _means(points: Floats) -> Floats:
+    rms = np.sqrt(np.mean(points[:, :, 0] ** 2, axis=1))
+    return np.stack([rms, np.mean(points[:, :, 1], axis=1)], axis=1)
 
 
-def sailed(case: Case, who: Peer | float, seeds: Sequence[int]) -> Point:
-    """Return rms and travel, the means over the seeds, of a PID or of the pilot at a response level."""
-    boat, sea = boats()[case.boat], WEATHERS[case.sea]
-    found: list[Figures] = []
-    for seed in seeds:
-        if isinstance(who, Peer):
-            record = sail(boat, sea, case.side, SECONDS, seed, helmsman=peer_helmsman(boat, who))
-        else:
-            record = sail(at_level(boat, who), sea, case.side, SECONDS, seed)
-        found.append(figures(record, SETTLED_S))
-    rms = math.sqrt(statistics.fmean(one.heading_deg**2 for one in found))
-    return rms, statistics.fmean(one.travel_deg_s for one in found)
+def study(
+    boat: str, count: int, seeds: int, shown: Callable[[], None], is_quick: bool = False, is_plain: bool = False
+) -> list[Compared]:
+    """Return all cases of one boat; a few where it is to be `is_quick`, without numba where `is_plain`."""
+    training, held_out = training_runs(boat, TRAINING), held_out_runs(boat, HELD_OUT, seeds)
+    if is_quick:
+        training, held_out = training[::5], held_out[::12]
+    ours, theirs = (
+        fronts(helmsman, training, held_out, count, shown)
+        for helmsman in (Ours(boat, is_plain), Theirs(boat, is_plain))
+    )
+    return compared(boat, held_out, ours, theirs)
 
 
-def front(points: Sequence[Point]) -> list[int]:
-    """Return the places of the points that none beats in both, by rising travel."""
-    order = sorted(range(len(points)), key=lambda place: (points[place][1], points[place][0]))
-    kept: list[int] = []
-    for place in order:
-        if not kept or points[place][0] < points[kept[-1]][0]:
-            kept.append(place)
-    return kept
+def median(values: Sequence[float]) -> float:
+    """Return the median of the values that are numbers."""
+    kept = [value for value in values if math.isfinite(value)]
+    return statistics.median(kept) if kept else math.nan
 
 
-def at_travel(points: Sequence[Point], travel: float) -> float:
-    """Return the rms of a front at `travel`, log-log between its points; nan left of it, its best right of it."""
-    ordered = [points[place] for place in front(points)]
-    if travel < ordered[0][1]:
-        return math.nan
-    values = np.log([[travel_, rms] for rms, travel_ in ordered])
-    return float(np.exp(np.interp(math.log(travel), values[:, 0], values[:, 1])))
+def table(cases: Sequence[Compared]) -> str:
+    """Return medians by boat and sea, a row for each, over sides and mismatches."""
+    lines = ["tuned in  boat      sea       cases   rms at equal travel   travel at equal rms   won  lost"]
+    for tuned in (EVERY_SEA, "each sea"):
+        ours = [one for one in cases if (one.case.tuned == EVERY_SEA) == (tuned == EVERY_SEA)]
+        for boat in dict.fromkeys(one.case.boat for one in ours):
+            lines += [_row(tuned, boat, sea, [o for o in ours if o.case[:2] == (boat, sea)]) for sea in SEAS]
+        lines.append(_row(tuned, "all", "all", ours))
+    return "\n".join(line for line in lines if line)
 
 
-def at_rms(points: Sequence[Point], rms: float) -> float:
-    """Return the travel a front needs for `rms`; nan where it cannot reach it."""
-    ordered = [points[place] for place in reversed(front(points))]
-    if rms < ordered[0][0]:
-        return math.nan
-    values = np.log([[rms_, travel] for rms_, travel in ordered])
-    return float(np.exp(np.interp(math.log(rms), values[:, 0], values[:, 1])))
+def _row(tuned: str, boat: str, sea: str, cases: Sequence[Compared]) -> str:
+    held = [one for one in cases if one.is_held]
+    if not held:
+        return f"{tuned:10s}{boat:10s}{sea:9s}{0:4d} of {len(cases):3d}   not held by either" if cases else ""
+    rms, travel = (median([getattr(one.beside, name) for one in held]) for name in ("rms", "travel"))
+    won = sum(is_won(one.beside) for one in held)
+    lost = sum(is_lost(one.beside) for one in held)
+    return f"{tuned:10s}{boat:10s}{sea:9s}{len(held):4d} of {len(cases):3d}{rms:14.2f}{travel:22.2f}{won:12d}{lost:6d}"
 
 
-def study(job: tuple[Case, int, int]) -> tuple[list[Point], list[Point]]:
-    """Return the held-out fronts of PID and pilot for one case."""
-    case, count, seeds = job
-    peers = candidates(boats()[case.boat], count)
-    trained = [sailed(case, peer, [TRAINING]) for peer in peers]
-    held_out = range(HELD_OUT, HELD_OUT + seeds)
-    theirs = [sailed(case, peers[place], held_out) for place in front(trained)]
-    ours = [sailed(case, level, held_out) for level in LEVELS]
-    return theirs, ours
+def figure(cases: Sequence[Compared]) -> str:
+    """Return every case's two fronts, of settings tuned in its sea, as SVG: a panel for each boat and sea."""
+    import io
+
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    from matplotlib import pyplot
+
+    boats = list(dict.fromkeys(one.case.boat for one in cases))
+    with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 8}):
+        size = (9.0, 2.1 * len(boats))
+        drawn, axes = pyplot.subplots(len(boats), len(SEAS), squeeze=False, figsize=size, layout="constrained")
+        for (row, boat), (column, sea) in itertools.product(enumerate(boats), enumerate(SEAS)):
+            axis = axes[row, column]
+            for name, colour in (("theirs", "#c8501e"), ("ours", "#0b5fa5")):
+                for one in cases:
+                    if one.case.tuned == sea and one.case.boat == boat and one.case.sea == sea and one.is_held:
+                        rms, travel = front(np.maximum(getattr(one, name), LEAST)).T
+                        axis.loglog(travel, rms, color=colour, linewidth=0.7, marker=".", markersize=2.5, alpha=0.7)
+            axis.set_title(f"{boat}, {sea}", fontsize=8)
+            axis.set_xlabel("travel [deg/s]" if row == len(boats) - 1 else "")
+            axis.set_ylabel("" if column else "rms [deg]")
+        text = io.StringIO()
+        drawn.savefig(text, format="svg", metadata={"Date": None})
+        pyplot.close(drawn)
+    return text.getvalue()
 
 
-def row(theirs: list[Point], ours: list[Point]) -> tuple[float, float, float, float]:
-    """Return the pilot's rms and travel as designed, and the medians over its front of rms ratio and travel ratio."""
-    rms, travel = ours[LEVELS.index(1.0)]
-    best = [ours[place] for place in front(ours)]
-    rms_ratios = [one[0] / at_travel(theirs, one[1]) for one in best]
-    travel_ratios = [one[1] / at_rms(theirs, one[0]) for one in best]
-    middle = [
-        statistics.median(kept) if (kept := [value for value in ratios if math.isfinite(value)]) else math.nan
-        for ratios in (rms_ratios, travel_ratios)
-    ]
-    return rms, travel, middle[0], middle[1]
+def is_won(found: Beside) -> bool:
+    """Return whether the case meets the aim: 0.8 of the rms, or 0.6 of the travel."""
+    return found.rms <= 0.8 or found.travel <= 0.6
+
+
+def is_lost(found: Beside) -> bool:
+    """Return whether the peer is better."""
+    return found.rms > 1.0 and not found.travel <= 1.0
+
+
+def kept_at(path: Path, cases: Sequence[Compared]) -> None:
+    """Write the cases' fronts, a line each."""
+    rows = [[*one.case, front(one.ours).round(5).tolist(), front(one.theirs).round(5).tolist()] for one in cases]
+    path.write_text("[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]\n")
+
+
+def read_from(path: Path) -> list[Compared]:
+    """Return the cases that `kept_at` wrote."""
+    found = []
+    for *case, ours, theirs in json.loads(path.read_text()):
+        mine, peers = np.array(ours), np.array(theirs)
+        found.append(Compared(Case(*case), mine, peers, beside(mine, peers)))
+    return found
 
 
 def main() -> None:
-    """Study all cases on all cores and print."""
+    """Study the boats and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--candidates", type=int, default=60)
-    parser.add_argument("--seeds", type=int, default=2, help="seeds held out")
-    parser.add_argument("--boats", default=",".join(boats()))
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="few candidates, a few runs of the first boat")
+    parser.add_argument("--candidates", type=int, default=50, help="settings tried, for each helmsman and boat")
+    parser.add_argument("--seeds", type=int, default=1, help="seeds held out")
+    parser.add_argument("--boats", default=",".join(BOATS))
+    parser.add_argument("--out", type=Path, help="folder for every boat's points and pareto.svg")
     asked = parser.parse_args()
-    cases = [
-        Case(name, sea, side)
-        for name in asked.boats.split(",")
-        for sea in WEATHERS
-        for side in (SIDES_DEG if sea != "breeze" else SIDES_DEG[:1])
-    ]
-    jobs = [(case, asked.candidates, asked.seeds) for case in cases]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        results = []
-        if not asked.json:
-            print("boat     sea      from    pilot as designed          at equal travel  at equal rms")
-            print("                 [deg]  rms [deg]  travel [deg/s]   rms, of PID's    travel, of PID's")
-        for case, (theirs, ours) in zip(cases, pool.map(study, jobs), strict=True):
-            rms, travel, rms_ratio, travel_ratio = row(theirs, ours)
-            results.append((case, theirs, ours))
-            if not asked.json:
-                lost = "" if rms < LOST_DEG else "   not held"
-                print(
-                    f"{case.boat:8s} {case.sea:8s}{case.side:5.0f}  {rms:8.2f}  {travel:12.2f}  {rms_ratio:14.2f}"
-                    f"  {travel_ratio:14.2f}{lost}",
-                    flush=True,
-                )
-    if asked.json:
-        print(json.dumps(results))
-        return
-    counted = [found for _, theirs, ours in results if (found := row(theirs, ours))[0] < LOST_DEG]
-    for title, place in (("rms at equal travel", 2), ("travel at equal rms", 3)):
-        ratios = [found[place] for found in counted if math.isfinite(found[place])]
-        print(f"median {title} over {len(ratios)} cases held: {statistics.median(ratios):.2f} of the PID's")
+    boats, count = asked.boats.split(","), asked.candidates
+    if unknown := set(boats) - set(BOATS):
+        parser.error(f"--boats {','.join(sorted(unknown))}: known are {', '.join(BOATS)}")
+    if asked.quick:
+        boats, count = boats[:1], 9
+    done, total = 0, len(boats) * 2 * (count + 1 + len(SEAS))
+    cases: list[Compared] = []
+    with ProgressBar("settings") as bar:
+
+        def shown() -> None:
+            nonlocal done
+            done += 1
+            bar.show(done, total)
+
+        for boat in boats:
+            path = asked.out / f"pareto_{boat}.json" if asked.out else None
+            if path is not None and path.exists():
+                cases += read_from(path)
+                continue
+            cases += (found := study(boat, count, asked.seeds, shown, asked.quick))
+            if path is not None:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                kept_at(path, found)
+    print(table(cases))
+    if asked.out is not None:
+        (asked.out / "pareto.svg").write_text(figure(cases))
 
 
 if __name__ == "__main__":

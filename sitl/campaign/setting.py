@@ -136,6 +136,7 @@ def setting_of(job: Job, run: int) -> Setting | None:
         brain=shared.brain,
         filtered=initial(0.0, wrap(float(heading)), float(rate) if job.study.gyro else None, shared.brain.noises.usual),
         course=shared.course,
+        is_watched=True,
     )
 
 

@@ -59,7 +59,8 @@ class Setting(NamedTuple):
 
     The sea is felt anew every `water_every` steps.
 
-    filtered: the filter's state after the first heading.
+    filtered: the filter's state after the first heading. is_watched: a run ends where supervisor or monitors might have
+    a word; False: it goes on as if there were none.
     """
 
     steps: int
@@ -75,6 +76,7 @@ class Setting(NamedTuple):
     brain: Brain
     filtered: FilterState
     course: Course
+    is_watched: bool
 
 
 class Rooms(NamedTuple):
@@ -104,7 +106,7 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
         if step >= lag and (step - lag) % instruments.every == 0:
             heard = heard_of(instruments, rooms, (step - lag) // instruments.every, dt)
             mind = tick(setting.brain, mind, rooms.past, time, heard, ordered(course, time))
-            if mind.gone:
+            if mind.gone and setting.is_watched:
                 return score, False
             score = scored(score, course, time, state.heading, state.speed, told, mind.told)
             told = mind.told

@@ -1,0 +1,88 @@
+"""The peer of the Pareto study: a PID on the compass alone, with filters, dead bands and anti-windup of its own.
+
+    e = heading, low-passed, less the course;  d = its derivative, low-passed again
+    rudder = -kp z - kd d + I,   I' = -ki z + anti-windup,   z = e outside the weather band, 0 inside
+
+It is the product's `pid_step` between what commercial pilots put around theirs: a first-order low-pass on the heading
+and one on the derivative, a weather band inside which the heading error does not count, and a dead band inside which
+the order stays as it was. On a straight course its feed-forward, the rudder of the planned turn, is nought. No monitor
+and no fail-safe interferes with it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import wrap
+from autopilot.control.pid import PidGains, PidMemory, pid_step
+from autopilot.limits import Rest, RudderLimits, limit, rested
+from autopilot.models.steering_gear import clip
+from autopilot.signals import Reference
+from sitl.boat import boat_step
+from sitl.campaign.score import NOTHING, Score, ordered, scored
+from sitl.campaign.swift import CALM, Rooms, Setting, readings
+from sitl.campaign.waters import WaterState, water_step
+
+
+class Peer(NamedTuple):
+    """Gains; time constants [s] of the filters on heading and derivative; weather band and dead band [rad]."""
+
+    gains: PidGains
+    heading_time: float
+    rate_time: float
+    weather: float
+    dead_band: float
+
+
+class PeerMind(NamedTuple):
+    """Filtered heading [rad] and derivative [rad/s], the integrator, the order and the dead band's memory."""
+
+    heading: float
+    rate: float
+    pid: PidMemory
+    rest: Rest
+
+
+def peer_tick(peer: Peer, limits: RudderLimits, mind: PeerMind, dt: float, heading: float, target: float) -> PeerMind:
+    """Return the mind `dt` [s] later, with a `heading` [rad] on the way to the heading `target` [rad]."""
+    moved = wrap(heading - mind.heading) * low_pass(dt, peer.heading_time)
+    filtered = wrap(mind.heading + moved)
+    rate = mind.rate + (moved / dt - mind.rate) * low_pass(dt, peer.rate_time)
+    error = wrap(filtered - target)
+    seen = target + error - clip(error, -peer.weather, peer.weather)
+    wanted, pid = pid_step(peer.gains, mind.pid, Reference(target, 0.0, 0.0), seen, rate, mind.rest.allowed, dt, 0.0)
+    limited = limit(limits, mind.rest.told, wanted, dt)
+    return PeerMind(filtered, rate, pid, rested(limits, peer.dead_band, mind.rest, wanted, limited))
+
+
+def low_pass(dt: float, time: float) -> float:
+    """Return the share of its way that a first-order filter of `time` [s] goes in `dt` [s]."""
+    return -math.expm1(-dt / time) if time > 0.0 else 1.0
+
+
+def run_peer(setting: Setting, rooms: Rooms, peer: Peer) -> Score:
+    """Return the score of a run steered by the peer; the loop is that of `sitl.campaign.swift`, compass up to date."""
+    instruments, course, dt = setting.instruments, setting.course, setting.dt
+    state, limits = setting.start, setting.brain.limits
+    water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
+    taken, order, every = 0, 0.0, instruments.every * dt
+    heading, _, _ = readings(instruments, 0, state)
+    mind = PeerMind(wrap(heading), 0.0, PidMemory(0.0, math.nan), Rest(0.0, 0.0, False))
+    score, told = NOTHING, 0.0
+    for step in range(setting.steps):
+        time = step * dt
+        if step % instruments.every == 0:
+            mind = peer_tick(peer, limits, mind, every, wrap(heading), ordered(course, time))
+            score = scored(score, course, time, state.heading, state.speed, told, mind.rest.told)
+            told = mind.rest.told
+        rooms.orders[step % len(rooms.orders)] = told
+        while taken <= step and taken * dt + setting.plant.gear.delay <= time:
+            order = rooms.orders[taken % len(rooms.orders)]
+            taken += 1
+        if step % setting.water_every == 0:
+            water, acting = water_step(setting.water, rooms.surface, water, step // setting.water_every, felt_dt, state)
+        state = boat_step(setting.plant, setting.shares, state, order, setting.thrust_speed, acting, dt)
+        if (step + 1) % instruments.every == 0:
+            heading, _, _ = readings(instruments, (step + 1) // instruments.every, state)
+    return score
