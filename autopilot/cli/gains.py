@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import shlex
+import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.cli import gains_tune
@@ -79,6 +80,35 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
     return replace(vessel, control=control)
 
 
+def in_hand(vessel: Vessel, wish: Wish, is_chosen: bool) -> Vessel:
+    """Return a course-unstable boat's vessel with designed gains whose turns bear a rudder weaker than the model's.
+
+    Where the level is not chosen, the next quicker one that does is taken. Raises RefusedError where none does.
+    """
+    from autopilot.report.weaker_turn import survives
+
+    better = designed(vessel, wish)
+    if survives(better):
+        return better
+    lost = "a turn of 90 deg with a rudder 30 % weaker than the model's is lost or leads far past"
+    if wish.bandwidth is not None:
+        raise RefusedError(
+            f"vessel {vessel.name!r}: with these gains {lost}; ask for more --bandwidth-rad-s or a --level"
+        )
+    for level in range(wish.level + 1, 10):
+        quicker = designed(vessel, wish._replace(level=level))
+        if not survives(quicker):
+            continue
+        if is_chosen:
+            raise RefusedError(f"vessel {vessel.name!r}: at level {wish.level} {lost}; --level {level} bears it")
+        print(f"level {level} in place of {wish.level}, at which {lost}", file=sys.stderr)
+        return quicker
+    raise RefusedError(
+        f"vessel {vessel.name!r}: at level {wish.level}, and at any quicker one, {lost}; ask for a calmer --level, or "
+        "give her a quicker rudder"
+    )
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
     from autopilot.params.vessel_file import load_vessel
@@ -94,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         require_extra("by leaving out --report")
     vessel = load_vessel(arguments.vessel)
-    better = designed(vessel, wish)
+    better = designed(vessel, wish) if vessel.model.n1 > 0.0 else in_hand(vessel, wish, arguments.level is not None)
     rows = {f"designed {law}": judged(better, law) for law in LAWS}
     asked_for = rows["designed backstepping"].verdict.refusal
     if wish.bandwidth is not None and asked_for:

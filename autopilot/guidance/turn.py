@@ -36,10 +36,10 @@ ARRIVED = 1.0e-6
 BEGINS = 1.25
 MOST_SHARE = 0.9
 """A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share."""
-HELD_UNSTABLE = 0.6
-"""A course-unstable boat turns no faster than this share of the planned rudder can hold: with more, one whose rudder is
-30 % weaker than the model's is not stopped any more and turns on for good (tried with 0.8)."""
-BRAKED_UNSTABLE = 0.6
+HELD_UNSTABLE = 0.7
+"""A course-unstable boat turns no faster than this share of the planned rudder can hold: with 0.8 one whose rudder is
+30 % weaker than the model's was not stopped in one of ten turns (level 8), with 0.9 in every other one."""
+BRAKED_UNSTABLE = 0.45
 BRAKED_RANGE = (0.3, 0.5)
 """The share of the rudder that a course-unstable boat's turn is stopped with, by its time constant over the time that
 the rudder takes amidships: a boat quicker than her rudder is stopped earlier."""

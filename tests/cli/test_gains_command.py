@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from boats import BOATS, vessel_of
 
 from autopilot.build import build_pilot, gains_in_force, model_of, verdict_of
-from autopilot.cli.gains import designed
+from autopilot.cli.gains import Wish, designed, in_hand
 from autopilot.cli.main import main
 from autopilot.errors import RefusedError
 from autopilot.models.norrbin import at_speed_ratio
-from autopilot.params.vessel import Backstepping
+from autopilot.params.vessel import Backstepping, Vessel
 from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.report import weaker_turn
 
 
 def as_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -237,3 +239,40 @@ def test_unknown_gains_name_their_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert f"line {line}" in complaint
     assert "k1_1_s" in complaint
     assert "\n" not in complaint
+
+
+UNSTEADY = vessel_of(BOATS["unstable"])
+
+
+@pytest.mark.parametrize(("level", "is_in_hand"), [(3, False), (7, True)])
+def test_too_calm_a_loop_does_not_stop_an_unstable_boat_with_a_weaker_rudder(
+    level: int, is_in_hand: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the pilot itself, simulated."""
+    monkeypatch.setattr(weaker_turn, "SEEDS", (1,))
+    assert weaker_turn.survives(designed(UNSTEADY, Wish(level))) is is_in_hand
+
+
+def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    least = designed(UNSTEADY, Wish(7)).control.backstepping
+    assert least is not None
+
+    def from_seven_on(vessel: Vessel) -> bool:
+        gains = vessel.control.backstepping
+        return gains is not None and gains.k1_1_s >= least.k1_1_s
+
+    monkeypatch.setattr(weaker_turn, "survives", from_seven_on)
+    path, out = tmp_path / "unsteady.yaml", tmp_path / "better.yaml"
+    path.write_text(dump_vessel(UNSTEADY))
+    assert main(["gains", str(path), "--level", "5", "--out", str(out)]) == 4
+    told = capsys.readouterr().err.strip()
+    assert "at level 5 a turn of 90 deg with a rudder 30 % weaker" in told
+    assert "--level 7 bears it" in told
+    assert "\n" not in told
+    assert not out.exists()
+    assert main(["gains", str(path), "--bandwidth-rad-s", "0.2"]) == 4
+    assert "ask for more --bandwidth-rad-s" in capsys.readouterr().err
+    assert in_hand(UNSTEADY, Wish(), is_chosen=False).control.backstepping == least
+    assert "level 7 in place of 5" in capsys.readouterr().err
