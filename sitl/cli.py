@@ -181,6 +181,7 @@ def _servo(text: str) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `sitl` and return its exit code."""
     arguments = build_parser().parse_args(argv)
+    arguments.typed = ["sitl", *(sys.argv[1:] if argv is None else argv)]  # reports print it, whole
     try:
         return int(arguments.run(arguments))
     except InputError as error:

@@ -180,10 +180,6 @@ def _write_report(arguments: argparse.Namespace, vessel: Vessel, rows: dict[str,
     levels = {}
     for level in range(1, 10):
         levels[level] = judged(designed(vessel, Wish(level)), "backstepping")
-    words = ["autopilot", "gains", arguments.vessel]
-    for name in ("level", "bandwidth_rad_s", "damping"):
-        value = getattr(arguments, name)
-        words += [] if value is None else [f"--{name.replace('_', '-')}", f"{value:g}"]
-    save_text(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(words)))
+    save_text(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(arguments.typed)))
     if not arguments.json:
         print(f"Wrote the report to {arguments.report}.\n")

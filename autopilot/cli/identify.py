@@ -237,23 +237,7 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
             if found.convergence is not None:
                 convergence[method.name] = found.convergence
     findings = Findings(arguments.method, result.found, result.predictions, result.residual_tests, steady, convergence)
-    save_text(arguments.report, identification_page(findings, _command(arguments)))
-
-
-def _command(arguments: argparse.Namespace) -> str:
-    """Return the command that makes the report's numbers again."""
-    words = ["autopilot", "identify", *arguments.logs]
-    if arguments.holdout:
-        words += ["--holdout", *arguments.holdout]
-    for name in ("columns", "steady_turns", "gain_1_s", "reference_speed_m_s"):
-        value = getattr(arguments, name)
-        words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
-    words += [
-        f"--{name.replace('_', '-')}" for name in ("course_unstable", "reverse_rudder") if getattr(arguments, name)
-    ]
-    words += [] if arguments.weighting == "residuals" else ["--weighting", arguments.weighting]
-    words += [] if arguments.gain == "constant" else ["--gain", arguments.gain]
-    return shlex.join([*words, "--model", arguments.model, "--method", arguments.method])
+    save_text(arguments.report, identification_page(findings, shlex.join(arguments.typed)))
 
 
 def _load(paths: list[str], arguments: argparse.Namespace) -> list[Run]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import shlex
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -99,8 +100,8 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
     if arguments.report:
         from autopilot.report.trials import trials_page
 
-        command = f"autopilot log measures {arguments.log}" + ("" if length is None else f" --length-m {length:g}")
-        _write(Path(arguments.report), trials_page(arguments.log, record, measures, length, command), "--report")
+        page = trials_page(arguments.log, record, measures, length, shlex.join(arguments.typed))
+        _write(Path(arguments.report), page, "--report")
     return int(ExitCode.OK)
 
 

@@ -61,6 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return its exit code."""
     given = sys.argv[1:] if argv is None else argv
     arguments = build_parser(given).parse_args(given)
+    arguments.typed = ["autopilot", *given]  # reports print it, whole
     from autopilot.links.base import LinkError
 
     try:

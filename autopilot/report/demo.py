@@ -50,19 +50,19 @@ def _sections(figures: dict[str, str], summary: dict[str, Any]) -> list[Section]
     for name, row in summary["parameters"].items():
         error = "-" if row["std"] is None else f"{row['std']:.4f}"
         parameters.append((name, row["unit"], f"{row['true']:.4f}", f"{row['identified']:.4f}", error))
-    turns = [("law and link", "overshoot", "settling to 1 deg", "rudder travel")]
+    turns = [("law and link", "overshoot [deg]", "settling to 1 deg [s]", "rudder travel [deg]")]
     for name, row in summary["turn_90_deg_calm"].items():
         turns.append(
             (
                 name,
-                f"{row['overshoot_deg']:.2f} deg",
-                "never" if row["settling_s"] is None else f"{row['settling_s']:.1f} s",
-                f"{row['rudder_travel_deg']:.0f} deg",
+                f"{row['overshoot_deg']:.2f}",
+                "never" if row["settling_s"] is None else f"{row['settling_s']:.1f}",
+                f"{row['rudder_travel_deg']:.0f}",
             )
         )
-    holds = [("law", "true heading rms", "rudder travel")]
+    holds = [("law", "true heading rms [deg]", "rudder travel [deg/s]")]
     for name, row in summary["hold_sea_state_5"].items():
-        holds.append((name, f"{row['heading_rms_deg']:.2f} deg", f"{row['rudder_travel_deg_s']:.2f} deg/s"))
+        holds.append((name, f"{row['heading_rms_deg']:.2f}", f"{row['rudder_travel_deg_s']:.2f}"))
     note = (
         "Standard errors tell what sensor noise and sea leave open. The simulated boat also loses speed and drifts in "
         "turns, which the model leaves out: the difference to the true values holds that too.",

@@ -42,7 +42,15 @@ def gains_page(name: str, rows: Mapping[str, Judged], levels: Mapping[int, Judge
 
 def _margins(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
     table: list[tuple[str, ...]] = [
-        ("gains", "gain margin", "phase margin", "delay margin", "worst sensitivity", "crossover", "rate saturates")
+        (
+            "gains",
+            "gain margin [times]",
+            "phase margin [deg]",
+            "delay margin [s]",
+            "worst sensitivity [-]",
+            "crossover [rad/s]",
+            "rate saturates from [deg]",
+        )
     ]
     for name, each in rows.items():
         found = each.verdict.margins
@@ -53,11 +61,11 @@ def _margins(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
             (
                 name,
                 f"{found.gain:.2f}",
-                f"{math.degrees(found.phase):.0f}°",
-                f"{found.delay:.2f} s",
+                f"{math.degrees(found.phase):.0f}",
+                f"{found.delay:.2f}",
                 f"{found.sensitivity:.2f}",
-                f"{found.crossover:.3g} rad/s",
-                f"from {math.degrees(found.saturation):.2f}°",
+                f"{found.crossover:.3g}",
+                f"{math.degrees(found.saturation):.2f}",
             )
         )
     return table
@@ -118,7 +126,9 @@ def _step(rows: Mapping[str, Judged], degrees: float) -> Section:
 
 
 def _large_errors(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
-    table: list[tuple[str, ...]] = [("gains", *(f"from {degrees:.0f}°" for degrees in LARGE_ERRORS_DEG))]
+    table: list[tuple[str, ...]] = [
+        ("gains", *(f"from {degrees:.0f} deg: past [deg], settled [s]" for degrees in LARGE_ERRORS_DEG))
+    ]
     for name, each in rows.items():
         cells = []
         for row in each.recoveries:
@@ -135,10 +145,10 @@ def _levels(levels: Mapping[int, Judged]) -> list[tuple[str, ...]]:
             "k1 [1/s]",
             "k2 [1/s]",
             "gamma [1/s²]",
-            "crossover",
-            "worst sensitivity",
-            "delay margin",
-            "rate saturates",
+            "crossover [rad/s]",
+            "worst sensitivity [-]",
+            "delay margin [s]",
+            "rate saturates from [deg]",
         )
     ]
     for level, each in levels.items():
@@ -150,10 +160,10 @@ def _levels(levels: Mapping[int, Judged]) -> list[tuple[str, ...]]:
                 f"{gains.k1_1_s:.3g}",
                 f"{gains.k2_1_s:.3g}",
                 f"{gains.gamma_1_s2:.3g}",
-                f"{found.crossover:.3g} rad/s",
+                f"{found.crossover:.3g}",
                 f"{found.sensitivity:.2f}",
-                f"{found.delay:.2f} s",
-                f"from {math.degrees(found.saturation):.2f}°",
+                f"{found.delay:.2f}",
+                f"{math.degrees(found.saturation):.2f}",
             )
         )
     return table

@@ -141,11 +141,11 @@ def _correlation(found: Identified) -> list[Section]:
 
 
 def _predictions(runs: Sequence[tuple[Run, str, Prediction]]) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = [("run", "role", "length", "R² of yaw rate", "heading rms")]
+    rows: list[tuple[str, ...]] = [("run", "role", "length [s]", "R² of yaw rate [-]", "heading rms [deg]")]
     for run, role, told in runs:
         r2 = "-" if told.yaw_rate_r2 is None else f"{told.yaw_rate_r2:.3f}"
-        rms = "-" if told.heading_rms is None else f"{math.degrees(told.heading_rms):.1f}°"
-        rows.append((_name(run), role, f"{told.seconds:.0f} s", r2, rms))
+        rms = "-" if told.heading_rms is None else f"{math.degrees(told.heading_rms):.1f}"
+        rows.append((_name(run), role, f"{told.seconds:.0f}", r2, rms))
     return rows
 
 

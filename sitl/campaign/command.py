@@ -118,7 +118,7 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
         from autopilot.params.saving import save_text
         from sitl.campaign.page import campaign_page
 
-        page = campaign_page(study.name, study.description, summaries, said, _command(arguments))
+        page = campaign_page(study.name, study.description, summaries, said, shlex.join(arguments.typed))
         save_text(arguments.report, page)
     if arguments.json:
         print(json.dumps({"study": study.name, "done": tally.done, "seconds": seconds, "cases": as_json(summaries)}))
@@ -131,14 +131,6 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
     for path in (arguments.out, arguments.report):
         if path:
             print(f"Wrote {path}.")
-
-
-def _command(arguments: argparse.Namespace) -> str:
-    words = ["sitl", "campaign", arguments.study]
-    for name in ("runs", "seed"):
-        value = getattr(arguments, name)
-        words += [] if value is None else [f"--{name}", str(value)]
-    return shlex.join(words)
 
 
 def _replay(job: Job, arguments: argparse.Namespace) -> int:

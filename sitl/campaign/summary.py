@@ -90,7 +90,7 @@ def table(summaries: list[CaseSummary]) -> list[list[str]]:
             "rudder travel [deg/s]",
             "most [deg]",
             "overshoot [deg]",
-            "engaged",
+            "engaged [%]",
         ]
     ]
     for each in summaries:
@@ -106,7 +106,7 @@ def table(summaries: list[CaseSummary]) -> list[list[str]]:
                 _range(found["travel_deg_s"]),
                 f"{found['heading_most_deg'][2]:.2f}",
                 f"{found['overshoot_deg'][1]:.2f}",
-                f"{100.0 * found['engaged'][0]:.0f} %",
+                f"{100.0 * found['engaged'][0]:.0f}",
             ]
         )
     return rows

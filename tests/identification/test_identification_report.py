@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,8 @@ def test_the_page_shows_every_run_and_needs_nothing_else(tmp_path: Path) -> None
     assert "the fit never saw it" in text
     # nothing is fetched from elsewhere
     assert not re.search(r"<(link|img)\b|<script[^>]|@import|url\((?!#)", text)
-    assert "identify" in text.rpartition("Made by")[2]
+    typed = shlex.join(["autopilot", "identify", str(fit), "--holdout", str(holdout), "--report", str(page)])
+    assert f"<code>{typed}</code>" in text.rpartition("Made by")[2], "the command, whole"
 
 
 def test_the_interval_on_the_page_holds_the_truth(tmp_path: Path) -> None:
