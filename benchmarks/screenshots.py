@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import html
 import io
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,17 +25,30 @@ from typing import Any
 from latency import free_port
 from PIL import Image
 
+from autopilot.web.line import BoatLine
+from autopilot.web.screen import screen
+from autopilot.web.station import Station
+
 CHROMIUM = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync", "--no-first-run"]
 PHONE = {"width": 390, "height": 844}
 DESKTOP = {"width": 1280, "height": 800}
 PATIENCE_S = 90.0
 COLOURS = 128
+TERMINAL = (84, 24)
+INKS = {
+    "plain": "#d8dee9",
+    "dim": "#7b8794",
+    "strong": "#ffffff",
+    "on": "#8fd694",
+    "alarm": "#f2c14e",
+    "bad": "#ff6b6b",
+}
 
 
 @contextlib.contextmanager
-def helm(folder: Path) -> Iterator[str]:
-    """Run simulator, pilot and page while the block lasts; yield the address with the token."""
-    line, served, port = free_port(), free_port(), free_port()
+def helm(folder: Path) -> Iterator[tuple[str, int]]:
+    """Run simulator, pilot and page while the block lasts; yield the address with the token, and a port served."""
+    line, served, port, terminal = (free_port() for _ in range(4))
     logs = folder / "logs"
     logs.mkdir()
     with contextlib.ExitStack() as ends:
@@ -55,6 +70,7 @@ def helm(folder: Path) -> Iterator[str]:
         start(
             *("autopilot", "run", "lanxin", "--as-gcs", "--learn", "--log", str(logs / "tour.tlog"), "--wait", "0"),
             *("--link", f"udpin:127.0.0.1:{line}", "--serve", f"udpout:127.0.0.1:{served}"),
+            *("--serve", f"udpout:127.0.0.1:{terminal}"),
         )
         web = start(
             *("autopilot", "web", "--link", f"udpin:127.0.0.1:{served}", "--listen", f"127.0.0.1:{port}"),
@@ -66,7 +82,7 @@ def helm(folder: Path) -> Iterator[str]:
                 break
         else:
             raise SystemExit("the page did not start")
-        yield found.group(0)
+        yield found.group(0), terminal
 
 
 def until(page: Any, expression: str) -> None:
@@ -97,7 +113,34 @@ def keep(page: Any, path: Path) -> None:
     print(f"{path}  {path.stat().st_size / 1000.0:.0f} kB", flush=True)
 
 
-def tour(browser: Any, address: str, out: Path) -> None:
+def in_a_terminal(browser: Any, port: int, path: Path) -> None:
+    """Show what `autopilot helm` draws: the lines of its screen, in the inks of a dark terminal."""
+    station = Station()
+    line = BoatLine(f"udpin:127.0.0.1:{port}", station)
+    until_s = time.monotonic() + 12.0
+    while time.monotonic() < until_s:
+        line.turn(time.monotonic())
+        station.view.keep_history(time.monotonic())
+        time.sleep(0.02)
+    rows = screen(station, time.monotonic(), TERMINAL)
+    line.close()
+    text = "\n".join(f'<span style="color:{INKS[row.look]}">{html.escape(row.text)}</span>' for row in rows)
+    page = browser.new_page(viewport={"width": 800, "height": 420})
+    page.set_content(f'<body style="margin:0;background:#11161c"><pre style="margin:12px;font-size:14px">{text}</pre>')
+    keep(page, path)
+
+
+def report(browser: Any, folder: Path, path: Path) -> None:
+    """Show the page that `autopilot gains --report` writes."""
+    written = folder / "gains.html"
+    command = [sys.executable, "-m", "autopilot", "gains", "lanxin", "--report", str(written)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    page = browser.new_page(viewport={"width": 1000, "height": 640})
+    page.goto(written.as_uri())
+    keep(page, path)
+
+
+def tour(browser: Any, address: str, port: int, out: Path) -> None:
     """Engage, turn, sail a zigzag, and take pictures on the way."""
     phone = opened(browser, address, PHONE, "day")
     phone.click("#engage")
@@ -126,6 +169,10 @@ def tour(browser: Any, address: str, out: Path) -> None:
         night.click("#theme")
     until(night, "document.querySelectorAll('#learning-rows tr').length >= 3")
     keep(night, out / "helm-learning.png")
+    in_a_terminal(browser, port, out / "helm-terminal.png")
+    night.click("nav a[href='#parameters']")
+    night.wait_for_timeout(3000.0)
+    keep(night, out / "helm-parameters.png")
     night.click("#release")
 
 
@@ -140,9 +187,10 @@ def main() -> None:
     from playwright.sync_api import sync_playwright
 
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as name, helm(Path(name)) as address, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory() as name, helm(Path(name)) as (address, port), sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=CHROMIUM)
-        tour(browser, address, arguments.out)
+        tour(browser, address, port, arguments.out)
+        report(browser, Path(name), arguments.out / "report.png")
         browser.close()
 
 

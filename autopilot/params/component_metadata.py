@@ -25,6 +25,8 @@ GROUPS = {
     "sensors": "Sensors",
     "control": "Control",
     "control.backstepping": "Backstepping law",
+    "control.sliding": "Sliding law",
+    "estimator": "Estimator",
     "control.pid": "PID law",
     "guidance": "Guidance",
     "limits": "Limits",
