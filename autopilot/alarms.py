@@ -123,6 +123,7 @@ _HEADING = [
     ),
 ]
 
+_STANDS = "off its order by more than the tolerance and standing for 1.2 s and the gear's delay and lag"
 _RUDDER = [
     AlarmKind(
         "rudder_stuck",
@@ -131,8 +132,8 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "off its order by more than the tolerance and standing for 1.2 s and the gear's delay and lag",
-        "rudder.follow_tolerance_deg",
+        f"{_STANDS}, or the boat does not answer to it",
+        "rudder.follow_tolerance_deg, alarms.reversed_rudder",
     ),
     AlarmKind(
         "rudder_not_following",
@@ -151,7 +152,7 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "its sensor shows it going away from its order, or the rate of turn answers as to the opposite rudder",
+        "its sensor shows it going away from its order, or the boat answers as to the opposite rudder",
         "alarms.reversed_rudder",
     ),
     AlarmKind(
@@ -186,6 +187,16 @@ _MOTION = [
         _PILOT,
         "this angle for this time, not while a turn may last",
         "alarms.off_course_deg, alarms.off_course_s",
+    ),
+    AlarmKind(
+        "overpowered",
+        "the boat is pushed harder than her rudder can hold",
+        "take way off, ease sheets, cut what she tows or has in her rudder",
+        _TELL,
+        _ERROR,
+        _PILOT,
+        "what turns her beside the rudder, by the model, is worth more than the rudder's limit for 2 s, in turns too",
+        "alarms.reversed_rudder",
     ),
     AlarmKind(
         "low_speed",

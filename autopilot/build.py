@@ -54,6 +54,8 @@ STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_INTERVAL = 0.1
 """Loops are judged as if headings came so often [s], as most compasses send them."""
+HEADING_NOISE_LEAST_DEG = 0.1
+"""The monitors hold no compass for better than its last digit."""
 TRIAL_LAW = "trial"
 """In place of a law's name: trials order rudder angles and need no gains."""
 BIAS_CHANGE = math.radians(2.0)
@@ -282,6 +284,7 @@ def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
         follow.rate,
         follow.delay,
         vessel.failsafe.action == "windward",
+        math.radians(max(vessel.sensors.heading_noise_deg, HEADING_NOISE_LEAST_DEG)) ** 2,
     )
 
 

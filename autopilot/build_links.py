@@ -47,6 +47,8 @@ def priority_of(vessel: Vessel) -> PrioritySettings:
         stale=sensors.source_timeout_s,
         heading_stale=HEADING_STALE_SHARE * vessel.failsafe.heading_timeout_s,
         disagree=math.inf if limit is None else math.radians(limit),
+        jump=radians_or_unlimited(vessel.alarms.heading_jump_deg),
+        frozen=vessel.alarms.frozen_heading,
     )
 
 

@@ -159,15 +159,16 @@ class FaultBoat:
                     return True
         return False
 
-    def add(self, kind: str, size: float | None = None, begin: float = 0.0, end: float = math.inf) -> None:
-        """Inject a fault `begin` [s] from now, until `end` [s] from now."""
+    def add(
+        self, kind: str, size: float | None = None, begin: float = 0.0, end: float = math.inf, source: str = "both"
+    ) -> None:
+        """Inject a fault `begin` [s] from now, until `end` [s] from now, of one of two compasses or of both."""
         from sitl.fault_kinds import KINDS
 
         whole = KINDS[kind]  # type: ignore[index]
         time = self.world.time
-        self.world.faults.add(
-            Fault(kind, time + begin, time + end, whole.size if size is None else size)  # type: ignore[arg-type]
-        )
+        size = whole.size if size is None else size
+        self.world.faults.add(Fault(kind, time + begin, time + end, size, 0.0, source))  # type: ignore[arg-type]
 
     def type_line(self, line: str) -> None:
         """Type a line at the helm; what is refused is the pilot's answer, not a mistake here."""

@@ -23,6 +23,7 @@ class Injected(NamedTuple):
     size: float | None = None
     begin: float = 0.0
     end: float = math.inf
+    source: str = "both"
 
 
 class Row(NamedTuple):
@@ -44,6 +45,11 @@ class Row(NamedTuple):
 def simple(name: str, kind: str, size: float | None = None, method: str = "companion", end: float = math.inf) -> Row:
     """Return the row of one fault of the simulator."""
     return Row(name, (Injected(kind, size, 0.0, end),), method)
+
+
+def of_two(name: str, kind: str, size: float | None = None, source: str = "first") -> Row:
+    """Return the row of a fault that one of two compasses has."""
+    return Row(name, (Injected(kind, size, 0.0, math.inf, source),), "both")
 
 
 class LawOfNoNumbers:
@@ -102,9 +108,17 @@ ROWS: tuple[Row, ...] = (
     simple("every tenth heading wild", "heading_spikes", 0.1),
     simple("heading is no number", "heading_nan"),
     simple("readings 1 s late", "heading_late", 1.0),
-    simple("second compass off by 30 deg", "second_heading_jump", 30.0, "both"),
-    simple("second compass drifts by 1 deg/s", "second_heading_drift", 1.0, "both"),
-    simple("first of two compasses lost", "heading_dropout", None, "both"),
+    of_two("second compass off by 30 deg", "heading_jump", 30.0, "second"),
+    of_two("second compass drifts by 1 deg/s", "heading_drift", 1.0, "second"),
+    of_two("first of two compasses lost", "heading_dropout"),
+    of_two("first of two compasses frozen", "heading_frozen"),
+    of_two("first of two compasses jumps by 40 deg", "heading_jump", 40.0),
+    of_two("first of two compasses noisy, 10 deg", "heading_noise", 10.0),
+    of_two("first of two compasses drifts by 1 deg/s", "heading_drift", 1.0),
+    of_two("second of two compasses lost", "heading_dropout", None, "second"),
+    of_two("second of two compasses frozen", "heading_frozen", None, "second"),
+    simple("both compasses lost", "heading_dropout", None, "both"),
+    simple("both compasses frozen", "heading_frozen", None, "both"),
     simple("rate off by 5 deg/s", "rate_bias", 5.0),
     simple("rate frozen", "rate_frozen"),
     simple("rate reversed", "rate_reversed"),

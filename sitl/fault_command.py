@@ -20,7 +20,12 @@ def add_fault_command(commands: Any, epilog: str) -> None:
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    fault.add_argument("words", metavar="WORD", nargs="*", help="KIND [size=X] [for=S] [ramp=S] [after=S], list, clear")
+    fault.add_argument(
+        "words",
+        metavar="WORD",
+        nargs="*",
+        help="KIND [size=X] [for=S] [ramp=S] [after=S] [source=first|second], list, clear",
+    )
     fault.add_argument(
         "--control", metavar="HOST:PORT", default=DEFAULT_DESK, help="where the boat listens (default %(default)s)"
     )

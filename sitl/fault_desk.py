@@ -1,6 +1,7 @@
 """Faults by command while the boat sails: `sitl fault` sends a line of text, the served boat answers with one.
 
     rudder_slow size=0.2 for=10 ramp=2    begins now, and ends after 10 simulated seconds; without `for`, never
+    heading_frozen source=first           of one of two compasses alone, first or second
     clear [KIND]                          ends what is at work and what is to come
     list                                  names what is at work
 
@@ -16,7 +17,7 @@ from typing import cast
 
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
-from sitl.fault_kinds import KINDS, FaultKind, wrong_size
+from sitl.fault_kinds import KINDS, SOURCES, FaultKind, Source, wrong_size, wrong_source
 from sitl.faults import Fault
 from sitl.world import World
 
@@ -89,13 +90,15 @@ def _obey(world: World, words: list[str]) -> str:
     if not words:
         raise InputError("an empty line; write a fault such as rudder_stuck for=10, or list, or clear.")
     kind = _kind(words[0])
-    values = _values(words[1:])
+    source, rest = _source(words[1:])
+    values = _values(rest)
     size = values.get("size")
-    if wrong := wrong_size(kind, size):
+    if wrong := wrong_size(kind, size) or wrong_source(kind, source):
         raise InputError(wrong)
     begin = time + values.get("after", 0.0)
     end = begin + values.get("for", math.inf)
-    world.faults.add(Fault(kind, begin, end, KINDS[kind].size if size is None else size, values.get("ramp", 0.0)))
+    size = KINDS[kind].size if size is None else size
+    world.faults.add(Fault(kind, begin, end, size, values.get("ramp", 0.0), source))
     until = f"to {end:.2f} s" if math.isfinite(end) else "until it is cleared"
     return f"{kind} from {begin:.2f} s {until}"
 
@@ -108,6 +111,18 @@ def _kind(name: str) -> FaultKind:
     return cast(FaultKind, name)
 
 
+def _source(words: list[str]) -> tuple[Source, list[str]]:
+    """Return which compass the words name, and the other words."""
+    named = [word for word in words if word.startswith("source=")]
+    rest = [word for word in words if not word.startswith("source=")]
+    if not named:
+        return "both", rest
+    name = named[0].removeprefix("source=")
+    if len(named) > 1 or name not in SOURCES:
+        raise InputError(f"{' '.join(named)}: write source=first, source=second or source=both, once.")
+    return name, rest
+
+
 def _values(words: list[str]) -> dict[str, float]:
     values: dict[str, float] = {}
     for word in words:
@@ -117,7 +132,9 @@ def _values(words: list[str]) -> dict[str, float]:
         except ValueError:
             number = math.nan
         if name not in WORDS or name in values or not math.isfinite(number) or (name != "size" and number < 0.0):
-            raise InputError(f"{word}: write {', '.join(f'{each}=NUMBER' for each in WORDS)}, each once.")
+            raise InputError(
+                f"{word}: write {', '.join(f'{each}=NUMBER' for each in WORDS)} or source=NAME, each once."
+            )
         values[name] = number
     return values
 

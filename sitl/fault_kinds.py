@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 FaultKind = Literal[
     "heading_dropout",
@@ -14,8 +14,6 @@ FaultKind = Literal[
     "heading_spikes",
     "heading_nan",
     "heading_late",
-    "second_heading_jump",
-    "second_heading_drift",
     "rate_bias",
     "rate_frozen",
     "rate_noise",
@@ -65,6 +63,25 @@ FaultKind = Literal[
     "link_flood",
 ]
 
+Source = Literal["both", "first", "second"]
+"""Which compass and rate gyro fail: the flight controller's is the first, that on the NMEA line the second."""
+SOURCES: tuple[Source, ...] = get_args(Source)
+OF_A_COMPASS: frozenset[FaultKind] = frozenset(
+    (
+        "heading_dropout",
+        "heading_frozen",
+        "heading_jump",
+        "heading_drift",
+        "heading_noise",
+        "heading_spikes",
+        "rate_bias",
+        "rate_frozen",
+        "rate_noise",
+        "rate_reversed",
+    )
+)
+"""Faults that one of two compasses may have, with its rate gyro."""
+
 
 class Kind(NamedTuple):
     """What a fault does; `unit` of its size, empty where it has none, the size unless told, and its range."""
@@ -93,8 +110,6 @@ KINDS: Mapping[FaultKind, Kind] = {
     "heading_spikes": Kind("single headings are anything at all", "share of headings", 0.1, 0.0, 1.0),
     "heading_nan": Kind("the flight controller sends a heading that is no number"),
     "heading_late": Kind("heading, rate and roll leave the sensor late", "s", 1.0, 0.0, 10.0),
-    "second_heading_jump": Kind("the compass on the NMEA line alone is off", "deg", 30.0, -180.0, 180.0),
-    "second_heading_drift": Kind("the compass on the NMEA line alone wanders off", "deg/s", 1.0, -30.0, 30.0),
     "rate_bias": Kind("the rate gyro is off by a constant", "deg/s", 5.0, -90.0, 90.0),
     "rate_frozen": Kind("the rate gyro repeats its last value"),
     "rate_noise": Kind("the rate gyro is noisy, standard deviation", "deg/s", 5.0, 0.0, 90.0),
@@ -143,6 +158,13 @@ KINDS: Mapping[FaultKind, Kind] = {
     "link_truncate": _chance("packets are cut short", 0.3),
     "link_flood": Kind("noise comes in between", "packets/s", 500.0, 0.0, 20000.0),
 }
+
+
+def wrong_source(kind: FaultKind, source: Source) -> str:
+    """Return the sentence that says why only one source cannot have this fault, empty where it can."""
+    if source == "both" or kind in OF_A_COMPASS:
+        return ""
+    return f"{kind} is no fault of one compass; leave source out, or choose {', '.join(sorted(OF_A_COMPASS))}."
 
 
 def wrong_size(kind: FaultKind, size: float | None) -> str:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sitl.fault_kinds import KINDS, FaultKind
+from sitl.fault_kinds import KINDS, FaultKind, Source
 from sitl.scenario import FaultSection
 
 MOST_OCCURRENCES = 10000
@@ -16,13 +16,21 @@ MOST_OCCURRENCES = 10000
 
 
 class Fault(NamedTuple):
-    """One fault from `begin` to before `end` [s since the start]; its size grows from 0 over `ramp` [s]."""
+    """One fault from `begin` to before `end` [s since the start]; its size grows from 0 over `ramp` [s].
+
+    source: which of two compasses has it.
+    """
 
     kind: FaultKind
     begin: float
     end: float
     size: float
     ramp: float = 0.0
+    source: Source = "both"
+
+    def hits(self, source: Source) -> bool:
+        """Return whether it is a fault of `source`."""
+        return self.source in ("both", source)
 
     def size_at(self, time: float) -> float | None:
         """Return the size at `time` [s], None where the fault is not at work."""
@@ -60,21 +68,22 @@ class FaultBoard:
             self._faults[each] = kept
         return ended
 
-    def size(self, kind: FaultKind, time: float) -> float | None:
-        """Return the size of the fault at `time` [s], of several the last added; None where there is none."""
+    def size(self, kind: FaultKind, time: float, source: Source = "first") -> float | None:
+        """Return the size of the fault of `source` at `time` [s], of several the last added; None where it has none."""
         for fault in reversed(self._faults.get(kind, ())):
-            size = fault.size_at(time)
+            size = fault.size_at(time) if fault.hits(source) else None
             if size is not None:
                 return size
         return None
 
-    def is_on(self, kind: FaultKind, time: float) -> bool:
-        """Return whether a fault of `kind` is at work at `time` [s]."""
-        return kind in self._faults and self.size(kind, time) is not None
+    def is_on(self, kind: FaultKind, time: float, source: Source = "first") -> bool:
+        """Return whether a fault of `kind` is at work in `source` at `time` [s]."""
+        return kind in self._faults and self.size(kind, time, source) is not None
 
-    def lasted(self, kind: FaultKind, time: float) -> float:
-        """Return how long [s] the fault has been at work at `time`; 0 where it is not."""
-        on = [fault for fault in self._faults.get(kind, ()) if fault.size_at(time) is not None]
+    def lasted(self, kind: FaultKind, time: float, source: Source = "first") -> float:
+        """Return how long [s] the fault has been at work in `source` at `time`; 0 where it is not."""
+        faults = self._faults.get(kind, ())
+        on = [fault for fault in faults if fault.hits(source) and fault.size_at(time) is not None]
         return time - on[-1].begin if on else 0.0
 
     def at_work(self, time: float) -> list[Fault]:
@@ -87,7 +96,7 @@ def fault_of(section: FaultSection) -> Fault:
     """Return the fault of a section that does not come and go."""
     size = KINDS[section.kind].size if section.size is None else section.size
     end = math.inf if section.to_s is None else section.to_s
-    return Fault(section.kind, section.from_s, end, size, section.ramp_s)
+    return Fault(section.kind, section.from_s, end, size, section.ramp_s, section.source)
 
 
 def _occurrences(section: FaultSection, rng: np.random.Generator) -> list[Fault]:

@@ -13,7 +13,7 @@ from autopilot.errors import InputError
 from autopilot.params import schema
 from autopilot.params.schema import Bounds, nearest
 from autopilot.params.strict_yaml import Node, parse_document, read_document
-from sitl.fault_kinds import FaultKind, wrong_size
+from sitl.fault_kinds import FaultKind, Source, wrong_size, wrong_source
 
 SCHEMA_VERSION = 1
 
@@ -132,6 +132,8 @@ class FaultSection:
         None
     )
     lasts_s: Annotated[float, Bounds(0.01, 1.0e6, "how long it stays when it comes and goes")] = 1.0
+    source: Source = "both"
+    """Of a compass and its rate gyro: the flight controller's is the first, that on the NMEA line the second."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +210,7 @@ def scenario_from(root: Node) -> Scenario:
             raise root.at("faults").fault(
                 f"faults[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
             )
-        if wrong := wrong_size(fault.kind, fault.size):
+        if wrong := wrong_size(fault.kind, fault.size) or wrong_source(fault.kind, fault.source):
             raise root.at("faults").fault(f"faults[{index}]: {wrong}")
     for index, (one, other) in enumerate(itertools.pairwise(scenario.route)):
         if math.hypot(other[0] - one[0], other[1] - one[1]) < 1.0:

@@ -7,17 +7,18 @@ import math
 import numpy as np
 
 from autopilot.angles import wrap_positive
-from sitl.fault_kinds import FaultKind
+from sitl.fault_kinds import FaultKind, Source
 from sitl.faults import FaultBoard
 from sitl.reading import EARTH_RADIUS, Reading
 from sitl.sea import Deviates
 
 
 class SensorFaults:
-    """Spoils readings one after the other. Memory: the values that have frozen."""
+    """Spoils the readings of one source, one after the other. Memory: the values that have frozen."""
 
-    def __init__(self, faults: FaultBoard, seed: np.random.SeedSequence) -> None:
+    def __init__(self, faults: FaultBoard, seed: np.random.SeedSequence, source: Source = "first") -> None:
         self._faults = faults
+        self._source = source
         rng = np.random.default_rng(seed)
         self._deviate = Deviates(rng).next
         self._chance = rng.random
@@ -29,7 +30,7 @@ class SensorFaults:
             return reading
         rate, roll_rate = self._rates(time, reading)
         water_speed, ground_speed = self._speeds(time, reading)
-        jump = self._faults.size("position_jump", time) or 0.0
+        jump = self._size("position_jump", time) or 0.0
         return reading._replace(
             heading=self._heading(time, reading.heading),
             rate=rate,
@@ -40,30 +41,24 @@ class SensorFaults:
             latitude=reading.latitude + math.degrees(jump / EARTH_RADIUS),
         )
 
-    def second(self, time: float, reading: Reading) -> Reading:
-        """Return the reading as the compass on the NMEA line shows it."""
-        off = self._off("second_heading_jump", "second_heading_drift", time)
-        return reading._replace(heading=wrap_positive(reading.heading + off)) if off else reading
+    def _size(self, kind: FaultKind, time: float) -> float | None:
+        return self._faults.size(kind, time, self._source)
 
     def _heading(self, time: float, heading: float) -> float:
-        size = self._faults.size
+        size = self._size
         (heading,) = self._freeze("heading_frozen", time, heading)
-        off = self._off("heading_jump", "heading_drift", time)
+        lasted = self._faults.lasted("heading_drift", time, self._source)
+        off = math.radians((size("heading_jump", time) or 0.0) + (size("heading_drift", time) or 0.0) * lasted)
         if (noise := size("heading_noise", time)) is not None:
             off += math.radians(noise) * self._deviate()
         if (share := size("heading_spikes", time)) is not None and self._chance() < share:
             off += 2.0 * math.pi * self._chance()
         return wrap_positive(heading + off) if off else heading
 
-    def _off(self, jump: FaultKind, drift: FaultKind, time: float) -> float:
-        by = self._faults.size(jump, time) or 0.0
-        per_second = self._faults.size(drift, time) or 0.0
-        return math.radians(by + per_second * self._faults.lasted(drift, time))
-
     def _rates(self, time: float, reading: Reading) -> tuple[float, float]:
-        size = self._faults.size
+        size = self._size
         rate, roll_rate = self._freeze("rate_frozen", time, reading.rate, reading.roll_rate)
-        if self._faults.is_on("rate_reversed", time):
+        if self._faults.is_on("rate_reversed", time, self._source):
             rate = -rate
         if (bias := size("rate_bias", time)) is not None:
             rate += math.radians(bias)
@@ -73,16 +68,16 @@ class SensorFaults:
 
     def _speeds(self, time: float, reading: Reading) -> tuple[float, float]:
         water, ground = self._freeze("speed_frozen", time, reading.water_speed, reading.ground_speed)
-        times = self._faults.size("speed_wrong", time)
+        times = self._size("speed_wrong", time)
         return (water, ground) if times is None else (water * times, ground * times)
 
     def _feedback(self, time: float, rudder: float) -> float:
         (rudder,) = self._freeze("feedback_frozen", time, rudder)
-        return rudder + math.radians(self._faults.size("feedback_offset", time) or 0.0)
+        return rudder + math.radians(self._size("feedback_offset", time) or 0.0)
 
     def _freeze(self, kind: FaultKind, time: float, *values: float) -> tuple[float, ...]:
         """The values of the moment when the fault began, for as long as it lasts."""
-        if not self._faults.is_on(kind, time):
+        if not self._faults.is_on(kind, time, self._source):
             self._held.pop(kind, None)
             return values
         return self._held.setdefault(kind, values)

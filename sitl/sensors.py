@@ -10,6 +10,7 @@ import numpy as np
 from autopilot.angles import wrap, wrap_positive
 from autopilot.params.vessel import Vessel
 from sitl.boat import BoatState
+from sitl.fault_kinds import Source
 from sitl.faults import FaultBoard
 from sitl.reading import EARTH_RADIUS, Reading
 from sitl.scenario import Scenario
@@ -26,14 +27,15 @@ class Sensors:
         section = scenario.sensors
         self._section = section
         self._faults = faults = FaultBoard(scenario.faults) if faults is None else faults
-        self._spoiler = SensorFaults(faults, seed.spawn(1)[0])
+        first, second = seed.spawn(2)
+        self._spoilers = SensorFaults(faults, first), SensorFaults(faults, second, "second")
         self._start = scenario.start
         self._heading_noise = math.radians(or_else(section.heading_noise_deg, vessel.sensors.heading_noise_deg))
         self._rate_noise = math.radians(or_else(section.rate_noise_deg_s, vessel.sensors.rate_noise_deg_s))
         self._latency = or_else(section.latency_s, vessel.sensors.heading_latency_s)
         self._deviates = Deviates(np.random.default_rng(seed))
-        self._on_their_way: deque[Reading] = deque()
-        self._latest: Reading | None = None
+        self._on_their_way: deque[tuple[Reading, Reading]] = deque()
+        self._latest: tuple[Reading, Reading] | None = None
         variation_deg = or_else(section.variation_deg, or_else(vessel.sensors.variation_deg, 0.0))
         self.variation = math.radians(variation_deg)
         """Magnetic variation [rad] where the boat is, east positive; 0 where neither file says."""
@@ -65,7 +67,8 @@ class Sensors:
             north_speed=north_speed,
             east_speed=east_speed,
         )
-        self._on_their_way.append(self._spoiler.spoil(time, reading))
+        one, other = self._spoilers
+        self._on_their_way.append((one.spoil(time, reading), other.spoil(time, reading)))
 
     def _shown_heading(self, heading: float) -> float:
         """Resolution, after noise and offset."""
@@ -73,23 +76,27 @@ class Sensors:
         return wrap_positive(round(heading / step) * step if step > 0.0 else heading)
 
     def latest(self, time: float) -> Reading | None:
-        """Return the newest reading that has left the sensor by `time` [s]; None before the first.
+        """Return the newest reading of the flight controller that has left the sensor by `time` [s]; None before any.
 
         Times must not go backwards.
         """
+        pair = self._newest(time)
+        return None if pair is None else pair[0]
+
+    def second(self, time: float) -> Reading | None:
+        """Return the newest reading of the instruments on the NMEA line, whose compass has faults of its own."""
+        pair = self._newest(time)
+        return None if pair is None else pair[1]
+
+    def _newest(self, time: float) -> tuple[Reading, Reading] | None:
         latency = self._latency + (self._faults.size("heading_late", time) or 0.0)
-        while self._on_their_way and self._on_their_way[0].time + latency <= time + 1.0e-9:
+        while self._on_their_way and self._on_their_way[0][0].time + latency <= time + 1.0e-9:
             self._latest = self._on_their_way.popleft()
         return self._latest
 
-    def second(self, time: float) -> Reading | None:
-        """Return the newest reading as the instruments on the NMEA line show it, which have faults of their own."""
-        reading = self.latest(time)
-        return None if reading is None else self._spoiler.second(time, reading)
-
-    def has_heading(self, time: float) -> bool:
+    def has_heading(self, time: float, source: Source = "first") -> bool:
         """Return whether the heading sensor speaks at `time` [s]."""
-        return not self._faults.is_on("heading_dropout", time)
+        return not self._faults.is_on("heading_dropout", time, source)
 
     def is_silent(self, time: float) -> bool:
         """Return whether nothing leaves the boat at all at `time` [s]."""

@@ -225,7 +225,7 @@ class NmeaInstruments:
             return
         if name in PLOTTER:
             self._plotter.update(reading)
-        if name in ("HDG", "HDM", "HDT") and not sensors.has_heading(time):
+        if name in ("HDG", "HDM", "HDT") and not sensors.has_heading(time, "second"):
             return
         if (fault := SILENCED_BY.get(name)) and self.world.faults.is_on(fault, time):
             return
@@ -243,7 +243,7 @@ class NmeaInstruments:
         return encode.encode_hdg(shown, variation=variation if is_sent else None)
 
     def _ths(self, reading: Reading) -> bytes:
-        has_heading = self.world.sensors.has_heading(self.world.time)
+        has_heading = self.world.sensors.has_heading(self.world.time, "second")
         return encode.encode_ths(reading.heading, mode="A" if has_heading else "V")
 
     def _rmc(self, reading: Reading) -> bytes:

@@ -3,7 +3,8 @@
 Of the sources that give the same kind of value the first in the priority list that is fresh is believed, and the
 others are left out: two compasses fused would be a third one that does not exist. Without a list the source heard
 first stays until it is stale. A better source that comes back must have been heard for `SETTLE_S` before it takes
-over, or one that comes and goes would jerk the helm each time.
+over, or one that comes and goes would jerk the helm each time. A compass that has failed by the word of another, see
+`compass_watch`, is not believed at all.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from autopilot.angles import compass_deg, shortest_turn
+from autopilot.estimation.compass_watch import CompassWatch
 from autopilot.signals import AlarmSample, HeadingSample, RateSample, RudderSample, Sample, SpeedSample
 
 SETTLE_S = 3.0
 MONITOR_S = 10.0
 """Two headings further apart than the limit for this long disagree; in a turn their latencies differ."""
+SILENT_SAID_S = 60.0
+"""So long it is said that a compass is silent and another steers."""
 SOURCES_MOST = 32
 """Of one kind: a line full of noise must not fill the memory with talkers."""
 MONITOR = "heading monitor"
@@ -34,13 +38,16 @@ class PrioritySettings(NamedTuple):
     """rules: best first, for every kind of value alike.  stale [s] where no rule matches.
 
     heading_stale [s]: a heading is stale at this age at the latest, so that another compass takes over before the
-    fail-safe does.  disagree [rad]: two headings further apart are an alarm; inf: nobody compares.
+    fail-safe does.  disagree [rad]: two headings further apart are an alarm; inf: nobody compares.  jump [rad] and
+    frozen: what `CompassWatch` looks for.
     """
 
     rules: tuple[SourceRule, ...] = ()
     stale: float = 2.0
     heading_stale: float = math.inf
     disagree: float = math.inf
+    jump: float = math.inf
+    frozen: bool = False
 
 
 class _Heard:
@@ -61,15 +68,19 @@ class SourcePriority:
 
     def __init__(self, settings: PrioritySettings = PrioritySettings()) -> None:  # noqa: B008 - immutable
         self._settings = settings
+        self._compasses = CompassWatch(settings.jump, frozen=settings.frozen)
         self.reset()
 
     def reset(self) -> None:
         """Forget every source."""
         self.dropped = 0
+        self._compasses.reset()
         self._heard: dict[str, dict[str, _Heard]] = {}
         self._believed: dict[str, str] = {}
         self._apart_since: float | None = None
         self._alarm = ""
+        self._left: tuple[str, float] | None = None
+        """The compass that fell silent last, and when another took its place [s]."""
 
     def believed(self, kind: str) -> str:
         """Return the source believed for `kind` (heading, rate, rudder, ordered rudder, speed), or nothing."""
@@ -84,7 +95,7 @@ class SourcePriority:
                 kept.append(sample)
             else:
                 self.dropped += 1
-        alarm = self._compare(now)
+        alarm = self._failed(now) or self._compare(now) or self._silent(now)
         if alarm != self._alarm:
             self._alarm = alarm
             kept.append(AlarmSample(now, alarm, MONITOR))
@@ -102,8 +113,14 @@ class SourcePriority:
         entry.last = now
         if isinstance(sample, HeadingSample):
             entry.heading = sample.heading
+            self._compasses.hear(now, source, sample.heading)
+            if self._compasses.reason(source):
+                return False
         best = self._believed.get(kind)
-        if best is None or self._goes_before(now, entry, heard[best]):
+        has_failed = best is not None and kind == "heading" and self._compasses.reason(best)
+        if best is None or has_failed or self._goes_before(now, entry, heard[best]):
+            if kind == "heading" and best is not None and best != source and now - heard[best].last > heard[best].stale:
+                self._left = (best, now)
             self._believed[kind] = source
             return True
         return best == source
@@ -121,6 +138,29 @@ class SourcePriority:
             return True
         is_settled = now - entry.first >= SETTLE_S or best.first == entry.first or now - best.first < SETTLE_S
         return entry.rank < best.rank and is_settled
+
+    def _failed(self, now: float) -> str:
+        """Return the sentence about a compass that has failed by the word of another; empty where none has."""
+        for name, reason in self._compasses.doubted(now):
+            believed = self._believed.get("heading", "")
+            if name != believed:
+                return (
+                    f"two compasses disagree: {name.partition('@')[0]} {reason}, {believed.partition('@')[0]} steers; "
+                    "restart the one that failed, and compare both with a bearing"
+                )
+        return ""
+
+    def _silent(self, now: float) -> str:
+        """Return the sentence about a compass that has fallen silent while another steers, for a minute."""
+        if self._left is None:
+            return ""
+        name, since = self._left
+        entry = self._heard["heading"][name]
+        if now - since > SILENT_SAID_S or now - entry.last <= entry.stale:
+            self._left = None
+            return ""
+        believed = self._believed["heading"].partition("@")[0]
+        return f"one of two compasses is silent: {name.partition('@')[0]}; {believed} steers: check its plug and power"
 
     def _compare(self, now: float) -> str:
         """Return the sentence about two fresh headings that disagree for long; empty where they agree."""

@@ -1,4 +1,4 @@
-"""Whether the boat answers to her rudder, or to its opposite, from the rate of turn alone."""
+"""Whether the boat answers to her rudder, by her heading alone: one that is stuck, gone, or wired the wrong way."""
 
 from __future__ import annotations
 
@@ -6,48 +6,205 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from autopilot.models.norrbin import Norrbin, damping
+from autopilot.angles import shortest_turn
+from autopilot.models.norrbin import Norrbin
+from autopilot.monitors.answer_filter import (
+    NOTHING,
+    Gains,
+    Mean,
+    Noise,
+    Spread,
+    corrected,
+    first_spread,
+    gains_of,
+    moved,
+    spread_measured,
+    spread_moved,
+    step_of,
+)
+from autopilot.monitors.heading import FROZEN_SAMPLES
 from autopilot.monitors.watched import Watched
+from autopilot.signals import HeadingSample
 
-WINDOW_S = (2.0, 8.0)
-"""A time constant, but no shorter and no longer than this."""
-MOST_POINTS = 40
-LONGEST_STEP_S = 0.5
-LEAST_POINTS = 12
-LEAST_SWING = math.radians(5.0)
-"""A rudder that has moved by less within the window tells nothing."""
-OPPOSITE = (-2.0, -0.5)
-ANSWERS = (0.3, 2.0)
-"""Shares of the answer in her model that a boat has whose rudder is wired the wrong way, and the right way."""
-BETTER = 4.0
-"""The opposite rudder must explain what is seen so many times better than a gust does."""
-KINKS = 6
-"""A gust is taken to set in at so many moments within the window."""
-LASTS_S = 0.5
-"""What is found must hold for so long [s]."""
-NOISE = math.radians(0.15)
-"""Rates are not read more finely than this [rad/s]."""
+LEAST_SHARE = 0.75
+LEAST = (0.5, 0.85)
+"""A boat still answers whose answer is this share of what it usually is, and within these shares of the model's: a
+model that is 40 % too lively is none the worse for it."""
+PUSH_TIME = 1.0
+PUSH_LASTS = 2.0
+"""What pushes the boat is averaged over this time [s], and is more than the rudder can hold when it lasts so long."""
+USUAL = 0.75
+USUAL_SURE = 60.0
+SUSPECT = 2.0
+USUAL_TIME = 900.0
+"""What share of the model's answer she is supposed to have before she has shown it; how sure that is, as a sum of
+squares of the answer over their variance; with so much evidence against her nothing is learnt; and how long [s] what
+she has shown is remembered."""
+FADES_TIME = 20.0
+"""Evidence is forgotten in this time [s]: a fault that matters shows more of it."""
+SURE = 11.0
+"""So much more likely, as a natural logarithm, must it be that she does not answer."""
+MOST_AT_ONCE = 0.8
+"""What one heading may add to that."""
+LATE_S = 0.4
+"""An answer that comes this much later [s] than the model's is one, too: links and gears are slow at times."""
+LONGEST_GAP_S = 1.0
+WILD = 6.0
+WILD_MOST = 4
+"""A heading so many standard deviations away is left out, but no more than so many in a row."""
+PUSH_CHANGE = math.radians(0.6) ** 2
+"""Wind and trim wander by so much [rad^2 of rudder] in a second."""
+ROUGH = math.radians(0.5) ** 2
+"""So uncertain is the model itself: the square [rad^2 of rudder] of a push that lasts for `ROUGH_TIME` [s]."""
+ROUGH_TIME = 0.2
+SEA_LEAST = math.radians(1.0) ** 2
+SEA_SLOWEST = 0.5
+"""A sea of at least this size [rad^2 of rudder] and pace [1/s] is always supposed."""
+ODD_TIME = 0.25
+ODD = 3.0
+"""Where headings of this time [s] are so much further off, squared, than any answer explains, a gust has set in."""
+GUST = math.radians(25.0) ** 2
+"""What a gust adds to the push's variance, a second [rad^2/s]."""
+ANSWERS_MOST = 1.6
+"""Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
+OPPOSITE_SHARE = -0.7
+"""What a boat answers at least whose rudder is wired the wrong way."""
 
 
-class _Point(NamedTuple):
-    """At `time` [s]: the rudder [rad], the rate with what damping took of it put back [rad/s], and what the model's
-    answers to the rudder and to a steady rudder of 1 rad have added up to [rad/s]."""
+class Memory(NamedTuple):
+    """time [s] of the newest heading; spread and mean of a boat without a rudder; answers to the rudder [rad], in time
+    and late; how much likelier it is that she does not answer than that she does, in time and late, and that she
+    answers to the opposite; odd: squares that nothing explains; wild: so many headings were, the last ones; usual and
+    shown: the share of the model's answer that she has had so far is the former over the latter."""
 
     time: float
-    rudder: float
-    rate: float
-    answer: float
-    push: float
+    spread: Spread
+    mean: Mean
+    answer: Mean
+    late: Mean
+    silent: float
+    silent_late: float
+    opposite: float
+    opposite_late: float
+    odd: float
+    wild: int
+    usual: float
+    shown: float
+
+
+def first_memory(noise: Noise, time: float, heading: float) -> Memory:
+    """Return what is known after the first heading [rad]."""
+    mean, usual = Mean(heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
+    return Memory(time, first_spread(noise), mean, NOTHING, NOTHING, 0.0, 0.0, 0.0, 0.0, 1.0, 0, usual, USUAL_SURE)
+
+
+def answer_noise(model: Norrbin, heading: float, swing: float, frequency: float) -> Noise:
+    """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws her by `swing` [rad] at `frequency`."""
+    drive = model.gain / model.time_constant
+    pace = max(frequency, SEA_SLOWEST)
+    yaw, lag = swing * pace / model.gain, pace * model.time_constant
+    sea = max(yaw * yaw * (1.0 + lag * lag), SEA_LEAST)
+    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea, pace)
+
+
+def answer_step(
+    memory: Memory,
+    model: Norrbin,
+    noise: Noise,
+    rate: float,
+    heard: tuple[float, float],
+    rudder: float,
+    late: float,
+) -> Memory:
+    """Return the memory after a heading [rad] `heard` at its time [s], the rudder having been at `rudder` [rad] since
+    the one before, or `late` where everything is late; the boat turns at about `rate` [rad/s]."""
+    time, heading = heard
+    dt = time - memory.time
+    step = step_of(model, rate, noise, dt)
+    push = noise.push + GUST if memory.odd > ODD else noise.push
+    gusty = Noise(noise.heading, noise.acceleration, push, noise.sea, noise.pace)
+    spread = spread_moved(step, memory.spread, gusty, dt)
+    mean, answer = moved(step, memory.mean, 0.0), moved(step, memory.answer, rudder)
+    late_answer = moved(step, memory.late, late)
+    gains = gains_of(spread, noise)
+    off = shortest_turn(mean.psi, heading)
+    unexplained = _unexplained(off, answer.psi)
+    square = unexplained * unexplained / gains.variance
+    # while a gust sets in nothing that the rudder does against it is evidence
+    most = 0.0 if memory.odd > ODD else MOST_AT_ONCE
+    if square > WILD * WILD and memory.wild < WILD_MOST:
+        return Memory(
+            time,
+            spread,
+            mean,
+            answer,
+            late_answer,
+            memory.silent,
+            memory.silent_late,
+            memory.opposite,
+            memory.opposite_late,
+            memory.odd,
+            memory.wild + 1,
+            memory.usual,
+            memory.shown,
+        )
+    share = 1.0 - math.exp(-dt / ODD_TIME)
+    least = min(max(LEAST_SHARE * memory.usual / memory.shown, LEAST[0]), LEAST[1])
+    kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
+    silent = max(kept * memory.silent + _evidence(gains, off, least * answer.psi, 0.0, most), 0.0)
+    silent_late = max(kept * memory.silent_late + _evidence(gains, off, least * late_answer.psi, 0.0, most), 0.0)
+    # what may be a fault is none of her usual ways
+    learns = 1.0 / gains.variance if max(silent, memory.opposite) < SUSPECT else 0.0
+    contrary, contrary_late = OPPOSITE_SHARE * answer.psi, OPPOSITE_SHARE * late_answer.psi
+    opposite = max(kept * memory.opposite + _evidence(gains, off, least * answer.psi, contrary, most), 0.0)
+    opposite_late = max(
+        kept * memory.opposite_late + _evidence(gains, off, least * late_answer.psi, contrary_late, most), 0.0
+    )
+    return Memory(
+        time,
+        spread_measured(gains, spread),
+        corrected(gains, mean, off),
+        corrected(gains, answer, -answer.psi),
+        corrected(gains, late_answer, -late_answer.psi),
+        silent,
+        silent_late,
+        opposite,
+        opposite_late,
+        memory.odd + share * (min(square, WILD * WILD) - memory.odd),
+        0,
+        USUAL * USUAL_SURE + remembered * (memory.usual - USUAL * USUAL_SURE) + learns * off * answer.psi,
+        USUAL_SURE + remembered * (memory.shown - USUAL_SURE) + learns * answer.psi * answer.psi,
+    )
+
+
+def _unexplained(off: float, answer: float) -> float:
+    """Return what is left of an innovation by the share of the answer, the opposite allowed, that explains most."""
+    if answer < 0.0:
+        off, answer = -off, -answer
+    return off - min(max(off, -answer), ANSWERS_MOST * answer)
+
+
+def _evidence(gains: Gains, off: float, least: float, other: float, most: float) -> float:
+    """Return how much likelier the answer `other` is than the `least` [rad], `most` at once: half the difference of the
+    squares that they leave."""
+    left, left_by_other = off - least, off - other
+    more = 0.5 * (left * left - left_by_other * left_by_other) / gains.variance
+    return min(max(more, -MOST_AT_ONCE), most)
+
+
+def verdict(memory: Memory) -> int:
+    """Return 0 where she answers or nothing tells, 1 where she does not answer, -1 where she does to the opposite."""
+    if min(memory.opposite, memory.opposite_late) >= SURE:
+        return -1
+    return 1 if min(memory.silent, memory.silent_late) >= SURE else 0
 
 
 class RudderAnswer:
-    """Fits T r' + damping(r) = K (a delta + d), over the last seconds, for the answer a and a steady push d.
+    """Sums up, over the headings, how much likelier it is that the boat does not answer than that she does.
 
-    Integrated once, so that no rate is differentiated:
-    r - r0 + integral of damping/T = a K/T integral of delta + d K/T t.
-
-    a = 1 is the model, 0 no rudder at all, -1 a rudder wired the wrong way. Slow boats say too little of themselves
-    within the window; their turn is left to the watch for a runaway.
+    A cumulative sum that begins anew at zero (Page 1954), so that it needs no window: it grows only where the rudder
+    moves, faster than wind and sea would, and the boat does not go along. A straight course with a rudder that rests
+    tells nothing, and what is told then is nothing.
     """
 
     def __init__(self) -> None:
@@ -55,85 +212,94 @@ class RudderAnswer:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._points: deque[_Point] = deque()
-        self._last: _Point | None = None
-        self._lost = self._rate = 0.0
-        self._since: float | None = None
+        self._memory: Memory | None = None
+        self._rudders: deque[tuple[float, float]] = deque()
+        self._heard: list[HeadingSample] = []
+        self._last: HeadingSample | None = None
+        self._same = 0
+        self._push = 0.0
+        self._pushed_since: float | None = None
+        self.overpowered = ""
+        """How hard the boat is pushed where that is more than the rudder can hold, '' where it is not."""
 
-    def is_opposite(self, model: Norrbin, watched: Watched) -> bool:
-        """Return whether the boat has answered to the opposite of her rudder for long enough."""
+    def hear(self, sample: HeadingSample) -> None:
+        """Take a heading as it was measured."""
+        if math.isfinite(sample.heading) and math.isfinite(sample.time):
+            self._heard.append(sample)
+
+    def look(self, model: Norrbin, watched: Watched, noise: float) -> tuple[str, str]:
+        """Return the alarm's name and what is seen, '' where she answers or nothing tells; `noise` [rad^2]."""
+        heard, self._heard = self._heard, []
         state = watched.state
         if not (watched.steers and watched.has_way and math.isfinite(state.rate) and math.isfinite(state.rudder)):
             self.reset()
-            return False
-        self._add(model, watched)
-        against = state.rate * state.rudder < 0.0
-        if not against or not self._swings() or not self._fits_opposite():
-            self._since = None
-            return False
-        if self._since is None:
-            self._since = watched.now
-        return watched.now - self._since >= LASTS_S
+            return "", ""
+        self._rudders.append((watched.now, state.rudder))
+        while self._rudders[0][0] < watched.now - LATE_S - 2.0 * LONGEST_GAP_S:
+            self._rudders.popleft()
+        for sample in sorted(heard):
+            self._take(model, watched, noise, sample)
+        return self._found()
 
-    def _add(self, model: Norrbin, watched: Watched) -> None:
-        state, points = watched.state, self._points
-        last = self._last
-        if last is None or not 0.0 <= watched.now - last.time <= LONGEST_STEP_S:
-            points.clear()
-            self._last = _Point(watched.now, state.rudder, state.rate, 0.0, 0.0)
-            self._lost, self._rate = 0.0, state.rate
+    def _take(self, model: Norrbin, watched: Watched, variance: float, sample: HeadingSample) -> None:
+        state, memory, last = watched.state, self._memory, self._last
+        noise = answer_noise(model, variance, state.wave_deviation, state.wave_frequency)
+        self._same = self._same + 1 if last is not None and last.heading == sample.heading else 1
+        stands = self._same >= FROZEN_SAMPLES
+        if (
+            memory is None
+            or last is None
+            or stands
+            or last.source != sample.source
+            or sample.time - memory.time > LONGEST_GAP_S
+        ):
+            self._memory = None if stands else first_memory(noise, sample.time, sample.heading)
+            self._last = sample
             return
-        step = watched.now - last.time
-        gain = model.gain / model.time_constant
-        mean = 0.5 * (self._rate + state.rate)
-        self._lost += damping(model, mean) / model.time_constant * step
-        self._rate = state.rate
-        answer = last.answer + gain * 0.5 * (last.rudder + state.rudder) * step
-        self._last = _Point(watched.now, state.rudder, state.rate + self._lost, answer, last.push + gain * step)
-        window = min(max(model.time_constant, WINDOW_S[0]), WINDOW_S[1])
-        if not points or watched.now - points[-1].time >= window / MOST_POINTS:
-            points.append(self._last)
-        while watched.now - points[0].time > window:
-            points.popleft()
+        if sample.time <= memory.time:
+            return
+        self._last = sample
+        middle = 0.5 * (memory.time + sample.time)
+        fastest = 2.0 * model.gain * watched.angle_max
+        rate = min(max(state.rate, -fastest), fastest)
+        self._memory = answer_step(
+            memory,
+            model,
+            noise,
+            rate,
+            (sample.time, sample.heading),
+            self._rudder_at(middle),
+            self._rudder_at(middle - LATE_S),
+        )
+        self._weigh(self._memory, sample.time - memory.time, watched)
 
-    def _swings(self) -> bool:
-        angles = [point.rudder for point in self._points]
-        return len(angles) >= LEAST_POINTS and max(angles) - min(angles) >= LEAST_SWING
+    def _weigh(self, memory: Memory, dt: float, watched: Watched) -> None:
+        """Compare what pushes the boat beside a rudder that works with all that the rudder can do."""
+        mean, answer = memory.mean, memory.answer
+        pushed = mean.push + mean.sea + answer.push + answer.sea
+        self._push += (1.0 - math.exp(-dt / PUSH_TIME)) * (pushed - self._push)
+        if abs(self._push) <= watched.angle_max:
+            self._pushed_since, self.overpowered = None, ""
+        elif self._pushed_since is None:
+            self._pushed_since = memory.time
+        elif memory.time - self._pushed_since >= PUSH_LASTS and not self.overpowered:
+            side = "starboard" if self._push > 0.0 else "port"
+            self.overpowered = f"to {side}, as by {math.degrees(abs(self._push)):.0f} deg of rudder"
 
-    def _fits_opposite(self) -> bool:
-        """Return whether the opposite rudder and a steady push explain the rates far better than the right one does
-        with a push that changes at any moment: a gust, which the rudder goes against at once."""
-        points = list(self._points)
-        rates = [point.rate for point in points]
-        answers = [point.answer for point in points]
-        steady: list[list[float]] = [[1.0] * len(points), [point.push for point in points]]
-        floor = NOISE * NOISE * len(points)
-        opposite = _left(rates, answers, steady, OPPOSITE) + floor
-        for number in range(KINKS):
-            kink = points[number * len(points) // KINKS].push
-            gust = [max(point.push - kink, 0.0) for point in points]
-            if _left(rates, answers, [*steady, gust], ANSWERS) + floor < BETTER * opposite:
-                return False
-        return True
+    def _rudder_at(self, time: float) -> float:
+        """Return the rudder at `time` [s]: each is that of the end of its tick."""
+        found = self._rudders[-1][1]
+        for then, angle in reversed(self._rudders):
+            if then < time:
+                break
+            found = angle
+        return found
 
-
-def _left(seen: list[float], answer: list[float], others: list[list[float]], shares: tuple[float, float]) -> float:
-    """Return the squares that `others` and a share of `answer` within `shares` leave of `seen`: least squares."""
-    basis: list[list[float]] = []
-    for other in others:
-        rest = _without(other, basis)
-        norm = math.sqrt(sum(x * x for x in rest))
-        if norm > 1.0e-9:
-            basis.append([x / norm for x in rest])
-    seen, answer = _without(seen, basis), _without(answer, basis)
-    own = sum(x * x for x in answer)
-    both = sum(x * y for x, y in zip(seen, answer, strict=True))
-    share = min(max(both / own if own > 0.0 else 0.0, shares[0]), shares[1])
-    return sum((y - share * x) ** 2 for x, y in zip(answer, seen, strict=True))
-
-
-def _without(vector: list[float], basis: list[list[float]]) -> list[float]:
-    for unit in basis:
-        along = sum(x * y for x, y in zip(vector, unit, strict=True))
-        vector = [x - along * y for x, y in zip(vector, unit, strict=True)]
-    return vector
+    def _found(self) -> tuple[str, str]:
+        memory = self._memory
+        seen = 0 if memory is None else verdict(memory)
+        if seen == 0:
+            return "", ""
+        if seen < 0:
+            return "rudder_reversed", "the boat answers to the opposite rudder"
+        return "rudder_stuck", "the boat does not answer to it"

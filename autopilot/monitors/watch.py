@@ -79,6 +79,7 @@ class Monitors:
             if isinstance(sample, HeadingSample):
                 if limits.frozen_heading:
                     self._frozen.hear(sample)
+                self._answer.hear(sample)
                 self._jumping.hear(sample, limits.heading_jump)
                 self._against_rate.hear(sample, limits.rate_disagrees)
             elif isinstance(sample, RateSample):
@@ -129,8 +130,12 @@ class Monitors:
         if name:
             found[name] = text_of(name, shown)
         self._follows.look(watched)
-        if self.limits.reversed_rudder and self._answer.is_opposite(model, watched):
-            found.setdefault("rudder_reversed", text_of("rudder_reversed", "the boat answers to the opposite rudder"))
+        if self.limits.rudder_answer and not found.get(name):
+            name, shown = self._answer.look(model, watched, self.limits.heading_noise)
+            if name:
+                found[name] = text_of(name, shown)
+            if self._answer.overpowered:
+                found["overpowered"] = text_of("overpowered", self._answer.overpowered)
         if self._runaway.runs(model, self.limits, watched):
             found["runaway"] = RUNAWAY
         if self._stop.is_there(watched):

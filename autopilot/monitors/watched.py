@@ -10,9 +10,9 @@ from autopilot.signals import NavState
 
 class AlarmLimits(NamedTuple):
     """off_course [rad] for off_course_time [s]; roll [rad]; heading_jump [rad]; rate_disagrees [rad]; innovation in
-    standard deviations; inf: not watched. frozen_heading, reversed_rudder: watched or not. wind_wanted: whether a wind
+    standard deviations; inf: not watched. frozen_heading, rudder_answer: watched or not. wind_wanted: whether a wind
     that is not known is to be said. rudder_tolerance [rad], rudder_rate [rad/s] and rudder_delay [s]: how closely a
-    rudder whose angle is measured must follow.
+    rudder whose angle is measured must follow. heading_noise [rad^2]: the compass's variance.
     """
 
     off_course: float = math.inf
@@ -22,11 +22,12 @@ class AlarmLimits(NamedTuple):
     heading_jump: float = math.inf
     rate_disagrees: float = math.inf
     innovation: float = math.inf
-    reversed_rudder: bool = False
+    rudder_answer: bool = False
     rudder_tolerance: float = math.inf
     rudder_rate: float = math.inf
     rudder_delay: float = 0.0
     wind_wanted: bool = False
+    heading_noise: float = math.radians(0.5) ** 2
 
 
 class Watched(NamedTuple):

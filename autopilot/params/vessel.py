@@ -208,7 +208,7 @@ class Alarms:
         Annotated[float, Bounds(1.0, 5.0, "alarm where measurements lie this far to one side for 20 s")] | None
     ) = 3.0
     reversed_rudder: bool = True
-    """A boat that answers to the opposite of her rudder ends steering, where the rate of turn tells."""
+    """A boat that does not answer to her rudder, or to its opposite, ends steering, rudder sensor or not."""
     outputs: tuple[str, ...] = ("bell",)
     """Where alarms are heard: bell (the terminal's), tune (the vehicle's buzzer), relay:N (the vehicle's relay N),
     file:PATH (1 is written while an alarm sounds, else 0: a GPIO's value)."""

@@ -11,7 +11,7 @@ from autopilot.errors import InputError
 from autopilot.params import schema
 from autopilot.params.schema import Bounds, nearest
 from autopilot.params.strict_yaml import Node, parse_document, read_document
-from sitl.fault_kinds import wrong_size
+from sitl.fault_kinds import wrong_size, wrong_source
 from sitl.scenario import FaultSection, HullSection, SensorsSection, WavesSection, WindSection
 
 SCHEMA_VERSION = 1
@@ -128,6 +128,6 @@ def study_from(root: Node) -> Study:
                 raise root.at("faults").fault(
                     f"faults.{name}[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
                 )
-            if wrong := wrong_size(fault.kind, fault.size):
+            if wrong := wrong_size(fault.kind, fault.size) or wrong_source(fault.kind, fault.source):
                 raise root.at("faults").fault(f"faults.{name}[{index}]: {wrong}")
     return study

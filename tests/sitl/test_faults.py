@@ -23,7 +23,7 @@ from autopilot.params.strict_yaml import parse_document
 from autopilot.params.vessel_file import load_vessel
 from sitl.cli import main
 from sitl.fault_desk import FaultDesk, kinds_table, obey
-from sitl.fault_kinds import KINDS, FaultKind
+from sitl.fault_kinds import KINDS, FaultKind, Source
 from sitl.faults import Fault, FaultBoard
 from sitl.firmware import Firmware, FirmwareMode
 from sitl.reading import Reading
@@ -283,7 +283,7 @@ def test_a_hand_moves_the_sticks_and_lets_go() -> None:
 
 
 def test_the_compass_on_the_nmea_line_alone_is_off() -> None:
-    world = world_with(FaultSection("second_heading_jump", 1.0, 2.0, 30.0))
+    world = world_with(FaultSection("heading_jump", 1.0, 2.0, 30.0, source="second"))
     instruments = NmeaInstruments(world, {"HDT": 10.0, "RSA": 5.0}, 38400)
     said: dict[float, float] = {}
     for step in range(1, 31):
@@ -295,6 +295,27 @@ def test_the_compass_on_the_nmea_line_alone_is_off() -> None:
     truth = world.sensors.latest(world.time)
     assert truth is not None
     assert abs(wrap(truth.heading)) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("source", "first_is_well", "second_is_well"),
+    [("first", False, True), ("second", True, False), ("both", False, False)],
+)
+def test_of_two_compasses_one_may_fail(source: Source, first_is_well: bool, second_is_well: bool) -> None:
+    world = world_with(hand=lambda time: 0.3)
+    world.advance(2.0)
+    first, second = world.sensors.latest(2.0), world.sensors.second(2.0)
+    assert first is not None
+    assert first == second
+    assert obey(world, f"heading_frozen source={source}").startswith("ok")
+    assert obey(world, f"heading_dropout after=3 source={source}").startswith("ok")
+    world.advance(4.0)
+    shown = (world.sensors.latest(4.0), world.sensors.second(4.0))
+    for reading, is_well in zip(shown, (first_is_well, second_is_well), strict=True):
+        assert reading is not None
+        assert (abs(wrap(reading.heading - first.heading)) > 0.1) == is_well
+    world.advance(6.0)
+    assert (world.sensors.has_heading(6.0), world.sensors.has_heading(6.0, "second")) == (first_is_well, second_is_well)
 
 
 def test_faults_that_come_and_go_do_so_by_the_seed() -> None:
@@ -348,6 +369,9 @@ def test_the_desk_takes_faults_and_ends_them() -> None:
         ("heading_jump for=-1", "size=NUMBER"),
         ("heading_jump for=1 for=2", "each once"),
         ("clear rudder_stuk", "did you mean"),
+        ("heading_jump source=third", "source=first"),
+        ("heading_jump source=first source=second", "once"),
+        ("rudder_stuck source=first", "no fault of one compass"),
     ],
 )
 def test_the_desk_refuses_in_one_sentence(line: str, words: str) -> None:

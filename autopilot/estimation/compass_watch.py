@@ -1,0 +1,120 @@
+"""Which of several compasses has failed by the word of the others: one that stands still, or jumps, alone. Pure.
+
+One compass alone is judged by the pilot's own monitors, with what they know of rudder, rate and sea. Two judge each
+other sooner and more surely: where one moves and the other does not, or one jumps and the other does not, the pilot
+need not fail, it goes on with the one that is well.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.angles import shortest_turn
+
+STANDS_S = 0.3
+STANDS_SAMPLES = 4
+STANDS_TURN = math.radians(2.5)
+STANDS_DIGITS = 2.0
+"""A compass that says the very same for so long [s] and so often while another has turned by this [rad], and by so many
+of its own digits, is frozen."""
+AGREES = math.radians(10.0)
+AGREES_S = 3.0
+"""It is well again when it moves and is no further from the other than this [rad] for this time [s]."""
+SILENT_S = 2.0
+"""Or when it was silent for so long [s]: it has been switched off and on."""
+FRESH_S = 1.0
+
+
+class _Compass:
+    """What one compass said last, since when it stands, and where the others were when it began to."""
+
+    __slots__ = ("agrees_since", "digit", "heading", "last", "others", "reason", "same", "since")
+
+    def __init__(self, now: float, heading: float) -> None:
+        self.heading, self.last = heading, now
+        self.reason, self.digit = "", math.inf
+        self.agrees_since: float | None = None
+        self.stand(now, {})
+
+    def stand(self, now: float, others: dict[str, float]) -> None:
+        """Begin to stand where it is, the others being where they are."""
+        self.since, self.same, self.others = now, 1, others
+
+
+class CompassWatch:
+    """`hear` every heading; `reason` has what is wrong with a compass, '' where nothing is.
+
+    jump [rad]: no boat turns further between two headings; inf: not watched. frozen: watched or not.
+    """
+
+    def __init__(self, jump: float, *, frozen: bool) -> None:
+        self._jump, self._frozen = jump, frozen
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every compass."""
+        self._compasses: dict[str, _Compass] = {}
+
+    def reason(self, name: str) -> str:
+        """Return what is wrong with a compass."""
+        compass = self._compasses.get(name)
+        return compass.reason if compass is not None else ""
+
+    def doubted(self, now: float) -> list[tuple[str, str]]:
+        """Return the compasses that are heard and not believed, and why."""
+        return [(name, it.reason) for name, it in self._compasses.items() if it.reason and now - it.last <= SILENT_S]
+
+    def hear(self, now: float, name: str, heading: float) -> None:
+        """Take a heading [rad] that arrived at `now` [s]."""
+        compass = self._compasses.get(name)
+        if compass is None or now - compass.last > SILENT_S:
+            self._compasses[name] = _Compass(now, heading)
+            return
+        others = self._others(now, name)
+        if not compass.reason:
+            compass.reason = self._jumped(compass, heading, others)
+        if heading != compass.heading:
+            compass.digit = min(compass.digit, abs(shortest_turn(compass.heading, heading)))
+            compass.stand(now, others)
+        else:
+            compass.same += 1
+            if not compass.reason and self._frozen and self._stands(now, compass, others):
+                compass.reason = "stands still"
+        compass.heading, compass.last = heading, now
+        self._forgive(now, compass, others)
+
+    def _others(self, now: float, name: str) -> dict[str, float]:
+        """Return where the other compasses are that may be believed."""
+        return {
+            other: compass.heading
+            for other, compass in self._compasses.items()
+            if other != name and not compass.reason and now - compass.last <= FRESH_S
+        }
+
+    def _jumped(self, compass: _Compass, heading: float, others: dict[str, float]) -> str:
+        """A jump alone is none of the boat's: the others lie where the compass came from, not where it went to."""
+        if abs(shortest_turn(compass.heading, heading)) <= self._jump:
+            return ""
+        stayed = any(
+            abs(shortest_turn(other, compass.heading)) < abs(shortest_turn(other, heading)) for other in others.values()
+        )
+        return "jumps" if stayed else ""
+
+    @staticmethod
+    def _stands(now: float, compass: _Compass, others: dict[str, float]) -> bool:
+        if now - compass.since < STANDS_S or compass.same < STANDS_SAMPLES:
+            return False
+        turns = (
+            shortest_turn(compass.others[name], heading) for name, heading in others.items() if name in compass.others
+        )
+        return any(abs(turn) > max(STANDS_TURN, STANDS_DIGITS * compass.digit) for turn in turns)
+
+    @staticmethod
+    def _forgive(now: float, compass: _Compass, others: dict[str, float]) -> None:
+        near = any(abs(shortest_turn(other, compass.heading)) <= AGREES for other in others.values())
+        if not compass.reason or not near or compass.same >= STANDS_SAMPLES:
+            compass.agrees_since = None
+        elif compass.agrees_since is None:
+            compass.agrees_since = now
+        elif now - compass.agrees_since >= AGREES_S:
+            compass.reason = ""

@@ -1,0 +1,167 @@
+"""A rudder without a sensor that is stuck, trails or works the wrong way is told by the boat alone; nothing else is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from autopilot.angles import wrap
+from autopilot.models.norrbin import Norrbin, rate_step
+from autopilot.monitors.answer import RudderAnswer
+from autopilot.monitors.watched import Watched
+from autopilot.signals import HeadingSample, NavState
+
+MODEL = Norrbin(0.4, 1.5, n3=2.0, reference_speed=4.0)
+STOP = math.radians(30.0)
+DT = 0.05
+NOISE = math.radians(0.3)
+
+
+def calm(_: float) -> float:
+    return 0.0
+
+
+def seaway(now: float) -> float:
+    return math.radians(2.5 * math.sin(0.9 * now) + 1.5 * math.sin(1.3 * now + 1.0))
+
+
+@dataclass
+class Helm:
+    """A boat steered by angle and rate; `gear` is what her rudder makes of an order, `push` [rad] acts beside it."""
+
+    boat: Norrbin = MODEL
+    push: Callable[[float], float] = calm
+    gear: Callable[[float, float], float] = lambda order, before: order
+    late: float = 0.0
+    seed: int = 1
+    watch: RudderAnswer = field(default_factory=RudderAnswer)
+    heading: float = 0.0
+    rate: float = 0.0
+    rudder: float = 0.0
+    now: float = 0.0
+    wave: tuple[float, float] = (math.radians(1.0), 1.0)
+
+    def __post_init__(self) -> None:
+        self.random = np.random.default_rng(self.seed)
+        self.orders = [0.0] * 20
+        self.told = 0.0
+
+    def steer(self, seconds: float, course: float) -> tuple[str, str]:
+        """Return the first alarm in `seconds` on a `course` [rad]."""
+        for _ in range(round(seconds / DT)):
+            self.now += DT
+            seen = wrap(self.heading + NOISE * self.random.standard_normal())
+            wanted = -1.5 * wrap(seen - course) - 1.0 * self.rate
+            self.told += max(-0.3 * DT, min(0.3 * DT, wanted - self.told))
+            self.told = max(-STOP, min(STOP, self.told))
+            self.orders.append(self.told)
+            self.rudder = self.gear(self.orders[-1 - round(self.late / DT)], self.rudder)
+            self.rate = rate_step(self.boat, self.rate, self.rudder + self.push(self.now), DT)
+            self.heading += self.rate * DT
+            state = NavState(self.now, seen, self.rate, 4.0, self.told, 0.0, 0.0, True, 0.0, 0.0, *self.wave)
+            self.watch.hear(HeadingSample(self.now, seen, None, "compass"))
+            found = self.watch.look(
+                MODEL, Watched(self.now, state, True, True, course, self.told, STOP, True), NOISE**2
+            )
+            if found[0]:
+                return found
+        return "", ""
+
+
+def stuck(_: float, before: float) -> float:
+    return before
+
+
+def reversed_gear(order: float, _: float) -> float:
+    return -order
+
+
+def trailing(_: float, before: float) -> float:
+    return 0.9 * before
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("gear", "says", "within"),
+    [(stuck, "rudder_stuck", 14.0), (trailing, "rudder_stuck", 14.0), (reversed_gear, "rudder_reversed", 6.0)],
+)
+def test_a_rudder_that_fails_before_a_turn_is_seen(
+    gear: Callable[[float, float], float], says: str, within: float, seed: int
+) -> None:
+    helm = Helm(push=seaway, seed=seed)
+    assert helm.steer(30.0, 0.0) == ("", "")
+    helm.gear, begins = gear, helm.now
+    name, _ = helm.steer(30.0, 1.0)
+    assert name == says
+    assert helm.now - begins < within
+
+
+@pytest.mark.parametrize("gear", [stuck, reversed_gear])
+def test_on_a_course_it_is_seen_once_wind_or_sea_call_for_it(gear: Callable[[float, float], float]) -> None:
+    helm = Helm(push=lambda now: seaway(now) + (math.radians(9.0) if now > 32.0 else 0.0))
+    helm.steer(30.0, 0.0)
+    helm.gear = gear
+    assert helm.steer(60.0, 0.0)[0]
+    assert abs(helm.heading) < math.radians(30.0)
+
+
+def test_a_rudder_that_is_stuck_where_it_should_be_tells_nothing_and_does_nothing() -> None:
+    helm = Helm(gear=trailing, wave=(0.0, 0.0))
+    assert helm.steer(120.0, 0.0) == ("", "")
+    assert abs(helm.heading) < math.radians(1.0)
+
+
+@pytest.mark.parametrize("gain", [0.7, 1.0, 1.4])
+@pytest.mark.parametrize("late", [0.0, 0.3])
+def test_a_boat_that_answers_more_or_less_or_later_is_none(gain: float, late: float) -> None:
+    helm = Helm(boat=MODEL._replace(gain=gain * MODEL.gain), push=seaway, late=late)
+    for course in (0.0, 0.5, 0.2, 1.5, 1.2, -1.0):
+        assert helm.steer(20.0, course) == ("", "")
+
+
+@pytest.mark.parametrize("gust_deg", [15.0, -25.0, 45.0])
+def test_a_gust_is_none_even_one_heavier_than_the_rudder(gust_deg: float) -> None:
+    helm = Helm(push=lambda now: seaway(now) + (math.radians(gust_deg) if 30.0 < now < 45.0 else 0.0))
+    assert helm.steer(60.0, 0.0) == ("", "")
+
+
+def test_a_compass_that_stands_still_is_left_to_who_watches_for_that() -> None:
+    helm = Helm(push=seaway)
+    helm.steer(20.0, 0.0)
+    held = helm.watch
+    for k in range(200):
+        now, order = helm.now + (k + 1) * DT, math.radians(0.2 * k)
+        state = NavState(now, 0.1, 0.0, 4.0, order, 0.0, 0.0, True)
+        held.hear(HeadingSample(now, 0.1, None, "compass"))
+        assert held.look(MODEL, Watched(now, state, True, True, 0.0, order, STOP, True), NOISE**2) == ("", "")
+
+
+def test_single_wild_headings_and_a_jump_for_good_are_not_the_rudder_s() -> None:
+    helm = Helm(push=seaway)
+    helm.steer(20.0, 0.0)
+    for k in range(400):
+        now = helm.now + (k + 1) * DT
+        order = math.radians(10.0 * math.sin(0.8 * now))
+        wild = 2.0 if k % 10 == 0 else 0.7 if k > 200 else 0.0
+        helm.rate = rate_step(MODEL, helm.rate, order, DT)
+        helm.heading += helm.rate * DT
+        seen = wrap(helm.heading + wild)
+        state = NavState(now, seen, helm.rate, 4.0, order, 0.0, 0.0, True, 0.0, 0.0, *helm.wave)
+        helm.watch.hear(HeadingSample(now, seen, None, "compass"))
+        watched = Watched(now, state, True, True, 0.0, order, STOP, True)
+        assert helm.watch.look(MODEL, watched, NOISE**2) == ("", "")
+
+
+def test_nothing_is_known_while_another_steers_or_without_way() -> None:
+    for spoilt in ({"steers": False}, {"has_way": False}):
+        watch = RudderAnswer()
+        for k in range(400):
+            now, order = k * DT, math.radians(20.0 * math.sin(0.1 * k))
+            state = NavState(now, 0.001 * (k % 7), 0.0, 4.0, order, 0.0, 0.0, True)
+            watch.hear(HeadingSample(now, 0.001 * (k % 7), None, "compass"))
+            watched = Watched(now, state, True, True, 0.0, order, STOP, True)._replace(**spoilt)
+            assert watch.look(MODEL, watched, NOISE**2) == ("", "")
