@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from autopilot.alarms import CATALOGUE, Response, Severity
+from autopilot.alarms import CATALOGUE, Response, Severity, kind_of
 from autopilot.signals import AcknowledgeSample, AlarmState, Order, Sample, Siren
 
 ESCALATES_AFTER = 30.0
@@ -58,7 +58,7 @@ class AlarmPanel:
             entry = self._entries.setdefault(name, _Entry(now, now))
             entry.last = now
             heard = AlarmState.ACKNOWLEDGED if entry.is_heard else AlarmState.SOUNDING
-            state = heard if _sounds(name) else AlarmState.NOTICE
+            state = heard if _sounds(name, text) else AlarmState.NOTICE
             sounds = state is AlarmState.SOUNDING
             states.append(state)
             escalated = sounds and now - entry.since >= ESCALATES_AFTER
@@ -78,6 +78,7 @@ class AlarmPanel:
             del self._entries[name]
 
 
-def _sounds(name: str) -> bool:
-    kind = CATALOGUE.get(name)
+def _sounds(name: str, text: str) -> bool:
+    """Notices make no noise and never escalate; what links say in the catalogue's words is of that kind."""
+    kind = CATALOGUE.get(name) or kind_of(text)
     return kind is None or (kind.severity <= Severity.WARNING and kind.response is not Response.WAIT)

@@ -388,10 +388,31 @@ _WAITING = [
     ),
 ]
 
-CATALOGUE = {kind.name: kind for kind in (*_HEADING, *_RUDDER, *_MOTION, *_OWN, *_OUTSIDE, *_WAITING)}
+_ARRIVED = [
+    AlarmKind(
+        "route_ended",
+        "the route has ended",
+        "give a heading or take the helm",
+        _TELL,
+        Severity.NOTICE,
+        _LOOP,
+        "the last waypoint is passed: the last course is held",
+    ),
+    AlarmKind(
+        "place_reached",
+        "the place has been reached",
+        "give a heading or take the helm",
+        _TELL,
+        Severity.NOTICE,
+        _LOOP,
+        "the place that a ground station sent her to: the last course is held",
+    ),
+]
+
+CATALOGUE = {kind.name: kind for kind in (*_HEADING, *_RUDDER, *_MOTION, *_OWN, *_OUTSIDE, *_WAITING, *_ARRIVED)}
 """Every alarm by its name."""
 
-assert len(CATALOGUE) == sum(map(len, (_HEADING, _RUDDER, _MOTION, _OWN, _OUTSIDE, _WAITING)))
+assert len(CATALOGUE) == sum(map(len, (_HEADING, _RUDDER, _MOTION, _OWN, _OUTSIDE, _WAITING, _ARRIVED)))
 
 
 def text_of(name: str, detail: str = "") -> str:

@@ -5,7 +5,7 @@
 The closed loop is `sitl.campaign`'s, compiled, and so is the watch, `autopilot.monitors.answer` itself. The courses are
 held for a minute each, and then changed by 10 to 60 deg. The sea is that of `off_course.py`, from five sides; K of the
 real boat is the model's, 30 % less, and 40 % more. `evidence` is how much likelier, as a natural logarithm, the watch
-ever held it that the boat does not answer: 11 and more is an alarm.
+ever held it that the boat does not answer: 10.4 and more is an alarm.
 """
 
 from __future__ import annotations

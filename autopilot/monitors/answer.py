@@ -42,7 +42,7 @@ squares of the answer over their variance; with so much evidence against her not
 she has shown is remembered."""
 FADES_TIME = 20.0
 """Evidence is forgotten in this time [s]: a fault that matters shows more of it."""
-SURE = 11.0
+SURE = 10.4
 """So much more likely, as a natural logarithm, must it be that she does not answer."""
 MOST_AT_ONCE = 0.8
 """What one heading may add to that."""

@@ -87,6 +87,17 @@ def test_what_only_waits_makes_no_noise(name: str) -> None:
     assert panel.states == (AlarmState.NOTICE,)
 
 
+@pytest.mark.parametrize("words", ["the route has ended", "the place has been reached"])
+def test_having_arrived_is_a_notice_and_never_escalates(words: str) -> None:
+    panel = AlarmPanel()
+    said = {"note of track": f"{words}: holding 040.0 deg; give a heading or take the helm"}
+    for second in range(100):
+        texts, siren = panel.update(float(second), said, (), COURSE)
+        assert siren is Siren.QUIET
+        assert not texts[0].startswith(UNHEARD)
+    assert panel.states == (AlarmState.NOTICE,)
+
+
 def test_what_links_say_in_their_own_words_sounds() -> None:
     assert AlarmPanel().update(0.0, {"note of drive": "9 A"}, (), COURSE) == (("9 A",), Siren.SOUNDING)
 
