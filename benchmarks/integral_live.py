@@ -1,10 +1,11 @@
 """How quickly and how well the integral method learns while a boat sails; prints one table.
 
-    python benchmarks/integral_live.py [--seeds 20]
+    python benchmarks/integral_live.py [--seeds 20] [--headings]
 
 Each boat sails a 15/15 zigzag with its rudder moving at 20 deg/s and then five minutes straight on, steered by what it
 measures: heading and yaw rate ten times a second with 0.2 deg and 0.1 deg/s of white noise. Every variant begins with
-K, T and n3 all twice or all half the true ones. The boat is integrated here on its own (Heun, 10 ms).
+K, T and n3 all twice or all half the true ones. The boat is integrated here on its own (Heun, 10 ms). The bound is the
+least error that anything can have that knows neither K, T, n3 nor n0 before (Cramer and Rao).
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from autopilot.identification.information import InstrumentNoise, cramer_rao
 from autopilot.identification.integral_fit import FitSettings, IntegralFit, window_length
 from autopilot.identification.integral_recursion import Recursion, RecursionSettings, recursion_step
 from autopilot.identification.integral_rls import WindowRls
 from autopilot.identification.integral_window import IntegralWindow
+from autopilot.identification.runs import run_from_columns
 from autopilot.models.norrbin import Norrbin
 
 DEG = math.pi / 180.0
@@ -122,12 +125,14 @@ def fit(first: Norrbin, *, rates: bool = True) -> Learner:
     return learn
 
 
+HEADINGS = "the same from headings alone"
+
 VARIANTS: dict[str, Callable[[Norrbin], Learner]] = {
     "recursion as published, linear": lambda first: recursion(first, nonlinear=False),
     "recursion as published, with n3": lambda first: recursion(first, nonlinear=True),
     "least squares over the windows": least_squares,
     "with instruments (what runs live)": fit,
-    "the same from headings alone": lambda first: fit(first, rates=False),
+    HEADINGS: lambda first: fit(first, rates=False),
 }
 
 
@@ -141,16 +146,30 @@ def outcome(learn: Learner, boat: Norrbin, zigzag: float, samples: list[Sample])
     return Outcome((before[1], before[2]), (max(abs(e[1]) for e in after), max(abs(e[2]) for e in after)))
 
 
+def bound(boat: Norrbin, zigzag: float, *, rates: bool) -> str:
+    """Return the line's cells for the least error of K and T [%] from the zigzag of one seed."""
+    known = boat._replace(reference_speed=1.0)
+    table = np.array([sample for sample in sail(boat, zigzag, 0) if sample[0] <= zigzag]).T
+    columns = dict(zip(("time_s", "rudder_rad", "heading_rad", "yaw_rate_rad_s"), table, strict=True))
+    run = run_from_columns("zigzag", {**columns, "speed_m_s": np.ones(table.shape[1])})
+    noise = InstrumentNoise(RATE_NOISE if rates else math.inf, HEADING_NOISE)
+    least = cramer_rao([run], known, ("gain", "time_constant", "n3", "n0"), noise)
+    return f"{100 * least['gain'] / boat.gain:.1f} % | {100 * least['time_constant'] / boat.time_constant:.1f} %"
+
+
 def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
-    seeds = range(parser.parse_args().seeds)
+    parser.add_argument("--headings", action="store_true", help="the lines from headings alone")
+    options = parser.parse_args()
+    seeds = range(options.seeds)
+    variants = {label: each for label, each in VARIANTS.items() if not options.headings or label == HEADINGS}
     print("| boat | zigzag | variant | rms K | rms T | worst K | worst T | worst K, 5 min straight | worst T |")
     print("|---|---|---|---|---|---|---|---|---|")
     for name, (boat, zigzag) in BOATS.items():
         records = [sail(boat, zigzag, seed) for seed in seeds]
-        for label, variant in VARIANTS.items():
+        for label, variant in variants.items():
             found = []
             for factor in (2.0, 0.5):
                 first = boat._replace(
@@ -161,6 +180,8 @@ def main() -> int:
             straight = np.max([each.straight for each in found], axis=0)
             cells = [*np.sqrt(np.mean(ends**2, axis=0)), *np.max(np.abs(ends), axis=0), *straight]
             print(f"| {name} | {zigzag:.0f} s | {label} | " + " | ".join(f"{100 * c:.1f} %" for c in cells) + " |")
+        for label, rates in (("bound", True), ("bound from headings alone", False)):
+            print(f"| {name} | {zigzag:.0f} s | {label} | {bound(boat, zigzag, rates=rates)} | | | | |")
     return 0
 
 

@@ -24,6 +24,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.identification.heading_parts import HeadingParts, cubed
 
 BLOCKS = 12
 """Blocks in a window; more would follow the window's end closer, fewer average more."""
@@ -78,6 +79,7 @@ class _Block(NamedTuple):
     mean: float
     headed: bool
     heading: float
+    parts: tuple[float, ...]
     rudder: float
     ratio: float
 
@@ -123,6 +125,7 @@ class IntegralWindow:
         self._a = self._c = self._d = self._n = self._turned = 0.0
         self._has_rates = False
         self._before: _Block | None = None
+        self._parts = HeadingParts(self._block)
         self._begin(0.0)
 
     def _begin(self, time: float) -> None:
@@ -131,6 +134,7 @@ class IntegralWindow:
         self._sum_a, self._sum_c, self._sum_d = _Moments(), _Moments(), _Moments()
         self._sum_n, self._sum_r = _Moments(), _Moments()
         self._sum_heading = 0.0
+        self._parts.begin()
         self._rates_known = self._headings_known = True
         self._d_begun, self._n_begun, self._turned_begun = self._d, self._n, self._turned
 
@@ -198,6 +202,7 @@ class IntegralWindow:
         a = self._a + ratio * turned
         self._sum_a.add(since, dt, self._a, a)
         self._sum_heading += dt * (self._turned + 0.5 * turned)
+        self._parts.take(since, dt, self._turned, turned)
         self._a, self._turned, self._moved_at = a, self._turned + turned, time
         self._remember(heading, rate)
 
@@ -222,6 +227,7 @@ class IntegralWindow:
             mean=(self._turned - self._turned_begun) / span,
             headed=self._headings_known,
             heading=self._sum_heading / span,
+            parts=self._parts.means(),
             rudder=(self._d - self._d_begun) / (self._n - self._n_begun),
             ratio=self._ratio,
         )
@@ -242,10 +248,8 @@ class IntegralWindow:
         if self._has_rates:
             c = _tent_mean(before.c, block.c, before.span, block.span)
         else:
-            # the mean of the cube is more than the cube of the mean: 3 b times the variance of a straight line
-            cubed = (b**3 + 0.5 * b * (block.mean - before.mean) ** 2) * half / block.ratio
-            self._c += cubed
-            c = self._c - 0.5 * cubed
+            added, mean = self._cubed(before, block, b)
+            c, self._c = self._c + mean, self._c + added
         return _Tent(
             _tent_mean(before.a, block.a, before.span, block.span),
             b,
@@ -254,6 +258,16 @@ class IntegralWindow:
             _tent_mean(before.n, block.n, before.span, block.span),
             block.rudder,
         )
+
+    def _cubed(self, before: _Block, block: _Block, b: float) -> tuple[float, float]:
+        """Return int r^3/s dt from where the last tent's was taken up to this one's, and its mean, without rates."""
+        span = before.span + block.span
+        if before.parts and block.parts:
+            added, mean = cubed(before.parts, block.parts, span, self._parts.roughness)
+            return added / block.ratio, mean / block.ratio
+        # the mean of the cube is more than the cube of the mean: 3 b times the variance of a straight line
+        added = (b**3 + 0.5 * b * (block.mean - before.mean) ** 2) * 0.5 * span / block.ratio
+        return added, 0.5 * added
 
     def _window(self, time: float) -> Integrals:
         last = self._ring[-1]
