@@ -59,19 +59,25 @@ class HeadingParts:
 
 
 def cubed(first: Sequence[float], second: Sequence[float], span: float, roughness: float) -> tuple[float, float]:
-    """Return int r^3 dt [rad^3/s^2] over the first of two blocks that take `span` [s] together, and the mean of that
-    integral, from the beginning of the first, with a weight which rises over it and falls over the second; both blocks
-    by the means of as many parts."""
+    """Return int r^3 dt [rad^3/s^2] from the middle of the first of two blocks, which take `span` [s] together, to that
+    of the second, and the mean of that integral with a weight which rises over the first and falls over the second;
+    both blocks by the means of as many parts."""
     parts = [*first, *second]
-    step = span / len(parts)
+    step, count = span / len(parts), len(first)
     noise = 3.0 * 2.0 * roughness / step**3
     inner = [(later - now) / step for now, later in pairwise(parts)]
+    # at the ends, where the weight is next to nothing, the rate goes on as it did
     rates = [2.0 * inner[0] - inner[1], *inner, 2.0 * inner[-1] - inner[-2]]
-    total = mean = over_first = 0.0
+    totals, mean = [0.0], 0.0
     for k, (now, later) in enumerate(pairwise(rates)):
         # the cube of a straight line
         whole = 0.25 * (now + later) * (now * now + later * later - 2.0 * noise) * step
-        mean += min(k + 0.5, len(parts) - k - 0.5) * (total + 0.5 * whole)
-        total += whole
-        over_first = total if k + 1 == len(first) else over_first
-    return over_first, mean / len(first) ** 2
+        mean += min(k + 0.5, len(parts) - k - 0.5) * (totals[-1] + 0.5 * whole)
+        totals.append(totals[-1] + whole)
+    begun, ended = _between(totals, 0.5 * count), _between(totals, 1.5 * count)
+    return ended - begun, mean / count**2 - begun
+
+
+def _between(totals: Sequence[float], place: float) -> float:
+    left = int(place)
+    return totals[left] + (place - left) * (totals[left + 1] - totals[left])

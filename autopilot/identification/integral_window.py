@@ -260,7 +260,7 @@ class IntegralWindow:
         )
 
     def _cubed(self, before: _Block, block: _Block, b: float) -> tuple[float, float]:
-        """Return int r^3/s dt from where the last tent's was taken up to this one's, and its mean, without rates."""
+        """Return int r^3/s dt from the middle of one block to that of the next, and its mean over both."""
         span = before.span + block.span
         if before.parts and block.parts:
             added, mean = cubed(before.parts, block.parts, span, self._parts.roughness)
