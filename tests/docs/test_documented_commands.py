@@ -29,12 +29,12 @@ MAINS = {"autopilot": autopilot, "sitl": sitl}
 SLOW = os.environ.get("NORRBIN_SLOW") == "1"
 SAILS = re.compile(r"^((?:sitl serve|autopilot run|autopilot trial (?!design)[a-z-]+)) ", re.MULTILINE)
 LASTS = re.compile(
-    r"^((?:autopilot run|sitl serve|sitl ardupilot-physics) (?!.*--duration)[^&\n#]*?(?:'[^'\n]*'[^&\n#]*?)*) *(#.*)?$",
+    r"^((?:autopilot run|sitl serve) (?!.*--duration)[^&\n#]*?(?:'[^'\n]*'[^&\n#]*?)*) *(#.*)?$",
     re.MULTILINE,
 )
 """What sails until it is stopped is given a duration."""
-STAYS = re.compile(r"^(autopilot (?:web|signalk) [^&\n]*)$", re.MULTILINE)
-"""Displays know no duration: they are stopped as Ctrl-C does."""
+STAYS = re.compile(r"^((?:autopilot (?:web|signalk)|sitl ardupilot-physics) [^&\n]*)$", re.MULTILINE)
+"""What has no clock of its own is stopped as Ctrl-C does."""
 SAID_BY_THE_GATE = ("demo", "tests", "workflow")
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 CASES = [pytest.param(line, id=f"{block.page.name}: {line}"[:100]) for block in BLOCKS for line in block.calls]
