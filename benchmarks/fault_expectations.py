@@ -168,7 +168,12 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     # nothing on board can tell which of two places is the true one: the boat goes back to the line
     ("position jumps by 200 m", "track"): tells("", 5.0, 90.0),
 }
-OPEN: dict[str, tuple[str, ...]] = {}
+OPEN: dict[str, tuple[str, ...]] = {
+    "first of two compasses lost": ("degraded",),
+    "first of two compasses frozen": ("degraded",),
+    "first of two compasses jumps by 40 deg": ("degraded",),
+    "first of two compasses noisy, 10 deg": ("degraded",),
+}
 """Cells, by fault and states, where the pilot does not yet do what is wanted; they are marked in the page."""
 
 
