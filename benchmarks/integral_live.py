@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,8 @@ from autopilot.identification.integral_fit import FitSettings, IntegralFit, wind
 from autopilot.identification.integral_recursion import Recursion, RecursionSettings, recursion_step
 from autopilot.identification.integral_rls import WindowRls
 from autopilot.identification.integral_window import IntegralWindow
+from autopilot.identification.methods import Question
+from autopilot.identification.registry import method_named
 from autopilot.identification.runs import run_from_columns
 from autopilot.models.norrbin import Norrbin
 
@@ -146,6 +148,19 @@ def outcome(learn: Learner, boat: Norrbin, zigzag: float, samples: list[Sample])
     return Outcome((before[1], before[2]), (max(abs(e[1]) for e in after), max(abs(e[2]) for e in after)))
 
 
+def over_all(boat: Norrbin, zigzag: float, seeds: Iterable[int]) -> str:
+    """Return the line's cells for the extended Kalman filter over the whole zigzag at once, from headings alone."""
+    errors = []
+    for seed in seeds:
+        table = np.array([sample[:3] for sample in sail(boat, zigzag, seed) if sample[0] <= zigzag]).T
+        columns = dict(zip(("time_s", "rudder_rad", "heading_rad"), table, strict=True))
+        run = run_from_columns("zigzag", {**columns, "speed_m_s": np.ones(table.shape[1])})
+        found = method_named("ekf").identify([run], Question(reference_speed=1.0, course_unstable=boat.n1 < 0.0)).model
+        errors.append((found.gain / boat.gain - 1.0, found.time_constant / boat.time_constant - 1.0))
+    cells = [*np.sqrt(np.mean(np.square(errors), axis=0)), *np.max(np.abs(errors), axis=0)]
+    return " | ".join(f"{100 * c:.1f} %" for c in cells)
+
+
 def bound(boat: Norrbin, zigzag: float, *, rates: bool) -> str:
     """Return the line's cells for the least error of K and T [%] from the zigzag of one seed."""
     known = boat._replace(reference_speed=1.0)
@@ -180,6 +195,7 @@ def main() -> int:
             straight = np.max([each.straight for each in found], axis=0)
             cells = [*np.sqrt(np.mean(ends**2, axis=0)), *np.max(np.abs(ends), axis=0), *straight]
             print(f"| {name} | {zigzag:.0f} s | {label} | " + " | ".join(f"{100 * c:.1f} %" for c in cells) + " |")
+        print(f"| {name} | {zigzag:.0f} s | ekf over all of it, headings alone | {over_all(boat, zigzag, seeds)} | | |")
         for label, rates in (("bound", True), ("bound from headings alone", False)):
             print(f"| {name} | {zigzag:.0f} s | {label} | {bound(boat, zigzag, rates=rates)} | | | | |")
     return 0
