@@ -82,9 +82,9 @@ class Passes(NamedTuple):
             if far <= SETTLED and weighed:
                 break
             about = about + np.clip(off, -LARGEST_MOVE, LARGEST_MOVE)
-            if not weighed:
-                before, noise = noise, self._noise(self.model(about), noise.process)
-                weighed = abs(math.log(noise.process / before.process)) < ALIKE
+            # a strength found far from the end says nothing of the end
+            before, noise = noise, self._noise(self.model(about), noise.process)
+            weighed = abs(math.log(noise.process / before.process)) < ALIKE
         convergence = self._convergence(estimates, model)
         return Passed(estimates[-1], covariance_of(told, off, prior.covariance), convergence)
 
