@@ -14,6 +14,10 @@ TURNS = {
     "turn-pid": "PID, UDP",
     "turn-serial": "backstepping, serial compass",
 }
+MODEL_FORM = (
+    "Standard errors know the instruments' noise alone. The speed in the log is that over the ground, slip included; it "
+    "makes K 1 % and n3 10 % too large, more than they say."
+)
 HOLDS = {"sea-backstepping": "backstepping", "sea-pid": "PID"}
 
 
@@ -31,7 +35,9 @@ def as_json(result: DemoResult) -> dict[str, Any]:
             }
             for symbol, name, unit in PARAMETERS
         },
+        "rudder_delay_s": found.train.delay,
         "unidentifiable": found.unidentifiable,
+        "model_form": MODEL_FORM,
         "turn_90_deg_calm": {
             TURNS[name]: {
                 "overshoot_deg": math.degrees(turn.overshoot),
@@ -59,7 +65,13 @@ def as_text(result: DemoResult) -> str:
         off = f"{100.0 * (value / true - 1.0):+.1f} %" if true else "-"
         shown = "-" if error is None else f"{error:.4f}"
         lines.append(f"  {symbol:3} {unit:18}{true:12.4f}{value:12.4f}{shown:>12}{off:>10}")
+    if found.train.delay > 0.0:
+        lines.append(
+            f"  rudder's delay {found.train.delay:.3f} s +- {found.standard_errors.get('delay') or 0.0:.3f} s: orders on "
+            "their way, at four times the pace"
+        )
     lines += [f"  {reason}" for reason in found.unidentifiable.values()]
+    lines.append(f"  {MODEL_FORM}")
     lines += ["", f"{'turn of 90 deg, calm':32}{'overshoot':>12}{'settling':>12}{'rudder travel':>16}"]
     for name, turn in result.turns.items():
         settling = f"{turn.settling:.1f} s" if math.isfinite(turn.settling) else "never"

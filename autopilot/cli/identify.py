@@ -10,7 +10,7 @@ from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
     from autopilot.cli.identify_report import Result
-    from autopilot.identification.identified import SteadyTurns
+    from autopilot.identification.identified import ModelKind, SteadyTurns
     from autopilot.identification.runs import Run
 
 DESCRIPTION = """\
@@ -42,7 +42,19 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--holdout", nargs="+", default=[], metavar="LOG", help="recordings to foretell, not to fit")
     parser.add_argument("--steady-turns", metavar="FILE", help="CSV of steady turns (rudder, yaw rate): gives n3")
     parser.add_argument("--gain-1-s", type=float, metavar="K", help="hold K [1/s] in the steady-turn stage")
-    parser.add_argument("--model", choices=("norrbin", "nomoto"), default="norrbin", help="nomoto: n3 = 0")
+    parser.add_argument(
+        "--model",
+        choices=("auto", "nomoto", "nomoto1", "nomoto2", "norrbin", "norrbin-n2"),
+        default="norrbin",
+        help="nomoto, nomoto1: n3 = 0; nomoto2: with lag and lead; norrbin-n2: n2 r^2 too; auto: what foretells best, "
+        "with the table of candidates (default norrbin)",
+    )
+    parser.add_argument(
+        "--trim",
+        choices=("common", "per-run"),
+        default="common",
+        help="per-run: an n0 for each LOG, where wind and current differed (default common)",
+    )
     parser.add_argument(
         "--method",
         default="output-error",
@@ -132,12 +144,15 @@ def _methods() -> str:
 
 
 def _check(arguments: argparse.Namespace) -> None:
+    from autopilot.cli.identify_model import check_model
+
     if not 0.0 < arguments.forgetting <= 1.0:
         raise InputError(f"--forgetting {arguments.forgetting:g}: a number above 0, at most 1, is allowed.")
     for name, value in (("--gain-1-s", arguments.gain_1_s), ("--reference-speed-m-s", arguments.reference_speed_m_s)):
         if value is not None and not 0.0 < value < float("inf"):
             raise InputError(f"{name} must be a positive number, got {value:g}.")
-    if arguments.course_unstable and (arguments.model == "nomoto" or arguments.steady_turns):
+    check_model(arguments)
+    if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
         raise InputError(
             "--course-unstable needs n3 fitted from the LOGs: leave out --model nomoto and --steady-turns."
         )
@@ -171,6 +186,7 @@ def _steady_turns(path: str) -> SteadyTurns:
 
 
 def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
+    from autopilot.cli.identify_model import chosen, form_of
     from autopilot.cli.identify_report import Result
     from autopilot.cli.progress import ProgressBar
     from autopilot.identification.methods import Question
@@ -180,27 +196,31 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
 
     method = method_named(arguments.method, arguments.gain)
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
+    form = form_of(arguments)
     with ProgressBar("identifying") as bar:
         question = Question(
-            arguments.model,
+            form.kind,
             arguments.reference_speed_m_s,
-            arguments.course_unstable,
+            form.course_unstable,
             steady_turns=steady,
             gain=arguments.gain_1_s,
             forgetting=arguments.forgetting,
-            rudder_train=_rudder_train(arguments),
+            rudder_train=form.rudder_train,
             weighting=arguments.weighting,
+            quadratic=form.quadratic,
+            trim=form.trim,
             progress=bar.show,
         )
-        found = method.identify(fitted, question)
+        choice = chosen(fitted, question, bar.show) if arguments.model == "auto" else None
+        found = method.identify(fitted, question) if choice is None else choice.found
     stage_one = nomoto_stage(fitted, found.model.reference_speed)
     predictions = [(run, "fit", found.foretell(run)) for run in fitted]
     predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
-    tests = residual_tests(fitted, found.model, found.around, found.train)
-    return Result(arguments.model, found, stage_one, predictions, tests)
+    tests = residual_tests(fitted, found.model, found.around, found.train, dict(found.trims))
+    return Result(choice.chosen if choice else arguments.model, found, stage_one, predictions, tests, choice)
 
 
-def _rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:
+def rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return the fields of RudderTrain that are asked for. Raises InputError."""
     from autopilot.identification.rudder_path import RudderTrain
 
@@ -208,7 +228,7 @@ def _rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:
     unknown = [name for name in names if name not in RudderTrain._fields]
     if unknown:
         raise InputError(f"--fit-rudder {unknown[0].replace('_', '-')}: write some of delay,lag,lead,dead-band.")
-    if names and (arguments.method != "output-error" or arguments.model == "nomoto" or arguments.course_unstable):
+    if names and (arguments.method != "output-error" or arguments.model != "norrbin" or arguments.course_unstable):
         raise InputError("--fit-rudder goes with --method output-error and --model norrbin, without --course-unstable.")
     if names and arguments.steady_turns:
         raise InputError("--fit-rudder and --steady-turns exclude each other: turns tell nothing of a lag.")
@@ -231,13 +251,21 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
             try:
                 found = result.found
                 if method.name != arguments.method:
-                    found = method.identify(fitted, Question(arguments.model, found.model.reference_speed))
+                    found = method.identify(fitted, Question(_kind(result), found.model.reference_speed))
             except InputError:
                 continue  # a method that these runs do not suit has nothing to show
             if found.convergence is not None:
                 convergence[method.name] = found.convergence
     findings = Findings(arguments.method, result.found, result.predictions, result.residual_tests, steady, convergence)
+    if result.choice is not None:
+        from autopilot.cli.identify_model import choice_rows, choice_sentence
+
+        findings = findings._replace(choice=choice_rows(result.choice), chosen=choice_sentence(result.choice))
     save_text(arguments.report, identification_page(findings, shlex.join(arguments.typed)))
+
+
+def _kind(result: Result) -> ModelKind:
+    return "nomoto" if result.kind.startswith("nomoto") else "norrbin"
 
 
 def _load(paths: list[str], arguments: argparse.Namespace) -> list[Run]:

@@ -7,7 +7,9 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
+from autopilot.cli.identify_model import choice_document, choice_rows, choice_sentence
 from autopilot.identification.identified import Identified, SteadyTurns
+from autopilot.identification.model_choice import Choice
 from autopilot.identification.prediction import Prediction
 from autopilot.identification.residual_tests import ResidualTest
 from autopilot.identification.runs import Run
@@ -34,6 +36,8 @@ QUANTITIES = (
     Quantity("n0", "n0", "rad/s", "deg/s", DEG),
 )
 
+N2 = Quantity("n2", "n2", "s/rad", "s/deg", 1.0 / DEG)
+"""Named only where it was found."""
 
 AROUND = (
     Quantity("c_race", "race", "m^2", "m^2", 1.0),
@@ -60,13 +64,15 @@ TRAIN = (
 
 
 class Result(NamedTuple):
-    """Everything to be told: the kind of model asked for, the estimate, stage one, and each run with its role."""
+    """Everything to be told: the kind of model asked for or chosen, the estimate, stage one, each run with its role,
+    and the candidates where the kind was chosen."""
 
     kind: str
     found: Identified
     stage_one: Nomoto | None
     predictions: Sequence[tuple[Run, str, Prediction]]
     residual_tests: Sequence[ResidualTest] = ()
+    choice: Choice | None = None
 
 
 def as_json(result: Result) -> str:
@@ -85,6 +91,8 @@ def as_json(result: Result) -> str:
         "reasons": found.unidentifiable,
         "notes": _notes(result),
         "two_stage": _stages(result),
+        "trims_n0_rad_s": dict(found.trims),
+        "model_choice": choice_document(result.choice) if result.choice else None,
         "residuals": {
             "yaw_rate_rms_rad_s": _finite(found.noise[0].size),
             "heading_rms_rad": _finite(found.noise[1].size),
@@ -97,6 +105,7 @@ def as_json(result: Result) -> str:
 def _quantities(found: Identified) -> list[tuple[Quantity, float]]:
     """Return what the model consists of, each with its value."""
     pairs = [(quantity, float(getattr(found.model, quantity.name))) for quantity in QUANTITIES]
+    pairs += [(N2, found.model.n2)] if found.model.n2 != 0.0 else []
     if found.around is not None:
         recorded = AROUND if _felt(found) else ()
         pairs += [(quantity, float(getattr(found.around, quantity.name))) for quantity in recorded]
@@ -184,16 +193,26 @@ def as_text(result: Result) -> str:
                 "" if staged is None else f"{staged:.5g}",
             )
         )
+    choice = [_table(choice_rows(result.choice)), choice_sentence(result.choice)] if result.choice else []
     parts = [
+        *choice,
         f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
         _table(rows),
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
         _table(_run_rows(result)),
+        *_trims(found),
         *found.unidentifiable.values(),
         *(" ".join(test.sentences()) for test in result.residual_tests),
         *_notes(result),
     ]
     return "\n\n".join(parts)
+
+
+def _trims(found: Identified) -> list[str]:
+    if not found.trims:
+        return []
+    each = ", ".join(f"{source} {n0 / DEG:.3g}" for source, n0 in found.trims)
+    return [f"n0 of each run's own, deg/s: {each}; the model has their mean."]
 
 
 def _spread(quantity: Quantity, std: float | None) -> str:

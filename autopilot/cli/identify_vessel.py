@@ -47,6 +47,7 @@ def _model(result: Result, runs: list[Run]) -> Model:
         T_s=rounded(model.time_constant),
         reference_speed_m_s=rounded(model.reference_speed),
         n1=model.n1,
+        n2_s_rad=rounded(model.n2),
         n3_s2_rad2=rounded(model.n3),
         n0_rad_s=rounded(model.n0),
         standard_errors=StandardErrors(

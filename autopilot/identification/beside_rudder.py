@@ -10,11 +10,13 @@ from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Identifi
 from autopilot.identification.output_error import Solution, solve
 from autopilot.identification.residuals import typical_rate
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
+from autopilot.identification.run_trim import NO_TRIMS, RunTrims
 from autopilot.identification.runs import Run, Segment, has_propeller, has_wind
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind, without_drift
 
 CUBIC = ("gain", "time_constant", "n3", "n0")
+DAMPING = ("n3", "n2")
 WIND = ("wind_beam", "wind_quarter")
 DRIFT = ("drift", "drift_time", "drift_wind")
 TURN = ("steady_race", "n3")
@@ -40,30 +42,40 @@ START_DEAD_BAND = 0.01
 """Where that of the dead band begins [rad]."""
 
 
-def with_extras(runs: Sequence[Run], plain: Identified, asked: Sequence[str], steps: Steps) -> Identified:
+def with_extras(
+    runs: Sequence[Run],
+    plain: Identified,
+    asked: Sequence[str],
+    steps: Steps,
+    base: tuple[str, ...] = CUBIC,
+    trims: RunTrims = NO_TRIMS,
+) -> Identified:
     """Fit propeller race and wind moment too where recorded, and what was `asked` of the rudder's train; drop what the
-    runs do not show, one after the other."""
-    names = _race(runs) + (WIND if has_wind(runs) else ()) + tuple(asked)
+    runs do not show, one after the other. base: what is fitted with them, `trims` the runs' own where it names them;
+    without n3 in it, propeller and wind are left out."""
+    names = (_race(runs) + (WIND if has_wind(runs) else ()) if "n3" in base else ()) + tuple(asked)
     if not names:
         return plain
     train = DIRECT._replace(**{name: _begin_with(name, plain.model) for name in asked})
-    start = plain.model._replace(n3=max(plain.model.n3, START_N3 / typical_rate(_segments(runs)) ** 2))
+    start = plain.model
+    if "n3" in base:
+        start = start._replace(n3=max(start.n3, START_N3 / typical_rate(_segments(runs)) ** 2))
     around = RaceAndWind(race=0.0, reference_propeller=mean_propeller(runs) if "race" in names else 0.0)
     if "race" in names:
         around = around._replace(race=START_RACE * (start.reference_speed / around.reference_propeller) ** 2)
     if "steady_race" in names:
         around = around._replace(steady_race=START_RACE * start.reference_speed**2)
-    found = solve(runs, start, (*CUBIC, *names), steps.next, around=around, train=train)
-    if has_wind(runs) and (drifting := _with_drift(runs, found, steps)) is not None:
+    found = solve(runs, start, (*base, *names), steps.next, around=around, train=train, trims=trims)
+    if "n3" in base and has_wind(runs) and (drifting := _with_drift(runs, found, steps)) is not None:
         found, names = drifting, (*names, *DRIFT)
     reasons: dict[str, str] = {}
-    while weakest := _least_shown(found, ("n3", *names)):
+    while weakest := _least_shown(found, (*DAMPING, *names)):
         gone = _falling(weakest, found)
         smaller = _without(runs, found, gone, steps)
         if _says_more(found, smaller, runs):
             # two that work in the same moments may each be uncertain and yet be needed together
-            kept = [name for name in ("n3", *names) if _is_uncertain(found, name)]
-            return _extended(found, plain, {**reasons, **{name: _told_together(name, found) for name in kept}})
+            kept = [name for name in (*DAMPING, *names) if _is_uncertain(found, name)]
+            return _extended(found, plain, {**reasons, **{name: _told_together(name, found) for name in kept}}, runs)
         reasons.update({name: _not_shown(name, found) for name in gone})
         names = tuple(name for name in names if name not in gone)
         found = smaller
@@ -74,7 +86,7 @@ def with_extras(runs: Sequence[Run], plain: Identified, asked: Sequence[str], st
         return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
     if _is_uncertain(found, "n3"):
         reasons["n3"] = _told_together("n3", found)
-    return _extended(found, plain, reasons)
+    return _extended(found, plain, reasons, runs)
 
 
 def _race(runs: Sequence[Run]) -> tuple[str, ...]:
@@ -88,13 +100,14 @@ def _race(runs: Sequence[Run]) -> tuple[str, ...]:
 def _with_drift(runs: Sequence[Run], found: Solution, steps: Steps) -> Solution | None:
     """Return the fit with drift before the wind beside everything in `found`, None where the runs do not ask for it."""
     around = found.around._replace(drift=START_DRIFT, drift_time=0.5 * found.model.time_constant)
-    drifting = solve(runs, found.model, (*found.free, *DRIFT), steps.next, around=around, train=found.train)
+    free, train, trims = (*found.free, *DRIFT), found.train, found.trims
+    drifting = solve(runs, found.model, free, steps.next, around=around, train=train, trims=trims)
     told = _relative_error(drifting, "drift") < SURELY and drifting.noise[0].size < WORTH_IT * found.noise[0].size
     return drifting if told and 0.0 < drifting.around.drift < 1.0 else None
 
 
-def _extended(found: Solution, plain: Identified, reasons: dict[str, str]) -> Identified:
-    result = identified_from(found, reasons)
+def _extended(found: Solution, plain: Identified, reasons: dict[str, str], runs: Sequence[Run]) -> Identified:
+    result = identified_from(found, reasons, runs)
     has_around = any(name in RaceAndWind._fields for name in found.free)
     extras = (*(RaceAndWind._fields if has_around else ()), *RudderTrain._fields)
     errors = {**result.standard_errors, **{name: found.standard_error(name) for name in extras}}
@@ -115,8 +128,8 @@ def _without(runs: Sequence[Run], found: Solution, gone: Sequence[str], steps: S
     free = tuple(name for name in found.free if name not in gone)
     around = found.around._replace(**{name: 0.0 for name in gone if name in RaceAndWind._fields})
     train = found.train._replace(**{name: 0.0 for name in gone if name in RudderTrain._fields})
-    start = found.model._replace(n3=0.0) if "n3" in gone else found.model
-    return solve(runs, start, free, steps.next, around=around, train=train)
+    start = found.model._replace(**{name: 0.0 for name in gone if name in DAMPING})
+    return solve(runs, start, free, steps.next, around=around, train=train, trims=found.trims)
 
 
 def _says_more(larger: Solution, smaller: Solution, runs: Sequence[Run]) -> bool:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
+
+import numpy as np
 
 from autopilot.identification.noise import Noise
 from autopilot.identification.output_error import Solution
 from autopilot.identification.prediction import Prediction, predict, simulate_run
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
+from autopilot.identification.run_trim import PREFIX
 from autopilot.identification.runs import FloatArray, Run, has_propeller, has_wind
 from autopilot.identification.two_stage import CubicDamping
 from autopilot.models.norrbin import Norrbin
@@ -58,7 +61,8 @@ class Identified(NamedTuple):
     and wind add where the runs show it, with `plain`, the model that does without; what else the method has to say,
     a sentence each; from a recursive method, how it came there; and the covariance, shape (F, F), of the parameters
     called `free` where the method knows it. train: the way from the recorded rudder to the water, where it was asked
-    for and the runs show it."""
+    for and the runs show it. trims: where each run has an n0 of its own, that [rad/s] by the run's source; the model's
+    is their mean."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -72,6 +76,7 @@ class Identified(NamedTuple):
     free: tuple[str, ...] = ()
     covariance: FloatArray | None = None
     train: RudderTrain = DIRECT
+    trims: tuple[tuple[str, float], ...] = ()
 
     def foretell(self, run: Run) -> Prediction:
         """Return how well `run` is foretold, with propeller and wind where both model and run know them."""
@@ -82,26 +87,36 @@ class Identified(NamedTuple):
         return simulate_run(*self._known_to(run))
 
     def _known_to(self, run: Run) -> tuple[Norrbin, Run, RaceAndWind | None, RudderTrain]:
+        n0 = dict(self.trims).get(run.source, self.model.n0)
         if self.around is None or self.plain is None:
-            return self.model, run, None, self.train
+            return self.model._replace(n0=n0), run, None, self.train
         lacks_race = self.around.race > 0.0 and not has_propeller([run])
         lacks_wind = (self.around.wind_beam or self.around.wind_quarter) and not has_wind([run])
         if lacks_race or lacks_wind:
             return self.plain, run, None, DIRECT
-        return self.model, run, self.around, self.train
+        return self.model._replace(n0=n0), run, self.around, self.train
 
 
-def identified_from(solution: Solution, reasons: dict[str, str]) -> Identified:
-    """Return the answer that a fit gives, with `reasons` why parameters are missing, by symbol."""
-    names = ("gain", "time_constant", "n3", "n1", "n0")
+def identified_from(solution: Solution, reasons: dict[str, str], runs: Sequence[Run] = ()) -> Identified:
+    """Return the answer that a fit gives, with `reasons` why parameters are missing, by symbol; `runs`: those fitted,
+    where each has a trim of its own."""
+    names = ("gain", "time_constant", "n3", "n2", "n1", "n0")
     errors = {name: solution.standard_error(name) for name in names}
+    shared = [i for i, name in enumerate(solution.free) if not name.startswith(PREFIX)]
+    model = solution.model
+    trims = tuple(
+        (run.source, model.n0 - model.gain * float(angle))
+        for run, angle in zip(runs, solution.trims.angles if solution.trims.values else (), strict=False)
+    )
     return Identified(
-        solution.model,
+        model,
         errors,
         {**reasons, **_too_uncertain(solution)},
         solution.noise,
-        free=solution.free,
-        covariance=solution.covariance,
+        free=tuple(solution.free[i] for i in shared),
+        covariance=solution.covariance[np.ix_(shared, shared)],
+        train=solution.train,
+        trims=trims,
     )
 
 

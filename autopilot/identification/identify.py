@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.beside_rudder import CUBIC, with_extras
+from autopilot.identification.beside_rudder import CUBIC, START_N3, with_extras
 from autopilot.identification.identified import (
     LARGEST_RELATIVE_ERROR,
     Identified,
@@ -18,9 +19,12 @@ from autopilot.identification.identified import (
     identified_from,
 )
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
+from autopilot.identification.residuals import typical_rate
+from autopilot.identification.run_trim import RunTrims, Trim, own_trims
 from autopilot.identification.runs import Run, has_propeller, has_wind
 from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
 from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage
+from autopilot.models.norrbin import Norrbin, folds
 
 LINEAR = ("gain", "time_constant", "n0")
 STEADY_ROUNDS = 3
@@ -52,6 +56,8 @@ def identify(
     course_unstable: bool = False,
     rudder_train: Sequence[str] = (),
     weighting: Weighting = "residuals",
+    quadratic: bool = False,
+    trim: Trim = "common",
     progress: Progress = lambda done, total: None,
 ) -> Identified:
     """Return the output-error estimate from all runs together, scaled with speed.
@@ -64,9 +70,12 @@ def identify(
     fitted, and there is no smaller model to fall back to.
 
     rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water; those that
-    cannot be told from 0 are left out again. Of a Norrbin without `steady_turns` only.
+    cannot be told from 0 are left out again. Not with `steady_turns`, nor `course_unstable`.
 
     weighting: "prediction-error" knows gusts from instrument noise; K, T, n3 and n0 alone, of a course-stable boat.
+
+    quadratic: n2 too, of a boat that turns otherwise to one side; left out again where it cannot be told from 0 or
+    would let her turn without bound. trim: "per-run" fits an n0 for each run; the model has their mean.
 
     Raises InputError where the rudder never moves, the boat makes no way, the motion does not follow the
     rudder, or follows it backwards.
@@ -74,33 +83,74 @@ def identify(
     speed = mean_speed(runs) if reference_speed is None else reference_speed
     check_excitation(runs, speed)
     fits = 1 if kind == "nomoto" else 3 if has_propeller(runs) or has_wind(runs) or rudder_train else 2
-    steps = Steps(progress, total=1 + NOISE_ROUNDS * fits)
+    steps = Steps(progress, total=1 + NOISE_ROUNDS * (fits + quadratic))
     start = starting_point(runs, speed)
     check_response(runs, start)
     steps.next()
+    fit = _Fit(runs, steps, weighting, own_trims(runs, trim))
     if course_unstable:
-        unstable = unstable_starting_point(runs, start.model)
-        return _unstable(solve(runs, unstable, CUBIC, steps.next), runs)
+        return _unstable(fit, unstable_starting_point(runs, start.model), quadratic)
     if kind == "nomoto":
-        return identified_from(solve(runs, start.model, LINEAR, steps.next, weighting=weighting), {})
+        plain = identified_from(fit.solve(start.model, LINEAR), {}, runs)
+        return with_extras(runs, plain, rudder_train, steps, (*LINEAR, *fit.trims.names), fit.trims)
     if steady_turns is not None:
-        linear = solve(runs, start.model, LINEAR, steps.next, weighting=weighting)
-        return _with_steady_turns(runs, linear, steady_turns, gain, steps)
-    cubic = solve(runs, start.model, CUBIC, steps.next, weighting=weighting)
-    plain = identified_from(cubic, {})
-    if reason := _why_no_cubic(cubic):
-        linear = solve(runs, cubic.model._replace(n3=0.0), LINEAR, steps.next, weighting=weighting)
-        plain = identified_from(linear, {"n3": reason})
-    return plain if weighting == "prediction-error" else with_extras(runs, plain, rudder_train, steps)
+        return _with_steady_turns(fit, fit.solve(start.model, LINEAR), steady_turns, gain)
+    return _norrbin(fit, start.model, quadratic, rudder_train)
 
 
-def _unstable(solution: Solution, runs: Sequence[Run]) -> Identified:
+class _Fit(NamedTuple):
+    """What all fits of one identification share."""
+
+    runs: Sequence[Run]
+    steps: Steps
+    weighting: Weighting
+    trims: RunTrims
+
+    def solve(self, start: Norrbin, free: tuple[str, ...], rounds: int = NOISE_ROUNDS) -> Solution:
+        """Return the best model near `start` with `free`, and the runs' own trims, fitted."""
+        named = (*free, *self.trims.names)
+        return solve(self.runs, start, named, self.steps.next, rounds, weighting=self.weighting, trims=self.trims)
+
+
+def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[str]) -> Identified:
+    """Return the model with n3 and n2 as far as the runs tell them, and with what else they show."""
+    runs, told = fit.runs, dict[str, str]()
+    found = fit.solve(start, CUBIC)
+    if reason := _why_no_cubic(found):
+        told["n3"] = reason
+    if quadratic:
+        n3 = max(found.model.n3, START_N3 / typical_rate([s for run in runs for s in run.segments]) ** 2)
+        asymmetric = fit.solve(found.model._replace(n3=n3), (*CUBIC, "n2"))
+        if reason := _why_no_quadratic(asymmetric):
+            told["n2"] = reason
+        else:
+            found = asymmetric
+            told.pop("n3", None)
+    base = (*CUBIC, "n2") if "n2" in found.free else CUBIC
+    if "n3" in told:
+        found = fit.solve(found.model._replace(n3=0.0), LINEAR)
+    plain = identified_from(found, told, runs)
+    if fit.weighting == "prediction-error":
+        return plain
+    result = with_extras(runs, plain, rudder_train, fit.steps, (*base, *fit.trims.names), fit.trims)
+    kept = {symbol: reason for symbol, reason in told.items() if symbol == "n2"}
+    return result._replace(unidentifiable={**kept, **result.unidentifiable})
+
+
+def _unstable(fit: _Fit, start: Norrbin, quadratic: bool) -> Identified:
+    solution, told = fit.solve(start, CUBIC), {}
     if "n3" in solution.at_bound:
         raise InputError(
-            f"{sources_of(runs)}: a course-unstable model (n1 = -1) does not fit: n3 ends at 0, and nothing would "
+            f"{sources_of(fit.runs)}: a course-unstable model (n1 = -1) does not fit: n3 ends at 0, and nothing would "
             "bound its turning; leave --course-unstable out."
         )
-    return identified_from(solution, {})
+    if quadratic:
+        asymmetric = fit.solve(solution.model, (*CUBIC, "n2"))
+        if reason := _why_no_quadratic(asymmetric):
+            told["n2"] = reason
+        else:
+            solution = asymmetric
+    return identified_from(solution, told, fit.runs)
 
 
 def steady_damping(turns: SteadyTurns, gain: float, reference_speed: float) -> CubicDamping:
@@ -110,9 +160,7 @@ def steady_damping(turns: SteadyTurns, gain: float, reference_speed: float) -> C
     return cubic_damping_stage(turns.rudder, turns.rate / ratio, gain)
 
 
-def _with_steady_turns(
-    runs: Sequence[Run], linear: Solution, turns: SteadyTurns, gain: float | None, steps: Steps
-) -> Identified:
+def _with_steady_turns(fit: _Fit, linear: Solution, turns: SteadyTurns, gain: float | None) -> Identified:
     """Fit the rest with n3 held at what the steady turns give for the K of the round before."""
     solution = linear
     for _ in range(STEADY_ROUNDS):
@@ -123,10 +171,9 @@ def _with_steady_turns(
                 f"n3: the steady turns give {cubic.n3:.3g} s^2/rad^2 with K = {K:.3g} 1/s, which would let the boat "
                 "turn without bound, so it is held at 0; check the signs and units of the steady turns."
             )
-            return identified_from(linear, {"n3": reason})._replace(steady=cubic)
-        solution = solve(runs, solution.model._replace(n3=cubic.n3), LINEAR, lambda: None, rounds=2)
-        steps.next()
-    found = identified_from(solution, {})
+            return identified_from(linear, {"n3": reason}, fit.runs)._replace(steady=cubic)
+        solution = fit.solve(solution.model._replace(n3=cubic.n3), LINEAR, rounds=2)
+    found = identified_from(solution, {}, fit.runs)
     return found._replace(standard_errors={**found.standard_errors, "n3": cubic.standard_error}, steady=cubic)
 
 
@@ -142,6 +189,22 @@ def _why_no_cubic(solution: Solution) -> str:
         return (
             f"n3: {n3:.3g} with a standard error of {error:.2g} s^2/rad^2 cannot be told from 0, so it is held at 0; "
             f"{remedy}"
+        )
+    return ""
+
+
+def _why_no_quadratic(solution: Solution) -> str:
+    model, error = solution.model, solution.standard_error("n2") or 0.0
+    if error > LARGEST_RELATIVE_ERROR * abs(model.n2):
+        return (
+            f"n2: {model.n2:.3g} with a standard error of {error:.2g} s/rad cannot be told from 0, so it is held at 0; "
+            "turns to both sides at large rudder angles would tell it."
+        )
+    if folds(model):
+        return (
+            f"n2: {model.n2:.3g} s/rad with n3 {model.n3:.3g} s^2/rad^2 would let the boat turn faster and faster to "
+            "one side under a rudder that stands still, so it is held at 0; turns to both sides at large rudder angles "
+            "would tell them apart."
         )
     return ""
 

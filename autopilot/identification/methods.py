@@ -10,11 +10,12 @@ from autopilot.identification.identify import check_excitation, check_response, 
 from autopilot.identification.noise import residual_noise
 from autopilot.identification.output_error import Weighting
 from autopilot.identification.prediction import simulate_run
+from autopilot.identification.run_trim import Trim
 from autopilot.identification.runs import Run
 from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
 from autopilot.models.norrbin import Norrbin
 
-PARAMETERS = ("gain", "time_constant", "n3", "n1", "n0")
+PARAMETERS = ("gain", "time_constant", "n3", "n2", "n1", "n0")
 """Those every result names in its standard errors."""
 
 
@@ -29,7 +30,8 @@ class Question(NamedTuple):
     course_unstable: n1 = -1.  steady_turns, gain [1/s]: for methods that take n3 from steady turns.  start: where a
     recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
     rudder_train: names of RudderTrain to be fitted too, by methods that can. weighting: of the
-    output-error fit. progress: told how far it is.
+    output-error fit. quadratic: n2 too, trim: one n0 or one for each run, by methods that can.
+    progress: told how far it is.
     """
 
     kind: ModelKind = "norrbin"
@@ -41,6 +43,8 @@ class Question(NamedTuple):
     forgetting: float = 1.0
     rudder_train: tuple[str, ...] = ()
     weighting: Weighting = "residuals"
+    quadratic: bool = False
+    trim: Trim = "common"
     progress: Progress = _silent
 
 

@@ -27,6 +27,7 @@ from autopilot.identification.forcing import Forcing, forcing
 from autopilot.identification.noise import Noise, residual_noise, robust_covariance
 from autopilot.identification.residuals import Problem, initial_state, triangle, typical_rate, units
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
+from autopilot.identification.run_trim import NO_TRIMS, RunTrims
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.whitening import gusts_in
 from autopilot.models.norrbin import Norrbin
@@ -49,6 +50,8 @@ LARGEST_DRIFT = 0.95
 DRIFT_TIMES = 2.0
 """A round of the fit changes the drift's time by at most this factor's logarithm: with much less the steps would be too
 long for it, with much more there is no drift."""
+LARGEST_ASYMMETRY = 3.0
+"""n2 times the typical rate: beyond this one side would hardly turn and the other without end."""
 AT_BOUND = 1.0e-4
 """A scaled parameter below this has ended at its bound 0."""
 
@@ -73,7 +76,7 @@ class Solution(NamedTuple):
     around: what propeller and wind add. covariance: of the free parameters in their own units, shape (F, F).
     noise: of rate and heading residuals.
     at_bound: those that cannot be negative, were fitted, and ended at their bound 0. train: the way from the recorded
-    rudder to the water.
+    rudder to the water. trims: of the runs.
     """
 
     model: Norrbin
@@ -83,6 +86,7 @@ class Solution(NamedTuple):
     noise: tuple[Noise, Noise]
     at_bound: tuple[str, ...]
     train: RudderTrain = DIRECT
+    trims: RunTrims = NO_TRIMS
 
     def standard_error(self, name: str) -> float | None:
         """Return the standard error of a parameter, None where it was not fitted."""
@@ -101,10 +105,11 @@ def solve(
     around: RaceAndWind | None = None,
     train: RudderTrain = DIRECT,
     weighting: Weighting = "residuals",
+    trims: RunTrims = NO_TRIMS,
 ) -> Solution:
     """Return the best model near `start` and `around` with the parameters `free` of them fitted.
 
-    weighting: see `Weighting`.
+    weighting: see `Weighting`. trims: where those that `free` names begin.
 
     K and T stay positive, n3 and the race not negative; what is not free keeps its value.
     """
@@ -115,18 +120,21 @@ def solve(
     noise: tuple[Noise, Noise] | None = None
     for _ in range(rounds):
         steps = fit_steps(segments, base, scale)
-        problem = Problem(segments, steps, base, around, free, scale, units(base, around, scale, segments), train)
+        problem = Problem(
+            segments, steps, base, around, free, scale, units(base, around, scale, segments), train, trims
+        )
         if weighting == "prediction-error":
             residuals = [values for values, _ in problem.response(problem.vector(states))]
             problem = replace(problem, gusts=gusts_in(residuals, segments, base.time_constant))
         start_z = problem.vector(states)
         z = _minimise(problem, start_z, noise or _noise(problem, start_z), TOLERANCE if noise else FIRST_TOLERANCE)
-        base, around, train, states = (
+        base, around, train, trims = (
             problem.model(z),
             problem.race_and_wind(z),
             problem.rudder_train(z),
-            problem.states(z),
+            problem.run_trims(z),
         )
+        states = problem.states(z)
         before, noise = noise, _noise(problem, z)
         after_round()
         if before is not None and _settled(before, noise):
@@ -180,6 +188,7 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise], tolerance
         return memory[key]
 
     low, high = _bounds(problem, z)
+    z = np.clip(z, low, high)
 
     def residual(vector: FloatArray) -> FloatArray:
         return evaluate(vector)[0]
@@ -201,13 +210,18 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise], tolerance
 
 
 def _bounds(problem: Problem, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return between which values each component of the vector may move from `z`."""
+    """Return between which values each component of the vector may move from `z`. Of two time constants in series T is
+    the longer one, or they would change places."""
     low, high = np.full(z.size, -np.inf), np.full(z.size, np.inf)
     for i, name in enumerate(problem.free):
         if name in NOT_NEGATIVE:
             low[i] = 0.0
         if name == "drift":
             high[i] = LARGEST_DRIFT
+        if name == "n2":
+            low[i], high[i] = -LARGEST_ASYMMETRY, LARGEST_ASYMMETRY
+        if name == "lag":
+            high[i] = problem.base.time_constant / problem.units["lag"]
         if name == "drift_time":
             low[i], high[i] = z[i] - DRIFT_TIMES, z[i] + DRIFT_TIMES
     return low, high
@@ -246,4 +260,5 @@ def _solution(problem: Problem, z: FloatArray) -> Solution:
         name for name, value in zip(problem.free, z, strict=False) if name in NOT_NEGATIVE and value < AT_BOUND
     )
     train = problem.rudder_train(z)
-    return Solution(model, problem.race_and_wind(z), problem.free, covariance, noise, at_bound, train)
+    around, trims = problem.race_and_wind(z), problem.run_trims(z)
+    return Solution(model, around, problem.free, covariance, noise, at_bound, train, trims)

@@ -27,5 +27,7 @@ class OutputErrorMethod:
             course_unstable=question.course_unstable,
             rudder_train=question.rudder_train,
             weighting=question.weighting,
+            quadratic=question.quadratic,
+            trim=question.trim,
             progress=question.progress,
         )

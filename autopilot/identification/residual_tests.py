@@ -7,7 +7,8 @@ gusts or from what the model leaves out; residuals that follow the rudder come f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -74,11 +75,19 @@ class ResidualTest(NamedTuple):
 
 
 def residual_tests(
-    runs: Sequence[Run], model: Norrbin, around: RaceAndWind | None = None, train: RudderTrain = DIRECT
+    runs: Sequence[Run],
+    model: Norrbin,
+    around: RaceAndWind | None = None,
+    train: RudderTrain = DIRECT,
+    trims: Mapping[str, float] = MappingProxyType({}),
 ) -> list[ResidualTest]:
-    """Return the tests of yaw rate and heading, of those that were measured, over all runs together."""
+    """Return the tests of yaw rate and heading, of those that were measured, over all runs together. trims: n0 [rad/s]
+    of the runs that have their own, by source."""
     segments = [segment for run in runs for segment in run.segments]
-    simulated = [values for run in runs for values in simulate_run(model, run, around, train)]
+    own = [model._replace(n0=trims.get(run.source, model.n0)) for run in runs]
+    simulated = [
+        values for of_run, run in zip(own, runs, strict=True) for values in simulate_run(of_run, run, around, train)
+    ]
     spacing = float(np.median(np.concatenate([np.diff(segment.time) for segment in segments])))
     result = []
     for column, signal in enumerate(("yaw rate", "heading")):

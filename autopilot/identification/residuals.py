@@ -15,6 +15,7 @@ import numpy as np
 from autopilot.identification.forcing import Forcing, at_samples, rudder_behind
 from autopilot.identification.noise import Noise, instrument_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
+from autopilot.identification.run_trim import NO_TRIMS, PREFIX, TYPICAL_TRIM_RAD, RunTrims
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.identification.simulation import Trajectory, simulate, slopes
 from autopilot.identification.whitening import Gusts, bridged, innovations
@@ -47,6 +48,7 @@ class Problem:
     typical_rate: float
     units: dict[str, float]
     train: RudderTrain = DIRECT
+    trims: RunTrims = NO_TRIMS
     gusts: Gusts | None = None
     """Where residuals are weighted by how well they could be foretold, what explains them."""
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
@@ -66,15 +68,24 @@ class Problem:
         """Return what the vector says of the way from the recorded rudder to the water."""
         return self.train._replace(**self._values(z, RudderTrain._fields))
 
+    def run_trims(self, z: FloatArray) -> RunTrims:
+        """Return what the vector says of the runs' own trims."""
+        return self.trims._replace(values=tuple(self._values(z, self.trims.names).values()) or self.trims.values)
+
     def _values(self, z: FloatArray, names: tuple[str, ...]) -> dict[str, float]:
         return {name: self._unscaled(name, float(z[i])) for i, name in enumerate(self.free) if name in names}
 
     def _unscaled(self, name: str, z: float) -> float:
         if name in LOGARITHMIC:
             return float(np.exp(np.clip(z, -LOG_BOUND, LOG_BOUND)))
-        return z * self.units[name]
+        return z * self._unit(name)
+
+    def _unit(self, name: str) -> float:
+        return TYPICAL_TRIM_RAD if name.startswith(PREFIX) else self.units[name]
 
     def _scaled(self, name: str) -> float:
+        if name.startswith(PREFIX):
+            return self.trims.values[self.trims.names.index(name)] / TYPICAL_TRIM_RAD
         held = next(part for part in (self.base, self.around, self.train) if name in part._fields)
         value = float(getattr(held, name))
         return float(np.log(value)) if name in LOGARITHMIC else value / self.units[name]
@@ -82,7 +93,7 @@ class Problem:
     def parameter_scale(self, z: FloatArray) -> FloatArray:
         """Return d(parameter)/dz, shape (F,): what turns scaled standard errors into those of the parameters."""
         scale = [
-            self._unscaled(name, float(z[i])) if name in LOGARITHMIC else self.units[name]
+            self._unscaled(name, float(z[i])) if name in LOGARITHMIC else self._unit(name)
             for i, name in enumerate(self.free)
         ]
         return np.array(scale)
@@ -112,7 +123,11 @@ class Problem:
         return self.race_and_wind(z) if counts else None
 
     def _rudder(self, z: FloatArray) -> FloatArray:
-        return rudder_behind(self.rudder_train(z), self.forcing)
+        rudder, trims = rudder_behind(self.rudder_train(z), self.forcing), self.run_trims(z)
+        if not trims.values:
+            return rudder
+        lengths = [moments.shape[1] for moments in self.forcing.moments]
+        return rudder + np.repeat(trims.of_segments(), lengths)
 
     def _simulated(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         F, S = len(self.free), len(self.segments)
@@ -121,23 +136,35 @@ class Problem:
         driven = self.forcing._replace(rudder=self._rudder(z))
         motion = simulate(model, driven, z[F : F + S] * self.typical_rate, around, self.latest.get("motion"))
         self.latest["motion"] = motion
+        own = [name for name in self.free if not name.startswith(PREFIX)]
         shifted = [
             (self.model(v), self._around(v), self._rudder(v) if name in RudderTrain._fields else driven.rudder)
-            for name, v in zip(self.free, moved, strict=True)
+            for name, v in zip(own, moved, strict=False)
         ]
+        if len(own) < F:
+            # a trim turns its run as the rudder does, and no other run: one derivative serves all of them
+            shifted.append((model, around, driven.rudder + DIFFERENCE_STEP))
         derivatives = slopes(model, driven, motion, shifted, DIFFERENCE_STEP, around)
         result = []
         for s, segment in enumerate(self.segments):
             slope = np.zeros((segment.time.size, 2, F + 2))
-            for column, values in enumerate(derivatives):
-                scale = self.typical_rate if column == F else 1.0
-                slope[:, 0, column] = scale * at_samples(values.rate, self.forcing, s)
-                slope[:, 1, column] = scale * at_samples(values.turned, self.forcing, s)
+            for values, columns, scales in zip(derivatives, *self._columns(own, s), strict=True):
+                slope[:, 0, columns] = at_samples(values.rate, self.forcing, s)[:, None] * scales
+                slope[:, 1, columns] = at_samples(values.turned, self.forcing, s)[:, None] * scales
             slope[:, 1, F + 1] = 1.0
             rate = at_samples(motion.rate, self.forcing, s) - segment.rate
             heading = at_samples(motion.turned, self.forcing, s) + z[F + S + s] - segment.heading
             result.append((np.stack([rate, heading], axis=1), slope))
         return result
+
+    def _columns(self, own: Sequence[str], s: int) -> tuple[list[list[int]], list[FloatArray]]:
+        """Return into which columns of segment `s` each derivative goes, and times what."""
+        F = len(self.free)
+        columns, scales = [[i] for i in range(len(own))], [np.ones(1)] * len(own)
+        if len(own) < F:
+            columns.append(list(range(len(own), F)))
+            scales.append(TYPICAL_TRIM_RAD * self.trims.shares()[s])
+        return [*columns, [F]], [*scales, np.array([self.typical_rate])]
 
     def weighted(self, z: FloatArray, noise: Sequence[Noise]) -> list[tuple[FloatArray, FloatArray]]:
         """Return the response times the weights of rate and heading, 0 where nothing was measured; with gusts its
@@ -179,6 +206,7 @@ def units(base: Norrbin, around: RaceAndWind, rate: float, segments: Sequence[Se
     acceleration = rate / base.time_constant
     return {
         "n3": rate**-2,
+        "n2": 1.0 / rate,
         "n0": rate,
         "race": (base.reference_speed / max(around.reference_propeller, 1.0e-6)) ** 2,
         "wind_beam": acceleration / wind,

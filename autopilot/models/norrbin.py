@@ -16,8 +16,8 @@ SPEED_FLOOR_RATIO = 0.05
 class Norrbin(NamedTuple):
     """Parameters at `reference_speed` U0 [m/s].
 
-    gain K [1/s], time_constant T [s], n3 [s^2/rad^2], n2 [s/rad], n1 [-] (+1 course-stable, -1
-    course-unstable), n0 [rad/s].
+    gain K [1/s], time_constant T [s], n3 [s^2/rad^2], n2 [s/rad], n1 [-] (+1 course-stable, -1 course-unstable), n0
+    [rad/s]. n2 goes with r^2, not r|r|: it is what the two sides differ by, 0 for a symmetric hull.
     """
 
     gain: float
@@ -83,21 +83,29 @@ def rate_step(model: Norrbin, rate: float, rudder: float, dt: float) -> float:
     return rate + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
+def folds(model: Norrbin) -> bool:
+    """Return whether the damping of a course-stable boat (n1 > 0) turns back on itself at some rate, so that she may
+    turn faster and faster to one side: its slope 3 n3 r^2 + 2 n2 r + n1 has a root where n2^2 >= 3 n3 n1, n2 not 0."""
+    return model.n1 > 0.0 and model.n2 != 0.0 and model.n2**2 >= 3.0 * model.n3 * model.n1
+
+
 def steady_rate(model: Norrbin, rudder: float) -> float:
     """Return the stable steady yaw rate [rad/s] at `rudder` [rad]: K delta = n3 r^3 + n2 r^2 + n1 r + n0.
 
     A course-unstable boat (n1 < 0) has three solutions at small angles; the one returned lies on the branch
     of the rudder's sign, where the boat ends up when the rudder is put over. Bisection; a model without a
-    bounded steady rate (n3 = 0 and n1 <= 0) raises ValueError.
+    bounded steady rate (n3 = 0 and n1 <= 0, or a damping that `folds`) raises ValueError.
     """
     if model.n3 <= 0.0 and model.n1 <= 0.0:
         raise ValueError("steady_rate: n3 = 0 with n1 <= 0 has no bounded steady turn")
+    if folds(model):
+        raise ValueError("steady_rate: n2^2 >= 3 n3 n1 has no bounded steady turn to one side")
     drive = model.gain * rudder
     sign = 1.0 if drive - model.n0 >= 0.0 else -1.0
     bound = 1.0e-6
     while sign * (damping(model, sign * bound) - drive) <= 0.0 and bound < 1.0e6:
         bound *= 2.0
-    low = _branch_start(model) if model.n1 < 0.0 else 0.0
+    low = _branch_start(model, sign) if model.n1 < 0.0 else 0.0
     for _ in range(200):
         middle = 0.5 * (low + bound)
         if sign * (damping(model, sign * middle) - drive) > 0.0:
@@ -107,6 +115,8 @@ def steady_rate(model: Norrbin, rudder: float) -> float:
     return sign * 0.5 * (low + bound)
 
 
-def _branch_start(model: Norrbin) -> float:
-    """Rate [rad/s] at which a course-unstable boat's spiral curve turns stable: 3 n3 r^2 + n1 = 0."""
-    return float((-model.n1 / (3.0 * model.n3)) ** 0.5)
+def _branch_start(model: Norrbin, side: float) -> float:
+    """Return the rate [rad/s] to one `side` (+1 starboard, -1) at which a course-unstable boat's spiral curve turns
+    stable: 3 n3 r^2 + 2 n2 r + n1 = 0."""
+    n2 = side * model.n2
+    return float(((n2 * n2 - 3.0 * model.n3 * model.n1) ** 0.5 - n2) / (3.0 * model.n3))

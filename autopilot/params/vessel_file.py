@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from autopilot.errors import InputError, SeveralInputError
+from autopilot.models.norrbin import Norrbin, folds
 from autopilot.params import schema
 from autopilot.params.migration import VESSEL_STEPS, migrated
 from autopilot.params.schema import Bounds, nearest
@@ -116,6 +117,13 @@ def _model_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
         yield (
             "model.n1",
             "model.n1 is -1 with model.n3_s2_rad2 0: a course-unstable boat needs n3 above 0, or its turns never end.",
+        )
+    if folds(Norrbin(1.0, 1.0, n3=model.n3_s2_rad2, n2=model.n2_s_rad, n1=model.n1)):
+        least = model.n2_s_rad**2 / 3.0
+        yield (
+            "model.n2_s_rad",
+            f"model.n2_s_rad is {model.n2_s_rad:g} with model.n3_s2_rad2 {model.n3_s2_rad2:g}: the boat would turn "
+            f"without end to one side; n2 0, or n3 above n2^2/3 ({least:.3g}), is allowed.",
         )
 
 

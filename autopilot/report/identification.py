@@ -24,6 +24,7 @@ SYMBOLS = {
     "gain": ("K", "1/s"),
     "time_constant": ("T", "s"),
     "n3": ("n3", "s²/rad²"),
+    "n2": ("n2", "s/rad"),
     "n1": ("n1", "1"),
     "n0": ("n0", "rad/s"),
     "race": ("c (race)", "m²"),
@@ -47,7 +48,7 @@ LONGEST_MEMORY_SHOWN = 200
 
 class Findings(NamedTuple):
     """What is to be shown: the result, each run with its role and prediction, the tests of the residuals, steady turns
-    where given, and how recursive methods converged, by name."""
+    where given, how recursive methods converged, by name, and the table and the outcome of choosing the model."""
 
     method: str
     found: Identified
@@ -55,6 +56,8 @@ class Findings(NamedTuple):
     residual_tests: Sequence[ResidualTest]
     steady_turns: SteadyTurns | None = None
     convergence: Mapping[str, Convergence] = {}
+    choice: Sequence[tuple[str, ...]] = ()
+    chosen: str = ""
 
 
 class Shown(NamedTuple):
@@ -72,6 +75,7 @@ def identification_page(findings: Findings, command: str) -> str:
     sections = [
         Section("Parameters", _parameters(findings), _told(findings)),
         *_correlation(findings.found),
+        *([Section("Candidates", findings.choice, (findings.chosen,))] if findings.choice else []),
         Section("Predictions", _predictions(findings.runs), ("Open loop, from what drove the boat alone.",)),
         *map(_run, shown),
         _residuals(findings.residual_tests, [each for each in shown if each.role == "fit"]),
@@ -103,6 +107,8 @@ def _parameters(findings: Findings) -> list[tuple[str, ...]]:
 
 
 def _value(found: Identified, name: str) -> float | None:
+    if name == "n2" and found.model.n2 == 0.0:
+        return None
     if name in Norrbin._fields:
         return float(getattr(found.model, name))
     if name in RudderTrain._fields:
@@ -234,7 +240,7 @@ def _rates(model: Norrbin, rudder: FloatArray) -> FloatArray:
 
 def _band(found: Identified, rudder: FloatArray, rates: FloatArray) -> FloatArray | None:
     """Return 1.96 standard errors of the steady rate [deg/s], by the parameters' covariance."""
-    names = [name for name in found.free if name in ("gain", "n3", "n0")]
+    names = [name for name in found.free if name in ("gain", "n3", "n2", "n0")]
     if found.covariance is None or not names:
         return None
     chosen = [found.free.index(name) for name in names]

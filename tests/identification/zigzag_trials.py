@@ -23,7 +23,9 @@ def zigzag(
     T: float = LANXIN["T"],
     n3: float = LANXIN["n3"],
     n1: float = 1.0,
+    n2: float = 0.0,
     n0: float = 0.0,
+    lag: float = 0.0,
     rudder_rate: float = np.radians(20.0),
     speed: float = 5.0,
     gust: float = 0.0,
@@ -32,12 +34,13 @@ def zigzag(
 ) -> dict[str, FloatArray]:
     """Return the record of a zigzag: Heun steps of 5 ms, rudder slewing at `rudder_rate` [rad/s].
 
-    gust: standard deviation [rad of rudder] of a disturbance that forgets itself in `gust_memory` [s].
+    lag [s]: between the rudder that is recorded and the one in the water. gust: standard deviation [rad of rudder] of a
+    disturbance that forgets itself in `gust_memory` [s].
     """
     dt, random = 0.005, np.random.default_rng(seed)
     count = int(seconds / dt)
     table = np.empty((count, 4))
-    rate = heading = rudder = wind = 0.0
+    rate = heading = rudder = wind = wet = 0.0
     order = angle
     keep = np.exp(-dt / gust_memory)
     for i in range(count):
@@ -46,10 +49,12 @@ def zigzag(
             order = -order
         wind = keep * wind + gust * np.sqrt(1.0 - keep**2) * random.normal() if gust else 0.0
         moved = rudder + float(np.clip(order - rudder, -rudder_rate * dt, rudder_rate * dt))
-        push = K * (0.5 * (rudder + moved) + wind) - n0
-        slope = (push - n1 * rate - n3 * rate**3) / T
+        recorded = 0.5 * (rudder + moved)
+        wet = recorded + (wet - recorded) * np.exp(-dt / lag) if lag else recorded
+        push = K * (wet + wind) - n0
+        slope = (push - n1 * rate - n2 * rate**2 - n3 * rate**3) / T
         guess = rate + dt * slope
-        slope = 0.5 * (slope + (push - n1 * guess - n3 * guess**3) / T)
+        slope = 0.5 * (slope + (push - n1 * guess - n2 * guess**2 - n3 * guess**3) / T)
         heading += dt * (rate + 0.5 * dt * slope)
         rate += dt * slope
         rudder = moved

@@ -1,0 +1,243 @@
+"""Which model the runs deserve: candidates compared by what they foretell and by an information criterion.
+
+Each candidate is fitted to all runs but one, which it then foretells open loop from rudder and speed; where there is
+one run alone, blocks of it stand for runs. What was not foretold, over all runs left out together, makes the held-out
+R2. Schwarz's criterion (1978) is taken of the fit to everything,
+
+    BIC = sum over rate and heading of N_eff ln s^2 + k ln N_eff,   N_eff = N (1 - rho)/(1 + rho),
+
+with N_eff the independent samples that correlated residuals are worth (rho from sample to sample, of the candidate that
+explains the rate best, the same for all). Of the candidates that foretell as well as the best one within one standard
+error of the difference, from run to run (Breiman et al. 1984), or within what matters, the one with the least BIC is
+chosen. A candidate that explains even the runs it is fitted to much worse than another need foretell nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.errors import InputError
+from autopilot.identification.identified import Identified, ModelKind
+from autopilot.identification.run_trim import Trim
+from autopilot.identification.runs import SHORTEST_SEGMENT_SAMPLES, FloatArray, Run, Segment
+
+BLOCKS = 4
+"""Into so many parts of one length a run that is alone is cut."""
+MATTERS = 0.005
+"""A difference of held-out R2 below this is none."""
+MUCH_WORSE = 1.5
+"""Residuals this many times as large as another candidate's need not be tried on runs left out."""
+EXPLAINED = 0.3
+"""Residuals whose correlation from sample to sample is below this are the instruments': a boat that will not go
+straight by herself is not looked for then."""
+LEAST_WORTH = 2.0
+"""Independent samples that a record is at least taken to be worth."""
+
+
+class Form(NamedTuple):
+    """What a candidate fits: the kind of damping, n2, n1 = -1, parts of the rudder's train, and trims."""
+
+    kind: ModelKind = "norrbin"
+    quadratic: bool = False
+    course_unstable: bool = False
+    rudder_train: tuple[str, ...] = ()
+    trim: Trim = "common"
+
+
+SECOND_ORDER = ("lag", "lead")
+FORMS = {
+    "nomoto1": Form("nomoto"),
+    "nomoto2": Form("nomoto", rudder_train=SECOND_ORDER),
+    "norrbin": Form(),
+    "norrbin-n2": Form(quadratic=True),
+    "norrbin unstable": Form(course_unstable=True),
+}
+"""The candidates, by name; the first four may be asked for by it."""
+PER_RUN = ", trim per run"
+
+Fit = Callable[[Sequence[Run], Form], Identified]
+"""Fits a form to runs; raises InputError where they do not let it."""
+
+
+class Candidate(NamedTuple):
+    """A form and what came of it: found, None where it was refused with `reason`; held_out R2 of the yaw rate (or of
+    the heading where no rate is measured) on runs left out, and what each of them takes from it; bic; parameters: how
+    many were fitted."""
+
+    name: str
+    form: Form
+    found: Identified | None
+    held_out: float = -math.inf
+    errors: tuple[float, ...] = ()
+    bic: float = math.inf
+    parameters: int = 0
+    reason: str = ""
+
+
+class Choice(NamedTuple):
+    """The candidates, the name of the chosen one, how many runs or blocks were left out in turn, and which of both."""
+
+    candidates: tuple[Candidate, ...]
+    chosen: str
+    folds: int
+    by_blocks: bool
+
+    @property
+    def found(self) -> Identified:
+        """The chosen candidate's fit to everything."""
+        found = next(candidate.found for candidate in self.candidates if candidate.name == self.chosen)
+        assert found is not None
+        return found
+
+    @property
+    def form(self) -> Form:
+        """The chosen candidate's form."""
+        return next(candidate.form for candidate in self.candidates if candidate.name == self.chosen)
+
+
+def choose(runs: Sequence[Run], fit: Fit, progress: Callable[[int, int], None] = lambda done, total: None) -> Choice:
+    """Return the candidates and the one to take; of several runs, trims of their own are tried for the best form too.
+
+    Raises the first candidate's InputError where none can be fitted.
+    """
+    parts = list(runs) if len(runs) > 1 else blocks(runs[0])
+    total = len(FORMS) + (len(runs) > 1)
+    tried: list[Candidate] = []
+    for name, form in FORMS.items():
+        if form.course_unstable and any(_is_noise(candidate) for candidate in tried):
+            reason = "the runs are explained down to the instruments' noise without it."
+            tried.append(Candidate(name, form, None, reason=reason))
+        else:
+            tried.append(_candidate(name, form, runs, parts, fit, tried))
+        progress(len(tried), total)
+    if all(candidate.found is None for candidate in tried):
+        raise InputError(tried[0].reason)
+    best = _best(_judged(tried, runs))
+    if len(runs) > 1:
+        own = best.form._replace(trim="per-run")
+        tried.append(_candidate(best.name + PER_RUN, own, runs, parts, fit, tried))
+        progress(total, total)
+    judged = _judged(tried, runs)
+    return Choice(tuple(judged), _best(judged).name, len(parts), len(runs) == 1)
+
+
+def blocks(run: Run) -> list[Run]:
+    """Return parts of one duration of a run; fewer where too little was recorded in one of them, [] where that leaves
+    less than two."""
+    begin, end = run.segments[0].time[0], run.segments[-1].time[-1]
+    edges = np.linspace(begin, end, BLOCKS + 1)
+    edges[-1] = math.inf
+    parts = [_between(run, first, last) for first, last in pairwise(edges)]
+    known = [part for part in parts if part.segments]
+    return known if len(known) > 1 else []
+
+
+def _between(run: Run, begin: float, end: float) -> Run:
+    segments = []
+    for segment in run.segments:
+        inside = (segment.time >= begin) & (segment.time < end)
+        if np.count_nonzero(inside) >= SHORTEST_SEGMENT_SAMPLES:
+            segments.append(Segment(*(values[inside] if values.size else values for values in segment)))
+    return run._replace(segments=tuple(segments))
+
+
+def _candidate(
+    name: str, form: Form, runs: Sequence[Run], parts: Sequence[Run], fit: Fit, others: Sequence[Candidate]
+) -> Candidate:
+    try:
+        found = fit(runs, form)
+    except InputError as error:
+        return Candidate(name, form, None, reason=str(error))
+    for other in others:
+        if other.found is not None and _is_like(found, other.found):
+            told = " ".join(found.unidentifiable.values())
+            return Candidate(name, form, None, reason=f"comes to the same as {other.name}. {told}".strip())
+        if other.found is not None and _size(found) > MUCH_WORSE * _size(other.found):
+            return Candidate(name, form, None, reason=f"explains the runs much worse than {other.name}.")
+    lost, spread = [], []
+    for i, part in enumerate(parts):
+        try:
+            without = fit([*parts[:i], *parts[i + 1 :]], form)
+        except InputError:
+            continue
+        missed, varied = _missed(without, part)
+        lost.append(missed)
+        spread.append(varied)
+    held_out = 1.0 - sum(lost) / sum(spread) if sum(spread) > 0.0 else -math.inf
+    errors = tuple(missed / max(sum(spread), 1.0e-300) for missed in lost) if len(lost) == len(parts) else ()
+    count = len(found.free) + max(len(found.trims) - 1, 0)
+    return Candidate(name, form, found, held_out, errors, parameters=count)
+
+
+def _is_like(found: Identified, other: Identified) -> bool:
+    """Return whether two fits have the same parameters."""
+    return (
+        set(found.free) == set(other.free) and found.model.n1 == other.model.n1 and len(found.trims) == len(other.trims)
+    )
+
+
+def _is_noise(candidate: Candidate) -> bool:
+    if candidate.found is None:
+        return False
+    rate, heading = candidate.found.noise
+    return (rate if rate.size > 0.0 else heading).correlation < EXPLAINED
+
+
+def _size(found: Identified) -> float:
+    """Return the size of the rate's residuals [rad/s], or of the heading's [rad] where no rate is measured."""
+    return found.noise[0].size if found.noise[0].size > 0.0 else found.noise[1].size
+
+
+def _missed(found: Identified, run: Run) -> tuple[float, float]:
+    """Return the sum of squares that was not foretold, and that about the mean: of the rate, or else of the heading."""
+    simulated = found.simulated(run)
+    column = 0 if any(np.isfinite(segment.rate).any() for segment in run.segments) else 1
+    measured = np.concatenate([segment.rate if column == 0 else segment.heading for segment in run.segments])
+    error = np.concatenate([values[:, column] for values in simulated]) - measured
+    known = np.isfinite(error)
+    return float(np.sum(error[known] ** 2)), float(np.sum((measured[known] - np.mean(measured[known])) ** 2))
+
+
+def _judged(tried: Sequence[Candidate], runs: Sequence[Run]) -> list[Candidate]:
+    """Return the candidates with their criteria, all of them for the same worth of samples."""
+    fitted = [candidate.found for candidate in tried if candidate.found is not None]
+    closest = min(fitted, key=_size)
+    segments = [segment for run in runs for segment in run.segments]
+    worth = []
+    for column, noise in enumerate(closest.noise):
+        measured: list[FloatArray] = [segment.rate if column == 0 else segment.heading for segment in segments]
+        count = sum(int(np.count_nonzero(np.isfinite(values))) for values in measured)
+        share = (1.0 - noise.correlation) / (1.0 + noise.correlation) if count else 0.0
+        worth.append(max(count * share, LEAST_WORTH) if count else 0.0)
+    return [candidate._replace(bic=_criterion(candidate, worth)) for candidate in tried]
+
+
+def _criterion(candidate: Candidate, worth: Sequence[float]) -> float:
+    if candidate.found is None:
+        return math.inf
+    misfit = sum(
+        2.0 * each * math.log(noise.size) for each, noise in zip(worth, candidate.found.noise, strict=True) if each
+    )
+    return misfit + candidate.parameters * math.log(max(sum(worth), LEAST_WORTH))
+
+
+def _best(judged: Sequence[Candidate]) -> Candidate:
+    """Return the one with the least criterion of those that foretell as well as the best."""
+    fitted = [candidate for candidate in judged if candidate.found is not None]
+    first = max(fitted, key=lambda candidate: candidate.held_out)
+    alike = [candidate for candidate in fitted if _foretells_like(candidate, first)]
+    return min(alike, key=lambda candidate: candidate.bic)
+
+
+def _foretells_like(candidate: Candidate, best: Candidate) -> bool:
+    if candidate is best:
+        return True
+    if not candidate.errors or len(candidate.errors) != len(best.errors):
+        return False
+    behind = np.array(candidate.errors) - np.array(best.errors)
+    return float(np.sum(behind)) <= max(float(np.std(behind, ddof=1)) * math.sqrt(behind.size), MATTERS)
