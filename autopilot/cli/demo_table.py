@@ -15,8 +15,8 @@ TURNS = {
     "turn-serial": "backstepping, serial compass",
 }
 MODEL_FORM = (
-    "Standard errors know the instruments' noise alone. The speed in the log is that over the ground, slip included; it "
-    "makes K 1 % and n3 10 % too large, more than they say."
+    "Standard errors know the instruments' noise alone. The speed in the log is that over the ground, slip included; "
+    "it makes K 1 % and n3 10 % too large, more than they say."
 )
 HOLDS = {"sea-backstepping": "backstepping", "sea-pid": "PID"}
 
@@ -66,9 +66,9 @@ def as_text(result: DemoResult) -> str:
         shown = "-" if error is None else f"{error:.4f}"
         lines.append(f"  {symbol:3} {unit:18}{true:12.4f}{value:12.4f}{shown:>12}{off:>10}")
     if found.train.delay > 0.0:
+        error = found.standard_errors.get("delay") or 0.0
         lines.append(
-            f"  rudder's delay {found.train.delay:.3f} s +- {found.standard_errors.get('delay') or 0.0:.3f} s: orders on "
-            "their way, at four times the pace"
+            f"  rudder's delay {found.train.delay:.3f} s +- {error:.3f} s: orders on their way, at four times the pace"
         )
     lines += [f"  {reason}" for reason in found.unidentifiable.values()]
     lines.append(f"  {MODEL_FORM}")
