@@ -3,8 +3,8 @@
     python benchmarks/identification_bad_logs.py [--seeds N]
 
 One zigzag of 180 s at 10 Hz of a boat that is known (K 0.2 1/s, T 5 s, n3 20 s^2/rad^2, 0.2 deg and 0.1 deg/s of white
-noise), damaged in one way at a time; where there is an answer, the rms error of K and T over the seeds, the largest
-share of the bound by which one of them is off, and what was said of it; where there is none, the sentence.
+noise), damaged in one way at a time. Where there is an answer: the rms error of K and T over the seeds, how often they
+lie in their 95 % intervals, and what was said of the record; where there is none, the sentence.
 """
 
 from __future__ import annotations
