@@ -35,6 +35,8 @@ LASTS = re.compile(
 """What sails until it is stopped is given a duration."""
 STAYS = re.compile(r"^((?:autopilot (?:web|signalk)|sitl ardupilot-physics) [^&\n]*)$", re.MULTILINE)
 """What has no clock of its own is stopped as Ctrl-C does."""
+UNTOUCHED = {"4800", "38400", "57600", "115200", "14599"}
+"""Baud rates, and the port on which `sitl fault` asks unless told otherwise."""
 SAID_BY_THE_GATE = ("demo", "tests", "workflow")
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 CASES = [pytest.param(line, id=f"{block.page.name}: {line}"[:100]) for block in BLOCKS for line in block.calls]
@@ -141,9 +143,11 @@ def run_as_processes(lines: list[str], folder: Path) -> None:
     text = SAILS.sub(r"\1 --speedup 5 ", "\n".join(lines))
     text = LASTS.sub(r"\1 --duration 20", text)
     text = re.sub(r"&$", "& sleep 4", text, flags=re.M)  # a reader takes his time
-    text = re.sub(r"^(autopilot params diff .*)$", r"\1 || [ $? = 6 ]", text, flags=re.M)  # 6: they differ
+    text = re.sub(
+        r"^(autopilot params (?:diff .*|upload .* --dry-run))$", r"\1 || [ $? = 6 ]", text, flags=re.M
+    )  # 6: they differ
     text = STAYS.sub(r"timeout --preserve-status -s INT 6 \1", text)
-    for port in sorted(set(re.findall(r":(\d{4,5})\b(?=['\"?\s]|$)", text)) - {"4800", "38400", "115200", "57600"}):
+    for port in sorted(set(re.findall(r":(\d{4,5})\b(?=['\"?\s]|$)", text)) - UNTOUCHED):
         kind = socket.SOCK_STREAM if f"tcp:127.0.0.1:{port}" in text else socket.SOCK_DGRAM
         text = text.replace(f":{port}", f":{free_port(kind)}")
     text = re.sub(r"/(dev/tty|tmp/)", rf"{folder}/\1", text)
