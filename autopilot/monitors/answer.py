@@ -237,7 +237,7 @@ class RudderAnswer:
         self._rudders.append((watched.now, state.rudder))
         while self._rudders[0][0] < watched.now - LATE_S - 2.0 * LONGEST_GAP_S:
             self._rudders.popleft()
-        for sample in sorted(heard):
+        for sample in sorted(heard, key=lambda each: each.time):
             self._take(model, watched, noise, sample)
         return self._found()
 

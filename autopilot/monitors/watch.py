@@ -10,6 +10,7 @@ from autopilot.monitors.answer import RudderAnswer
 from autopilot.monitors.course import OffCourse, Runaway
 from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
 from autopilot.monitors.rudder import AtTheStop, RudderFollows
+from autopilot.monitors.shown_order import ShownOrder
 from autopilot.monitors.watched import AlarmLimits, Watched
 from autopilot.signals import (
     ConditionSample,
@@ -40,6 +41,7 @@ class Monitors:
         self.limits = limits
         self._frozen, self._jumping, self._against_rate = FrozenHeading(), JumpingHeading(), RateAgainstHeading()
         self._follows, self._answer, self._stop = RudderFollows(), RudderAnswer(), AtTheStop()
+        self._shown = ShownOrder()
         self._course, self._runaway = OffCourse(), Runaway()
         self.reset()
 
@@ -51,6 +53,7 @@ class Monitors:
             self._against_rate,
             self._follows,
             self._answer,
+            self._shown,
             self._stop,
             self._course,
             self._runaway,
@@ -85,7 +88,9 @@ class Monitors:
             elif isinstance(sample, RateSample):
                 self._against_rate.hear(sample, limits.rate_disagrees)
             elif isinstance(sample, RudderSample):
-                if not sample.ordered:
+                if sample.ordered:
+                    self._shown.hear(sample)
+                else:
                     self._follows.hear(sample, limits)
             elif isinstance(sample, RollSample):
                 self._hear_roll(sample)
@@ -130,7 +135,10 @@ class Monitors:
         if name:
             found[name] = text_of(name, shown)
         self._follows.look(watched)
-        if self.limits.rudder_answer and not found.get(name):
+        if watched.steers and self._shown.is_anothers(watched.now, watched.rudder):
+            # a boat that follows somebody else proves nothing; the link finds out who has the helm
+            self._answer.reset()
+        elif self.limits.rudder_answer and not found.get(name):
             name, shown = self._answer.look(model, watched, self.limits.heading_noise)
             if name:
                 found[name] = text_of(name, shown)

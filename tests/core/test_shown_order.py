@@ -1,0 +1,49 @@
+"""An order that the flight controller shows is one of ours, late or not, or it is somebody else's."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.monitors.shown_order import BELIEVED_S, REMEMBERED_S, TOLERANCE, ShownOrder
+from autopilot.signals import RudderSample
+
+angles = st.floats(-0.6, 0.6)
+
+
+def told(shown: ShownOrder, orders: list[float], step: float = 0.1) -> float:
+    """Give the orders, one each step; return the time [s] of the last."""
+    for number, order in enumerate(orders):
+        shown.is_anothers(number * step, order)
+    return (len(orders) - 1) * step
+
+
+@given(st.lists(angles, min_size=1, max_size=15), st.integers(0, 14), st.floats(-0.9, 0.9))
+def test_a_report_of_any_order_of_late_is_ours(orders: list[float], back: int, off: float) -> None:
+    shown = ShownOrder()
+    now = told(shown, orders)
+    shown.hear(RudderSample(now, orders[-1 - back % len(orders)] + off * TOLERANCE, True))
+    assert not shown.is_anothers(now, orders[-1])
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_another_hand_is_seen_and_forgotten(side: float) -> None:
+    shown = ShownOrder()
+    now = told(shown, [0.0] * 20)
+    shown.hear(RudderSample(now, side * math.radians(9.0), True))
+    assert shown.is_anothers(now, 0.0)
+    assert not shown.is_anothers(now + BELIEVED_S + 0.1, 0.0), "an old report proves nothing"
+    shown.hear(RudderSample(now + 2.0, 0.0, True))
+    assert not shown.is_anothers(now + 2.0, 0.0)
+
+
+def test_an_order_of_long_ago_is_no_order_of_late() -> None:
+    shown = ShownOrder()
+    now = told(shown, [0.5] * 5 + [0.0] * (round(REMEMBERED_S / 0.1) + 2))
+    shown.hear(RudderSample(now, 0.5, True))
+    assert shown.is_anothers(now, 0.0)
+    shown.reset()
+    assert not shown.is_anothers(now, 0.0)
