@@ -162,7 +162,8 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "rudder hard over, the boat turning to the other side as fast, for off_course_s and three time constants",
+        "rudder hard over, the boat turning to the other side as fast, for off_course_s and three time constants; "
+        "or a zigzag turning against its rudder, 45 deg beyond",
         "alarms.off_course_s",
     ),
     AlarmKind(

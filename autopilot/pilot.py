@@ -266,6 +266,7 @@ class Pilot:
             abs(state.speed) >= self.config.steerage,
             self.estimator.surprise,
             self._waits,
+            self._guide.astray(state.heading) if is_engaged else 0.0,
         )
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:

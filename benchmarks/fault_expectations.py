@@ -151,12 +151,16 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     ("rudder stuck", "trial"): fails_safe("rudder", 14.0, 30.0),
     ("rudder reversed", "turn"): fails_safe("rudder", 5.0, 15.0),
     ("rudder runs hard over", "turn"): fails_safe("rudder", 12.0, 45.0),
+    # a zigzag's rudder rests until the heading is reached, as if a heavy gust had come: she is far off when it is sure
+    ("rudder reversed", "trial"): fails_safe("turns against her rudder", 9.0, 20.0),
     ("rudder at a tenth of its rate", "trial"): OPEN_LOOP,
     ("rudder stops at 5 deg", "trial"): OPEN_LOOP,
     ("rudder play of 3 deg", "trial"): OPEN_LOOP,
     ("link 0.3 s late each way", "trial"): OPEN_LOOP,
     ("link jitter of 0.3 s", "trial"): OPEN_LOOP,
-    ("pushed by a gust worth 15 deg of rudder", "trial"): OPEN_LOOP,
+    # more than the zigzag's own rudder, and turned round by it
+    ("pushed by a gust worth 15 deg of rudder", "trial"): Expect(("same", "degraded", "failsafe"), off_deg=30.0),
+    ("pushed by more than the rudder can hold", "trial"): fails_safe("pushed|turns against", 5.0, 30.0),
     # a rudder that is not obeyed shows when the side changes, not before
     ("rudder stuck, with a rudder sensor", "trial"): fails_safe("rudder does not move", 7.0, 10.0),
     ("overrides ignored", "trial"): lets_go("does not obey", 7.0),
@@ -176,7 +180,7 @@ SPECIAL: dict[tuple[str, str], Expect] = {
 }
 OPEN: dict[str, tuple[str, ...]] = {
     "rate reversed": ("track", "trial"),
-    "rudder reversed": ("trial", "degraded"),
+    "rudder reversed": ("degraded",),
     "rudder sensor lost": ("degraded",),
     "first of two compasses lost": ("degraded",),
     "first of two compasses frozen": ("degraded",),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from autopilot.angles import shortest_turn
+from autopilot.angles import shortest_turn, wrap
 from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import (
     TurnLimits,
@@ -87,6 +87,15 @@ class HeadingGuide:
             # far quicker than the model of a boat that has lost her way allows: the turn is planned anew
             self.start(state, limits)
         return reference_of(model, self._boat)
+
+    def astray(self, heading: float) -> float:
+        """Return how far [rad] beyond its swing a zigzag is off to the side that its rudder turns away from.
+
+        0 or less where she sails it, and where no zigzag is sailed.
+        """
+        if self.order.kind is not OrderKind.ZIGZAG:
+            return 0.0
+        return -self._side * wrap(heading - self.heading) - self.order.heading_change
 
     def zigzag_rudder(self, state: NavState, order: Order) -> float:
         """Return the rudder [rad] of a zigzag about the heading that was adopted."""

@@ -15,6 +15,8 @@ NEWS = math.radians(10.0)
 """An alarm is said anew when the error has changed by more than this [rad]: each degree would be a new text."""
 AGAINST_SHARE = 0.8
 """A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
+ASTRAY = math.radians(45.0)
+"""No zigzag overshoots by as much: IMO MSC.137(76) allows 40 deg at most for the second of 10/10, 25 deg for 20/20."""
 SETTLED = 3.0
 """Time constants after which what the rudder did before is forgotten."""
 
@@ -68,7 +70,8 @@ def _text(error: float, watched: Watched) -> str:
 class Runaway:
     """Rudder hard over, and the boat turns to the other side nearly as it would for a rudder hard over there.
 
-    A gust heavier than the rudder turns it more slowly, or not for long: that is fought, not given up.
+    A gust heavier than the rudder turns it more slowly, or not for long: that is fought, not given up. A zigzag orders
+    its rudder without looking back: there it is enough that she goes on turning against it, far on the wrong side.
     """
 
     def __init__(self) -> None:
@@ -79,7 +82,9 @@ class Runaway:
         self._since: float | None = None
 
     def runs(self, model: Norrbin, limits: AlarmLimits, watched: Watched) -> bool:
-        """Return whether the boat has run away for long."""
+        """Return whether the boat has run away for long, or a zigzag far."""
+        if watched.astray > ASTRAY and watched.state.rate * watched.rudder < 0.0:
+            return True
         if not is_hard_over(watched) or not _turns_against(model, watched):
             self._since = None
             return False

@@ -33,8 +33,8 @@ class AlarmLimits(NamedTuple):
 class Watched(NamedTuple):
     """What the monitors look at in a tick: whether we move the rudder; whether a course is being held, turns to it
     being over; the heading ordered [rad], the rudder that was told [rad] and its end stop [rad]; whether there is
-    way enough for the rudder to count; how far measurements have lain to one side of late [standard deviations]; and
-    whether the rudder waits for way."""
+    way enough for the rudder to count; how far measurements have lain to one side of late [standard deviations];
+    whether the rudder waits for way; and how far a zigzag is off to the wrong side [rad]."""
 
     now: float
     state: NavState
@@ -46,3 +46,4 @@ class Watched(NamedTuple):
     has_way: bool
     surprise: float = 0.0
     waits: bool = False
+    astray: float = 0.0

@@ -1,0 +1,57 @@
+"""A zigzag that turns against its rudder is ended; one that overshoots is not."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from autopilot.guidance.heading_guide import HeadingGuide
+from autopilot.guidance.turn import turn_limits
+from autopilot.models.norrbin import Norrbin
+from autopilot.monitors.course import ASTRAY, Runaway
+from autopilot.monitors.watched import AlarmLimits, Watched
+from autopilot.signals import NavState, Order, OrderKind
+
+MODEL = Norrbin(0.3, 2.0, reference_speed=4.0)
+SWING = math.radians(10.0)
+ZIGZAG = Order(OrderKind.ZIGZAG, rudder=SWING, heading_change=SWING, serial=1, heading=math.nan)
+
+
+def state(heading: float, rate: float = 0.0) -> NavState:
+    return NavState(time=0.0, heading=heading, rate=rate, speed=4.0, rudder=0.0, bias=0.0, heading_age=0.0, valid=True)
+
+
+def sailing(base: float) -> HeadingGuide:
+    guide = HeadingGuide()
+    guide.begin(ZIGZAG, state(base), MODEL, turn_limits(MODEL, 0.5, 0.2, 0.7, math.inf))
+    return guide
+
+
+@pytest.mark.parametrize("base", [0.0, math.pi, -3.0])
+def test_how_far_is_counted_from_the_swing_on_the_side_that_the_rudder_turns_from(base: float) -> None:
+    guide = sailing(base)
+    assert guide.zigzag_rudder(state(base), ZIGZAG) > 0.0
+    assert guide.astray(base + 1.0) < 0.0, "to starboard, as ordered"
+    assert guide.astray(base - 1.0) == pytest.approx(1.0 - SWING)
+    assert guide.zigzag_rudder(state(base + 1.01 * SWING), ZIGZAG) < 0.0
+    assert guide.astray(base + 1.0) == pytest.approx(1.0 - SWING)
+
+
+def test_without_a_zigzag_nothing_is_astray() -> None:
+    assert HeadingGuide().astray(2.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("astray", "rate", "runs"),
+    [
+        (ASTRAY + 0.01, -0.1, True),
+        (ASTRAY + 0.01, 0.1, False),  # far off, and on the way back
+        (ASTRAY - 0.01, -0.1, False),  # an overshoot
+    ],
+)
+def test_only_a_boat_that_goes_on_turning_against_her_rudder_has_run_away(
+    astray: float, rate: float, runs: bool
+) -> None:
+    watched = Watched(0.0, state(0.0, rate), True, False, 0.0, SWING, 0.5, True, astray=astray)
+    assert Runaway().runs(MODEL, AlarmLimits(), watched) is runs
