@@ -60,6 +60,12 @@ def compiled(function: Callable[..., Any], *, quick: bool = False) -> Callable[.
     return ready
 
 
+def is_kept(ready: Callable[..., Any]) -> bool:
+    """Return whether compiled code of `ready`, which `compiled` made with `quick`, is on disk."""
+    folder = Path(ready.stats.cache_path)  # type: ignore[attr-defined]
+    return any(folder.glob("*.nbc"))
+
+
 def _quick_jit(function: FunctionType) -> Any:
     import numba
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
+import pickle
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -14,6 +17,7 @@ from sitl.campaign.full import measured_every, run_fully
 from sitl.campaign.score import Figures, figures
 from sitl.campaign.setting import rooms_of, setting_of
 from sitl.campaign.swift import run_swiftly
+from sitl.compiled import is_kept
 from sitl.world import STEP
 
 COMPILED, FULL, REFUSED = "compiled", "full", "refused"
@@ -43,17 +47,23 @@ def swift() -> Callable[..., Any] | None:
 
 
 def warm(job: Job, is_compiled: bool) -> None:
-    """Load what a worker needs, and compile it where that was never done, by one run whose row is thrown away."""
+    """Load what a worker needs by one run whose row is thrown away, and have it compiled where that was never done.
+
+    What a process compiled itself differs in the last digit from what the others load from disk, and cannot be
+    exchanged in it. So it is compiled in a process of its own, and loaded by all.
+    """
     if not is_compiled:
         return
+    quick = swift()
+    if quick is not None and not is_kept(quick):
+        subprocess.run([sys.executable, "-m", __name__], input=pickle.dumps(job), check=False)
+    load(job)
+
+
+def load(job: Job) -> None:
+    """Make one run by the compiled loop, which compiles it where it is not on disk."""
     with contextlib.suppress(RefusedError):
         done_swiftly(job, 0)
-    quick = swift()
-    if quick is not None and quick.stats.cache_misses:  # type: ignore[attr-defined]
-        # what was compiled here differs in the last digit from what others load from disk: all use what is loaded
-        swift.cache_clear()
-        with contextlib.suppress(RefusedError):
-            done_swiftly(job, 0)
 
 
 def do_runs(job: Job, first: int, last: int, is_compiled: bool = True) -> list[Row]:
@@ -88,3 +98,7 @@ def batches_of(job: Job, runs: int) -> list[tuple[int, int]]:
     """Return the runs in batches, from and to before."""
     size = max(1, BATCH_STEPS // max(steps_of(job.study, STEP), 1))
     return [(first, min(first + size, runs)) for first in range(0, runs, size)]
+
+
+if __name__ == "__main__":
+    load(pickle.loads(sys.stdin.buffer.read()))
