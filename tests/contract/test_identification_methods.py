@@ -55,7 +55,7 @@ MINUTES = pytest.mark.skipif("NORRBIN_SLOW" not in os.environ, reason="takes min
 @pytest.fixture(
     params=[
         *(pytest.param(method, id=method.name) for method in METHODS),
-        pytest.param(OTHER_GAINS["fpf-galerkin"], id="fpf-galerkin"),
+        pytest.param(OTHER_GAINS["fpf-galerkin"], id="fpf-galerkin", marks=MINUTES),
         pytest.param(OTHER_GAINS["fpf-kernel"], id="fpf-kernel", marks=MINUTES),
     ]
 )
