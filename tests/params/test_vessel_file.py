@@ -202,7 +202,7 @@ def values_of(hint: typing.Any, bounds: Bounds | None = None) -> st.SearchStrate
     return {bool: st.booleans(), int: st.just(schema_module.SCHEMA_VERSION), str: st.text(max_size=20)}[hint]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(vessel=values_of(Vessel), comment=st.text(alphabet=st.characters(codec="ascii", categories=("L", "N", "Z"))))
 def test_every_vessel_survives_a_round_trip(vessel: Vessel, comment: str) -> None:
     complaints = list(problems(vessel))
