@@ -1,4 +1,4 @@
-"""Pages of the reference, written from the code: commands, vessel file, MAVLink messages, exit codes.
+"""Pages of the reference, written from the code: commands, vessel file, MAVLink messages, exit codes, measurements.
 
 `python docs/reference_pages.py [FOLDER]` writes them alone; the build of the documentation does it by itself.
 """
@@ -10,28 +10,25 @@ import ast
 import io
 import json
 import sys
-from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pymavlink.dialects.v20 import ardupilotmega as dialect
-
 ROOT = Path(__file__).parent.parent
-
-DEVELOPMENT_MESSAGES = {
-    "CURRENT_MODE": "current mode of the vehicle",
-    "AVAILABLE_MODES": "one of the modes the vehicle has",
-    "COMPONENT_METADATA": "where the component's descriptions are",
-    "PARAM_ERROR": "why a parameter could not be read or set",
-}
-"""Messages younger than pymavlink's release; their layouts stand in autopilot/links/extra_messages.py."""
 
 
 def write(folder: Path) -> None:
     """Write every page of the reference into `folder`."""
+    from mavlink_reference import mavlink
+
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {"commands": commands, "vessel_file": vessel_file, "mavlink": mavlink, "measurements": measurements}
+    pages = {
+        "commands": commands,
+        "vessel_file": vessel_file,
+        "mavlink": mavlink,
+        "exit_codes": exit_codes,
+        "measurements": measurements,
+    }
     for name, page in pages.items():
         text = page()
         path = folder / f"{name}.md"
@@ -119,26 +116,19 @@ def _allowed(value: dict[str, Any]) -> str:
     return text
 
 
-def mavlink() -> str:
-    """Return the page of every MAVLink message and command that the code makes or reads, found in its syntax trees."""
-    sent, read, obeyed = _messages()
+def exit_codes() -> str:
+    """Return the page of what each exit code says, from the text that `--help` prints and the names in the code."""
+    from autopilot.cli.main import EXIT_CODES
+    from autopilot.errors import ExitCode
+
+    names = {code.value: code.name for code in ExitCode}
     page = io.StringIO()
-    page.write("# MAVLink messages and commands\n\nFound in the code of `autopilot/links` and `autopilot/params`: ")
-    page.write("what is made there is sent, what is compared with an arriving message is read. ")
-    page.write("[Ground stations](../ground_stations.md) and [flight controllers](../flight_controllers.md) say how ")
-    page.write("they are used.\n\n## Messages\n\n| message | sent by | read by | purpose, as MAVLink gives it |\n")
-    page.write("|---|---|---|---|\n")
-    for name in sorted(sent.keys() | read.keys()):
-        page.write(f"| `{name}` | {_modules(sent[name])} | {_modules(read[name])} | {_purpose(name)} |\n")
-    page.write(
-        "\n## Commands\n\nSent, obeyed or answered in COMMAND_LONG and COMMAND_INT.\n\n| command | in | purpose |\n"
-    )
-    page.write("|---|---|---|\n")
-    descriptions = {
-        entry.name: entry.description for entry in dialect.enums["MAV_CMD"].values() if hasattr(entry, "description")
-    }
-    for name in sorted(obeyed):
-        page.write(f"| `{name}` | {_modules(obeyed[name])} | {_cell(descriptions.get(name, ''))} |\n")
+    page.write("# Exit codes\n\nOf `autopilot`, and of `sitl` where it can end so.\n\n")
+    page.write("| code | name | meaning |\n|---|---|---|\n")
+    for line in EXIT_CODES.splitlines()[1:]:
+        code, meaning = line.split(maxsplit=1)
+        name = names.get(int(code))
+        page.write(f"| {code} | {f'`{name}`' if name else ''} | {meaning} |\n")
     return page.getvalue()
 
 
@@ -153,46 +143,6 @@ def measurements() -> str:
             title, _, rest = head.partition("\n")
             page.write(f"\n## {path.stem}\n\n{title}\n{rest}\n")
     return page.getvalue()
-
-
-Found = defaultdict[str, set[str]]
-
-
-def _messages() -> tuple[Found, Found, Found]:
-    sent, read, obeyed = Found(set), Found(set), Found(set)
-    for path in sorted([*(ROOT / "autopilot/links").rglob("*.py"), *(ROOT / "autopilot/params").rglob("*.py")]):
-        module = path.relative_to(ROOT / "autopilot").with_suffix("").as_posix()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-                name = node.func.attr
-                if name.startswith("MAVLink_") and name.endswith("_message"):
-                    sent[name.removeprefix("MAVLink_").removesuffix("_message").upper()].add(module)
-            elif isinstance(node, ast.Attribute) and node.attr.startswith("MAVLINK_MSG_ID_"):
-                read[node.attr.removeprefix("MAVLINK_MSG_ID_")].add(module)
-            elif isinstance(node, ast.Attribute) and node.attr.startswith("MAV_CMD_"):
-                obeyed[node.attr].add(module)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and _is_message(node.value):
-                read[node.value].add(module)
-    return sent, read, obeyed
-
-
-def _is_message(text: str) -> bool:
-    return hasattr(dialect, f"MAVLINK_MSG_ID_{text}") or text in DEVELOPMENT_MESSAGES
-
-
-def _modules(names: set[str]) -> str:
-    return ", ".join(f"`{name}`" for name in sorted(names))
-
-
-def _purpose(name: str) -> str:
-    kind = getattr(dialect, f"MAVLink_{name.lower()}_message", None)
-    return _cell((kind.__doc__ or "") if kind is not None else DEVELOPMENT_MESSAGES.get(name, ""))
-
-
-def _cell(text: str) -> str:
-    words = " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("[", "(").replace("]", ")")
-    sentence, _, rest = words.partition(". ")
-    return sentence + ("." if rest else "")
 
 
 if __name__ == "__main__":

@@ -32,7 +32,9 @@ PATTERN = int(dialect.MAV_CMD_USER_3)
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
 USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""
 ACKNOWLEDGE = int(dialect.MAV_CMD_SPATIAL_USER_5)
-"""Silence the alarms that sound: MAVLink has no command for it, and the USER ones are taken."""
+"""SPATIAL_USER_5: silence the alarms that sound.
+
+MAVLink has no command for it, and the USER ones are taken."""
 LATITUDE_MOST_DEG = 85.0
 
 
