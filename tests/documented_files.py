@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from boat_recordings import dataflash, zigzag_boat
+from boat_recordings import dataflash, ulog, zigzag_boat
 from lockstep import Lockstep
 
 from autopilot.params.vessel_file import load_vessel
@@ -55,6 +55,15 @@ def _flash(path: Path) -> None:
     path.write_bytes(dataflash(zigzag_boat(seconds=90.0)))
 
 
+def _ulog(path: Path) -> None:
+    path.write_bytes(ulog(zigzag_boat(seconds=90.0)))
+
+
+def _study(path: Path) -> None:
+    head = "schema_version: 1\nname: mine\nboats: {lanxin: {vessel: lanxin}}\nseas: {calm: {}}\n"
+    path.write_text(head + "runs: 4\nseconds: 100\nmeasured_from_s: 50\n")
+
+
 def _run(path: Path) -> None:
     steps = Lockstep(load_vessel("lanxin"), log=path)
     steps.engage(90.0)
@@ -70,5 +79,7 @@ FILES: dict[str, Callable[[Path], None]] = {
     "turn.csv": _turn,
     "table2.csv": _steady_turns,
     "trial.BIN": _flash,
+    "trial.ulg": _ulog,
+    "study.yaml": _study,
     "run.tlog": _run,
 }

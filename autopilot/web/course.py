@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from autopilot.links.boat.modes import HEADING, TRACK
+from autopilot.links.boat.modes import HEADING, TRACK, TRIAL
 from autopilot.web import orders
 from autopilot.web.view import BoatView
 
@@ -34,7 +34,11 @@ class Course:
         """Change the heading ordered by so many degrees, positive to starboard."""
         base = self._base(now)
         if base is None:
-            told(False, "engage first: no course is being steered")
+            is_trial = self._view.mode == TRIAL
+            told(
+                False,
+                "a trial is being sailed: end it first" if is_trial else "engage first: no course is being steered",
+            )
             return
         self.turn_to(now, base + degrees, told)
 

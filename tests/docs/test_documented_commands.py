@@ -147,13 +147,14 @@ def run_as_processes(lines: list[str], folder: Path) -> None:
         r"^(autopilot params (?:diff .*|upload .* --dry-run))$", r"\1 || [ $? = 6 ]", text, flags=re.M
     )  # 6: they differ
     text = STAYS.sub(r"timeout --preserve-status -s INT 6 \1", text)
+    text = text.replace("tcp://HEAD:", "tcp://127.0.0.1:")
     for port in sorted(set(re.findall(r":(\d{4,5})\b(?=['\"?\s]|$)", text)) - UNTOUCHED):
-        kind = socket.SOCK_STREAM if f"tcp:127.0.0.1:{port}" in text else socket.SOCK_DGRAM
+        kind = socket.SOCK_STREAM if re.search(rf"tcp(in)?:(//)?127\.0\.0\.1:{port}", text) else socket.SOCK_DGRAM
         text = text.replace(f":{port}", f":{free_port(kind)}")
     text = re.sub(r"/(dev/tty|tmp/)", rf"{folder}/\1", text)
     environment = {
         **os.environ,
-        "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
+        "PATH": f"{folder / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}",
         "PYTHONPATH": str(ROOT),
         "NORRBIN_STATE": str(folder / "state"),
     }

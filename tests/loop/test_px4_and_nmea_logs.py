@@ -6,7 +6,6 @@ import builtins
 import contextlib
 import io
 import math
-import struct
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 import pynmea2
 import pytest
-from boat_recordings import EPOCH, FULL, Boat, every, pulses, zigzag_boat
+from boat_recordings import EPOCH, FULL, Boat, every, ulog, zigzag_boat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyulog import ULog
@@ -43,52 +42,6 @@ from autopilot.models.steering_gear import SteeringGear
 
 BOAT = zigzag_boat(90.0)
 GEAR = SteeringGear(angle_max=FULL, rate_max=math.radians(5.0))
-
-
-def ulog_message(kind: str, payload: bytes) -> bytes:
-    return struct.pack("<HB", len(payload), ord(kind)) + payload
-
-
-def ulog(boat: Boat, topics: tuple[str, ...] = ("attitude", "rates", "local", "gps", "servos")) -> bytes:
-    """Return a .ulg as PX4's logger would write it (layout: docs.px4.io, ULog file format)."""
-    formats = {
-        "attitude": "vehicle_attitude:uint64_t timestamp;uint64_t timestamp_sample;float[4] q;",
-        "rates": "vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;",
-        "local": "vehicle_local_position:uint64_t timestamp;float vx;float vy;bool v_xy_valid;",
-        "gps": "vehicle_gps_position:uint64_t timestamp;uint64_t time_utc_usec;int32_t lat;int32_t lon;float vel_m_s;"
-        "uint8_t fix_type;",
-        "servos": "actuator_servos:uint64_t timestamp;float[8] control;",
-        "outputs": "actuator_outputs:uint64_t timestamp;float[16] output;",
-    }
-    out = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0), ulog_message("B", bytes(40))]
-    out += [ulog_message("F", formats[topic].encode()) for topic in topics]
-    for name, value in {"PWM_MAIN_FUNC3": 201, "PWM_MAIN_MIN3": 1000, "PWM_MAIN_MAX3": 2000}.items():
-        key = f"int32_t {name}".encode()
-        out.append(ulog_message("P", bytes([len(key)]) + key + struct.pack("<i", value)))
-    for number, topic in enumerate(topics):
-        name = formats[topic].split(":")[0].encode()
-        out.append(ulog_message("A", struct.pack("<BH", 0, number) + name))
-    servo = pulses(boat.order)
-    for i in every(boat, 50.0):
-        now = round((boat.time[i] + 7.0) * 1e6)
-        half = 0.5 * boat.heading[i]
-        utc = round((EPOCH + boat.time[i]) * 1e6)
-        rows: dict[str, bytes] = {
-            "attitude": struct.pack("<QQ4f", now + 3000, now, math.cos(half), 0.0, 0.0, math.sin(half)),
-            "rates": struct.pack("<Q3f", now, 0.0, 0.0, boat.rate[i]),
-            "local": struct.pack("<QffB", now, *_velocity(boat, i), 1),
-            "gps": struct.pack("<QQiifB", now, utc, 576900000, 118400000, 3.0, 3),
-            "servos": struct.pack("<Q8f", now, boat.order[i] / FULL, *[math.nan] * 7),
-            "outputs": struct.pack("<Q16f", now, 0.0, 0.0, servo[i], *[0.0] * 13),
-        }
-        for number, topic in enumerate(topics):
-            if i % (10 if topic in ("gps", "local") else 5) == 0:
-                out.append(ulog_message("D", struct.pack("<H", number) + rows[topic]))
-    return b"".join(out)
-
-
-def _velocity(boat: Boat, i: int) -> tuple[float, float]:
-    return boat.speed[i] * math.cos(boat.heading[i]), boat.speed[i] * math.sin(boat.heading[i])
 
 
 def written(folder: Path, data: bytes | str, name: str) -> str:

@@ -90,6 +90,7 @@ def test_a_trial_shows_its_progress_and_can_be_ended(sea: Watched) -> None:
     trial = sea.station.view.trial
     assert trial is not None and trial.result == dialect.MAV_RESULT_IN_PROGRESS and 15 <= trial.percent <= 30
     assert sea.station.view.snapshot(sea.now)["mode"] == "trial"
+    assert sea.order(do="turn", degrees=10) == (False, "a trial is being sailed: end it first")
     assert sea.order(do="cancel") == (True, "")
     sea.watch(2.0)
     trial = sea.station.view.trial

@@ -115,8 +115,9 @@ function drawMode() {
   byId("mode-word").textContent = word;
   byId("mode-more").textContent = more;
   element.dataset.state = kind;
+  const known = !boat.isStale("beat") && Boolean(state?.ours);
   for (const [id, mode] of [["engage", "heading"], ["route", "route"], ["standby", "standby"]]) {
-    byId(id).setAttribute("aria-pressed", String(kind !== "off" ? state.mode === mode : mode === "standby" && Boolean(state?.ours)));
+    byId(id).setAttribute("aria-pressed", String(known && (kind === "off" ? mode === "standby" : state.mode === mode)));
   }
   const back = byId("back");
   back.disabled = boat.dodge === null || boat.dodge === undefined;
