@@ -38,7 +38,7 @@ class DirectLink:
 
     def __init__(self) -> None:
         vessel = load_vessel("lanxin")
-        self.plant = Plant(model_of(vessel), gear_of(vessel), heading_noise=0.005, rate_noise=0.003)
+        self.plant = Plant(model_of(vessel), gear_of(vessel), heading_noise=0.005, rate_noise=0.003, step_max=0.025)
         self._command = RudderCommand(0.0, 0.0, False)
 
     @property

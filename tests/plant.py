@@ -34,6 +34,8 @@ class Plant:
     latency: float = 0.0
     seed: int = 1
     time: float = 0.0
+    step_max: float = 0.01
+    """Longest step [s] of its equations."""
     _queue: deque[HeadingSample] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
@@ -43,7 +45,7 @@ class Plant:
     def step(self, order: float, dt: float) -> None:
         """Move on by `dt` [s] under a rudder `order` [rad]."""
         self.line.give(self.time, order)
-        steps = max(1, math.ceil(dt / min(0.01, 0.1 * self.model.time_constant)))
+        steps = max(1, math.ceil(dt / min(self.step_max, 0.1 * self.model.time_constant)))
         for _ in range(steps):
             h = dt / steps
             self.time += h

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable
-from operator import attrgetter
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.extra_messages import EXTRA_MESSAGES
+from autopilot.links.mavlink_layouts import KNOWN, Layout, Writer, layout_of, writer_of
 from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum
 
 Message: TypeAlias = Any
@@ -32,48 +30,11 @@ ANY_MAGIC = re.compile(rb"[\xfd\xfe]")
 HEADER = struct.Struct("<BBBBBBBHB")
 """Magic, payload length, incompatibility and compatibility flags, sequence, system, component, id (16 + 8 bits)."""
 
-_known: dict[int, type[Any]] = {**EXTRA_MESSAGES, **dialect.mavlink_map}
-
 
 def message_id(message: Message) -> int:
     """Return the id of a message's kind; its attribute `id` will not do, RAW_IMU and others have a field so named."""
     identity: int = message._header.msgId
     return identity
-
-
-class _Layout(NamedTuple):
-    """How the payload of one message without arrays is read: pymavlink's own tables, looked up once."""
-
-    kind: type[Any]
-    unpack: Callable[[bytes], tuple[float, ...]]
-    pack: Callable[..., bytes]
-    values: Callable[[Any], tuple[float, ...]]
-    size: int
-    crc_extra: bytes
-    names: tuple[str, ...]
-    blank: dict[str, Any]
-
-
-def _layout(kind: type[Any]) -> _Layout | None:
-    if dialect.mcrf4xx is None or any(kind.array_lengths) or "char" in kind.fieldtypes:
-        return None
-    blank = dict(vars(kind(*[0] * len(kind.fieldnames))))
-    extra = bytes([kind.crc_extra])
-    names = tuple(kind.ordered_fieldnames)
-    values = attrgetter(*names) if len(names) > 1 else lambda message: (getattr(message, names[0]),)
-    return _Layout(kind, kind.unpacker.unpack, kind.unpacker.pack, values, kind.unpacker.size, extra, names, blank)
-
-
-_layouts: dict[int, _Layout | None] = {}
-
-
-def _layout_of(identity: int) -> _Layout | None:
-    """Return the layout of the message `identity`; None where it has arrays and is left to pymavlink."""
-    try:
-        return _layouts[identity]
-    except KeyError:
-        layout = _layouts[identity] = _layout(_known[identity])
-        return layout
 
 
 class MavlinkCodec:
@@ -116,11 +77,11 @@ class MavlinkCodec:
     def encode(self, message: Message) -> bytes:
         """Return the MAVLink 2 packet of `message` under this identity, with the next sequence number."""
         mavlink = self._mavlink
-        layout = _layout_of(message_id(message))
+        writer = writer_of(message_id(message))
         packet: bytes = (
             message.pack(mavlink)
-            if layout is None
-            else _encode_plain(message, layout, mavlink.seq, mavlink.srcSystem, mavlink.srcComponent)
+            if writer is None
+            else _encode_plain(message, writer, mavlink.seq, mavlink.srcSystem, mavlink.srcComponent)
         )
         mavlink.seq = (mavlink.seq + 1) & 0xFF
         return packet if self._signing is None else self._signing.sign(packet, message.crc_extra)
@@ -165,7 +126,7 @@ class MavlinkCodec:
         is_new = frame[0] == MAGIC_V2
         identity = frame[7] | frame[8] << 8 | frame[9] << 16 if is_new else frame[5]
         if is_new:
-            layout = _layout_of(identity)
+            layout = layout_of(identity)
             if layout is not None:
                 return _decode_plain(frame, layout, -2 if frame[2] == 0 else -2 - SIGNATURE)
         kind = dialect.mavlink_map.get(identity)
@@ -181,19 +142,19 @@ class MavlinkCodec:
             return None
 
 
-def _encode_plain(message: Message, layout: _Layout, sequence: int, system: int, component: int) -> bytes:
-    """Return what pymavlink's `pack` makes of a message without arrays."""
-    payload = layout.pack(*layout.values(message)).rstrip(b"\0") or b"\0"
+def _encode_plain(message: Message, writer: Writer, sequence: int, system: int, component: int) -> bytes:
+    """Return what pymavlink's `pack` makes of a message, at a third of the cost."""
+    payload = writer.pack(*writer.values(message)).rstrip(b"\0") or b"\0"
     identity = message_id(message)
     frame = (
         HEADER.pack(MAGIC_V2, len(payload), 0, 0, sequence, system, component, identity & 0xFFFF, identity >> 16)
         + payload
     )
-    checksum: int = dialect.mcrf4xx(frame[1:] + layout.crc_extra)
+    checksum: int = dialect.mcrf4xx(frame[1:] + writer.crc_extra)
     return frame + checksum.to_bytes(2, "little")
 
 
-def _decode_plain(frame: bytes, layout: _Layout, end: int) -> Message | None:
+def _decode_plain(frame: bytes, layout: Layout, end: int) -> Message | None:
     """Return what pymavlink's `decode` makes of a MAVLink 2 frame without arrays, at a third of the cost.
 
     The checksum stands at `end`, counted from the frame's end: -2, or -15 before a signature. Only the raw packet
@@ -247,7 +208,7 @@ def frame_length(buffer: bytes, start: int) -> int:
         length = buffer[start + 1] + 8
     else:
         return -1
-    return length if identity in _known else -1
+    return length if identity in KNOWN else -1
 
 
 def next_magic(buffer: bytes, start: int) -> int:
