@@ -61,7 +61,7 @@ def simulated(hours: float, with_mavlink: bool, report: Path | None) -> bool:
             day.sail(hours)
         kept = sum(path.stat().st_size for path in Path(name).iterdir())
         day.session.close()
-    reached, wall = day.readings[-1].hours, time.monotonic() - started
+    reached, wall = day.sailed_s / 3600.0, time.monotonic() - started
     told = [
         f"{reached:.1f} simulated hours in {wall:.0f} s, {'MAVLink' if with_mavlink else 'direct'} link",
         f"changes of mode: {', '.join(f'{count} to {mode}' for mode, count in sorted(day.modes.items()))}",
@@ -70,7 +70,7 @@ def simulated(hours: float, with_mavlink: bool, report: Path | None) -> bool:
         f"log folder {kept / 1e6:.1f} MB of {LIMITS.total / 1e6:.0f}, ticks not written: {day.recorder.dropped}",
     ]
     tell(f"Endurance: {reached:.1f} simulated hours", told, day.readings, report)
-    is_flat = day.readings[-1].descriptors <= day.readings[0].descriptors
+    is_flat = not day.readings or day.readings[-1].descriptors <= day.readings[0].descriptors
     return is_flat and not (day.kept_hold or day.missed or day.recorder.dropped)
 
 

@@ -86,6 +86,7 @@ class Lockstep:
     """`run` moves all on together. `order` may be changed at any time; `ticks` keeps every tick.
 
     hooks: called each step, before the vehicle; to put strange datagrams on the line use `inject`.
+    measured_every: steps of the simulation from one reading of its sensors to the next.
     """
 
     def __init__(
@@ -99,10 +100,11 @@ class Lockstep:
         lines: Sequence[BadLine] = (),
         is_stream: bool = False,
         log: Path | None = None,
+        measured_every: int = 1,
     ) -> None:
         scenario = load_scenario("calm")
         scenario = dataclasses.replace(scenario, vehicle=dataclasses.replace(scenario.vehicle, **(vehicle or {})))
-        self.world = World(vessel, scenario)
+        self.world = World(vessel, scenario, measured_every=measured_every, felt_every=measured_every)
         self.firmware = Firmware(self.world)
         for name, value in (parameters or {}).items():
             assert self.firmware.parameters.set(name, value) is not None, name
