@@ -44,9 +44,9 @@ def slope(readings: Sequence[Reading], name: str) -> tuple[float, float]:
     """Return the slope per hour of one figure over the second half, and its standard error; nan of too few."""
     half = readings[len(readings) // 2 :]
     x, y = (np.array([getattr(each, field) for each in half]) for field in ("hours", name))
-    deviation = x - x.mean()
     if len(half) < 3:
         return math.nan, math.nan
+    deviation = x - x.mean()
     found = float(deviation @ y / (deviation @ deviation))
     residual = y - y.mean() - found * deviation
     return found, float(np.sqrt(residual @ residual / (len(x) - 2) / (deviation @ deviation)))
