@@ -59,7 +59,12 @@ FIRST = "set anew by the first change of state, before anybody asks"
 SAME_END = "what comes back and what is ordered lead to the same state, one after the other in the same tick"
 RELEASES = 'lets_go = self._failsafe.action in ("release", "firmware") or self._failsafe.release_after'
 WAITS = "self._fire(now, _order_event(order) if {} self._spent else back, order)"
+LEFT = "return Rest(before.told if band {} 0.0 else limited, wanted, False)"
 EXPLAINED: dict[tuple[str, str], str] = {
+    (
+        "ReplaceComparisonOperator_Gt_NotEq",
+        LEFT.format("!="),
+    ): "no distance is within a band below 0",
     ("AddNot", WAITS.format("not order.serial !=")): SAME_END,
     ("ReplaceComparisonOperator_NotEq_Eq", WAITS.format("order.serial ==")): SAME_END,
     ("ReplaceComparisonOperator_LtE_Eq", f"{RELEASES} == 0.0"): "the vessel file knows no time below 0",

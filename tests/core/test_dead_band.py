@@ -40,6 +40,15 @@ def test_a_rudder_at_rest_stays_within_the_band_and_leaves_it_for_its_goal(
     assert rest.allowed == wanted, "a law has nothing to unwind where only the dead band holds the rudder"
 
 
+def test_the_edges_of_the_dead_band() -> None:
+    assert Rest() == (0.0, 0.0, False)
+    rest = Rest(0.25, 0.25, False)
+    assert rested(LIMITS, 0.25, rest, 0.5, 0.3) == (0.25, 0.5, False), "off by just the band is near enough"
+    assert rested(LIMITS, 0.25, rest, -0.01, 0.2) == (0.2, 0.2, True)
+    assert rested(LIMITS, 0.25, rest._replace(is_moving=True), 0.3, 0.3) == (0.3, 0.3, False), "it goes all the way"
+    assert rested(LIMITS, 0.0, rest, 0.25, 0.2) == (0.2, 0.25, False), "what the limits made, whatever was told"
+
+
 def held(vessel: Vessel, order: Order) -> list[Tick]:
     """A minute on a compass that swings to and fro by 0.3 deg."""
     pilot = build_pilot(vessel)
