@@ -7,12 +7,10 @@ import math
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, steady_rudder
 from autopilot.monitors.rudder import is_hard_over
-from autopilot.monitors.watched import AlarmLimits, Watched
+from autopilot.monitors.watched import NEWS, AlarmLimits, Watched
 
 BACK_ON_COURSE = 0.7
 """An off-course alarm ends when the error is back within this share of its limit."""
-NEWS = math.radians(10.0)
-"""An alarm is said anew when the error has changed by more than this [rad]: each degree would be a new text."""
 AGAINST_SHARE = 0.8
 """A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
 ASTRAY = math.radians(45.0)

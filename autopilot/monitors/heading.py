@@ -7,7 +7,7 @@ import math
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import clip
-from autopilot.monitors.watched import Watched
+from autopilot.monitors.watched import NEWS, Watched
 from autopilot.signals import HeadingSample, RateSample
 
 LONGEST_STEP_S = 0.5
@@ -37,6 +37,8 @@ JUMP_GAP = 2.0
 DISAGREES_TIME = 5.0
 DISAGREES_LASTS = 1.0
 """Turns by heading and by rate are compared over about this time [s], and must differ for so long."""
+DISAGREES_SAID = 20.0
+"""That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of her gyro."""
 
 
 class FrozenHeading:
@@ -135,6 +137,7 @@ class JumpingHeading:
         self._jumps: list[float] = []
         self._found = -math.inf
         self._by = 0.0
+        self._text = ""
 
     def hear(self, sample: HeadingSample, most: float) -> None:
         """Take a heading; `most` [rad]: no boat turns further between two of them."""
@@ -165,8 +168,11 @@ class JumpingHeading:
     def found(self, watched: Watched) -> str:
         """Return how far it jumped, where it has of late; empty where not."""
         self._rate = watched.state.rate if math.isfinite(watched.state.rate) else 0.0
-        recent = 0.0 <= watched.now - self._found < JUMP_SAID
-        return f"by {math.degrees(self._by):+.0f} deg" if recent else ""
+        if not 0.0 <= watched.now - self._found < JUMP_SAID:
+            self._text = ""
+        elif not self._text:
+            self._text = f"by {math.degrees(self._by):+.0f} deg"
+        return self._text
 
 
 class RateAgainstHeading:
@@ -179,8 +185,9 @@ class RateAgainstHeading:
         """Forget everything."""
         self._heading: HeadingSample | None = None
         self._rate: RateSample | None = None
-        self._apart = 0.0
+        self._apart = self._told = 0.0
         self._since: float | None = None
+        self._seen = -math.inf
         self.found = ""
 
     def hear(self, sample: HeadingSample | RateSample, most: float) -> None:
@@ -200,11 +207,18 @@ class RateAgainstHeading:
         turned = shortest_turn(last.heading, sample.heading) - rate * step
         self._apart = self._apart * math.exp(-step / DISAGREES_TIME) + turned
         if abs(self._apart) <= most:
-            self._since, self.found = None, ""
+            self._since = None
+            if not 0.0 <= sample.time - self._seen < DISAGREES_SAID:
+                self.found = ""
         elif self._since is None:
             self._since = sample.time
         elif sample.time - self._since >= DISAGREES_LASTS:
-            self.found = f"{math.degrees(abs(self._apart)):.0f} deg apart"
+            self._say(sample.time)
+
+    def _say(self, time: float) -> None:
+        self._seen, apart = time, abs(self._apart)
+        if not self.found or apart - self._told > NEWS:
+            self.found, self._told = f"{math.degrees(apart):.0f} deg apart", apart
 
     def _fresh_rate(self, time: float) -> float | None:
         rate = self._rate

@@ -11,7 +11,7 @@ from autopilot.monitors.course import OffCourse, Runaway
 from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
 from autopilot.monitors.rudder import AtTheStop, RudderFollows
 from autopilot.monitors.shown_order import ShownOrder
-from autopilot.monitors.watched import AlarmLimits, Watched
+from autopilot.monitors.watched import NEWS, AlarmLimits, Watched
 from autopilot.signals import (
     ConditionSample,
     HeadingSample,
@@ -62,8 +62,9 @@ class Monitors:
         self.findings: dict[str, str] = {}
         self._conditions: dict[tuple[str, str], str] = {}
         self._roll_since: float | None = None
-        self._roll = ""
+        self._roll, self._told_roll = "", 0.0
         self._surprised_since: float | None = None
+        self._surprise = ""
         self._wind_time = -math.inf
 
     @property
@@ -124,11 +125,13 @@ class Monitors:
         if self._against_rate.found:
             found["rate_disagrees"] = text_of("rate_disagrees", self._against_rate.found)
         if not (watched.has_way and abs(watched.surprise) > self.limits.innovation):
-            self._surprised_since = None
+            self._surprised_since, self._surprise = None, ""
         elif self._surprised_since is None:
             self._surprised_since = watched.now
         elif watched.now - self._surprised_since >= INNOVATION_TIME:
-            found["innovation"] = text_of("innovation", f"{abs(watched.surprise):.1f} standard deviations")
+            # as it is at first: each tenth would be a new text
+            self._surprise = self._surprise or f"{abs(watched.surprise):.1f} standard deviations"
+            found["innovation"] = text_of("innovation", self._surprise)
 
     def _look_at_rudder(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
         name, shown = self._follows.found
@@ -162,8 +165,10 @@ class Monitors:
         elif self._roll_since is None:
             self._roll_since = sample.time
         elif sample.time - self._roll_since >= ROLL_SECONDS:
-            heel = math.degrees(abs(sample.roll))
-            self._roll = f"heeling {heel:.0f} deg: ease sheets, slow down, or change course"
+            heel = abs(sample.roll)
+            if not self._roll or heel - self._told_roll > NEWS:
+                self._roll = f"heeling {math.degrees(heel):.0f} deg: ease sheets, slow down, or change course"
+                self._told_roll = heel
 
 
 def _ends_steering(name: str) -> bool:

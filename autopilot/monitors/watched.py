@@ -7,6 +7,9 @@ from typing import NamedTuple
 
 from autopilot.signals import NavState
 
+NEWS = math.radians(10.0)
+"""An alarm is said anew when its angle has changed by more than this [rad]: each degree would be a new text."""
+
 
 class AlarmLimits(NamedTuple):
     """off_course [rad] for off_course_time [s]; roll [rad]; heading_jump [rad]; rate_disagrees [rad]; innovation in

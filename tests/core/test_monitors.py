@@ -171,6 +171,37 @@ def test_heel_is_said_when_it_lasts() -> None:
     assert monitors.alarms() == ()
 
 
+def test_what_goes_on_is_not_said_anew_with_every_degree() -> None:
+    limits = LIMITS._replace(heading_jump=0.3, rate_disagrees=math.radians(15.0), innovation=3.0)
+    monitors, said = Monitors(limits), set()
+    for k in range(900):
+        now = 0.1 * k
+        # she swings slowly by 60 deg, heels by 41 to 49 deg, and her gyro has the wrong sign
+        heading, rate = math.radians(60.0) * math.sin(0.3 * now), math.radians(18.0) * math.cos(0.3 * now)
+        roll = math.radians(45.0 + 4.0 * math.sin(now))
+        monitors.hear((HeadingSample(now, heading, -rate), RollSample(now, roll)))
+        seen = watched(now, heading, wanted=heading)._replace(surprise=4.0 + math.sin(now))
+        monitors.look(BOAT, seen)
+        said |= {text for text in monitors.alarms() if "go together" in text}
+        if now > 30.0:
+            names = {"roll", "rate_disagrees", "innovation"}
+            assert monitors.findings.keys() == names, "it comes and goes with the swing, and is one alarm"
+    assert len(said) < 8
+    assert len({text for text in monitors.findings.values() if "heeling" in text}) == 1
+
+
+def test_a_gyro_that_is_right_again_is_believed_after_a_while() -> None:
+    monitors, disagreed = Monitors(LIMITS._replace(rate_disagrees=math.radians(15.0))), []
+    for k in range(500):
+        rate = 0.2 if k < 100 else 0.0
+        monitors.hear((HeadingSample(0.1 * k, 0.0, rate),))
+        monitors.look(BOAT, watched(0.1 * k, 0.0))
+        disagreed.append("rate_disagrees" in monitors.findings)
+    assert disagreed.index(True) < 40
+    assert disagreed[250]
+    assert not disagreed[400]
+
+
 @given(
     st.lists(
         st.tuples(
