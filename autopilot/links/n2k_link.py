@@ -25,14 +25,13 @@ from autopilot.links.n2k_messages import (
     sample_of,
 )
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.links.standing_order import StandingOrder
 from autopilot.signals import HeadingSample, HelmSample, Mode, OrderKind, RudderCommand, RudderSample, Sample, Tick
 
 FRAMES_MOST = 500
 """Frames taken in one `receive`, so that a busy bus cannot hold the loop."""
 ORDER_PERIOD_S = 0.1
 CONTROL_PERIOD_S = 0.25
-ORDER_AGE_S = 1.0
-RELEASES = 5
 EXTRA = "install Norrbin with its extra n2k: pip install 'norrbin[n2k]'"
 
 
@@ -91,11 +90,8 @@ class N2kLink:
         self._follow = RudderFollow(settings.follow)
         self._variation = settings.variation
         self._helm_reason: str | None = None
-        self._order: float | None = None
-        self._order_time = -math.inf
-        self._next_order = -math.inf
+        self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._next_control = -math.inf
-        self._releases_left = 0
         self._is_claimed = False
 
     def fileno(self) -> int:
@@ -152,13 +148,11 @@ class N2kLink:
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder order at its rate; one that is not engaged is a release."""
-        if command.engaged and math.isfinite(command.angle):
-            self._order, self._order_time = command.angle, now
-            self._follow.ordered(now, command.angle)
-            self._releases_left = RELEASES
-        else:
-            self._order = None
+        angle = self._order.take(now, command)
+        if angle is None:
             self._follow.released()
+        else:
+            self._follow.ordered(now, angle)
         self._push(now)
 
     def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
@@ -191,11 +185,8 @@ class N2kLink:
 
     def release(self, now: float) -> None:
         """Give the rudder back, several times over; never raises."""
-        if self._order is not None or self._releases_left:
-            self._order = None
-            for _ in range(max(self._releases_left, 1)):
-                self._send_order(None)
-            self._releases_left = 0
+        for _ in range(self._order.end()):
+            self._send_order(None)
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return []: NMEA 2000 carries no MAVLink packets."""
@@ -206,22 +197,16 @@ class N2kLink:
         self._bus.shutdown()
 
     def _push(self, now: float) -> None:
-        if not self._settings.steers or now < self._next_order:
-            return
-        if self._order is not None and now - self._order_time <= ORDER_AGE_S:
-            self._next_order = now + ORDER_PERIOD_S
-            self._send_order(self._order)
-        elif self._order is None and self._releases_left:
-            self._next_order = now + ORDER_PERIOD_S
-            self._releases_left -= 1
-            self._send_order(None)
+        if self._settings.steers:
+            self._order.say(now, self._send_order)
 
-    def _send_order(self, angle: float | None) -> None:
+    def _send_order(self, angle: float | None) -> bool:
         fields: dict[str, object] = {"instance": 0, "directionOrder": "No Order"}
         if angle is not None:
             fields["directionOrder"] = "Move to starboard" if angle >= 0.0 else "Move to port"
             fields["angleOrder"] = angle
         self._transmit(RUDDER, fields)
+        return True
 
     def _transmit(self, group: int, fields: dict[str, object]) -> None:
         if not self._settings.steers or self.address.current == NO_ADDRESS:

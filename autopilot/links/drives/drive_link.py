@@ -8,12 +8,10 @@ from typing import NamedTuple
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.drives.base import Drive
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.links.standing_order import StandingOrder
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
 
-RELEASES = 5
 RELEASE_SPACING_S = 0.1
-ORDER_AGE_S = 1.0
-"""An order that is not renewed for this long is no longer repeated; the drive stops by its own timeout."""
 BITS_PER_BYTE = 10
 
 
@@ -35,12 +33,8 @@ class DriveLink:
         self._settings = settings
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud
         self._follow = RudderFollow(settings.follow)
-        self._order: float | None = None
-        self._order_time = -math.inf
-        self._next_order = -math.inf
+        self._order = StandingOrder(1.0 / settings.rate, RELEASE_SPACING_S)
         self._line_free = -math.inf
-        self._releases_left = 0
-        self._next_release = -math.inf
         self._helm_reason: str | None = None
         self._warning = ""
 
@@ -68,13 +62,11 @@ class DriveLink:
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Take the newest command, and send it when the drive's turn has come; not engaged is a release."""
-        if command.engaged and math.isfinite(command.angle):
-            self._order, self._order_time = command.angle, now
-            self._follow.ordered(now, command.angle)
-            self._releases_left = RELEASES
-        else:
-            self._order = None
+        angle = self._order.take(now, command)
+        if angle is None:
             self._follow.released()
+        else:
+            self._follow.ordered(now, angle)
         self._push(now)
 
     def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
@@ -88,14 +80,11 @@ class DriveLink:
 
     def release(self, now: float) -> None:
         """Give the rudder back, several times over; never raises."""
-        if self._order is not None or self._releases_left:
-            self._order = None
-            for _ in range(max(self._releases_left, 1)):
-                try:
-                    self._transport.send(self.drive.release(now))
-                except LinkError:
-                    break  # the line is gone; the drive stops by its own timeout
-            self._releases_left = 0
+        for _ in range(self._order.end()):
+            try:
+                self._transport.send(self.drive.release(now))
+            except LinkError:
+                break  # the line is gone; the drive stops by its own timeout
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return []: a drive speaks no MAVLink."""
@@ -106,15 +95,11 @@ class DriveLink:
         self._transport.close()
 
     def _push(self, now: float) -> None:
-        if now < self._line_free:
-            return
-        if self._order is not None and now - self._order_time <= ORDER_AGE_S:
-            if now >= self._next_order:
-                self._next_order = now + 1.0 / self._settings.rate
-                self._write(now, self.drive.order(now, self._order))
-        elif self._order is None and self._releases_left and now >= self._next_release:
-            self._next_release = now + RELEASE_SPACING_S
-            self._releases_left -= self._write(now, self.drive.release(now))
+        if now >= self._line_free:
+            self._order.say(now, lambda angle: self._write(now, self._telegram(now, angle)))
+
+    def _telegram(self, now: float, angle: float | None) -> bytes:
+        return self.drive.release(now) if angle is None else self.drive.order(now, angle)
 
     def _write(self, now: float, data: bytes) -> bool:
         if not data or not self._transport.send(data):
