@@ -251,7 +251,8 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
             try:
                 found = result.found
                 if method.name != arguments.method:
-                    found = method.identify(fitted, Question(_kind(result), found.model.reference_speed))
+                    question = Question(_kind(result), found.model.reference_speed, found.model.n1 < 0.0)
+                    found = method.identify(fitted, question._replace(forgetting=arguments.forgetting))
             except InputError:
                 continue  # a method that these runs do not suit has nothing to show
             if found.convergence is not None:

@@ -14,6 +14,7 @@ from autopilot.cli.trial_script import Step, TrialScript, turning, zigzag
 from autopilot.errors import InputError
 from autopilot.guidance.patterns import Pattern, PatternGuide
 from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.trial_limits import TrialLimits
 from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.boat.mission import Mission
 from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick, WindSample
@@ -187,7 +188,7 @@ class RouteSkipper(PlotterSkipper):
         steered = tick is not None and tick.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING
         self.give(step.order)
         self._before = order if steered else Order()
-        self._script = TrialScript([step])
+        self._script = TrialScript([step], TrialLimits())
         self._script_since = None
         return self._script
 

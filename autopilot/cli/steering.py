@@ -38,13 +38,13 @@ ENGAGE_PATIENCE = 20.0
 """Time [s] after the first heading in which an ordered engagement must come about."""
 
 
-def add_steering_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of every command that steers."""
+def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = True) -> None:
+    """Add the options of every command that steers. needs_link: whether it always steers."""
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
     parser.add_argument(
         "--link",
         action="append",
-        required=True,
+        required=needs_link,
         metavar="URL",
         help="udpin:127.0.0.1:14550, tcp:HOST:PORT, serial:/dev/ttyUSB0:115200, nmea:/dev/ttyUSB1:4800; repeatable",
     )

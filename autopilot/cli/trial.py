@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Sail a trial and log it. Take the helm, or press Ctrl-C, to end it: the rudder is released. It also ends when the pilot
-loses the helm or the heading, and outside the limits given.
+loses the helm or the heading, at an alarm, and outside the limits given.
 """
 
 
@@ -64,7 +64,10 @@ def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.A
     from autopilot.cli.steering import add_steering_options
 
     parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text)
-    add_steering_options(parser)
+    add_steering_options(parser, needs_link=False)
+    parser.add_argument(
+        "--foretell", action="store_true", help="say how nearly it would tell K, T and n3 at best, and sail nothing"
+    )
     _number(parser, "--approach", approach, "S", "seconds with the rudder amidships before it")
     limits = parser.add_argument_group("limits that end it")
     limits.add_argument("--time-limit", type=float, metavar="S", help="seconds from its beginning")
@@ -89,6 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
     if vessel.helm.method == "guided":
         raise InputError(f"{arguments.vessel}: helm.method guided moves no rudder; write rc_override for trials")
     script = _script(arguments, vessel)
+    if arguments.foretell:
+        from autopilot.cli.trial_foretold import foretold
+
+        print(foretold(script, vessel))
+        return int(ExitCode.OK)
+    if not arguments.link:
+        raise InputError("a trial needs --link URL, the way to the boat; with --foretell nothing is sailed")
     code = steer(
         vessel,
         arguments,

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
     from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Water
+    from autopilot.models.norrbin import Norrbin
     from autopilot.params.vessel import Vessel
 
 SYMBOLS = {"gain": "K", "time_constant": "T", "n3": "n3"}
@@ -103,7 +105,7 @@ def _finite(value: float) -> float | None:
 def _as_text(found: list[Design], boat: Boat, vessel: str) -> str:
     lines = ["Least standard errors that any estimate can reach (Cramer and Rao), best trial first:", ""]
     for design in found:
-        told = ", ".join(_error(name, design, boat) for name in SYMBOLS if name in design.errors)
+        told = told_at_best(design.errors, boat.model)
         lines.append(f"{_words(design.candidate)}, {design.duration:.0f} s: {told}")
         lines += [f"  {_place(design.berth)}", f"  autopilot trial {_command(design, vessel)}", ""]
     lines.append("The plan stands on the vessel file's model, without wind and current: keep a lookout and a margin.")
@@ -118,11 +120,15 @@ def _place(berth: Berth) -> str:
     )
 
 
-def _error(name: str, design: Design, boat: Boat) -> str:
-    symbol = SYMBOLS[name]
-    value = {"gain": boat.model.gain, "time_constant": boat.model.time_constant, "n3": boat.model.n3}[name]
-    share = design.errors[name] / value
-    return f"{symbol} to {100.0 * share:.2g} %" if share < 1.0 else f"{symbol} not told"
+def told_at_best(errors: Mapping[str, float], model: Norrbin) -> str:
+    """Return how nearly K, T and n3 are told by standard errors [SI units], in words."""
+    return ", ".join(
+        f"{symbol} to {100.0 * errors[name] / getattr(model, name):.2g} %"
+        if errors[name] < getattr(model, name)
+        else f"{symbol} not told"
+        for name, symbol in SYMBOLS.items()
+        if name in errors
+    )
 
 
 def _words(candidate: Candidate) -> str:

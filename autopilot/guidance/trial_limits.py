@@ -1,13 +1,19 @@
-"""What ends a trial before its time: speed, heading, distance and time outside what was set. Pure."""
+"""What ends a trial before its time: an alarm, or speed, heading, distance and time outside what was set. Pure."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
+from autopilot.alarm_panel import UNHEARD
+from autopilot.alarms import AlarmKind, Response, Severity, kind_of
 from autopilot.angles import wrap
 from autopilot.guidance.rhumb import Place, offset
 from autopilot.signals import PositionSample, Tick
+
+BORNE = frozenset({"rudder_at_stop", "innovation", "overpowered", "off_course", "deadline_missed"})
+"""Alarms that end no trial: its rudder may stand at the stop, it is sailed because the model is in doubt, it holds no
+course, and a record has its times even where the loop runs late."""
 
 
 class TrialLimits(NamedTuple):
@@ -31,6 +37,7 @@ class TrialWatch:
         self._now = 0.0
         self._origin: Place | None = None
         self._start = (0.0, 0.0)
+        self._known: frozenset[str] = frozenset()
         self.north = 0.0
         self.east = 0.0
 
@@ -43,7 +50,11 @@ class TrialWatch:
         """Return why the trial must end, in one sentence, or ''."""
         if self._begun is None:
             self._begun, self._now = tick, tick.now
+            self._known = frozenset(_events(tick))
         self._carry(tick)
+        for name, text in _events(tick).items():
+            if name not in self._known:
+                return f"alarm: {text}"
         limits, state = self._limits, tick.state
         swing = wrap(state.heading - self._begun.state.heading)
         if tick.now - self._begun.now > limits.time:
@@ -73,3 +84,14 @@ class TrialWatch:
                     self._origin, self._start = place, (self.north, self.east)
                 north, east = offset(self._origin, place)
                 self.north, self.east = self._start[0] + north, self._start[1] + east
+
+
+def _events(tick: Tick) -> dict[str, str]:
+    """Return the texts, by name, of the alarms that end a trial where they were not there when it began."""
+    told = [text.removeprefix(UNHEARD) for text in tick.alarms]
+    kinds = [(kind_of(text), text) for text in told]
+    return {kind.name: text for kind, text in kinds if kind is not None and _ends_trials(kind)}
+
+
+def _ends_trials(kind: AlarmKind) -> bool:
+    return kind.severity <= Severity.WARNING and kind.response is not Response.WAIT and kind.name not in BORNE

@@ -33,8 +33,12 @@ FROZEN_SAMPLES = 20
 FROZEN_TURN_RAD = math.radians(10.0)
 """A heading is frozen where it stays the very same number while the yaw rate adds up to this turn."""
 
+FROZEN_RUDDER_RAD, FROZEN_UNUSUAL = math.radians(4.0), 10
+"""Without a yaw rate it is frozen where it stays the same while the rudder moves this far, and that for this many times
+as many samples as it ever does elsewhere: a coarse compass stands for a while on every number."""
+
 FROZEN_SHARE = 0.3
-"""Without a yaw rate: the share of the recording through which it stays so under a moving rudder."""
+"""Without a yaw rate: the share of the recording through which a heading that stands says too little to go on."""
 
 
 def without_spikes(values: FloatArray, *, angle: bool = False) -> tuple[FloatArray, int]:
@@ -89,38 +93,56 @@ def check_rudder(source: str, rudder: FloatArray) -> None:
         )
 
 
-def without_freezes(source: str, time: FloatArray, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, int]:
-    """Return `heading` blanked where it stands still to the last digit although the yaw rate says that the boat
-    turns, and how many samples those are. time [s], heading [rad], rate [rad/s]: one length, nan where missing.
+def without_freezes(
+    source: str, time: FloatArray, heading: FloatArray, rate: FloatArray, rudder: FloatArray
+) -> tuple[FloatArray, int]:
+    """Return `heading` blanked where it stands still to the last digit although the yaw rate, or where there is none
+    the rudder, says that the boat turns, and how many samples those are. time [s], heading [rad], rate [rad/s], rudder
+    [rad]: one length, nan where missing.
 
     Raises InputError, naming `source`, where there is no yaw rate and a heading stands still for so much of the
     recording that nothing could be identified from it.
     """
     cleaned, blanked = heading, 0
-    for part in _standing(time, heading):
-        turning = rate[part]
-        known = np.isfinite(turning)
-        if known.any():
-            turned = abs(float(np.trapezoid(turning[known], time[part][known])))
-            swing = float(np.ptp(_turned(time[part][known], turning[known])))
-            if max(turned, swing) > FROZEN_TURN_RAD:
-                cleaned = heading.copy() if cleaned is heading else cleaned
-                cleaned[part] = np.nan
-                blanked += part.size
-        elif time[part[-1]] - time[part[0]] > FROZEN_SHARE * (time[-1] - time[0]):
-            raise InputError(
-                f"{source}: the heading stands at {math.degrees(heading[part[0]]) % 360.0:.1f} degrees from "
-                f"{time[part[0]]:g} s to {time[part[-1]]:g} s without changing a digit: the compass froze or the "
-                "stream stopped; keep only the part before or after."
-            )
+    standing, usual = _standing(time, heading)
+    for part in standing:
+        known = part[np.isfinite(rate[part])]
+        if known.size:
+            is_frozen = _has_turned(time[known], rate[known])
+        else:
+            _check_share(source, time, heading, part)
+            moved = rudder[part][np.isfinite(rudder[part])]
+            is_moved = moved.size > 0 and float(np.ptp(moved)) > FROZEN_RUDDER_RAD
+            is_frozen = is_moved and part.size >= FROZEN_UNUSUAL * usual
+        if is_frozen:
+            cleaned = heading.copy() if cleaned is heading else cleaned
+            cleaned[part] = np.nan
+            blanked += part.size
     return cleaned, blanked
 
 
-def _standing(time: FloatArray, heading: FloatArray) -> list[NDArray[np.intp]]:
-    """Return the rows of each long stretch in which the heading stays the same number."""
+def _check_share(source: str, time: FloatArray, heading: FloatArray, part: NDArray[np.intp]) -> None:
+    if time[part[-1]] - time[part[0]] > FROZEN_SHARE * (time[-1] - time[0]):
+        raise InputError(
+            f"{source}: the heading stands at {math.degrees(heading[part[0]]) % 360.0:.1f} degrees from "
+            f"{time[part[0]]:g} s to {time[part[-1]]:g} s without changing a digit: the compass froze or the "
+            "stream stopped; keep only the part before or after."
+        )
+
+
+def _standing(time: FloatArray, heading: FloatArray) -> tuple[list[NDArray[np.intp]], int]:
+    """Return the rows of each long stretch in which the heading stays the same number, and how many samples it stays so
+    elsewhere at most."""
     rows = np.flatnonzero(np.isfinite(heading))
     parts = np.split(rows, np.flatnonzero(np.diff(heading[rows]) != 0.0) + 1)
-    return [p for p in parts if p.size >= FROZEN_SAMPLES and time[p[-1]] - time[p[0]] >= FROZEN_SHORTEST_S]
+    long = [p.size >= FROZEN_SAMPLES and time[p[-1]] - time[p[0]] >= FROZEN_SHORTEST_S for p in parts]
+    usual = max((part.size for part, is_long in zip(parts, long, strict=True) if not is_long), default=0)
+    return [part for part, is_long in zip(parts, long, strict=True) if is_long], usual
+
+
+def _has_turned(time: FloatArray, rate: FloatArray) -> bool:
+    turned = abs(float(np.trapezoid(rate, time)))
+    return max(turned, float(np.ptp(_turned(time, rate)))) > FROZEN_TURN_RAD
 
 
 def _turned(time: FloatArray, rate: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ cut there. Heading and yaw rate are only compared with, so a blank among them si
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -106,8 +107,9 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     around = _around(time, {name: values[known] for name, values in columns.items() if name in AROUND})
     table = Segment(time, heading, rate, rudder, speed, *around)
     segments = [
-        _tidy(Segment(*(array[part] if array.size else array for array in table)))
-        for part in _stretches(time, rudder_known & speed_known)
+        _tidy(_rows(table, part))
+        for stretch in _stretches(time, rudder_known & speed_known)
+        for part in _parts(stretch, time, heading, rate)
     ]
     useful = tuple(segment for segment in segments if _measured(segment) >= SHORTEST_SEGMENT_SAMPLES)
     if not useful:
@@ -126,7 +128,9 @@ def _without_bad_samples(
     check_rudder(source, cleaned["rudder_rad"])
     if "heading_rad" in cleaned:
         rate = cleaned.get("yaw_rate_rad_s", np.full(cleaned["time_s"].size, np.nan))
-        cleaned["heading_rad"], frozen = without_freezes(source, cleaned["time_s"], cleaned["heading_rad"], rate)
+        cleaned["heading_rad"], frozen = without_freezes(
+            source, cleaned["time_s"], cleaned["heading_rad"], rate, cleaned["rudder_rad"]
+        )
         if frozen:
             notes.append(f"{source}: {frozen} headings are left out: the compass stood still while the boat turned.")
     for name in ("heading_rad", "yaw_rate_rad_s", "rudder_rad", "speed_m_s"):
@@ -191,12 +195,45 @@ def _stretches(time: FloatArray, known: NDArray[np.bool_]) -> list[slice]:
     return [slice(int(part[0]), int(part[-1]) + 1) for part in np.split(rows, cuts)]
 
 
+def _rows(table: Segment, part: slice) -> Segment:
+    return Segment(*(array[part] if array.size else array for array in table))
+
+
+def _parts(stretch: slice, time: FloatArray, heading: FloatArray, rate: FloatArray) -> list[slice]:
+    """Return the stretch in parts, cut where headings are blank for so long that a boat without measured rates may
+    have turned half round meanwhile: nobody could say which way."""
+    time, heading, rate = time[stretch], heading[stretch], rate[stretch]
+    rows = np.flatnonzero(np.isfinite(heading))
+    if rows.size < SHORTEST_SEGMENT_SAMPLES or np.isfinite(rate).any():
+        return [stretch]
+    moments = time[rows]
+    spacing = np.diff(moments)
+    seconds_ = np.arange(moments[0], moments[-1], max(1.0, float(np.median(spacing))))
+    turned = np.diff(np.interp(seconds_, moments, np.unwrap(heading[rows]))) / np.diff(seconds_)
+    fastest = float(np.quantile(np.abs(turned), 0.95)) if turned.size else 0.0
+    blanks = np.flatnonzero(spacing * fastest > math.pi)
+    if not blanks.size:
+        return [stretch]
+    first = stretch.start
+    begins = [first, *(first + rows[blanks + 1]).tolist()]
+    ends = [*(first + rows[blanks] + 1).tolist(), stretch.stop]
+    return [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
+
+
 def _tidy(segment: Segment) -> Segment:
     """Return the segment with its heading unwrapped over the samples that have one."""
     heading = segment.heading.copy()
-    measured = np.isfinite(heading)
+    measured, known = np.isfinite(heading), np.isfinite(segment.rate)
     heading[measured] = np.unwrap(heading[measured])
-    return segment._replace(heading=heading, rate=np.where(np.isfinite(segment.rate), segment.rate, np.nan))
+    if known.any():
+        # over a blank the boat may have turned round, which the rate has seen
+        rates = np.interp(segment.time, segment.time[known], segment.rate[known])
+        steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(segment.time)
+        turned = np.concatenate(([0.0], np.cumsum(steps)))[measured]
+        missed = np.rint((np.diff(turned) - np.diff(heading[measured])) / (2.0 * math.pi))
+        if missed.any():
+            heading[measured] += 2.0 * math.pi * np.concatenate(([0.0], np.cumsum(missed)))
+    return segment._replace(heading=heading, rate=np.where(known, segment.rate, np.nan))
 
 
 def _measured(segment: Segment) -> int:

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from plant import Plant
 
+from autopilot.alarm_panel import UNHEARD
+from autopilot.alarms import CATALOGUE, text_of
 from autopilot.angles import wrap
 from autopilot.build import TRIAL_LAW, build_pilot, gear_of, limits_of, model_of
 from autopilot.cli.main import main
@@ -235,6 +237,31 @@ def test_a_supervisor_event_ends_the_trial_with_its_reason(how: str) -> None:
         assert script.reason == "the pilot left the helm (failsafe): heading lost"
     assert script.is_over
     assert not script.is_complete
+
+
+@pytest.mark.parametrize("name", ["heading_disagrees", "geofence", "shallow", "disk_full", "rate_disagrees"])
+def test_an_alarm_that_comes_up_ends_the_trial(name: str) -> None:
+    script = script_of("zigzag", TrialLimits())
+    ticks, _ = sail(script, 3.0)
+    script(ticks[-1].now + DT, ticks[-1]._replace(alarms=(text_of(name, "seen just now"),)))
+    assert script.is_over
+    assert script.reason.startswith(f"alarm: {CATALOGUE[name].text} (seen just now)")
+
+
+@pytest.mark.parametrize("name", ["rudder_at_stop", "innovation", "deadline_missed", "clock_stepped"])
+def test_what_a_trial_brings_with_it_or_is_sailed_for_does_not_end_it(name: str) -> None:
+    script = script_of("zigzag", TrialLimits())
+    ticks, _ = sail(script, 3.0)
+    script(ticks[-1].now + DT, ticks[-1]._replace(alarms=(text_of(name), "what a link says in words of its own")))
+    assert not script.is_over
+
+
+def test_an_alarm_that_was_there_before_is_no_news_even_said_again() -> None:
+    watch, (tick,) = TrialWatch(TrialLimits()), sail(script_of("zigzag", duration=2.0))[0][-1:]
+    low = text_of("battery_low")
+    assert watch.reason(tick._replace(alarms=(low,))) == ""
+    assert watch.reason(tick._replace(alarms=(UNHEARD + low,))) == ""
+    assert watch.reason(tick._replace(alarms=(UNHEARD + low, text_of("shallow")))).startswith("alarm: shallow water")
 
 
 def test_progress_is_told_in_words() -> None:

@@ -90,9 +90,48 @@ def test_a_compass_that_freezes_with_no_rate_beside_it_is_refused() -> None:
         run_of(table, "frozen.csv")
 
 
+def test_a_compass_that_stands_for_a_while_with_no_rate_beside_it_is_left_out() -> None:
+    table = {name: values for name, values in _recorded().items() if name != "yaw_rate_rad_s"}
+    still = (np.arange(1200) >= 480) & (np.arange(1200) < 720)
+    run = run_of({**table, "heading_rad": np.where(still, table["heading_rad"][480], table["heading_rad"])}, "f.csv")
+    assert run.notes == ("f.csv: 240 headings are left out: the compass stood still while the boat turned.",)
+    found = identify([run])
+    assert found.model.gain == pytest.approx(0.2, rel=0.03)
+    assert found.model.time_constant == pytest.approx(5.0, rel=0.05)
+
+
+def test_a_coarse_compass_stands_on_every_number_and_is_believed() -> None:
+    time = np.arange(0.0, 120.0, 0.1)
+    heading = np.radians(np.round(6.0 * np.sin(0.1 * time)))
+    nothing, rudder = np.full(1200, np.nan), np.radians(15.0) * np.sign(np.cos(0.1 * time))
+    same, frozen = without_freezes("coarse.csv", time, heading, nothing, rudder)
+    assert frozen == 0
+    np.testing.assert_array_equal(same, heading)
+
+
+@pytest.mark.parametrize("rates", [True, False])
+def test_headings_that_are_blank_for_whole_turns_lose_none_of_them(rates: bool) -> None:
+    """A circle of 6 deg/s with 40 s of headings missing: 240 deg, which a compass takes for -120."""
+    time = np.arange(0.0, 120.0, 0.1)
+    heading = np.radians(6.0) * time
+    blank = (time > 40.0) & (time < 80.0)
+    table = {
+        "time_s": time,
+        "rudder_rad": np.full(1200, 0.2),
+        "speed_m_s": np.full(1200, 5.0),
+        "heading_rad": np.where(blank, np.nan, np.mod(heading, 2.0 * np.pi)),
+    }
+    run = run_of({**table, "yaw_rate_rad_s": np.full(1200, np.radians(6.0))} if rates else table)
+    assert len(run.segments) == (1 if rates else 2)
+    for segment in run.segments:
+        at = np.isfinite(segment.heading)
+        turned = segment.heading[at] - segment.heading[at][0]
+        np.testing.assert_allclose(turned, np.radians(6.0) * (segment.time[at] - segment.time[at][0]), atol=1e-9)
+
+
 def test_a_boat_that_lies_still_has_no_frozen_compass() -> None:
     time, heading = np.arange(0.0, 60.0, 0.1), np.full(600, 1.0)
-    same, frozen = without_freezes("still.csv", time, heading, 0.001 * np.sin(time))
+    same, frozen = without_freezes("still.csv", time, heading, 0.001 * np.sin(time), np.zeros(600))
     assert frozen == 0
     np.testing.assert_array_equal(same, heading)
 

@@ -157,3 +157,40 @@ def test_what_cannot_be_designed_is_one_sentence(
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1
     assert told in said[0]
+
+
+@pytest.mark.parametrize(
+    ("candidate", "options"),
+    [
+        (Candidate("zigzag", math.radians(15.0), math.radians(10.0)), ["--rudder-deg=15", "--heading-deg=10"]),
+        (Candidate("prbs", math.radians(10.0), 4.0), ["--rudder-deg=10", "--hold=4"]),
+    ],
+)
+def test_what_a_trial_is_foretold_to_tell_is_what_its_design_says(candidate: Candidate, options: list[str]) -> None:
+    from autopilot.cli.trial_foretold import foretold, sailed
+
+    arguments = build_parser().parse_args(["trial", candidate.kind, "lanxin", "--duration=90", *options])
+    design = design_of(BOAT._replace(spacing=0.1), Water(2000.0, 2000.0, 90.0), candidate)
+    assert design is not None
+    first, second = (TrialScript(steps_of(arguments, 30.0, model_of(VESSEL))) for _ in range(2))
+    told = cramer_rao([sailed(first, VESSEL)], BOAT.model, tuple(design.errors), NOISE)
+    assert told == pytest.approx(design.errors, rel=0.01)
+    quiet = replace(VESSEL, sensors=replace(VESSEL.sensors, rate_noise_deg_s=0.1, heading_noise_deg=0.2))
+    said = foretold(second, quiet)
+    assert f"K to {100.0 * told['gain'] / 0.2:.2g} %, T to {100.0 * told['time_constant'] / 5.0:.2g} %" in said
+    assert "It takes 90 s" in said
+
+
+def test_a_trial_without_end_is_foretold_to_its_limit(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["trial", "turning-circle", "lanxin", "--foretell", "--turn-deg", "180", "--side", "port"]) == 0
+    whole = capsys.readouterr().out
+    assert "before its time" not in whole
+    assert main(["trial", "turning-circle", "lanxin", "--foretell", "--time-limit", "9"]) == 0
+    cut = capsys.readouterr().out
+    assert "It takes 9 s" in cut
+    assert "It would end before its time: the time limit of 9 s is over." in cut
+
+
+def test_a_trial_that_is_to_be_sailed_needs_a_link(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["trial", "zigzag", "lanxin"]) == 2
+    assert "needs --link URL" in capsys.readouterr().err
