@@ -116,6 +116,10 @@ def run(arguments: argparse.Namespace) -> int:
 
         require_extra("by leaving out --report")
     from autopilot.cli import identify_report as report
+    from autopilot.params.saving import check_folder
+
+    for path in filter(None, (arguments.out, arguments.report)):
+        check_folder(path)
 
     steady = _steady_turns(arguments.steady_turns) if arguments.steady_turns else None
     if not arguments.logs:

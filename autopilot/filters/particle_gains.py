@@ -6,10 +6,12 @@ carried back, K = L grad_y phi solves the same equation.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autopilot.filters.midpoint import FloatArray
 
@@ -61,13 +63,12 @@ class GalerkinGain(NamedTuple):
         """Return sum_j K_j innovation_j, shape (N, d)."""
         y, L = own_coordinates(particles)
         N, d = y.shape
-        powers = _powers(d, self.degree, self.mixed)
-        values, slopes = _polynomials(y, powers)
-        flat = slopes.reshape(-1, len(powers))
-        A = flat.T @ flat / N
+        values, slopes = _polynomials(y, _growths(d, self.degree, self.mixed))
+        A = np.sum(slopes @ slopes.transpose(0, 2, 1), axis=0) / N
         A[np.diag_indices_from(A)] *= 1.0 + 1.0e-9
-        coefficients = np.linalg.solve(A, values.T @ g / (N - 1))
-        return np.asarray(np.einsum("nek,nk->ne", slopes, innovation @ coefficients.T) @ L.T)
+        coefficients = np.linalg.solve(A, values @ g / (N - 1))
+        along = np.einsum("ekn,kn->en", slopes, coefficients @ innovation.T)
+        return np.asarray((L @ along).T)
 
 
 class KernelGain(NamedTuple):
@@ -127,30 +128,39 @@ def own_coordinates(particles: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (around / size) @ (vectors / root), np.asarray(size[:, None] * vectors * root)
 
 
-def _powers(d: int, degree: int, mixed: int) -> tuple[tuple[int, ...], ...]:
-    """Return the exponents of every monomial up to `degree` with at most `mixed` different coordinates."""
-    chosen = (
-        term
-        for total in range(1, degree + 1)
-        for term in combinations_with_replacement(range(d), total)
-        if len(set(term)) <= mixed
-    )
-    return tuple(tuple(term.count(i) for i in range(d)) for term in chosen)
+class _Growth(NamedTuple):
+    """How the monomials of one total degree come from those of the degree below: by which of them, shape (k,), is
+    multiplied with which coordinate, shape (k,)."""
+
+    parent: NDArray[np.intp]
+    by: NDArray[np.intp]
 
 
-def _polynomials(y: FloatArray, powers: tuple[tuple[int, ...], ...]) -> tuple[FloatArray, FloatArray]:
-    """Return the monomials at the particles, shape (N, k), and their gradients, shape (N, d, k)."""
-    N, d = y.shape
-    values = np.ones((N, len(powers)))
-    slopes = np.zeros((N, d, len(powers)))
-    for k, exponents in enumerate(powers):
-        used = [i for i, e in enumerate(exponents) if e]
-        factors = {i: y[:, i] ** exponents[i] for i in used}
-        for i in used:
-            values[:, k] *= factors[i]
-            slope = exponents[i] * y[:, i] ** (exponents[i] - 1)
-            for other in used:
-                if other != i:
-                    slope = slope * factors[other]
-            slopes[:, i, k] = slope
-    return values, slopes
+@lru_cache
+def _growths(d: int, degree: int, mixed: int) -> tuple[_Growth, ...]:
+    """Return the growths up to `degree` from 1, of monomials with at most `mixed` different coordinates."""
+    below: list[tuple[int, ...]] = [()]
+    growths = []
+    for total in range(1, degree + 1):
+        terms = [t for t in combinations_with_replacement(range(d), total) if len(set(t)) <= mixed]
+        places = {term: place for place, term in enumerate(below)}
+        parents = np.array([places[term[:-1]] for term in terms], dtype=np.intp)
+        growths.append(_Growth(parents, np.array([term[-1] for term in terms], dtype=np.intp)))
+        below = terms
+    return tuple(growths)
+
+
+def _polynomials(y: FloatArray, growths: tuple[_Growth, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the monomials at the particles, shape (k, N), and their gradients, shape (d, k, N)."""
+    across = np.ascontiguousarray(y.T)
+    d, N = across.shape
+    value, slope = np.ones((1, N)), np.zeros((d, 1, N))
+    values, slopes = [], []
+    for parent, by in growths:
+        factor, before = across[by], value[parent]
+        slope = slope[:, parent] * factor
+        slope[by, np.arange(by.size)] += before
+        value = before * factor
+        values.append(value)
+        slopes.append(slope)
+    return np.concatenate(values), np.concatenate(slopes, axis=1)

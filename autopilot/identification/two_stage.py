@@ -43,19 +43,30 @@ def nomoto_stage(runs: Sequence[Run], reference_speed: float, forgetting: float 
     Without a measured yaw rate it is differenced from the heading. None where the result is no boat that
     settles on a turn (K and T not both positive).
     """
+    values = nomoto_path(runs, reference_speed, forgetting)[1]
+    gain, time_constant = values[-1].tolist() if len(values) else (0.0, 0.0)
+    return Nomoto(gain, time_constant, len(values)) if gain > 0.0 and time_constant > 0.0 else None
+
+
+def nomoto_path(runs: Sequence[Run], reference_speed: float, forgetting: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """Return how the recursion of `nomoto_stage` comes to its end: time [s] since the beginning of the first run, one
+    run right after the other, shape (n,), and K [1/s] and T [s] after each equation, shape (n, 2)."""
     state: RlsState = rls_start([0.0, 0.0])
-    count = 0
+    times, path, begun = [], [], 0.0
     for run in runs:
         for segment in run.segments:
-            phi, y = _equations(segment, reference_speed)
+            time, phi, y = _equations(segment, reference_speed)
             for row, value in zip(phi.tolist(), y.tolist(), strict=True):
                 state = rls_step(state, row, value, forgetting)
-            count += y.size
-    gain, time_constant = state.theta
-    return Nomoto(gain, time_constant, count) if gain > 0.0 and time_constant > 0.0 else None
+                path.append(state.theta)
+            times.append(begun + time)
+            begun += float(segment.time[-1] - segment.time[0])
+    return np.concatenate(times), np.array(path).reshape(-1, 2)
 
 
-def _equations(segment: Segment, reference_speed: float) -> tuple[FloatArray, FloatArray]:
+def _equations(segment: Segment, reference_speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return when each equation ends, shape (n,), [s] since the segment's beginning, its regressors, shape (n, 2), and
+    its right-hand side, shape (n,)."""
     rate = segment.rate
     if not np.isfinite(rate).any():
         rate = np.gradient(segment.heading, segment.time)
@@ -64,7 +75,8 @@ def _equations(segment: Segment, reference_speed: float) -> tuple[FloatArray, Fl
     slope = np.diff(rate) / (_means(ratio) * np.diff(segment.time))
     y = _means(rate)
     known = np.isfinite(y) & np.isfinite(slope)
-    return np.stack([drive[known], -slope[known]], axis=1), y[known]
+    ends = (segment.time[1:] - segment.time[0])[known]
+    return ends, np.stack([drive[known], -slope[known]], axis=1), y[known]
 
 
 def _means(values: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import tempfile
 from pathlib import Path
@@ -18,9 +19,17 @@ def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
     try:
         replace_file(path, text)
     except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror}); give a folder that you may write to."
-        ) from None
+        raise _unwritable(path, error.strerror) from None
+
+
+def check_folder(path: str | Path) -> None:
+    """Raise InputError where there is no folder to write `path` into: said before the work, not after it."""
+    if not Path(path).absolute().parent.is_dir():
+        raise _unwritable(path, os.strerror(errno.ENOENT))
+
+
+def _unwritable(path: str | Path, why: str | None) -> InputError:
+    return InputError(f"{path}: cannot be written ({why}); give a folder that you may write to.")
 
 
 def replace_file(path: Path, text: str, *, private: bool = False) -> None:

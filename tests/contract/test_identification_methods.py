@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Sequence
@@ -35,7 +36,7 @@ def zigzag(speed: float = SPEED, seconds: float = 40.0, angle: float = 0.25, gai
             rows.append((i * dt, heading, rate, rudder))
         if heading * math.copysign(1.0, order) >= abs(angle):
             order = -order
-        rudder += float(np.clip(order - rudder, -0.3 * dt, 0.3 * dt))
+        rudder += min(max(order - rudder, -0.3 * dt), 0.3 * dt)
         rate += dt * (gain * ratio * rudder - rate) / (T / ratio)
         heading += dt * rate
     table = np.array(rows)
@@ -63,9 +64,14 @@ def method(request: pytest.FixtureRequest) -> Method:
     return request.param
 
 
-@pytest.fixture(scope="module")
+@functools.cache
 def clean() -> Run:
     return run_of(zigzag())
+
+
+@functools.cache
+def clean_answer(method: Method) -> Identified:
+    return identify(method, [clean()])
 
 
 def identify(method: Method, runs: Sequence[Run], question: Question = NOMOTO) -> Identified:
@@ -79,38 +85,50 @@ def test_names_are_unique_and_found_again() -> None:
         method_named("magic")
 
 
-def test_it_finds_a_linear_boat_and_foretells_it(method: Method, clean: Run) -> None:
-    found = identify(method, [clean])
+def test_it_finds_a_linear_boat_and_foretells_it(method: Method) -> None:
+    found = clean_answer(method)
     assert found.model.gain == pytest.approx(K, rel=RECURSIVE_SHARE)
     assert found.model.time_constant == pytest.approx(T, rel=RECURSIVE_SHARE)
     assert found.model.n3 == 0.0
     assert found.model.reference_speed == SPEED
-    r2 = found.foretell(clean).yaw_rate_r2
+    r2 = found.foretell(clean()).yaw_rate_r2
     assert r2 is not None
     assert r2 > 0.97
 
 
-def test_it_says_how_sure_it_is_of_each_parameter_or_that_it_does_not_know(method: Method, clean: Run) -> None:
-    found = identify(method, [clean])
+def test_it_says_how_sure_it_is_of_each_parameter_or_that_it_does_not_know(method: Method) -> None:
+    found = clean_answer(method)
     assert set(PARAMETERS) <= set(found.standard_errors)
     told = [error for error in found.standard_errors.values() if error is not None]
     assert all(0.0 <= error < math.inf for error in told)
     assert told or any("standard error" in note for note in found.notes), "neither an error nor a word on why not"
 
 
-def test_the_same_runs_give_the_same_model_and_are_left_alone(method: Method, clean: Run) -> None:
-    before = [array.copy() for array in clean.segments[0]]
-    first, second = identify(method, [clean]), identify(method, [clean])
-    assert first.model == second.model
-    for now, then in zip(clean.segments[0], before, strict=True):
+def test_a_recursive_method_shows_how_it_came_to_its_estimate(method: Method) -> None:
+    found = clean_answer(method)
+    if method.name == "output-error":
+        assert found.convergence is None
+        return
+    assert found.convergence is not None
+    time, names, values = found.convergence
+    assert values.shape == (time.size, len(names)) and time.size > 20
+    assert np.all(np.diff(time) >= 0.0) and time[-1] <= clean().segments[0].time[-1] + 1e-9
+    for name in ("gain", "time_constant"):
+        assert values[-1, names.index(name)] == pytest.approx(getattr(found.model, name), rel=1e-6)
+
+
+def test_the_same_runs_give_the_same_model_and_are_left_alone(method: Method) -> None:
+    before = [array.copy() for array in clean().segments[0]]
+    assert identify(method, [clean()]).model == clean_answer(method).model
+    for now, then in zip(clean().segments[0], before, strict=True):
         np.testing.assert_array_equal(now, then)
 
 
-def test_port_mirrors_starboard(method: Method, clean: Run) -> None:
+def test_port_mirrors_starboard(method: Method) -> None:
     table = zigzag()
     for name in ("heading_rad", "yaw_rate_rad_s", "rudder_rad"):
         table[name] = -table[name]
-    straight, mirrored = identify(method, [clean]), identify(method, [run_of(table)])
+    straight, mirrored = clean_answer(method), identify(method, [run_of(table)])
     assert mirrored.model.gain == pytest.approx(straight.model.gain, rel=0.02)
     assert mirrored.model.time_constant == pytest.approx(straight.model.time_constant, rel=0.02)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from zigzag_trials import RECORDINGS
@@ -31,21 +33,21 @@ def trial(
     dt, random = 0.01, np.random.default_rng(seed)
     rate = heading = rudder = speed = sway = 0.0
     order, gust, rows = angle, 3.0, []
-    for i in range(int(seconds / dt)):
-        gust += dt / 10.0 * (3.0 - gust) + np.sqrt(dt) * 0.3 * random.normal()
+    for i, pushed in enumerate(random.normal(size=int(seconds / dt)).tolist()):
+        gust += dt / 10.0 * (3.0 - gust) + math.sqrt(dt) * 0.3 * pushed
         off_bow = 2.0 - heading
         if i % 10 == 0:
-            rows.append((i * dt, heading, rate, rudder, speed, propeller, abs(gust), off_bow % (2.0 * np.pi)))
-        if heading * np.sign(order) >= abs(angle) and speed > 0.1:
+            rows.append((i * dt, heading, rate, rudder, speed, propeller, abs(gust), off_bow % (2.0 * math.pi)))
+        if heading * math.copysign(1.0, order) >= abs(angle) and speed > 0.1:
             order = -order
-        rudder += float(np.clip(order - rudder, -0.4 * dt, 0.4 * dt))
+        rudder += min(max(order - rudder, -0.4 * dt), 0.4 * dt)
         # K/T = 0.01 1/s^2 and 1/T = 1/12 1/s at U0 and N0; the force on the rudder goes with the inflow squared, the
         # damping with the inflow
         inflow = max((speed**2 + race * propeller**2) / (U0**2 + race * N0**2), 0.0025)
         turning = 0.01 * inflow * rudder - (rate / 12.0) * inflow**0.5 - 20.0 * rate**3 / inflow**0.5
-        blown = wind * (np.sin(off_bow) - 0.5 * np.sin(2.0 * off_bow)) * gust**2
+        blown = wind * (math.sin(off_bow) - 0.5 * math.sin(2.0 * off_bow)) * gust**2
         rate += dt * (turning + blown + slide * speed * sway)
-        sway += dt * (-speed / U0 / 8.0 * sway + speed * rate + 2.0 * wind * gust**2 * np.sin(off_bow))
+        sway += dt * (-speed / U0 / 8.0 * sway + speed * rate + 2.0 * wind * gust**2 * math.sin(off_bow))
         heading += dt * rate
         speed += dt * 0.2 * (0.025 * propeller - speed - 3.0 * abs(rate))
     table = np.array(rows)
