@@ -82,7 +82,7 @@ def as_json(result: Result) -> str:
         "model": result.kind,
         "parameters": {
             quantity.symbol: _parameter(quantity, value, found.standard_errors[quantity.name])
-            for quantity, value in _quantities(found)
+            for quantity, value in _told_quantities(found)
         },
         "reference_speed_m_s": model.reference_speed,
         "reference_propeller_rps": found.around.reference_propeller if found.around else None,
@@ -112,6 +112,16 @@ def _quantities(found: Identified) -> list[tuple[Quantity, float]]:
         pairs += [(q, float(getattr(found.around, q.name))) for q in BESIDE if getattr(found.around, q.name) != 0.0]
     pairs += [(q, float(getattr(found.train, q.name))) for q in TRAIN if getattr(found.train, q.name) != 0.0]
     return pairs
+
+
+def _told_quantities(found: Identified) -> list[tuple[Quantity, float | None]]:
+    """Return the same with None for a K or T that the recordings do not determine."""
+    return [(q, None if q.symbol in undetermined(found) else value) for q, value in _quantities(found)]
+
+
+def undetermined(found: Identified) -> tuple[str, ...]:
+    """Return which of K and T, without which there is no model, the recordings do not determine."""
+    return tuple(symbol for symbol in ("K", "T") if symbol in found.unidentifiable)
 
 
 def _felt(found: Identified) -> bool:
@@ -179,14 +189,15 @@ def as_text(result: Result) -> str:
     found, model = result.found, result.found.model
     stages = _stages(result)
     rows = [("", "estimate", "standard error", "unit", "in degrees", "two-stage (RLS)")]
-    for quantity, value in _quantities(found):
+    for quantity, value in _told_quantities(found):
         std = found.standard_errors[quantity.name]
-        degrees = "" if quantity.factor == 1.0 else f"{value / quantity.factor:.5g} {quantity.unit_deg}"
+        in_degrees = None if value is None or quantity.factor == 1.0 else value / quantity.factor
+        degrees = "" if in_degrees is None else f"{in_degrees:.5g} {quantity.unit_deg}"
         staged = stages.get(quantity.symbol)
         rows.append(
             (
                 quantity.symbol,
-                f"{value:.5g}",
+                "not determined" if value is None else f"{value:.5g}",
                 _spread(quantity, std),
                 quantity.unit,
                 degrees,

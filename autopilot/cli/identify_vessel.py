@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from autopilot.cli.identify_report import Result
+from autopilot.cli.identify_report import Result, undetermined
+from autopilot.errors import InputError
 from autopilot.identification.runs import Run, Segment
 from autopilot.identification.steering import steering_errors, steering_model
 from autopilot.params.editing import updated_vessel_text
@@ -26,9 +27,11 @@ def write_vessel(path: str, result: Result) -> None:
     """Write the model into the vessel file at `path`; everything else in an existing file is kept, its
     comments too.
 
-    In a new file the rudder's angle and rate are the largest recorded, and say so. Raises InputError where the
-    existing file cannot be read or the file cannot be written.
+    In a new file the rudder's angle and rate are the largest recorded, and say so. Raises InputError where K or T is
+    not determined, the existing file cannot be read or the file cannot be written.
     """
+    if unknown := undetermined(result.found):
+        raise InputError(f"{path} is not written, for it needs K and T: {result.found.unidentifiable[unknown[0]]}")
     runs = [run for run, role, _ in result.predictions if role == "fit"]
     model = _model(result, runs)
     if Path(path).exists():

@@ -100,6 +100,9 @@ def _parameters(findings: Findings) -> list[tuple[str, ...]]:
         if value is None:
             continue
         error = found.standard_errors.get(name)
+        if symbol in ("K", "T") and symbol in found.unidentifiable:
+            rows.append((symbol, unit, "not determined", "-" if error is None else f"{error:.2g}", "-", "-"))
+            continue
         interval = "-" if error is None else f"{value - SURE_OF_IT * error:.4g} … {value + SURE_OF_IT * error:.4g}"
         least = f"{bound[name]:.2g}" if name in bound else "-"
         rows.append((symbol, unit, f"{value:.4g}", "held" if error is None else f"{error:.2g}", interval, least))

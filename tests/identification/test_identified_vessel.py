@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 from zigzag_trials import run_of, zigzag
 
-from autopilot.cli.identify_report import Result, as_text
+from autopilot.cli.identify_report import Result, as_json, as_text
 from autopilot.cli.identify_vessel import ASSUMED_RATE_DEG_S, recorded_rudder_rate, write_vessel
+from autopilot.errors import InputError
 from autopilot.identification.identified import Identified
 from autopilot.identification.noise import Noise
 from autopilot.identification.prediction import predict
@@ -21,10 +23,10 @@ TABLE = zigzag(math.radians(15.0), 10.0, 0.1)
 MODEL = Norrbin(0.7, 0.33, 3.2, n0=-0.01, reference_speed=5.0)
 
 
-def result(table: dict[str, np.ndarray] = TABLE) -> Result:
+def result(table: dict[str, np.ndarray] = TABLE, untold: str = "n3") -> Result:
     errors = {"gain": 0.01, "time_constant": 0.02, "n3": 0.3, "n1": None, "n0": 0.001}
     run = run_of(table, "folder/trial.csv")
-    found = Identified(MODEL, errors, {"T": "T: not told."}, (Noise(0.01, 0.5), Noise(0.02, 0.9)))
+    found = Identified(MODEL, errors, {untold: f"{untold}: not told."}, (Noise(0.01, 0.5), Noise(0.02, 0.9)))
     return Result("norrbin", found, None, [(run, "fit", predict(MODEL, run))])
 
 
@@ -66,6 +68,20 @@ def test_a_rudder_that_jumps_has_no_rate_to_be_read(tmp_path: Path) -> None:
 
 def test_the_table_for_people_names_every_parameter_in_both_units() -> None:
     text = as_text(result())
-    for part in ("K ", "T ", "n3", "n0", "s^2/deg^2", "trial.csv", "fit", "T: not told."):
+    for part in ("K ", "T ", "n3", "n0", "s^2/deg^2", "trial.csv", "fit", "n3: not told."):
         assert part in text
     assert "held" in text  # n1 has no standard error
+
+
+@pytest.mark.parametrize("untold", ["K", "T"])
+def test_what_the_runs_do_not_determine_is_named_and_not_printed_or_written(tmp_path: Path, untold: str) -> None:
+    path, found = tmp_path / "boat.yaml", result(untold=untold)
+    with pytest.raises(InputError, match=f"boat.yaml is not written, for it needs K and T: {untold}: not told."):
+        write_vessel(str(path), found)
+    assert not path.exists()
+    row = next(line for line in as_text(found).splitlines() if line.startswith(f"{untold} "))
+    assert "not determined" in row and f"{MODEL.gain if untold == 'K' else MODEL.time_constant:g} " not in row
+    told = json.loads(as_json(found))
+    assert told["parameters"][untold]["value"] is None
+    assert told["unidentifiable"] == [untold]
+    assert told["parameters"]["n3"]["value"] == MODEL.n3
