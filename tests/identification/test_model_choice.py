@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 import math
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ def table(seed: int, angle: float = 0.35, seconds: float = 40.0, **boat: float) 
     return noisy(record, math.radians(0.1), math.radians(0.2), seed)
 
 
+@functools.cache
 def run(seed: int, **boat: float) -> Run:
     return run_of(table(seed, **boat), f"run{seed}.csv")
 
@@ -113,7 +115,13 @@ def test_one_run_alone_has_no_trim_of_its_own() -> None:
     ("boat", "expected"),
     [({"n3": 0.0}, "nomoto1"), ({"n3": 0.0, "lag": 0.8}, "nomoto2"), ({}, "norrbin")],
 )
-def test_the_form_that_made_the_record_is_chosen(boat: dict[str, float], expected: str) -> None:
+def test_the_form_that_made_the_record_is_chosen(
+    boat: dict[str, float], expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if expected != "norrbin":
+        # nothing but the cubic damping could be taken for an unstable boat's: her long search is made once
+        forms = {name: form for name, form in FORMS.items() if not form.course_unstable}
+        monkeypatch.setattr(model_choice, "FORMS", forms)
     choice = choose([run(seed, **boat) for seed in range(2)], fit)
     assert choice.chosen == expected
     assert choice.form == FORMS[expected]
@@ -170,13 +178,14 @@ def test_the_command_prints_the_candidates_and_writes_n2(
 ) -> None:
     logs = [save(tmp_path / f"{seed}.csv", table(seed, n2=1.5)) for seed in range(2)]
     vessel = tmp_path / "boat.yaml"
+    few = {name: FORMS[name] for name in ("nomoto1", "norrbin", "norrbin-n2")}
+    monkeypatch.setattr(model_choice, "FORMS", few)
     assert main(["identify", *logs, "--model", "auto", "--out", str(vessel)]) == 0
     said = capsys.readouterr().out
     assert "held-out R2" in said
     assert "Chosen: norrbin-n2. Each of 2 runs was foretold" in said
     assert "n2_s_rad: 1." in vessel.read_text()
-    few = {name: FORMS[name] for name in ("nomoto1", "norrbin-n2")}
-    monkeypatch.setattr(model_choice, "FORMS", few)
+    few.pop("norrbin")
     assert main(["identify", *logs, "--model", "auto", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["model"] == "norrbin-n2"
