@@ -40,14 +40,19 @@ def _phase(
     return heading, rate, rudder
 
 
-def _driven(model: Norrbin, angle: float, speed: float, first: float, second: float) -> tuple[float, float, float]:
-    """Return heading, rate and time after `first` [s] towards +angle, `second` [s] towards -angle, and back to 0."""
+def _driven(
+    model: Norrbin, angle: float, speed: float, first: float, second: float, braked: float = 1.0
+) -> tuple[float, float, float]:
+    """Return heading, rate and time after `first` [s] towards +angle, `second` [s] towards -angle, and back to 0.
+
+    braked: the share of angle and speed that the rudder has from the second way on.
+    """
     now = (0.0, 0.0, 0.0)
     total = 0.0
-    for goal, seconds in ((angle, first), (-angle, second), (0.0, math.inf)):
+    for goal, seconds, share in ((angle, first, 1.0), (-braked * angle, second, braked), (0.0, math.inf, braked)):
         way = goal - now[2]
-        ramp = min(abs(way) / speed, seconds)
-        now = _phase(model, *now, math.copysign(speed, way), ramp)
+        ramp = min(abs(way) / (share * speed), seconds)
+        now = _phase(model, *now, math.copysign(share * speed, way), ramp)
         total += ramp
         if math.isfinite(seconds) and seconds > ramp:
             now = _phase(model, *now, 0.0, seconds - ramp)
@@ -55,19 +60,46 @@ def _driven(model: Norrbin, angle: float, speed: float, first: float, second: fl
     return now[0], now[1], total
 
 
-def bang_bang(model: Norrbin, angle_max: float, rate_max: float, change: float) -> float:
-    """Return the least time [s] for a `change` > 0 of heading [rad] under a rudder of `angle_max`, `rate_max` [rad]."""
+def bang_bang(model: Norrbin, angle_max: float, rate_max: float, change: float, braked: float = 1.0) -> float:
+    """Return the least time [s] for a `change` > 0 of heading [rad] under a rudder of `angle_max`, `rate_max` [rad].
+
+    braked: the turn is ended with this share of the rudder's angle and rate, so that a rudder which is weaker by as
+    much would still end it.
+    """
     longest = 4.0 * angle_max / rate_max + 20.0 * model.time_constant
 
+    def driven(first: float, second: float) -> tuple[float, float, float]:
+        return _driven(model, angle_max, rate_max, first, second, braked)
+
     def met(first: float) -> float:
-        """Counter-rudder's duration [s] that ends the turn."""
-        return _root(lambda second: _driven(model, angle_max, rate_max, first, second)[1], 0.0, longest)
+        """Counter-rudder's duration [s] that ends the turn; inf: none does."""
+        if driven(first, longest)[1] >= 0.0:
+            return math.inf
+        return _root(lambda second: driven(first, second)[1], 0.0, longest)
 
     def left(first: float) -> float:
-        return _driven(model, angle_max, rate_max, first, met(first))[0] - change
+        second = met(first)
+        return driven(first, second)[0] - change if math.isfinite(second) else change
 
     first = _root(left, 1.0e-3 * longest, 2.0 * longest)
-    return _driven(model, angle_max, rate_max, first, met(first))[2]
+    return driven(first, met(first))[2]
+
+
+def settled(model: Norrbin, angle_max: float, rate_max: float, change: float, braked: float, near: float) -> float:
+    """Return when [s] the turn of `bang_bang` is within `near` [rad] of its end, short of which it never stays."""
+    return bang_bang(model, angle_max, rate_max, change, braked) - _last_part(model, angle_max, rate_max, braked, near)
+
+
+def _last_part(model: Norrbin, angle_max: float, rate_max: float, braked: float, near: float) -> float:
+    """Return how long [s] the last `near` [rad] of a turn take: backwards from rest, the rudder from amidships."""
+    h, time, heading, rate = 1.0e-3, 0.0, 0.0, 0.0
+    while heading > -near:
+        rudder = -min(braked * rate_max * (time + 0.5 * h), braked * angle_max)
+        half = rate - 0.5 * h * yaw_acceleration(model, rate, rudder)
+        before, rate = rate, rate - h * yaw_acceleration(model, half, rudder)
+        heading -= 0.5 * h * (before + rate)
+        time += h
+    return time
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:

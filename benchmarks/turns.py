@@ -5,7 +5,8 @@
 The pilot with gains of level 5 (the course-unstable boat: 7) and the turn it plans by itself, 10 Hz compass with noise
 and gyro, rudder with 0.1 s lag and 0.1 s of delay in all; the boat turns as her model says (K 1.0), or as if K were
 30 % less or more. Settled: within 1 deg of the new heading, to stay. Quickest: `time_optimal.bang_bang`, which knows of
-no lag and no delay.
+no lag and no delay. Reserve: the quickest turn that is ended with RESERVED of the rudder's angle and rate, so that a
+rudder which is as much weaker than the model's would still end it, and the same up to 1 deg from its end.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from time_optimal import bang_bang
+from time_optimal import bang_bang, settled
 
 from autopilot.angles import wrap
 from autopilot.build import build_pilot, gear_of, limits_of, model_of
@@ -29,6 +30,7 @@ CONTROL_S, STEPS_A_TICK = 0.05, 5
 TURN = math.radians(90.0)
 BEFORE_S = 20.0
 SETTLED = math.radians(1.0)
+RESERVED = 0.7
 
 
 class Boat(NamedTuple):
@@ -71,9 +73,17 @@ def vessel_of(boat: Boat) -> Vessel:
     )
 
 
-def quickest(boat: Boat) -> float:
-    """Return the least time [s] of the turn, as the model has it, her trim aside."""
-    return bang_bang(boat.model._replace(n0=0.0), math.radians(boat.angle_deg), math.radians(boat.rate_deg_s), TURN)
+def quickest(boat: Boat, braked: float = 1.0) -> float:
+    """Return the least time [s] of the turn, as the model has it, her trim aside; `braked` as in `bang_bang`."""
+    return bang_bang(
+        boat.model._replace(n0=0.0), math.radians(boat.angle_deg), math.radians(boat.rate_deg_s), TURN, braked
+    )
+
+
+def settled_with_reserve(boat: Boat) -> float:
+    """Return when [s] the turn with reserve is within 1 deg of its end."""
+    model, limits = boat.model._replace(n0=0.0), (math.radians(boat.angle_deg), math.radians(boat.rate_deg_s))
+    return settled(model, *limits, TURN, RESERVED, SETTLED)
 
 
 def turned(boat: Boat, gain_factor: float, noise_deg: float, seconds: float, seed: int = 1) -> Turned:
@@ -111,14 +121,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--noise-deg", type=float, default=0.3)
     noise = parser.parse_args().noise_deg
-    print("boat      quickest    settling/quickest      overshoot [deg]")
-    print("            [s]      K 1.0   0.7   1.3     K 1.0   0.7   1.3")
+    print("boat      quickest    settling/quickest      overshoot [deg]      with reserve/quickest")
+    print("            [s]      K 1.0   0.7   1.3     K 1.0   0.7   1.3      at rest   within 1 deg")
     for name, boat in BOATS.items():
         least = quickest(boat)
         found = [turned(boat, factor, noise, 8.0 * least) for factor in (1.0, 0.7, 1.3)]
         settling = "".join(f"{one.settling_s / least:6.2f}" for one in found)
         overshoot = "".join(f"{one.overshoot_deg:6.2f}" for one in found)
-        print(f"{name:9s} {least:7.1f}    {settling}    {overshoot}", flush=True)
+        reserve = f"{quickest(boat, RESERVED) / least:9.2f}{settled_with_reserve(boat) / least:12.2f}"
+        print(f"{name:9s} {least:7.1f}    {settling}    {overshoot}     {reserve}", flush=True)
 
 
 if __name__ == "__main__":

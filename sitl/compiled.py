@@ -16,6 +16,7 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from autopilot.errors import InputError
+from sitl import quick_math
 
 OURS = ("autopilot.", "sitl.", "benchmarks.", "__main__", "test_", "liu2017", "pareto")
 
@@ -31,6 +32,9 @@ REORDERED = (
 )
 """What the quick compilation may do to sums and quotients, another order, one rounding less, and where: in smooth
 equations, which it moves by parts in 1e15, never where times are compared, which must fall on the same tick."""
+
+ALLOCATING = {"wave_forces", "_spherical_bessel_1", "_met"}
+"""Functions that make arrays, so that somebody must count who holds them; the others only read and write given ones."""
 
 
 def compiled(function: Callable[..., Any], *, quick: bool = False) -> Callable[..., Any]:
@@ -70,7 +74,9 @@ def _quick_jit(function: FunctionType) -> Any:
     import numba
 
     fast = ARITHMETIC if _is_reordered(function) else False
-    return numba.njit(fastmath=fast, error_model="numpy")(function)
+    allocates = function.__name__ in ALLOCATING
+    # called functions would be handed some hundred numbers each, and every array that they do not keep be counted
+    return numba.njit(fastmath=fast, error_model="numpy", forceinline=not allocates, _nrt=allocates)(function)
 
 
 def _is_reordered(function: FunctionType) -> bool:
@@ -104,6 +110,9 @@ def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
     scope = dict(function.__globals__)
     for name in called:
         value = scope.get(name)
+        if value is math and jit is _quick_jit and _is_reordered(function):
+            scope[name] = _quick_mathematics(jit, done)
+            continue
         if isinstance(value, FunctionType) and value.__module__.startswith(OURS):
             scope[name] = _compile(value, jit, done)
         elif isinstance(value, ModuleType) and value.__name__.startswith(OURS):
@@ -112,6 +121,15 @@ def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
     copy.__qualname__, copy.__module__ = function.__qualname__, function.__module__
     done[function] = jit(copy)
     return done[function]
+
+
+def _quick_mathematics(jit: Any, done: dict[Any, Any]) -> ModuleType:
+    """Return a stand-in for `math` with our sine and cosine."""
+    stand_in = ModuleType("math")
+    for name, value in vars(math).items():
+        setattr(stand_in, name, value)
+    stand_in.sin, stand_in.cos = (_compile(one, jit, done) for one in (quick_math.sine, quick_math.cosine))  # type: ignore[attr-defined]
+    return stand_in
 
 
 def _module(module: ModuleType, called: tuple[str, ...], jit: Any, done: dict[Any, Any]) -> ModuleType:

@@ -18,7 +18,7 @@ from autopilot.estimation.heading_update import (
     learn_waves,
     surprise,
 )
-from autopilot.estimation.rudder_track import RudderPast, held
+from autopilot.estimation.rudder_track import RudderPast, stretch, tick_at
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 
@@ -62,7 +62,9 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     longest = LONGEST_SHARE * model.time_constant
     end = min(to, state.time + PREDICT_LONGEST)
     noise = noises.usual if abs(fusion.surprise) < SURPRISED else noises.pushed
-    for until, angle in held(past, state.time, end, GRAIN_SHARE * model.time_constant):
+    tick = tick_at(past, state.time)
+    while state.time < end:
+        until, angle, tick = stretch(past, tick, state.time, end, GRAIN_SHARE * model.time_constant)
         for left in range(math.ceil((until - state.time) / longest), 1, -1):
             state = ekf.predict(model, noise, state, angle, state.time + (until - state.time) / left)
         state = ekf.predict(model, noise, state, angle, until)
@@ -77,10 +79,9 @@ def mean_at(
     if now <= state.time:
         return state.psi, state.rate, state.wave, state.wave_rate
     end = min(now, state.time + PREDICT_LONGEST)
-    parts, until, angle = 0, end, 0.0
-    for part_until, part_angle in held(past, state.time, end, GRAIN_SHARE * model.time_constant):
-        parts, until, angle = parts + 1, part_until, part_angle
-    if parts == 1 and until - state.time <= LONGEST_SHARE * model.time_constant:
+    tick = tick_at(past, state.time)
+    until, angle, _ = stretch(past, tick, state.time, end, GRAIN_SHARE * model.time_constant)
+    if until >= end and until - state.time <= LONGEST_SHARE * model.time_constant:
         return ekf.predict_mean(model, state, angle, until)
     ahead = carried(model, noises, fusion, past, now)
     return ahead.psi, ahead.rate, ahead.wave, ahead.wave_rate

@@ -27,7 +27,10 @@ class Ring(Protocol):
 
 
 class RudderPast(NamedTuple):
-    """Rudder angles [rad] from their times [s] on, in rings: tick n, of `ticks` so far, is at n modulo their length."""
+    """Rudder angles [rad] from their times [s] on, in rings: tick n, of `ticks` so far, is at n modulo their length.
+
+    The length is a power of two, so that n & (length - 1) is that place, for which no division is needed.
+    """
 
     times: Ring
     angles: Ring
@@ -35,37 +38,39 @@ class RudderPast(NamedTuple):
 
 
 def held(past: RudderPast, start: float, end: float, grain: float) -> Iterator[tuple[float, float]]:
-    """Yield (until [s], angle [rad]) from `start` to `end` [s], oldest first.
+    """Yield (until [s], angle [rad]) from `start` to `end` [s], oldest first; see `stretch`."""
+    at, tick = start, tick_at(past, start)
+    while at < end:
+        at, angle, tick = stretch(past, tick, at, end, grain)
+        yield at, angle
 
-    Neighbours that together last no longer than `grain` [s] are given as one, with their mean angle.
+
+def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float) -> tuple[float, float, int]:
+    """Return until when [s] the rudder stood as at `begun` [s], its angle [rad] and the tick of that time; `end` at most.
+
+    tick: that of `begun`. Neighbours that together last no longer than `grain` [s] are one, with their mean angle.
     """
-    times, angles, newest, size = past.times, past.angles, past.ticks - 1, len(past.times)
-    if end <= start:
-        return
-    if newest < 0 or start >= times[newest % size]:
-        yield end, angles[newest % size] if newest >= 0 else 0.0
-        return
-    begun = at = start
-    turned = 0.0
-    for tick in range(tick_at(past, start), newest + 1):
-        until = min(times[(tick + 1) % size], end) if tick < newest else end
-        if until <= at:
-            continue
-        if until - begun > grain and at > begun:
-            yield at, turned / (at - begun)
-            begun, turned = at, 0.0
-        turned += (until - at) * angles[tick % size]
-        at = until
-        if at >= end:
-            break
-    yield end, turned / (end - begun)
+    times, angles, newest, ring = past.times, past.angles, past.ticks - 1, len(past.times) - 1
+    if newest < 0 or begun >= times[newest & ring]:
+        return end, angles[newest & ring] if newest >= 0 else 0.0, newest
+    at, turned = begun, 0.0
+    while at < end:
+        until = min(times[(tick + 1) & ring], end) if tick < newest else end
+        if until > at:
+            if until - begun > grain and at > begun:
+                break
+            turned += (until - at) * angles[tick & ring]
+            at = until
+        if at < end:
+            tick += 1
+    return at, turned / (at - begun), tick
 
 
 def tick_at(past: RudderPast, time: float) -> int:
     """Return the newest tick at or before `time` [s], or the oldest that is known; there must be one."""
-    tick, size = past.ticks - 1, len(past.times)
-    oldest = max(past.ticks - size, 0)
-    while tick > oldest and past.times[tick % size] > time:
+    tick, ring = past.ticks - 1, len(past.times) - 1
+    oldest = max(past.ticks - ring - 1, 0)
+    while tick > oldest and past.times[tick & ring] > time:
         tick -= 1
     return tick
 
@@ -103,7 +108,7 @@ class RudderTrack:
     @property
     def angle(self) -> float:
         """Newest estimate [rad]."""
-        return self._angles[(self._ticks - 1) % KEPT] if self._ticks else 0.0
+        return self._angles[(self._ticks - 1) & (KEPT - 1)] if self._ticks else 0.0
 
     def is_known(self, now: float) -> bool:
         """Return whether feedback at `now` [s] says where the rudder is, whoever moves it."""
@@ -121,22 +126,22 @@ class RudderTrack:
     def advance(self, now: float) -> float:
         """Move the model to `now` [s] and return the estimate [rad]."""
         if self._ticks:
-            dt = now - self._times[(self._ticks - 1) % KEPT]
+            dt = now - self._times[(self._ticks - 1) & (KEPT - 1)]
             if dt <= 0.0:
                 return self.angle
             self._modelled = gear_step(self._gear, self._modelled, self._line.effective(now), dt)
         angle = self._modelled
         if self._feedback is not None and self.is_known(now):
             angle += self._feedback[1] - self._modelled_at(self._feedback[0])
-        place = self._ticks % KEPT
+        place = self._ticks & (KEPT - 1)
         self._times[place], self._gears[place], self._angles[place] = now, self._modelled, angle
         self._ticks += 1
         return angle
 
     def _modelled_at(self, time: float) -> float:
-        if not self._ticks or time >= self._times[(self._ticks - 1) % KEPT]:
+        if not self._ticks or time >= self._times[(self._ticks - 1) & (KEPT - 1)]:
             return self._modelled
-        return self._gears[tick_at(self.past, time) % KEPT]
+        return self._gears[tick_at(self.past, time) & (KEPT - 1)]
 
     def held(self, start: float, end: float, grain: float) -> list[tuple[float, float]]:
         """Return what `held` yields of this rudder's past."""

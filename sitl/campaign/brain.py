@@ -127,7 +127,9 @@ class Heard(NamedTuple):
 
 
 class Past(NamedTuple):
-    """Rings of the steering gear's model: ticks' times [s] and angles [rad], orders [rad] and when they were given."""
+    """Rings of the steering gear's model: ticks' times [s] and angles [rad], orders [rad] and when they were given.
+
+    Their lengths are powers of two."""
 
     times: Floats
     angles: Floats
@@ -196,7 +198,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     limited = limit(brain.limits, mind.told, demand, dt)
     rest = rested(brain.limits, brain.dead_band, mind.rest, demand, limited)
     told = rest.told
-    place = listened.ticks % len(past.orders)
+    place = listened.ticks & (len(past.orders) - 1)
     past.order_times[place], past.orders[place] = now, told
     easy_time = listened.easy_time if abs(mind.told) >= AT_THE_STOP * brain.limits.angle_max else now
     off = shortest_turn(heading, boat.heading)
@@ -260,7 +262,7 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         speed = heard.speed if math.isnan(speed) else speed + share * (heard.speed - speed)
         model, speed_time = _model_at(brain, speed), now
     rudder = gear_step(brain.gear, mind.rudder, _order_at(brain, mind, past, now), now - mind.now)
-    place = mind.ticks % len(past.times)
+    place = mind.ticks & (len(past.times) - 1)
     past.times[place], past.angles[place] = now, rudder
     fusion, heading_time, gone = mind.fusion, mind.heading_time, mind.gone
     same, heading, heard_time, apart = mind.same, mind.heading, mind.heard_time, mind.apart
@@ -312,11 +314,11 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
 
 def _order_at(brain: Brain, mind: Mind, past: Past, now: float) -> float:
     """Return the order in effect at `now` [s]: the newest that was given the gear's delay ago."""
-    size = len(past.orders)
+    ring = len(past.orders) - 1
     order = mind.ticks
-    while order > 0 and order > mind.ticks - size and past.order_times[order % size] + brain.gear.delay > now:
+    while order > 0 and order >= mind.ticks - ring and past.order_times[order & ring] + brain.gear.delay > now:
         order -= 1
-    return float(past.orders[order % size])
+    return float(past.orders[order & ring])
 
 
 def _model_at(brain: Brain, speed: float) -> Norrbin:

@@ -199,11 +199,16 @@ def rooms_of(setting: Setting) -> Rooms:
     """Return memory for one run."""
     delay, latency = setting.plant.gear.delay, setting.instruments.latency
     tick = setting.instruments.every * setting.dt
-    past = RING + math.ceil(2.0 / tick)
-    orders = 2 + math.ceil(setting.brain.gear.delay / tick)
+    past = ring_of(RING + math.ceil(2.0 / tick))
+    orders = ring_of(3 + math.ceil(setting.brain.gear.delay / tick))
     return Rooms(
         surface_of(len(setting.water.waves.number)),
-        Past(np.zeros(past), np.zeros(past), np.zeros(orders + 1), np.zeros(orders + 1)),
-        np.zeros(2 + math.ceil(delay / setting.dt)),
-        np.zeros((2 + math.ceil(latency / tick), 3)),
+        Past(np.zeros(past), np.zeros(past), np.zeros(orders), np.zeros(orders)),
+        np.zeros(ring_of(2 + math.ceil(delay / setting.dt))),
+        np.zeros((ring_of(2 + math.ceil(latency / tick)), 3)),
     )
+
+
+def ring_of(least: int) -> int:
+    """Return the length of a ring that holds `least` entries: a power of two."""
+    return 1 << (least - 1).bit_length()

@@ -80,7 +80,9 @@ class Setting(NamedTuple):
 
 
 class Rooms(NamedTuple):
-    """Memory that a run writes in: the waves' surface, the pilot's past, orders to the rudder by step, readings."""
+    """Memory that a run writes in: the waves' surface, the pilot's past, orders to the rudder by step, readings.
+
+    All but the surface are rings whose lengths are powers of two."""
 
     surface: Surface
     past: Past
@@ -95,6 +97,9 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
     water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
     lag = math.ceil(instruments.latency / dt - 1.0e-7)
     taken, order = 0, 0.0
+    # counted on, for a division of integers costs as much as a third of a step
+    next_tick, next_water, next_reading, ticks, felt, reading = lag, 0, instruments.every - 1, 0, 0, 0
+    orders_ring = len(rooms.orders) - 1
     heading, rate, speed = readings(instruments, 0, state)
     _keep(rooms, 0, heading, rate, speed)
     if instruments.missing[0]:
@@ -103,22 +108,24 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
     score, told = NOTHING, 0.0
     for step in range(setting.steps):
         time = step * dt
-        if step >= lag and (step - lag) % instruments.every == 0:
-            heard = heard_of(instruments, rooms, (step - lag) // instruments.every, dt)
+        if step == next_tick:
+            heard = heard_of(instruments, rooms, ticks, dt)
+            next_tick, ticks = next_tick + instruments.every, ticks + 1
             mind = tick(setting.brain, mind, rooms.past, time, heard, ordered(course, time))
             if mind.gone and setting.is_watched:
                 return score, False
             score = scored(score, course, time, state.heading, state.speed, told, mind.told)
             told = mind.told
-        rooms.orders[step % len(rooms.orders)] = told
+        rooms.orders[step & orders_ring] = told
         while taken <= step and taken * dt + setting.plant.gear.delay <= time:
-            order = rooms.orders[taken % len(rooms.orders)]
+            order = rooms.orders[taken & orders_ring]
             taken += 1
-        if step % setting.water_every == 0:
-            water, acting = water_step(setting.water, rooms.surface, water, step // setting.water_every, felt_dt, state)
+        if step == next_water:
+            water, acting = water_step(setting.water, rooms.surface, water, felt, felt_dt, state)
+            next_water, felt = next_water + setting.water_every, felt + 1
         state = boat_step(setting.plant, setting.shares, state, order, setting.thrust_speed, acting, dt)
-        if (step + 1) % instruments.every == 0:
-            reading = (step + 1) // instruments.every
+        if step == next_reading:
+            next_reading, reading = next_reading + instruments.every, reading + 1
             heading, rate, speed = readings(instruments, reading, state)
             _keep(rooms, reading, heading, rate, speed)
     return score, True
@@ -141,7 +148,7 @@ def readings(instruments: Instruments, reading: int, state: BoatState) -> tuple[
 
 
 def _keep(rooms: Rooms, reading: int, heading: float, rate: float, speed: float) -> None:
-    place = reading % len(rooms.readings)
+    place = reading & (len(rooms.readings) - 1)
     rooms.readings[place, 0] = heading
     rooms.readings[place, 1] = rate
     rooms.readings[place, 2] = speed
@@ -149,7 +156,7 @@ def _keep(rooms: Rooms, reading: int, heading: float, rate: float, speed: float)
 
 def heard_of(instruments: Instruments, rooms: Rooms, reading: int, dt: float) -> Heard:
     """Return what of a set of readings reaches the pilot."""
-    place, time = reading % len(rooms.readings), reading * instruments.every * dt
+    place, time = reading & (len(rooms.readings) - 1), reading * instruments.every * dt
     missing = instruments.missing[reading] if instruments.fails else 0
     heading, rate, speed = math.nan, math.nan, math.nan
     if not missing & NO_HEADING:

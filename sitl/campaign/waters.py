@@ -124,9 +124,10 @@ def _phases(
     moved = along - along_before
     is_far = abs(moved) * components.number[-1] + dt * components.frequency[-1] > LONGEST_TURN
     if step % AFRESH == 0 or is_far:
-        theta = components.number * along - components.frequency * (step * dt) + components.phase
-        surface.cosine[:] = np.cos(theta)
-        surface.sine[:] = np.sin(theta)
+        for k in range(len(components.number)):
+            theta = components.number[k] * along - components.frequency[k] * (step * dt) + components.phase[k]
+            surface.cosine[k] = math.cos(theta)
+            surface.sine[k] = math.sin(theta)
     else:
         turned(components.number, components.frequency, moved, dt, surface.cosine, surface.sine)
     return along
