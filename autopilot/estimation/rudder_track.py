@@ -46,7 +46,7 @@ def held(past: RudderPast, start: float, end: float, grain: float) -> Iterator[t
 
 
 def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float) -> tuple[float, float, int]:
-    """Return until when [s] the rudder stood as at `begun` [s], its angle [rad] and the tick of that time; `end` at most.
+    """Return until when [s], `end` at most, the rudder stood as at `begun` [s], its angle [rad] and that time's tick.
 
     tick: that of `begun`. Neighbours that together last no longer than `grain` [s] are one, with their mean angle.
     """

@@ -7,10 +7,20 @@ from typing import NamedTuple
 
 
 class ApparentWind(NamedTuple):
-    """speed [m/s] over the boat; angle [rad] from the bow to where the wind comes from, positive to starboard."""
+    """How much of the wind over the boat comes from ahead and from starboard [m/s]: V cos(gamma) and V sin(gamma)."""
 
-    speed: float
-    angle: float
+    ahead: float
+    starboard: float
+
+    @property
+    def speed(self) -> float:
+        """V [m/s]."""
+        return math.hypot(self.ahead, self.starboard)
+
+    @property
+    def angle(self) -> float:
+        """gamma [rad] from the bow to where the wind comes from, positive to starboard."""
+        return math.atan2(self.starboard, self.ahead)
 
 
 class WindLoad(NamedTuple):
@@ -36,9 +46,8 @@ def apparent_wind(
     """
     north = -wind_speed * math.cos(wind_from) - north_speed
     east = -wind_speed * math.sin(wind_from) - east_speed
-    from_ahead = -(north * math.cos(heading) + east * math.sin(heading))
-    from_starboard = -(-north * math.sin(heading) + east * math.cos(heading))
-    return ApparentWind(math.hypot(north, east), math.atan2(from_starboard, from_ahead))
+    cosine, sine = math.cos(heading), math.sin(heading)
+    return ApparentWind(-(north * cosine + east * sine), north * sine - east * cosine)
 
 
 def rudder_equivalent(load: WindLoad, wind: ApparentWind) -> float:
@@ -48,12 +57,12 @@ def rudder_equivalent(load: WindLoad, wind: ApparentWind) -> float:
     abeam; sin(2 gamma) is its first harmonic (Isherwood 1973 tabulates the rest). c > 0 turns the bow away
     from a wind on the bow, as it does on most power boats.
     """
-    return -load.rudder_per_speed_squared * wind.speed * wind.speed * math.sin(2.0 * wind.angle)
+    return -load.rudder_per_speed_squared * 2.0 * wind.ahead * wind.starboard
 
 
 def leeway_speed(load: WindLoad, wind: ApparentWind) -> float:
     """Return the sideways drift [m/s], positive to starboard: away from the wind."""
-    return -load.leeway * wind.speed * math.sin(wind.angle)
+    return -load.leeway * wind.starboard
 
 
 def gust_step(gust: Gust, value: float, dt: float, deviate: float) -> float:

@@ -107,18 +107,23 @@ def test_apparent_wind_of_a_boat_under_way() -> None:
     assert (beam.speed, beam.angle) == (pytest.approx(8.0), pytest.approx(math.pi / 2.0))
 
 
+def felt_from(speed: float, angle: float) -> wind.ApparentWind:
+    return wind.ApparentWind(speed * math.cos(angle), speed * math.sin(angle))
+
+
 def test_wind_on_the_starboard_bow_pushes_to_port() -> None:
     load = wind.WindLoad(rudder_per_speed_squared=1e-3, leeway=0.02)
-    felt = wind.ApparentWind(10.0, math.radians(45.0))
+    felt = felt_from(10.0, math.radians(45.0))
     assert wind.rudder_equivalent(load, felt) == pytest.approx(-0.1)
     assert wind.leeway_speed(load, felt) == pytest.approx(-0.2 * math.sin(math.radians(45.0)))
-    assert wind.rudder_equivalent(load, wind.ApparentWind(10.0, math.pi / 2.0)) == pytest.approx(0.0, abs=1e-12)
+    assert wind.rudder_equivalent(load, felt_from(10.0, math.pi / 2.0)) == pytest.approx(0.0, abs=1e-12)
 
 
 @given(angle=st.floats(-math.pi, math.pi), speed=st.floats(0.0, 40.0))
 def test_wind_load_is_odd_in_its_side(angle: float, speed: float) -> None:
     load = wind.WindLoad(1e-3, 0.02)
-    starboard, port = wind.ApparentWind(speed, angle), wind.ApparentWind(speed, -angle)
+    starboard, port = felt_from(speed, angle), felt_from(speed, -angle)
+    assert wind.rudder_equivalent(load, starboard) == pytest.approx(-1e-3 * speed**2 * math.sin(2.0 * angle), abs=1e-12)
     assert wind.rudder_equivalent(load, starboard) == -wind.rudder_equivalent(load, port)
     assert wind.leeway_speed(load, starboard) == -wind.leeway_speed(load, port)
 
