@@ -73,10 +73,17 @@ def is_kept(ready: Callable[..., Any]) -> bool:
 def _quick_jit(function: FunctionType) -> Any:
     import numba
 
-    fast = ARITHMETIC if _is_reordered(function) else False
+    fast = _freedom(function)
     allocates = function.__name__ in ALLOCATING
     # called functions would be handed some hundred numbers each, and every array that they do not keep be counted
     return numba.njit(fastmath=fast, error_model="numpy", forceinline=not allocates, _nrt=allocates)(function)
+
+
+def _freedom(function: FunctionType) -> Any:
+    """Return what the compilation may do to the arithmetic of a function; numba wants False for nothing."""
+    if function.__module__ == quick_math.__name__:
+        return {"contract"}
+    return ARITHMETIC if _is_reordered(function) else False
 
 
 def _is_reordered(function: FunctionType) -> bool:
@@ -94,7 +101,7 @@ def _fingerprint(functions: Iterable[FunctionType]) -> str:
 
     parts = [numba.__version__]
     for function in functions:
-        fast = sorted(ARITHMETIC) if _is_reordered(function) else []
+        fast = sorted(_freedom(function) or ())
         code, scope = function.__code__, function.__globals__
         used = {name: scope[name] for name in code.co_names if name in scope}
         values = {name: value for name, value in used.items() if isinstance(value, float | int | str | tuple | dict)}
@@ -128,7 +135,8 @@ def _quick_mathematics(jit: Any, done: dict[Any, Any]) -> ModuleType:
     stand_in = ModuleType("math")
     for name, value in vars(math).items():
         setattr(stand_in, name, value)
-    stand_in.sin, stand_in.cos = (_compile(one, jit, done) for one in (quick_math.sine, quick_math.cosine))  # type: ignore[attr-defined]
+    for name, function in (("sin", quick_math.sine), ("cos", quick_math.cosine)):
+        setattr(stand_in, name, _compile(function, jit, done))
     return stand_in
 
 

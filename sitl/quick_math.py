@@ -32,12 +32,20 @@ def cosine(angle: float) -> float:
     return -value if (k + 1) & 2 else value
 
 
+# both series are summed in pairs: one after the other, their terms would wait for each other
+
+
 def _sine_near(r: float) -> float:
     q = r * r
-    rest = 1 / 362880 - q * (1 / 39916800 - q * (1 / 6227020800 - q * (1 / 1307674368000)))
-    return r + r * q * (-1 / 6 + q * (1 / 120 + q * (-1 / 5040 + q * rest)))
+    q2 = q * q
+    low = (-1 / 6 + q * (1 / 120)) + q2 * (-1 / 5040 + q * (1 / 362880))
+    high = (-1 / 39916800 + q * (1 / 6227020800)) - q2 * (1 / 1307674368000)
+    return r + (r * q) * (low + (q2 * q2) * high)
 
 
 def _cosine_near(q: float) -> float:
-    rest = 1 / 40320 - q * (1 / 3628800 - q * (1 / 479001600 - q * (1 / 87178291200 - q * (1 / 20922789888000))))
-    return 1.0 + q * (-0.5 + q * (1 / 24 + q * (-1 / 720 + q * rest)))
+    q2 = q * q
+    q4 = q2 * q2
+    low = (-0.5 + q * (1 / 24)) + q2 * (-1 / 720 + q * (1 / 40320))
+    high = (-1 / 3628800 + q * (1 / 479001600)) + q2 * (-1 / 87178291200 + q * (1 / 20922789888000))
+    return 1.0 + q * (low + q4 * high)
