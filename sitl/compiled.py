@@ -34,7 +34,8 @@ REORDERED = (
 equations, which it moves by parts in 1e15, never where times are compared, which must fall on the same tick."""
 
 ALLOCATING = {"wave_forces", "_spherical_bessel_1", "_met"}
-"""Functions that make arrays, so that somebody must count who holds them; the others only read and write given ones."""
+"""Functions of ours that make arrays, so that somebody must count who holds them; the others only read and write given
+ones. A study's own functions may do either."""
 
 
 def compiled(function: Callable[..., Any], *, quick: bool = False) -> Callable[..., Any]:
@@ -74,7 +75,7 @@ def _quick_jit(function: FunctionType) -> Any:
     import numba
 
     fast = _freedom(function)
-    allocates = function.__name__ in ALLOCATING
+    allocates = function.__name__ in ALLOCATING or not function.__module__.startswith(("autopilot.", "sitl."))
     # called functions would be handed some hundred numbers each, and every array that they do not keep be counted
     return numba.njit(fastmath=fast, error_model="numpy", forceinline=not allocates, _nrt=allocates)(function)
 
