@@ -290,3 +290,8 @@ def test_a_turn_pattern_is_ordered_by_number() -> None:
     assert abs(boat.sail(40.0).state.heading) == pytest.approx(math.pi, abs=0.05)
     boat.listen(0.1)
     assert {"arm first", "pattern 6: allowed is 0 to 5"} <= set(texts(boat))
+    assert boat.command(pattern, 1, 1, 50) == ACCEPTED
+    assert boat.sail(5.0).order.is_led
+    assert boat.command(dialect.MAV_CMD_DO_SET_MODE, 1, GUIDED) == ACCEPTED
+    held = boat.sail(0.1).order
+    assert not held.is_led and boat.sail(10.0).order.heading == held.heading, "the mode that holds ends the pattern"

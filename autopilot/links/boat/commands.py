@@ -121,7 +121,8 @@ class Commands:
             return self._follow_mission(tick)
         if tick is None or not _steers(tick):
             self._helmsman.engage(None)
-        elif self.mission.is_followed:
+        elif self.mission.is_followed or (tick.order.is_led and not self.mission.guide.following):
+            # out of a route, a turn pattern, or where wind or plotter lead; going to a place belongs to this mode
             self._helmsman.turn_to(tick.order.heading)
         return ACCEPTED
 

@@ -149,6 +149,22 @@ function drawLink() {
   if (stale.textContent !== trouble) stale.textContent = trouble;
 }
 
+/* What is wrong stands before the colon, what to do behind it. Once acknowledged, it opens on a touch: one line each. */
+function alarmLine({ words, acknowledged }) {
+  const [wrong, ...what] = words.split(": ");
+  const line = document.createElement("li");
+  const todo = Object.assign(document.createElement("small"), { textContent: what.join(": "), hidden: !what.length });
+  if (!acknowledged) {
+    line.append(wrong, todo);
+    return line;
+  }
+  const seen = document.createElement("details"), head = document.createElement("summary");
+  head.append(wrong, Object.assign(document.createElement("small"), { textContent: "acknowledged" }));
+  seen.append(head, todo);
+  line.append(seen);
+  return line;
+}
+
 function drawAlarms() {
   const element = byId("alarms");
   const alarms = boat.alarms ?? [];
@@ -159,24 +175,7 @@ function drawAlarms() {
   element.hidden = alarms.length === 0;
   element.classList.toggle("seen", alarms.every((alarm) => !alarm.sounds));
   const list = document.createElement("ul");
-  for (const { words, acknowledged } of alarms) {
-    // what is wrong stands before the colon, what to do behind it
-    const colon = words.indexOf(": ");
-    const item = document.createElement("li");
-    item.textContent = colon > 0 ? words.slice(0, colon) : words;
-    if (colon > 0) {
-      const what = document.createElement("small");
-      what.textContent = words.slice(colon + 2);
-      item.append(what);
-    }
-    if (acknowledged) {
-      const seen = document.createElement("small");
-      seen.className = "acknowledged";
-      seen.textContent = "acknowledged";
-      item.append(seen);
-    }
-    list.append(item);
-  }
+  list.append(...alarms.map(alarmLine));
   element.replaceChildren(list);
   if (alarms.some((alarm) => alarm.sounds)) {
     const button = document.createElement("button");
