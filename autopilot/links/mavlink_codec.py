@@ -77,7 +77,7 @@ class MavlinkCodec:
     def encode(self, message: Message) -> bytes:
         """Return the MAVLink 2 packet of `message` under this identity, with the next sequence number."""
         mavlink = self._mavlink
-        writer = writer_of(message_id(message))
+        writer = writer_of(type(message))
         packet: bytes = (
             message.pack(mavlink)
             if writer is None

@@ -76,16 +76,17 @@ def _values(names: Sequence[str], arrays: Sequence[int]) -> Callable[[Any], Sequ
     return with_bytes
 
 
-_writers: dict[int, Writer | None] = {}
+_writers: dict[type[Any], Writer | None] = {}
 _layouts: dict[int, Layout | None] = {}
 
 
-def writer_of(identity: int) -> Writer | None:
-    """Return how the message `identity` is written; None where that is left to pymavlink."""
+def writer_of(kind: type[Any]) -> Writer | None:
+    """Return how messages of the class `kind` are written; None where that is left to the class itself."""
     try:
-        return _writers[identity]
+        return _writers[kind]
     except KeyError:
-        writer = _writers[identity] = _writer(KNOWN[identity])
+        # a class derived from a message's own packs its fields in a way of its own
+        writer = _writers[kind] = _writer(kind) if kind in KNOWN.values() else None
         return writer
 
 
