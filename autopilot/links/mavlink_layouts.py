@@ -85,8 +85,8 @@ def writer_of(kind: type[Any]) -> Writer | None:
     try:
         return _writers[kind]
     except KeyError:
-        # a class derived from a message's own packs its fields in a way of its own
-        writer = _writers[kind] = _writer(kind) if kind in KNOWN.values() else None
+        # our own messages, and classes derived from the dialect's, pack their fields in a way of their own
+        writer = _writers[kind] = _writer(kind) if dialect.mavlink_map.get(kind.id) is kind else None
         return writer
 
 

@@ -34,7 +34,15 @@ LASTS = re.compile(
 )
 """What sails until it is stopped is given a duration."""
 STAYS = re.compile(r"^((?:autopilot (?:web|signalk)|sitl ardupilot-physics) [^&\n]*)$", re.MULTILINE)
-"""What has no clock of its own is stopped as Ctrl-C does."""
+"""What has no clock of its own is stopped as Ctrl-C does, three seconds after it has said its first word."""
+STAY = """stay() {
+    env --default-signal=INT "$@" > stay.txt &
+    local pid=$!
+    while [ ! -s stay.txt ] && kill -0 $pid; do sleep 0.2; done
+    sleep 3
+    kill -INT $pid
+    wait $pid
+}"""
 UNTOUCHED = {"4800", "38400", "57600", "115200", "14599"}
 """Baud rates, and the port on which `sitl fault` asks unless told otherwise."""
 SAID_BY_THE_GATE = ("demo", "tests", "workflow")
@@ -146,7 +154,7 @@ def run_as_processes(lines: list[str], folder: Path) -> None:
     text = re.sub(
         r"^(autopilot params (?:diff .*|upload .* --dry-run))$", r"\1 || [ $? = 6 ]", text, flags=re.M
     )  # 6: they differ
-    text = STAYS.sub(r"timeout --preserve-status -s INT 6 \1", text)
+    text = STAYS.sub(r"stay \1", text)
     text = text.replace("tcp://HEAD:", "tcp://127.0.0.1:")
     for port in sorted(set(re.findall(r":(\d{4,5})\b(?=['\"?\s]|$)", text)) - UNTOUCHED):
         kind = socket.SOCK_STREAM if re.search(rf"tcp(in)?:(//)?127\.0\.0\.1:{port}", text) else socket.SOCK_DGRAM
@@ -159,7 +167,7 @@ def run_as_processes(lines: list[str], folder: Path) -> None:
         "NORRBIN_STATE": str(folder / "state"),
     }
     done = subprocess.run(
-        ["bash", "-c", f"set -e\ntrap 'kill $(jobs -p) 2> {os.devnull} || true' EXIT\n{text}"],
+        ["bash", "-c", f"set -e\ntrap 'kill $(jobs -p) 2> {os.devnull} || true' EXIT\n{STAY}\n{text}"],
         cwd=folder,
         env=environment,
         capture_output=True,
