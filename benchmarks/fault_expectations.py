@@ -187,6 +187,8 @@ SECOND: dict[str, Expect] = {
     "first of two compasses noisy, 10 deg": tells("jumps", 5.0, 20.0),
     # she is in a swing already when it begins
     "rudder reversed": fails_safe("wrong way", 5.0, 30.0),
+    # said already: the same alarm lasts
+    "rate off by 5 deg/s": steers_on(15.0),
     # without it the model alone knows the rudder, and a gyro that is off shifts the trim that goes with it
     "rudder sensor lost": steers_on(10.0),
 }
