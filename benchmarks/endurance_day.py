@@ -6,6 +6,7 @@ import gc
 import math
 import sys
 import time
+from array import array
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -96,7 +97,8 @@ class Day:
         vessel = load_vessel("lanxin")
         self.folder = folder
         self.recorder = Recorder(FolderSink(folder, LIMITS), {"vessel": dump_vessel(vessel), "law": None}, 0.0)
-        self.readings: list[Reading] = []
+        # numbers in one piece: a list of readings would itself be 30 blocks more every hour
+        self._read = array("d")
         self.modes: dict[str, int] = {}
         self.sailed_s = 0.0
         self.ticks = self.missed = self.releases = self.kept_hold = 0
@@ -111,6 +113,12 @@ class Day:
             pilot = build_pilot(vessel)
             self.session = Session(pilot, [self._link], self._clock, 20.0, Skipper(), self.recorder)
 
+    @property
+    def readings(self) -> list[Reading]:
+        """What has been read so far."""
+        width = len(Reading._fields)
+        return [Reading(*self._read[at : at + width]) for at in range(0, len(self._read), width)]
+
     def sail(self, hours: float) -> None:
         """Sail so far."""
         step, started, due, now = (STEP if self._wire else 0.05), time.monotonic(), FIRST_S, 0.0
@@ -124,8 +132,9 @@ class Day:
                 due += EVERY_S
                 gc.collect()
                 blocks = sys.getallocatedblocks() - _random_numbers_in_stock()
-                self.readings.append(reading_of(now / 3600.0, blocks=blocks))
-                print(f"{self.readings[-1]}, {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
+                reading = reading_of(now / 3600.0, blocks=blocks)
+                self._read.extend(reading)
+                print(f"{reading}, {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
 
     def _look(self, now: float) -> None:
         """Count what a tick shows."""
