@@ -51,3 +51,5 @@ def test_the_page_holds_the_whole_matrix() -> None:
     names = set(re.findall(r"^\| (?!Fault )([^|]+) \|", second, re.MULTILINE))
     assert len(names) == rows
     assert all(f"| {name}" in first for name in names)
+    assert "each as expected" in page
+    assert "**!**" not in page
