@@ -128,8 +128,8 @@ def linear_responses(model: Norrbin, forcing: Forcing) -> tuple[FloatArray, Floa
 
 def _finite(slope: FloatArray) -> FloatArray:
     """Return derivatives held inside the bound: one that overflowed says as much as a large one."""
-    # as a rule a single pass tells that none is near it
-    if float(np.vdot(slope, slope)) < SLOPE_BOUND**2:
+    # as a rule none is near it, and that is told without writing them anew; nan is in no order
+    if slope.min() > -SLOPE_BOUND and slope.max() < SLOPE_BOUND:
         return slope
     return np.fmax(np.fmin(slope, SLOPE_BOUND), -SLOPE_BOUND)
 
@@ -286,12 +286,6 @@ def _by_newton(
         known = _state(guess)[: state.shape[0]]
         state[: known.shape[0]] = known
     state[:, forcing.first] = initial
-    if (
-        guess is not None
-        and guess.linearised is not None
-        and guess.linearised.start.shape == (len(state), forcing.begin.size)
-    ):
-        state = _approached(drives, forcing, state, guess.linearised)
     for _ in range(NEWTON_ROUNDS):
         largest = float(np.max(np.abs(state)))
         if not largest < RATE_BOUND_RAD_S:
@@ -305,14 +299,6 @@ def _by_newton(
         if error <= NEARLY:
             return state, step
     return None
-
-
-def _approached(drives: Sequence[_Drive], forcing: Forcing, state: FloatArray, near: Linearised) -> FloatArray:
-    """Return the states after a round of Newton's method with the slopes of a motion near by: at half the price of a
-    round, for as long as the motions are alike it comes as far."""
-    defect = _advance(drives, state[:, forcing.begin])[0] - state[:, forcing.begin + 1]
-    moved = state + near.recurrence(forcing).solved(defect, np.zeros((state.shape[0], forcing.first.size)))
-    return moved if float(np.max(np.abs(moved))) < RATE_BOUND_RAD_S else state
 
 
 def _one_by_one(drives: Sequence[_Drive], forcing: Forcing, initial: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ def in_turn(model: Norrbin, segments: list[Segment], start: list[float], longest
     return simulation._one_by_one(simulation._drives(model, steps, None), steps, np.array([start]))[0]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     gain=st.floats(0.01, 2.0),
     time_constant=st.floats(0.2, 30.0),
@@ -61,6 +61,15 @@ def test_a_guess_does_not_change_the_result() -> None:
     plain = simulate(TRUTH, steps, np.array([0.1]))
     guessed = simulate(TRUTH, steps, np.array([0.1]), guess=plain._replace(rate=np.full(plain.rate.size, 0.3)))
     np.testing.assert_allclose(guessed.rate, plain.rate, atol=1.0e-10)
+    for other in (
+        TRUTH._replace(gain=3.0 * TRUTH.gain),
+        TRUTH._replace(time_constant=0.3 * TRUTH.time_constant, n3=0.0),
+    ):
+        elsewhere = simulate(other, steps, np.array([-0.2]))
+        assert elsewhere.linearised is not None
+        near = simulate(TRUTH, steps, np.array([0.1]), guess=elsewhere)
+        np.testing.assert_allclose(near.rate, plain.rate, atol=1.0e-10)
+        assert near.linearised is not None, "Newton's method arrived"
 
 
 def test_a_model_that_runs_away_is_held_inside_the_bound() -> None:

@@ -132,7 +132,7 @@ def test_a_circle_takes_its_diameter() -> None:
 
 
 def test_the_command_prints_what_to_sail(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["trial", "design", "lanxin", "--water", "150x100", "--time", "40", "--json", "--rate-hz", "5"]) == 0
+    assert main(["trial", "design", "lanxin", "--water", "110x80", "--time", "25", "--json", "--rate-hz", "5"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert {design["kind"] for design in told["designs"]} == {"zigzag", "turning", "prbs"}
     assert all(0.0 < design["standard_errors"]["gain"] < 0.1 for design in told["designs"])
