@@ -11,9 +11,9 @@ from autopilot.angles import wrap
 from autopilot.guidance.rhumb import Place, offset
 from autopilot.signals import PositionSample, Tick
 
-BORNE = frozenset({"rudder_at_stop", "innovation", "overpowered", "off_course", "deadline_missed"})
+BORNE = frozenset({"rudder_at_stop", "innovation", "overpowered", "off_course", "deadline_missed", "link_flooded"})
 """Alarms that end no trial: its rudder may stand at the stop, it is sailed because the model is in doubt, it holds no
-course, and a record has its times even where the loop runs late."""
+course, and a record has its times even where the loop runs late or is sent too much."""
 
 
 class TrialLimits(NamedTuple):

@@ -248,7 +248,7 @@ def test_an_alarm_that_comes_up_ends_the_trial(name: str) -> None:
     assert script.reason.startswith(f"alarm: {CATALOGUE[name].text} (seen just now)")
 
 
-@pytest.mark.parametrize("name", ["rudder_at_stop", "innovation", "deadline_missed", "clock_stepped"])
+@pytest.mark.parametrize("name", ["rudder_at_stop", "innovation", "deadline_missed", "link_flooded"])
 def test_what_a_trial_brings_with_it_or_is_sailed_for_does_not_end_it(name: str) -> None:
     script = script_of("zigzag", TrialLimits())
     ticks, _ = sail(script, 3.0)
