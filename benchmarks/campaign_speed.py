@@ -25,7 +25,7 @@ from sitl.campaign.work import done_swiftly, swift
 from sitl.scenario import IttcSection, SecondOrderSection, WavesSection, WindSection
 from sitl.world import STEP
 
-PLAIN_S = 20.0
+PLAIN_S, PLAIN_REPEATS = 20.0, 6
 SEAS = {
     "calm": SeaSection(),
     "swell (shaping filter)": SeaSection(WavesSection(second_order=SecondOrderSection(0.6, 0.3, 1.0))),
@@ -65,8 +65,8 @@ def measured(sea: str, seconds: float, repeats: int) -> dict[str, float]:
     return {
         "loop": steps / best(lambda: quick(setting, rooms_of(setting)), repeats),
         "run": steps / best(lambda: done_swiftly(job, 0), repeats),
-        "plain": few / best(lambda: run_swiftly(part, rooms_of(part)), 2),
-        "full": few / best(lambda: run_fully(short, 0), 2),
+        "plain": few / best(lambda: run_swiftly(part, rooms_of(part)), PLAIN_REPEATS),
+        "full": few / best(lambda: run_fully(short, 0), PLAIN_REPEATS),
     }
 
 

@@ -75,9 +75,13 @@ def _quick_jit(function: FunctionType) -> Any:
     import numba
 
     fast = _freedom(function)
-    allocates = function.__name__ in ALLOCATING or not function.__module__.startswith(("autopilot.", "sitl."))
+    allocates = _allocates(function)
     # called functions would be handed some hundred numbers each, and every array that they do not keep be counted
     return numba.njit(fastmath=fast, error_model="numpy", forceinline=not allocates, _nrt=allocates)(function)
+
+
+def _allocates(function: FunctionType) -> bool:
+    return function.__name__ in ALLOCATING or not function.__module__.startswith(("autopilot.", "sitl."))
 
 
 def _freedom(function: FunctionType) -> Any:
@@ -102,7 +106,7 @@ def _fingerprint(functions: Iterable[FunctionType]) -> str:
 
     parts = [numba.__version__]
     for function in functions:
-        fast = sorted(_freedom(function) or ())
+        fast = sorted(_freedom(function) or ()), _allocates(function)
         code, scope = function.__code__, function.__globals__
         used = {name: scope[name] for name in code.co_names if name in scope}
         values = {name: value for name, value in used.items() if isinstance(value, float | int | str | tuple | dict)}

@@ -97,7 +97,7 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
     water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
     lag = math.ceil(instruments.latency / dt - 1.0e-7)
     taken, order = 0, 0.0
-    # counted on, for a division of integers costs as much as a third of a step
+    # counted on: dividing integers is slow
     next_tick, next_water, next_reading, ticks, felt, reading = lag, 0, instruments.every - 1, 0, 0, 0
     orders_ring = len(rooms.orders) - 1
     heading, rate, speed = readings(instruments, 0, state)
