@@ -97,8 +97,21 @@ def sea_of(seed: int | None) -> list[float]:
     return angles
 
 
-def simulate(trial: Trial, model: Norrbin, gear: SteeringGear, sea: list[float]) -> Result:
-    """Run one trial and measure it."""
+def curves(trial: Trial, model: Norrbin, gear: SteeringGear, sea: list[float]) -> tuple[list[float], list[float]]:
+    """Return heading and rudder [rad] of a trial at every plant step."""
+    shown: tuple[list[float], list[float]] = ([], [])
+    simulate(trial, model, gear, sea, shown)
+    return shown
+
+
+def simulate(
+    trial: Trial,
+    model: Norrbin,
+    gear: SteeringGear,
+    sea: list[float],
+    shown: tuple[list[float], list[float]] | None = None,
+) -> Result:
+    """Run one trial and measure it; `shown` is given heading and rudder of every step."""
     law, line = law_step(trial, model), DelayLine(gear.delay)
     every, dt = PLANT_HZ // trial.rate_hz, 1.0 / PLANT_HZ
     heading = rate = rudder = order = rudder_before = 0.0
@@ -121,6 +134,9 @@ def simulate(trial: Trial, model: Norrbin, gear: SteeringGear, sea: list[float])
         rate_before = rate
         rate = rate_step(model, rate, rudder + disturbance, dt)
         heading += 0.5 * dt * (rate + rate_before)
+        if shown is not None:
+            shown[0].append(heading)
+            shown[1].append(rudder)
     rms = math.degrees(math.sqrt(squares / ticks))
     return Result(rms, math.degrees(travel) / (SECONDS - SETTLED_S), math.degrees(worst), lost)
 
@@ -146,6 +162,9 @@ def identification_claims(model: Norrbin) -> list[tuple[str, str, float]]:
     rudder, rate = np.radians(np.asarray(TABLE_2_DEG, dtype=float)).T
     n3_deg = cubic_damping_stage(rudder, rate, model.gain).n3 * math.radians(1.0) ** 2
     rows = [("n3 of table 2, K = 0.701 held [(s/deg)^2]", "0.001", n3_deg)]
+    for angle_deg, rate_deg_s in TABLE_2_DEG:
+        ours = math.degrees(steady_rate(model, math.radians(angle_deg)))
+        rows.append((f"table 2: yaw rate at {angle_deg} deg of rudder [deg/s]", f"{rate_deg_s:g}", ours))
     for speed_kn, angle_deg in ((9.65, 4.9), (9.1, 5.0)):
         radius = speed_kn * KNOT / steady_rate(model, math.radians(angle_deg))
         rows.append(

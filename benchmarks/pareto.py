@@ -9,8 +9,9 @@ training seed; for each weight w the one of least
     cost = mean of heading rms [deg] (10 at most) + w x mean rudder travel [deg/s]
 
 is kept, once over all seas and once for each sea by itself, and sailed on held-out seeds. Fronts are then compared
-case by case: rms at equal travel, travel at equal rms. `--out` keeps every boat's points and the figure; a boat
-whose points lie there already is not sailed again.
+case by case: rms at equal travel, travel at equal rms; over all seeds together, and on each seed alone, which shows
+what is chance. `--out` keeps every boat's points and the figure; a boat whose points lie there already is not sailed
+again.
 """
 
 from __future__ import annotations
@@ -51,17 +52,19 @@ class Case(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """A case with both fronts (n, 2) on held-out seeds, and what they come to."""
+    """A case with both helmsmen's points (settings, held-out seeds, 2), and what their fronts come to, all seeds taken
+    together and each alone."""
 
     case: Case
     ours: Floats
     theirs: Floats
     beside: Beside
+    by_seed: tuple[Beside, ...]
 
     @property
     def is_held(self) -> bool:
         """Whether anybody holds the boat."""
-        return bool(min(self.ours[:, 0].min(), self.theirs[:, 0].min()) < LOST_DEG)
+        return bool(min(together(points)[:, 0].min() for points in (self.ours, self.theirs)) < LOST_DEG)
 
 
 def costs_over(runs: Sequence[Run]) -> tuple[list[str], Callable[[Floats], Floats]]:
@@ -105,7 +108,7 @@ def fronts(
 
 
 def compared(boat: str, held_out: Sequence[Run], ours: dict[str, Floats], theirs: dict[str, Floats]) -> list[Compared]:
-    """Return every case of a boat, the runs on both compasses and all seeds taken together."""
+    """Return every case of a boat."""
     cases = dict.fromkeys((run.sea, run.side, run.mismatch) for run in held_out)
     found = []
     for tuned in ours:
@@ -113,12 +116,18 @@ def compared(boat: str, held_out: Sequence[Run], ours: dict[str, Floats], theirs
             if tuned not in (EVERY_SEA, case[0]):
                 continue
             mask = np.array([(run.sea, run.side, run.mismatch) == case for run in held_out])
-            mine, peers = (_means(points[tuned][:, mask]) for points in (ours, theirs))
-            found.append(Compared(Case(boat, *case, tuned), mine, peers, beside(mine, peers)))
+            found.append(compared_by(Case(boat, *case, tuned), ours[tuned][:, mask], theirs[tuned][:, mask]))
     return found
 
 
-def _means(points: Floats) -> Floats:
+def compared_by(case: Case, ours: Floats, theirs: Floats) -> Compared:
+    """Return a case with what both helmsmen's points (settings, seeds, 2) come to."""
+    alone = tuple(beside(ours[:, seed], theirs[:, seed]) for seed in range(ours.shape[1]))
+    return Compared(case, ours, theirs, beside(together(ours), together(theirs)), alone)
+
+
+def together(points: Floats) -> Floats:
+    """Return the points (settings, 2) over all seeds of (settings, seeds, 2)."""
     rms = np.sqrt(np.mean(points[:, :, 0] ** 2, axis=1))
     return np.stack([rms, np.mean(points[:, :, 1], axis=1)], axis=1)
 
@@ -145,7 +154,9 @@ def median(values: Sequence[float]) -> float:
 
 def table(cases: Sequence[Compared]) -> str:
     """Return medians by boat and sea, a row for each, over sides and mismatches."""
-    lines = ["tuned in  boat      sea       cases   rms at equal travel   travel at equal rms   won  lost"]
+    lines = [
+        "tuned in  boat      sea       cases   rms at equal travel   travel at equal rms   won  lost  on every seed"
+    ]
     for tuned in (EVERY_SEA, "each sea"):
         ours = [one for one in cases if (one.case.tuned == EVERY_SEA) == (tuned == EVERY_SEA)]
         for boat in dict.fromkeys(one.case.boat for one in ours):
@@ -160,8 +171,24 @@ def _row(tuned: str, boat: str, sea: str, cases: Sequence[Compared]) -> str:
         return f"{tuned:10s}{boat:10s}{sea:9s}{0:4d} of {len(cases):3d}   not held by either" if cases else ""
     rms, travel = (median([getattr(one.beside, name) for one in held]) for name in ("rms", "travel"))
     won = sum(is_won(one.beside) for one in held)
-    lost = sum(is_lost(one.beside) for one in held)
-    return f"{tuned:10s}{boat:10s}{sea:9s}{len(held):4d} of {len(cases):3d}{rms:14.2f}{travel:22.2f}{won:12d}{lost:6d}"
+    lost, surely = sum(is_lost(one.beside) for one in held), sum(is_surely_lost(one) for one in held)
+    told = f"{tuned:10s}{boat:10s}{sea:9s}{len(held):4d} of {len(cases):3d}{rms:14.2f}{travel:22.2f}"
+    return f"{told}{won:12d}{lost:6d}{surely:15d}"
+
+
+def lost_cases(cases: Sequence[Compared]) -> str:
+    """Return the cases that are lost on every seed, each with its ratios on all seeds and on each: rms/travel."""
+    lines = [f"{'tuned in':10s}{'boat':10s}{'sea':9s}{'side':>5s}  {'K':7s}{'together':>12s}   each seed"]
+    for one in cases:
+        if not (one.is_held and is_surely_lost(one)):
+            continue
+        boat, sea, side, mismatch, tuned = one.case
+        ratios = [f"{found.rms:5.2f}/{found.travel:4.2f}" for found in (one.beside, *one.by_seed)]
+        tuned = tuned if tuned == EVERY_SEA else "each sea"
+        lines.append(
+            f"{tuned:10s}{boat:10s}{sea:9s}{side:5.0f}  {mismatch:7s}{ratios[0]:>12s}   {'  '.join(ratios[1:])}"
+        )
+    return "\n".join(lines)
 
 
 def figure(cases: Sequence[Compared]) -> str:
@@ -182,7 +209,7 @@ def figure(cases: Sequence[Compared]) -> str:
             for name, colour in (("theirs", "#c8501e"), ("ours", "#0b5fa5")):
                 for one in cases:
                     if one.case.tuned == sea and one.case.boat == boat and one.case.sea == sea and one.is_held:
-                        rms, travel = front(np.maximum(getattr(one, name), LEAST)).T
+                        rms, travel = front(np.maximum(together(getattr(one, name)), LEAST)).T
                         axis.loglog(travel, rms, color=colour, linewidth=0.7, marker=".", markersize=2.5, alpha=0.7)
             axis.set_title(f"{boat}, {sea}", fontsize=8)
             axis.set_xlabel("travel [deg/s]" if row == len(boats) - 1 else "")
@@ -203,19 +230,21 @@ def is_lost(found: Beside) -> bool:
     return found.rms > 1.0 and not found.travel <= 1.0
 
 
+def is_surely_lost(one: Compared) -> bool:
+    """Return whether the peer is better on all seeds together and on each of them alone."""
+    return is_lost(one.beside) and all(is_lost(found) for found in one.by_seed)
+
+
 def kept_at(path: Path, cases: Sequence[Compared]) -> None:
-    """Write the cases' fronts, a line each."""
-    rows = [[*one.case, front(one.ours).round(5).tolist(), front(one.theirs).round(5).tolist()] for one in cases]
+    """Write the cases' points, a line each."""
+    rows = [[*one.case, one.ours.round(5).tolist(), one.theirs.round(5).tolist()] for one in cases]
     path.write_text("[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]\n")
 
 
 def read_from(path: Path) -> list[Compared]:
     """Return the cases that `kept_at` wrote."""
-    found = []
-    for *case, ours, theirs in json.loads(path.read_text()):
-        mine, peers = np.array(ours), np.array(theirs)
-        found.append(Compared(Case(*case), mine, peers, beside(mine, peers)))
-    return found
+    rows = json.loads(path.read_text())
+    return [compared_by(Case(*case), np.array(ours), np.array(theirs)) for *case, ours, theirs in rows]
 
 
 def main() -> None:
@@ -223,7 +252,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few candidates, a few runs of the first boat")
     parser.add_argument("--candidates", type=int, default=50, help="settings tried, for each helmsman and boat")
-    parser.add_argument("--seeds", type=int, default=1, help="seeds held out")
+    parser.add_argument("--seeds", type=int, default=3, help="seeds held out")
     parser.add_argument("--boats", default=",".join(BOATS))
     parser.add_argument("--out", type=Path, help="folder for every boat's points and pareto.svg")
     asked = parser.parse_args()
@@ -250,7 +279,7 @@ def main() -> None:
             if path is not None:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 kept_at(path, found)
-    print(table(cases))
+    print(table(cases), lost_cases(cases), sep="\n\n")
     if asked.out is not None:
         (asked.out / "pareto.svg").write_text(figure(cases))
 

@@ -20,6 +20,7 @@ from pareto_peer import Peer, run_peer
 
 from autopilot.build import model_of, verdict_of
 from autopilot.control.pid import PidGains
+from autopilot.control.spared_rudder import gains_of_loop
 from autopilot.errors import InputError
 from autopilot.estimation.heading_filter import initial
 from autopilot.params.vessel import Backstepping, Vessel
@@ -164,37 +165,35 @@ def natural_of(vessel: Vessel) -> float:
 
 
 class Ours:
-    """The pilot with what its user can set: bandwidth, damping, compass noise, dead band, wave filter on or off."""
+    """The pilot with what its user can set: bandwidth, damping, compass noise, dead band, wave filter on or off, and
+    the smoothing of its rudder."""
 
     def __init__(self, boat: str, plain: bool = False) -> None:
         self.vessel = filed(boat)
         self._natural = natural_of(self.vessel)
         self._run = run_swiftly if plain else swift() or run_swiftly
-        self.low = np.array([math.log(0.05), math.log(0.3), math.log(0.5), -4.6, 0.0])
-        self.high = np.array([math.log(3.0), math.log(4.0), math.log(10.0), 1.6, 1.0])
+        self.low = np.array([math.log(0.05), math.log(0.3), math.log(0.5), -4.6, 0.0, math.log(0.01)])
+        self.high = np.array([math.log(3.0), math.log(4.0), math.log(10.0), 1.6, 1.0, math.log(1.5)])
         self.starts = _begun(
-            (1.0, 0.9, 1.0, 0.02, 2.7),
-            (0.9, 0.55, 2.5, 0.03, 2.7),
-            (0.1, 1.1, 2.0, 0.02, 2.7),
-            (0.5, 2.5, 1.0, 0.05, 1.0),
-            (0.3, 1.0, 3.0, 0.5, 2.7),
-            (0.7, 1.0, 1.0, 2.0, 1.0),
+            (1.0, 0.9, 1.0, 0.02, 2.7, 0.01),
+            (0.9, 0.7, 2.5, 0.03, 2.7, 0.35),
+            (0.1, 1.1, 2.0, 0.02, 2.7, 0.35),
+            (0.5, 2.5, 1.0, 0.05, 1.0, 0.05),
+            (0.3, 1.0, 3.0, 0.5, 2.7, 0.35),
+            (0.7, 1.0, 1.0, 2.0, 1.0, 0.1),
         )
 
     def vessel_of(self, numbers: Floats) -> Vessel:
         """Return the vessel file that these numbers make."""
-        share, damping, noise, dead_band = np.exp(numbers[:4])
+        share, damping, noise, dead_band, _, smoothing = (float(number) for number in np.exp(numbers))
         natural = share * self._natural
-        total, square = 2.0 * damping * natural, natural * natural
-        # the linear loop knows k1 + k2 and gamma + k1 k2 alone
-        slow = min(0.5 * total, 0.75 * square / total)
-        gains = Backstepping(slow, total - slow, square - slow * (total - slow))
+        gains = Backstepping(*gains_of_loop(2.0 * damping * natural, natural * natural, smoothing / natural))
         vessel = self.vessel
         return replace(
             vessel,
-            sensors=replace(vessel.sensors, heading_noise_deg=float(0.35 * noise)),
+            sensors=replace(vessel.sensors, heading_noise_deg=0.35 * noise),
             control=replace(vessel.control, backstepping=gains),
-            limits=replace(vessel.limits, dead_band_deg=float(dead_band)),
+            limits=replace(vessel.limits, dead_band_deg=dead_band),
             estimator=replace(vessel.estimator, wave_filter="auto" if numbers[4] > 0.5 else "off"),
         )
 

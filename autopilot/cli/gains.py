@@ -38,6 +38,11 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--bandwidth-rad-s", type=float, metavar="W", help="place the loop's bandwidth instead of a level"
     )
     parser.add_argument("--damping", type=float, metavar="Z", help="its damping ratio, with --bandwidth-rad-s (0.8)")
+    parser.add_argument(
+        "--spare-rudder",
+        action=argparse.BooleanOptionalAction,
+        help="weigh the rudder's rate too (default: as the file's control.backstepping.smoothing_s says)",
+    )
     parser.add_argument("--report", metavar="FILE.html", help="write curves and tables into one page")
     parser.add_argument("--json", action="store_true", help="print JSON")
     gains_tune.add_options(parser)
@@ -45,11 +50,13 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 
 class Wish(NamedTuple):
-    """What the loop is to be like: a response level, or a bandwidth [rad/s] with its damping ratio."""
+    """What the loop is to be like: a response level, or a bandwidth [rad/s] with its damping ratio; whether it spares
+    the rudder, None: as the file's gains do."""
 
     level: int = 5
     bandwidth: float | None = None
     damping: float = 0.8
+    spares: bool | None = None
 
 
 def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a tuple that nobody can change
@@ -58,15 +65,16 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
 
     from autopilot.build import gear_of, limits_of, model_of
     from autopilot.control.design import design_backstepping, equivalent_pid, placed, sliding_of
+    from autopilot.control.spared_rudder import spared_gains
     from autopilot.params.vessel import Backstepping, Pid, Sliding
 
-    model = model_of(vessel)
+    model, spares = model_of(vessel), spares_rudder(vessel, wish)
     try:
         if wish.bandwidth is not None:
-            gains = placed(wish.bandwidth, wish.damping)
+            gains = spared_gains(model, wish.bandwidth) if spares else placed(wish.bandwidth, wish.damping)
         else:
             rate_max, delay = limits_of(vessel).rate_max, vessel.control.loop_delay_s
-            gains = design_backstepping(model, gear_of(vessel), rate_max, delay, wish.level)
+            gains = design_backstepping(model, gear_of(vessel), rate_max, delay, wish.level, spares=spares)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
     pid = equivalent_pid(model, gains, max(PID_INTEGRAL_TIME, 3.0 * model.time_constant))
@@ -78,6 +86,12 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
         sliding=Sliding(round(slope, 5), *(round(math.degrees(gain), 5) for gain in surface)),
     )
     return replace(vessel, control=control)
+
+
+def spares_rudder(vessel: Vessel, wish: Wish) -> bool:
+    """Return whether designed gains are to weigh the rudder's rate."""
+    filed = vessel.control.backstepping
+    return wish.spares if wish.spares is not None else filed is not None and filed.smoothing_s > 0.0
 
 
 def in_hand(vessel: Vessel, wish: Wish, is_chosen: bool) -> Vessel:
@@ -131,7 +145,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
     rows |= {f"file's {law}": judged(vessel, law) for law in LAWS if getattr(vessel.control, law) is not None}
     if arguments.report:
-        _write_report(arguments, vessel, rows)
+        _write_report(arguments, vessel, wish.spares, rows)
     if arguments.json:
         print(json.dumps({name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}, indent=2))
     else:
@@ -151,9 +165,13 @@ def _wish(arguments: argparse.Namespace) -> Wish:
         raise InputError("--damping goes with --bandwidth-rad-s")
     if bandwidth is not None and not 0.0 < bandwidth <= 1.0e3:
         raise InputError(f"--bandwidth-rad-s {bandwidth:g}: allowed is above 0, at most 1000")
+    if damping is not None and arguments.spare_rudder:
+        raise InputError("--damping and --spare-rudder exclude each other: the weight on the rudder's rate sets it")
     if damping is not None and not 0.1 <= damping <= 0.99:
         raise InputError(f"--damping {damping:g}: allowed is 0.1 to 0.99")
-    return Wish(5 if level is None else level, bandwidth, 0.8 if damping is None else damping)
+    # who asks for a damping asks for gains that do not spare the rudder
+    spares = False if damping is not None else arguments.spare_rudder
+    return Wish(5 if level is None else level, bandwidth, 0.8 if damping is None else damping, spares)
 
 
 def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
@@ -172,14 +190,14 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
         print(f"\nWrote {arguments.out}.")
 
 
-def _write_report(arguments: argparse.Namespace, vessel: Vessel, rows: dict[str, Judged]) -> None:
+def _write_report(arguments: argparse.Namespace, vessel: Vessel, spares: bool | None, rows: dict[str, Judged]) -> None:
     from autopilot.params.saving import save_text
     from autopilot.report.gains import gains_page
     from autopilot.report.gains_judged import judged
 
     levels = {}
     for level in range(1, 10):
-        levels[level] = judged(designed(vessel, Wish(level)), "backstepping")
+        levels[level] = judged(designed(vessel, Wish(level, spares=spares)), "backstepping")
     save_text(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(arguments.typed)))
     if not arguments.json:
         print(f"Wrote the report to {arguments.report}.\n")

@@ -33,7 +33,7 @@ def check_options(arguments: argparse.Namespace) -> None:
             if getattr(arguments, name) is not None:
                 raise InputError(f"--{name} goes with --tune")
         return
-    for name in ("level", "bandwidth_rad_s", "damping", "report"):
+    for name in ("level", "bandwidth_rad_s", "damping", "spare_rudder", "report"):
         if getattr(arguments, name) is not None:
             raise InputError(f"--{name.replace('_', '-')} is for the design and does not go with --tune")
 

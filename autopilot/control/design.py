@@ -2,10 +2,11 @@
 
 About straight running the loop, cut at the rudder, is
 
-    L(s) = (p + i/s + d s) K / (s (T s + n1)) * exp(-s tau) / (lag s + 1)
+    L(s) = (p + i/s + d s)/(smoothing s + 1) * K / (s (T s + n1)) * exp(-s tau) / (lag s + 1)
 
-with p, i and d the law's gains on heading error, its integral and the rate. From its frequency response come
-gain, phase and delay margin and the worst sensitivity Ms = max |1/(1 + L)| (Astrom and Murray 2021, ch. 10).
+with p, i and d the law's gains on heading error, its integral and the rate, and smoothing that of its rudder. From its
+frequency response come gain, phase and delay margin and the worst sensitivity Ms = max |1/(1 + L)| (Astrom and Murray
+2021, ch. 10).
 The rudder's rate adds a limit of its own: at the crossover frequency w an error of amplitude A asks for a
 rudder moving at A |C(jw)| w, so that errors above rate_max/(|C| w) find the rudder saturated.
 """
@@ -15,16 +16,20 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from autopilot.control.backstepping import BacksteppingGains
 from autopilot.control.pid import PidGains
 from autopilot.control.sliding_heading import SlidingGains
+from autopilot.control.spared_rudder import spared_gains
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
 WORST_SENSITIVITY = 1.6
 """Ms that a design may reach; 1.4 is cautious, 2.0 is the usual limit."""
+DAMPING = math.sqrt(0.8)
+"""Of designed loops that do not spare the rudder."""
 LEAST_ERROR = math.radians(1.0)
 """A heading error this small must not saturate the rudder's rate in a designed loop."""
 MIDDLE_LEVEL = 5
@@ -35,11 +40,13 @@ GRID = 400
 
 
 class LoopGains(NamedTuple):
-    """proportional [rad/rad], integral [1/s], derivative [s]: rudder on heading error, its integral, the rate."""
+    """proportional [rad/rad], integral [1/s], derivative [s]: rudder on heading error, its integral, the rate; and
+    smoothing [s], the time in which the rudder goes there."""
 
     proportional: float
     integral: float
     derivative: float
+    smoothing: float = 0.0
 
 
 class Margins(NamedTuple):
@@ -66,7 +73,10 @@ def linear_gains_backstepping(model: Norrbin, gains: BacksteppingGains) -> LoopG
     """Return the law's gains about straight running: (T/K)(gamma + k1 k2) and (T/K)(k1 + k2 - n1/T)."""
     ratio = model.time_constant / model.gain
     return LoopGains(
-        ratio * (gains.gamma + gains.k1 * gains.k2), 0.0, ratio * (gains.k1 + gains.k2 - model.n1 / model.time_constant)
+        ratio * (gains.gamma + gains.k1 * gains.k2),
+        0.0,
+        ratio * (gains.k1 + gains.k2 - model.n1 / model.time_constant),
+        gains.smoothing,
     )
 
 
@@ -82,7 +92,8 @@ def linear_gains_pid(gains: PidGains) -> LoopGains:
 
 def controller(gains: LoopGains, omega: float) -> complex:
     """Return C(j omega), omega [rad/s]."""
-    return complex(gains.proportional, gains.derivative * omega - gains.integral / omega)
+    asked = complex(gains.proportional, gains.derivative * omega - gains.integral / omega)
+    return asked / complex(1.0, gains.smoothing * omega)
 
 
 def loop(model: Norrbin, lag: float, delay: float, gains: LoopGains, omega: float) -> complex:
@@ -178,35 +189,55 @@ def judge(model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float
 
 
 def design_backstepping(
-    model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float, level: int = MIDDLE_LEVEL
+    model: Norrbin,
+    gear: SteeringGear,
+    rate_max: float,
+    loop_delay: float,
+    level: int = MIDDLE_LEVEL,
+    *,
+    spares: bool = False,
 ) -> BacksteppingGains:
-    """Return gains of a response `level` from 1 (calm) to 9 (quick).
+    """Return gains of a response `level` from 1 (calm) to 9 (quick); with a weight on the rudder's rate if it `spares`.
 
     Level 5 is the quickest loop that keeps WORST_SENSITIVITY and leaves the rudder's rate room for LEAST_ERROR. Three
     levels down the loop is half as quick. Three levels up it is twice as quick where the margins allow it: each level
     lets Ms grow by 0.1 and the error that must not saturate the rate shrink by the root of two.
-    The damping ratio is 0.89, or more where the boat has more by itself. Raises ValueError for another level, and where
+    The damping ratio is 0.89, or more where the boat has more by itself; that of gains which spare the rudder is their
+    weight's. Raises ValueError for another level, and where
     no gain keeps the margins: the rudder is too slow for this boat.
     """
     if not 1 <= level <= 9:
         raise ValueError(f"response level {level}: allowed is 1 (calm) to 9 (quick)")
-    k = _quickest(model, gear, rate_max, loop_delay, WORST_SENSITIVITY, LEAST_ERROR)
+
+    def at(k: float) -> BacksteppingGains:
+        return spared_gains(model, k / DAMPING) if spares else _at(model, k)
+
+    steered = Steered(model, gear, rate_max, gear.delay + loop_delay, at)
+    k = _quickest(steered, WORST_SENSITIVITY, LEAST_ERROR)
     above = level - MIDDLE_LEVEL
     wanted = k * math.exp2(above / 3.0)
     if above > 0:
         worst, least_error = WORST_SENSITIVITY + 0.1 * above, LEAST_ERROR * math.exp2(-0.5 * above)
-        wanted = min(wanted, _quickest(model, gear, rate_max, loop_delay, worst, least_error))
-    return _at(model, wanted)
+        wanted = min(wanted, _quickest(steered, worst, least_error))
+    return at(wanted)
 
 
-def _quickest(
-    model: Norrbin, gear: SteeringGear, rate_max: float, loop_delay: float, worst: float, least_error: float
-) -> float:
+class Steered(NamedTuple):
+    """A boat with her rudder, the dead time [s] of the whole loop, and her gains by how quick they are, k [1/s]."""
+
+    model: Norrbin
+    gear: SteeringGear
+    rate_max: float
+    delay: float
+    at: Callable[[float], BacksteppingGains]
+
+
+def _quickest(steered: Steered, worst: float, least_error: float) -> float:
     """Return the largest k [1/s] whose loop is stable, with Ms up to `worst` and room for `least_error` [rad]."""
-    delay = gear.delay + loop_delay
+    model, gear, rate_max, delay, at = steered
 
     def holds(k: float) -> bool:
-        found = margins(model, gear.lag, delay, rate_max, linear_gains_backstepping(model, _at(model, k)))
+        found = margins(model, gear.lag, delay, rate_max, linear_gains_backstepping(model, at(k)))
         return found.stable and found.sensitivity <= worst and found.saturation >= least_error
 
     slowest, quickest = 1.0e-3 / model.time_constant, 1.0e2 / model.time_constant
@@ -258,7 +289,7 @@ def worst_margins(
 
 
 def _at(model: Norrbin, k: float) -> BacksteppingGains:
-    """Return the gains of bandwidth w = k/zeta with zeta^2 = 0.8, keeping what damping the boat has by itself.
+    """Return the gains of bandwidth w = k/zeta, zeta = DAMPING, keeping what damping the boat has by itself.
 
     The closed loop is z1'' + S z1' + w^2 z1 = 0. S = k1 + k2 = 2 zeta w, but never less than the boat's own n1/T:
     below that the law would have to drive the boat on against its damping, a positive feedback of the rate that costs
@@ -281,7 +312,7 @@ def sliding_of(model: Norrbin, gains: BacksteppingGains, angle_max: float) -> Sl
 
 
 def equivalent_pid(model: Norrbin, gains: BacksteppingGains, integral_time: float = 0.0) -> PidGains:
-    """Return the PID whose linear part equals the backstepping law's; `integral_time` [s] 0 means none."""
+    """Return the PID whose linear part equals the backstepping law's without smoothing; `integral_time` [s] 0: none."""
     linear = linear_gains_backstepping(model, gains)
     integral = linear.proportional / integral_time if integral_time > 0.0 else 0.0
     return PidGains(linear.proportional, integral, max(linear.derivative, 0.0))

@@ -2,7 +2,8 @@
 
 `design.margins` takes heading and rate for known. Here they come from the filter, which is told of every order the
 rudder gets, so that cutting the loop at the boat's rudder leaves a loop inside of the pilot closed. With the filter's
-transfers X_y from the measurements and X_d from the rudder that it reckons with, u = -F x, the gear g and the boat P
+transfers X_y from the measurements and X_d from the rudder that it reckons with, the law's u = -F x with its smoothing,
+the gear g and the boat P
 
     D(jw) = 1 + F X_d g,   N(jw) = F X_y (1, jw) P g exp(-jw tau),   L = N/D,   stable: D + N has no unstable zeros.
 
@@ -153,7 +154,8 @@ def _curve(observed: Observed) -> _Curve:
         s = 1j * omega
         acts = cmath.exp(-s * gear.delay) / (gear.lag * s + 1.0)
         boat = model.gain / (s * (model.time_constant * s + model.n1))
-        law = (gains.proportional + gains.integral / s, complex(gains.derivative), 1.0 if uses_bias else 0.0)
+        asked = (gains.proportional + gains.integral / s, complex(gains.derivative), 1.0 if uses_bias else 0.0)
+        law = tuple(f / (1.0 + s * gains.smoothing) for f in asked)
         curve.omegas.append(omega)
         curve.inner.append(1.0 + sum(f * x for f, x in zip(law, told, strict=True)) * acts)
         curve.outer.append(

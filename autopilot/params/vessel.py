@@ -85,6 +85,7 @@ class Backstepping:
     k1_1_s: Annotated[float, Bounds(Positive, 1000.0, "heading gain k1")]
     k2_1_s: Annotated[float, Bounds(Positive, 1000.0, "rate gain k2")]
     gamma_1_s2: Annotated[float, Bounds(Positive, 1.0e6, "weight of the heading error; 1 in the paper")] = 1.0
+    smoothing_s: Annotated[float, Bounds(0.0, 1000.0, "time in which the rudder follows the law; 0: at once")] = 0.0
 
 
 @dataclass(frozen=True)

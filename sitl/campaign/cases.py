@@ -102,7 +102,11 @@ def quickened(vessel: Vessel, factor: float) -> Vessel:
             control,
             backstepping=back
             and replace(
-                back, k1_1_s=back.k1_1_s * factor, k2_1_s=back.k2_1_s * factor, gamma_1_s2=back.gamma_1_s2 * square
+                back,
+                k1_1_s=back.k1_1_s * factor,
+                k2_1_s=back.k2_1_s * factor,
+                gamma_1_s2=back.gamma_1_s2 * square,
+                smoothing_s=back.smoothing_s / factor,
             ),
             pid=pid and replace(pid, kp=pid.kp * square, ki_1_s=pid.ki_1_s * square * factor, kd_s=pid.kd_s * factor),
             sliding=sliding

@@ -102,6 +102,30 @@ def test_bandwidth_and_damping_are_placed_and_judged(capsys: pytest.CaptureFixtu
     assert main(["gains", "lanxin", "--level", "4", "--bandwidth-rad-s", "2"]) == 2
 
 
+def test_gains_that_spare_the_rudder_are_a_regulators_and_stay_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "spared.yaml"
+    assert main(["gains", "lanxin", "--spare-rudder", "--level", "3", "--out", str(path)]) == 0
+    capsys.readouterr()
+    spared = load_vessel(path)
+    gains = spared.control.backstepping
+    assert gains is not None and gains.smoothing_s > 0.0
+    n, k3 = 1.0 / spared.model.T_s, 1.0 / gains.smoothing_s
+    total = gains.k1_1_s + gains.k2_1_s
+    square = gains.gamma_1_s2 + gains.k1_1_s * gains.k2_1_s
+    assert total == pytest.approx(n + 0.5 * k3, rel=1.0e-3), "one number decides all"
+    assert square == pytest.approx(0.5 * total**2 * k3 / (n + k3), rel=1.0e-3)
+    row = as_json(capsys, str(path), "--level", "3")["designed backstepping"]
+    assert row["gains"]["smoothing_s"] == gains.smoothing_s, "what the file spares, the next design spares too"
+    assert row["worst_sensitivity"] < 1.6 and row["stable"]
+    plain = as_json(capsys, str(path), "--level", "3", "--no-spare-rudder")["designed backstepping"]
+    assert plain["gains"]["smoothing_s"] == 0.0
+    assert plain["rudder_rate_saturates_at_heading_error_deg"] < row["rudder_rate_saturates_at_heading_error_deg"]
+    assert main(["gains", "lanxin", "--spare-rudder", "--bandwidth-rad-s", "1", "--damping", "0.7"]) == 2
+    assert "--damping and --spare-rudder exclude each other" in capsys.readouterr().err
+
+
 def test_large_errors_and_the_worst_boat_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     good = as_json(capsys, "lanxin")["file's backstepping"]
     assert [row["corrected"] for row in good["large_errors"]] == [True] * 4
@@ -152,7 +176,7 @@ def test_every_row_has_the_gains_in_force_by_speed(capsys: pytest.CaptureFixture
     assert slow["speed_m_s"] == pytest.approx(0.5 * 4.63)
     assert slow["K_1_s"] == pytest.approx(0.5 * 0.701)
     assert slow["T_s"] == pytest.approx(2.0 * 0.332)
-    assert slow["gains"] == pytest.approx({"k1_1_s": 1.0, "k2_1_s": 1.0, "gamma_1_s2": 0.25})
+    assert slow["gains"] == pytest.approx({"k1_1_s": 1.0, "k2_1_s": 1.0, "gamma_1_s2": 0.25, "smoothing_s": 0.0})
     sliding = [each["gains"] for each in rows["file's sliding"]["speeds"]]
     assert sliding[1] == pytest.approx({"slope_1_s": 1.0, "reach_deg_s2": 63.3 / 4.0, "boundary_deg_s": 31.7 / 2.0})
     assert len({tuple(each["gains"].values()) for each in rows["file's pid"]["speeds"]}) == 1

@@ -10,6 +10,7 @@ from boats import BOATS, vessel_of
 from plant import Plant, sail
 
 from autopilot.build import build_pilot, gear_of, model_of, observed_of, verdict_of
+from autopilot.cli.gains import Wish, designed
 from autopilot.control.observed_margins import ObservedMargins, observed_margins
 from autopilot.errors import RefusedError
 from autopilot.params.vessel import Backstepping, Estimator, Vessel
@@ -40,9 +41,11 @@ def with_filter(vessel: Vessel) -> ObservedMargins:
     return observed_margins(observed_of(vessel))
 
 
-@pytest.mark.parametrize("name", ["lanxin", "middle", "unstable"])
-def test_the_delay_margin_is_where_the_pilot_begins_to_swing(name: str) -> None:
-    vessel = linear(name)
+@pytest.mark.parametrize(
+    ("name", "spares"), [("lanxin", False), ("middle", False), ("unstable", False), ("middle", True)]
+)
+def test_the_delay_margin_is_where_the_pilot_begins_to_swing(name: str, spares: bool) -> None:
+    vessel = designed(linear(name), Wish(4, spares=True)) if spares else linear(name)
     delay = with_filter(vessel).delay
     assert delay < verdict_of(vessel).margins.delay, "the filter costs margin"
     assert growth(vessel, late=0.8 * delay) < 0.8

@@ -20,6 +20,7 @@ from autopilot.signals import NavState, Reference
 LANXIN = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
 LAWS: dict[str, Callable[[], HeadingLaw]] = {
     "backstepping": lambda: BacksteppingLaw(BacksteppingGains(2.0, 2.0), 4.63),
+    "backstepping that spares the rudder": lambda: BacksteppingLaw(BacksteppingGains(2.0, 2.0, 1.0, 0.3), 4.63),
     "pid": lambda: PidLaw(PidGains(2.4, 0.24, 0.47)),
     "pid without integral": lambda: PidLaw(PidGains(2.4, 0.0, 0.47)),
     "sliding": lambda: SlidingLaw(SlidingGains(2.0, 1.1, 0.55), 4.63),
@@ -45,7 +46,7 @@ def demand(law: HeadingLaw, heading: float, rate: float = 0.0, reference: Refere
 
 
 def test_it_has_a_name(make: Callable[[], HeadingLaw]) -> None:
-    assert make().name in LAWS
+    assert make().name in ("backstepping", "pid", "sliding")
 
 
 def test_on_course_and_still_it_asks_for_nothing(make: Callable[[], HeadingLaw]) -> None:
@@ -98,6 +99,35 @@ def test_a_law_that_integrates_takes_over_the_rudder_that_is() -> None:
     law = LAWS["pid"]()
     law.reset(0.12)
     assert law.update(LANXIN, NORTH, state(), 0.12, DT) == pytest.approx(0.12)
+
+
+def test_a_law_that_spares_the_rudder_begins_at_the_rudder_that_is() -> None:
+    """Whatever it wants, and whatever turn was planned when it was asked last."""
+    law = LAWS["backstepping that spares the rudder"]()
+    law.update(LANXIN, Reference(0.0, 0.2), state(), 0.0, DT)
+    law.reset(0.12)
+    assert law.update(LANXIN, NORTH, state(0.5), 0.12, 0.0) == 0.12
+    law.update(LANXIN, Reference(0.0, 0.2), state()._replace(time=1.0), 0.0, DT)
+    soon = law.update(LANXIN, NORTH, state(0.01)._replace(time=60.0), 0.12, 1.0e-4)
+    assert soon == pytest.approx(0.12, abs=1e-3), "the turn of a minute ago counts no more"
+
+
+def test_a_limited_rudder_is_nothing_to_unwind_from() -> None:
+    law, told = LAWS["backstepping that spares the rudder"](), 0.0
+    law.reset(0.0)
+    for _ in range(1200):
+        told = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(-1.0), told, DT)))
+    assert told == 0.3
+    within = 0.3 * (1.0 - math.exp(-DT / 0.3))
+    assert law.update(LANXIN, NORTH, state(0.0), told, DT) == pytest.approx(0.3 - within)
+
+
+def test_at_half_speed_a_spared_rudder_takes_twice_the_time() -> None:
+    law = LAWS["backstepping that spares the rudder"]()
+    quick = law.update(LANXIN, NORTH, state(0.01), 0.0, DT)
+    law.reset(0.0)
+    slow = law.update(at_speed(LANXIN, 0.5 * 4.63), NORTH, state(0.01), 0.0, 2.0 * DT)
+    assert slow == pytest.approx(quick, rel=1e-9)
 
 
 def test_at_half_speed_backstepping_slows_its_error_dynamics_with_the_boat() -> None:

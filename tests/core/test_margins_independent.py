@@ -44,16 +44,20 @@ def test_stability_agrees_with_the_poles_of_the_closed_loop(
         assert found.stable == (rightmost < 0.0)
 
 
+@pytest.mark.parametrize("spares", [False, True])
 @pytest.mark.parametrize(("model", "gear"), BOATS)
-def test_phase_margin_and_sensitivity_agree_with_a_root_finder(model: Norrbin, gear: SteeringGear) -> None:
-    law = design_backstepping(model, gear, gear.rate_max, 0.05)
-    p, _, d = linear_gains_backstepping(model, law)
-    found = margins(model, gear.lag, gear.delay + 0.05, gear.rate_max, LoopGains(p, 0.0, d))
+def test_phase_margin_and_sensitivity_agree_with_a_root_finder(
+    model: Norrbin, gear: SteeringGear, spares: bool
+) -> None:
+    law = design_backstepping(model, gear, gear.rate_max, 0.05, spares=spares)
+    p, _, d, smoothing = linear_gains_backstepping(model, law)
+    assert (smoothing > 0.0) is spares
+    found = margins(model, gear.lag, gear.delay + 0.05, gear.rate_max, LoopGains(p, 0.0, d, smoothing))
 
     def opened(w: float) -> complex:
         s = 1j * w
         boat = model.gain / (s * (model.time_constant * s + model.n1))
-        return (p + d * s) * boat * cmath.exp(-s * (gear.delay + 0.05)) / (gear.lag * s + 1.0)
+        return (p + d * s) / (1.0 + smoothing * s) * boat * cmath.exp(-s * (gear.delay + 0.05)) / (gear.lag * s + 1.0)
 
     crossing = brentq(lambda w: abs(opened(w)) - 1.0, 0.5 * found.crossover, 3.0 * found.crossover)
     assert found.crossover == pytest.approx(crossing, rel=0.05)

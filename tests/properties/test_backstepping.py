@@ -123,3 +123,9 @@ def test_the_error_dynamics_are_those_promised() -> None:
 def test_gains_must_be_positive(bad: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="positive"):
         BacksteppingLaw(BacksteppingGains(*bad), 1.0)
+
+
+@pytest.mark.parametrize("bad", [-0.1, math.nan, math.inf])
+def test_smoothing_must_be_a_time(bad: float) -> None:
+    with pytest.raises(ValueError, match="smoothing must be finite"):
+        BacksteppingLaw(BacksteppingGains(1.0, 1.0, 1.0, bad), 1.0)

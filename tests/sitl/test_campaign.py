@@ -99,6 +99,23 @@ def test_the_loop_as_it_is_compiled_gives_the_full_simulators_numbers(job: Job) 
     assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
 
 
+def test_a_spared_rudder_gives_the_full_simulators_numbers_too(tmp_path: Path) -> None:
+    vessel = load_vessel("lanxin")
+    gains = replace(vessel.control.backstepping, smoothing_s=0.3) if vessel.control.backstepping else None
+    spared = replace(vessel, control=replace(vessel.control, backstepping=gains), limits=Limits(dead_band_deg=0.3))
+    (tmp_path / "spared.yaml").write_text(dump_vessel(spared))
+    asked = replace(STUDY, seas={"sea": SEAS["sea"]}, boats={"boat": BoatSection("spared.yaml")}, speed_shares=(0.8,))
+    job = Job(asked, str(tmp_path))
+    setting = setting_of(job, 0)
+    assert setting is not None
+    score, is_whole = run_swiftly(setting, rooms_of(setting))
+    assert is_whole
+    full = run_fully(job, 0)
+    assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+    rough = replace(asked, boats={"boat": BoatSection("lanxin")})
+    assert full.travel_deg_s < 0.7 * run_fully(Job(rough, "."), 0).travel_deg_s
+
+
 @pytest.mark.parametrize("law", ["backstepping", "pid"])
 def test_a_dead_band_gives_the_full_simulators_numbers_too(tmp_path: Path, law: LawName) -> None:
     vessel = load_vessel("lanxin")

@@ -1,0 +1,101 @@
+"""A pilot whose gains spare the rudder: turns as planned, wind learnt, no bump, no second overshoot, less rudder."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import pytest
+from boats import BOATS, vessel_of
+from plant import Plant, sail
+
+from autopilot.angles import wrap
+from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.cli.gains import Wish, designed
+from autopilot.params.vessel import Vessel
+from autopilot.signals import Order, OrderKind, Tick
+
+CALM = {"lanxin": 4, "middle": 4, "slow": 3, "unstable": 5}
+"""Response levels."""
+
+
+def spared(name: str) -> Vessel:
+    return designed(vessel_of(BOATS[name]), Wish(CALM[name], spares=True))
+
+
+def course(heading_deg: float) -> Order:
+    return Order(OrderKind.HEADING, wrap(math.radians(heading_deg)), serial=1)
+
+
+def sailed(
+    vessel: Vessel, order: Order | Callable[[float], Order], seconds: float, factor: float = 1.0, **plant: object
+) -> list[Tick]:
+    model = model_of(vessel)
+    box = Plant(model._replace(gain=factor * model.gain), gear_of(vessel), **plant)  # type: ignore[arg-type]
+    return sail(build_pilot(vessel), box, order, seconds, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "limit_deg"),
+    [("lanxin", 1.0, 1.0), ("lanxin", 0.7, 3.0), ("lanxin", 1.3, 3.0), ("slow", 1.0, 1.0), ("unstable", 1.0, 1.0)],
+)
+def test_a_planned_turn_stays_as_it_is(name: str, factor: float, limit_deg: float) -> None:
+    boat = BOATS[name]
+
+    def order(now: float) -> Order:
+        return course(0.0 if now < 5.0 else 90.0)
+
+    ticks = sailed(spared(name), order, 60.0 + 8.0 * boat.T, factor)
+    errors = [math.degrees(wrap(tick.state.heading - math.pi / 2)) for tick in ticks]
+    assert max(error for error in errors if abs(error) < 90.0) < limit_deg
+    assert abs(errors[-1]) < 0.3
+    if factor == 1.0:
+        behind = max(abs(wrap(tick.state.heading - tick.reference.heading)) for tick in ticks)
+        assert math.degrees(behind) < 1.5, "the plan's own rudder is not slowed"
+
+
+@pytest.mark.parametrize("name", ["lanxin", "slow"])
+def test_wind_is_learnt_and_saturation_leaves_no_second_overshoot(name: str) -> None:
+    vessel, boat = spared(name), BOATS[name]
+
+    def pushes(now: float) -> float:
+        return math.radians(31.0 if 10.0 < now < 70.0 else 5.0)
+
+    ticks = sailed(vessel, course(0.0), 130.0 + 15.0 * boat.T, disturbance=pushes)
+    errors = [math.degrees(wrap(tick.state.heading)) for tick in ticks]
+    assert abs(sum(errors[-400:]) / 400.0) < 0.1
+    after = [error for tick, error in zip(ticks, errors, strict=True) if tick.now > 70.0]
+    lowest = min(range(len(after)), key=after.__getitem__)
+    assert max(after[lowest:]) < 1.0
+
+
+def test_engaging_with_the_rudder_over_makes_no_bump() -> None:
+    vessel = spared("middle")
+    rate = vessel.rudder.rate_max_deg_s
+    assert rate is not None
+
+    def order(now: float) -> Order:
+        if now < 6.0:
+            return Order(OrderKind.RUDDER, rudder=math.radians(12.0), serial=1)
+        return Order(OrderKind.HEADING, math.nan, serial=2)
+
+    ticks = sailed(vessel, order, 9.0)
+    angles = [math.degrees(tick.command.angle) for tick in ticks if 5.5 < tick.now < 7.0]
+    assert angles[0] == pytest.approx(12.0)
+    moved = max(abs(b - a) for a, b in itertools.pairwise(angles))
+    assert moved <= 0.05 * rate + 1.0e-9
+
+
+@pytest.mark.parametrize("name", ["lanxin", "slow"])
+def test_it_spares_the_rudder_in_noise(name: str) -> None:
+    """The same response level, the same compass: less than half the travel."""
+
+    def travel(vessel: Vessel) -> float:
+        ticks = sailed(vessel, course(0.0), 60.0, heading_noise=math.radians(0.4), rate_noise=None)
+        angles = [tick.command.angle for tick in ticks[400:]]
+        assert all(abs(tick.state.heading) < math.radians(3.0) for tick in ticks)
+        return sum(abs(b - a) for a, b in itertools.pairwise(angles))
+
+    vessel = spared(name)
+    assert travel(vessel) < 0.5 * travel(designed(vessel, Wish(CALM[name], spares=False)))

@@ -1,0 +1,145 @@
+"""The law's third step: Lyapunov decrease on the nonlinear boat, its linear motion, and the regulator it stands for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.linalg import solve_continuous_are
+
+from autopilot.control.backstepping import (
+    BacksteppingGains,
+    backstepping_rudder,
+    gains_at,
+    planned_rudder,
+    smoothed_rudder,
+)
+from autopilot.control.design import linear_gains_backstepping
+from autopilot.control.spared_rudder import gains_of_loop, spared_gains
+from autopilot.models.norrbin import Norrbin, damping, yaw_acceleration
+from autopilot.signals import Reference
+
+LANXIN = Norrbin(0.701, 0.332, 3.2828)
+MODELS = [LANXIN, Norrbin(0.1, 20.0, 50.0), Norrbin(0.2, 5.0, 20.0, n1=-1.0), Norrbin(0.3, 2.0, 5.0, 0.4, 1.0, 0.05)]
+MOMENT = 1.0e-7
+
+
+def lyapunov(model: Norrbin, gains: BacksteppingGains, goal_rate: float, e: float, e1: float, e2: float) -> float:
+    """V3 of the module's docstring, its integral by quadrature."""
+    total, square, k3 = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2, 1.0 / gains.smoothing
+    ratio = square / total
+
+    def inner(y: float) -> float:
+        step = 1.0e-4
+        slope = (damping(model, goal_rate + y + step) - damping(model, goal_rate + y - step)) / (2.0 * step)
+        return (k3 + slope / model.time_constant - ratio) * y
+
+    kept = quad(inner, 0.0, e1, epsabs=1.0e-13)[0]
+    return 0.5 * (e2 + ratio * e1) ** 2 + 0.5 * k3 * total * (e1 + ratio * e) ** 2 + ratio * kept
+
+
+@settings(max_examples=50)
+@given(
+    st.floats(-1.5, 1.5),
+    st.floats(-0.4, 0.4),
+    st.floats(-0.5, 0.5),
+    st.floats(-0.2, 0.2),
+    st.floats(0.3, 3.0),
+    st.sampled_from(MODELS),
+)
+def test_v3_decreases_anywhere(
+    error: float, rate_error: float, rudder: float, goal_rate: float, quickness: float, model: Norrbin
+) -> None:
+    """dV3/dt by the chain rule, from the boat's and the law's own functions: -(a(r) - W/S) e''^2."""
+    gains = spared_gains(model, quickness / model.time_constant)
+    total, square, k3 = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2, 1.0 / gains.smoothing
+    reference, rate = Reference(0.4, goal_rate), goal_rate + rate_error
+
+    def acceleration(rate: float, rudder: float) -> float:
+        return yaw_acceleration(model, rate, rudder)
+
+    wanted = backstepping_rudder(model, gains, reference, 0.4 + error, rate)
+    planned = planned_rudder(model, reference)
+    moved = (smoothed_rudder(gains.smoothing, wanted, planned, planned, rudder, MOMENT) - rudder) / MOMENT
+    e2 = acceleration(rate, rudder)
+    slope = (acceleration(rate + MOMENT, rudder) - acceleration(rate - MOMENT, rudder)) / (2.0 * MOMENT)
+    e3 = slope * e2 + model.gain / model.time_constant * moved
+
+    def value(t: float) -> float:
+        return lyapunov(model, gains, goal_rate, error + rate_error * t, rate_error + e2 * t, e2 + e3 * t)
+
+    a, ratio, step = k3 - slope, square / total, 1.0e-4 / (1.0 + abs(e2) + abs(e3))
+    promised = -(a - ratio) * e2 * e2
+    assert a > ratio
+    scale = max(1.0, abs(promised), abs(e3) * (abs(e2) + ratio * abs(rate_error)))
+    assert (value(step) - value(-step)) / (2.0 * step) == pytest.approx(promised, abs=2.0e-4 * scale)
+    assert value(0.0) >= 0.0
+
+
+def test_the_error_moves_as_promised() -> None:
+    """e''' + a e'' + k3 S e' + k3 W e = 0 for a linear boat, rudder and boat integrated in small steps."""
+    model = Norrbin(0.2, 5.0)
+    gains = spared_gains(model, 0.4)
+    k3, n = 1.0 / gains.smoothing, model.n1 / model.time_constant
+    total, square = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2
+    heading, rate, rudder, dt, steps = 0.3, 0.0, 0.0, 1.0e-3, 9000
+    for _ in range(steps):
+        wanted = backstepping_rudder(model, gains, Reference(0.0), heading, rate)
+        moved = smoothed_rudder(gains.smoothing, wanted, 0.0, 0.0, rudder, dt)
+        acceleration = yaw_acceleration(model, rate, 0.5 * (rudder + moved))
+        heading += dt * rate + 0.5 * dt * dt * acceleration
+        rate, rudder = rate + dt * acceleration, moved
+    roots = np.roots([1.0, n + k3, k3 * total, k3 * square])
+    shares = np.linalg.solve(np.vander(roots, 3, increasing=True).T, [0.3, 0.0, 0.0])
+    exact = float((shares * np.exp(roots * dt * steps)).sum().real)
+    assert 0.005 < abs(exact) < 0.2
+    assert heading == pytest.approx(exact, abs=2.0e-3)
+
+
+@given(st.floats(0.05, 5.0), st.sampled_from(MODELS))
+def test_spared_gains_are_the_linear_quadratic_regulators(quickness: float, model: Norrbin) -> None:
+    time = model.time_constant
+    bandwidth = quickness / time
+    found = spared_gains(model, bandwidth)
+    weight = model.gain / (time * bandwidth**3)
+    # in units of the time constant, which keeps the matrices near 1
+    a = np.array([[0.0, 1.0, 0.0], [0.0, -model.n1, model.gain * time], [0.0, 0.0, 0.0]])
+    b, scaled = np.array([[0.0], [0.0], [1.0]]), (weight / time) ** 2
+    riccati = solve_continuous_are(a, b, np.diag([1.0, 0.0, 0.0]), np.array([[scaled]]))
+    on_error, on_rate, on_rudder = (b.T @ riccati / scaled)[0] / np.array([time, 1.0, time])
+    linear = linear_gains_backstepping(model, found)
+    assert 1.0 / found.smoothing == pytest.approx(on_rudder, rel=1.0e-5)
+    assert linear.proportional / found.smoothing == pytest.approx(on_error, rel=1.0e-5)
+    assert linear.derivative / found.smoothing == pytest.approx(on_rate, rel=1.0e-4, abs=1.0e-6 * on_error)
+    assert min(found) > 0.0
+
+
+@given(st.floats(0.1, 5.0), st.floats(0.01, 4.0))
+def test_the_loop_wanted_is_the_loop_given(total: float, square: float) -> None:
+    k1, k2, gamma, _ = gains = gains_of_loop(total, square)
+    assert min(gains[:3]) > 0.0
+    assert (k1 + k2, gamma + k1 * k2) == pytest.approx((total, square))
+
+
+@given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(0.1, 20.0), st.floats(0.0, 0.5))
+def test_a_planned_turn_is_not_slowed_and_no_step_overshoots(
+    wanted: float, planned: float, last: float, smoothing: float, dt: float
+) -> None:
+    """What the plan adds comes at once; the rest of the way is gone as in two steps of half the time."""
+    plain = smoothed_rudder(smoothing, wanted, 0.1, 0.1, last, dt)
+    assert min(last, wanted) - 1.0e-12 <= plain <= max(last, wanted) + 1.0e-12
+    turning = smoothed_rudder(smoothing, wanted + planned - 0.1, planned, 0.1, last, dt)
+    assert turning == pytest.approx(plain + planned - 0.1, abs=1.0e-12)
+    half = smoothed_rudder(smoothing, wanted, 0.1, 0.1, last, 0.5 * dt)
+    assert smoothed_rudder(smoothing, wanted, 0.1, 0.1, half, 0.5 * dt) == pytest.approx(plain, abs=1.0e-12)
+    assert smoothed_rudder(smoothing, wanted, planned, math.nan, last, 0.0) == pytest.approx(last, abs=1.0e-15)
+    assert smoothed_rudder(0.0, wanted, planned, math.nan, last, dt) == wanted
+
+
+def test_smoothing_goes_with_the_speed_like_the_gains() -> None:
+    gains = BacksteppingGains(1.0, 1.0, 0.5, 0.8)
+    assert gains_at(gains, 0.5) == (0.5, 0.5, 0.125, 1.6)
