@@ -246,6 +246,7 @@ def _quickest(steered: Steered, worst: float, least_error: float) -> float:
     if not good:
         raise ValueError(
             "design: no gain gives a stable loop with margins: the steering gear is too slow for this boat"
+            + (", or she cannot be spared: try --no-spare-rudder" if at(slowest).smoothing > 0.0 else "")
         )
     return good[-1]
 

@@ -44,8 +44,11 @@ def test_stability_agrees_with_the_poles_of_the_closed_loop(
         assert found.stable == (rightmost < 0.0)
 
 
-@pytest.mark.parametrize("spares", [False, True])
-@pytest.mark.parametrize(("model", "gear"), BOATS)
+@pytest.mark.parametrize(
+    ("model", "gear", "spares"),
+    # no course-unstable boat has the margins asked for with a smoothed rudder
+    [*((model, gear, False) for model, gear in BOATS), *((model, gear, True) for model, gear in BOATS if model.n1 > 0)],
+)
 def test_phase_margin_and_sensitivity_agree_with_a_root_finder(
     model: Norrbin, gear: SteeringGear, spares: bool
 ) -> None:
