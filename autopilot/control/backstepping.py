@@ -10,10 +10,10 @@ is nothing here to wind up.
 
 A third step spares the rudder: it does not jump to delta, it goes there at a rate,
 
-    u' = F' - k3 (u - delta - b),   u = rudder + b,   k3 = 1/smoothing,
+    u' = -k3 (u - delta - b),   u = rudder + b,   k3 = 1/smoothing.
 
-F being the rudder of the planned turn, which is not slowed. With S = k1 + k2, W = g + k1 k2, e = z1 and a turn planned
-at a steady rate r_d, the boat's damping d(r) = n3 r^3 + n2 r^2 + n1 r + n0 cancels but for its slope, and
+With S = k1 + k2, W = g + k1 k2, e = z1 and a course or a rate r_d that is held, the boat's damping d(r) = n3 r^3 +
+n2 r^2 + n1 r + n0 cancels but for its slope, and
 
     e''' + a(r) e'' + k3 S e' + k3 W e = 0,   a(r) = k3 + d'(r)/T,
     V3 = (e'' + W/S e')^2/2 + k3 S (e' + W/S e)^2/2 + W/S int_0^e' (a(r_d + y) - W/S) y dy,
@@ -21,7 +21,8 @@ at a steady rate r_d, the boat's damping d(r) = n3 r^3 + n2 r^2 + n1 r + n0 canc
 
 stable, however large the error, where k3 + d'(r)/T > W/S at every rate; nothing but e = e' = 0 keeps e'' = 0. The
 linear-quadratic regulator with a weight on the rudder's rate is of this form (`spared_rudder`). u begins each time at
-the rudder that was really told: nothing winds up, and engaging makes no bump.
+the rudder that was really told: nothing winds up, and engaging makes no bump. A planned turn that takes rudder is
+steered without this step, as the plan wants its rudder at once.
 
 The paper has g = 1 1/s^2, hidden in V = (z1^2 + z2^2)/2. Left at 1 it asks a boat with K = 0.1 1/s and
 T = 20 s for at least 200 deg of rudder per degree of error however small k1 and k2 are; so g is a gain here.
@@ -42,8 +43,8 @@ from autopilot.signals import NavState, Reference
 
 SPEED_RANGE = (0.2, 1.5)
 """Share of the reference speed within which the gains follow the speed."""
-FRESH = 1.5
-"""A planned turn older than so many ticks is another one."""
+PLANNED = math.radians(1.0)
+"""A planned turn with less rudder than this is no more than keeping a course."""
 
 
 class BacksteppingGains(NamedTuple):
@@ -77,23 +78,20 @@ def backstepping_rudder(
     return rudder_for(model, rate, wanted) - bias
 
 
-def smoothed_rudder(
-    smoothing: float, wanted: float, planned: float, planned_before: float, last_rudder: float, dt: float
-) -> float:
+def smoothed_rudder(smoothing: float, wanted: float, last_rudder: float, dt: float) -> float:
     """Return the demand [rad] of the third step, `dt` [s] after the rudder was told `last_rudder` [rad].
 
-    wanted: what `backstepping_rudder` asks for [rad]; planned: the planned turn's rudder F [rad], now and `dt` ago, nan
-    where there was none.
+    wanted: what `backstepping_rudder` asks for [rad].
     """
     if smoothing == 0.0:
         return wanted
-    carried = last_rudder if math.isnan(planned_before) else last_rudder + planned - planned_before
-    return carried - math.expm1(-dt / smoothing) * (wanted - carried)
+    return last_rudder - math.expm1(-dt / smoothing) * (wanted - last_rudder)
 
 
-def planned_rudder(model: Norrbin, reference: Reference) -> float:
-    """Return F [rad], the rudder that the model needs for the planned turn."""
-    return rudder_for(model, reference.rate, reference.acceleration)
+def smoothing_in(model: Norrbin, smoothing: float, reference: Reference) -> float:
+    """Return the smoothing [s] that is in force: none in a planned turn that takes more than PLANNED of rudder."""
+    planned = rudder_for(model, reference.rate, reference.acceleration) - rudder_for(model, 0.0, 0.0)
+    return 0.0 if abs(planned) > PLANNED else smoothing
 
 
 def printed_equation_26(
@@ -112,8 +110,7 @@ def printed_equation_26(
 
 
 class BacksteppingLaw:
-    """The law as the pilot holds it. Bias and limits reach it through the state and the rudder that was told; its only
-    memory is the planned turn's rudder a tick ago.
+    """The law as the pilot holds it. It has no memory: bias and limits reach it through the state and the rudder told.
 
     The gains hold at `reference_speed` [m/s] and go with the speed, as 1/T does: a slow boat is not asked
     for a quick boat's accelerations.
@@ -128,17 +125,12 @@ class BacksteppingLaw:
             raise ValueError(f"backstepping: smoothing must be finite and not negative, got {gains.smoothing}")
         self.gains = gains
         self._reference_speed = reference_speed
-        self.reset(0.0)
 
     def reset(self, rudder: float) -> None:
-        """Forget the planned turn: the rudder starts from where it was told to be."""
-        self._planned, self._time = math.nan, -math.inf
+        """Nothing to forget."""
 
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
         """Return the rudder demand [rad]."""
         gains = gains_at(self.gains, model.reference_speed / self._reference_speed)
-        # who was not asked for a while begins anew
-        before = self._planned if state.time - self._time <= FRESH * dt else math.nan
-        self._planned, self._time = planned_rudder(model, reference), state.time
         wanted = backstepping_rudder(model, gains, reference, state.heading, state.rate, state.bias)
-        return smoothed_rudder(gains.smoothing, wanted, self._planned, before, last_rudder, dt)
+        return smoothed_rudder(smoothing_in(model, gains.smoothing, reference), wanted, last_rudder, dt)

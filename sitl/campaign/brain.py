@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control import backstepping, sliding_heading
-from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder, planned_rudder, smoothed_rudder
+from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder, smoothed_rudder, smoothing_in
 from autopilot.control.pid import PidGains, PidMemory, feed_forward, pid_step
 from autopilot.control.sliding_heading import SlidingGains, sliding_rudder
 from autopilot.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
@@ -86,8 +86,8 @@ class Brain(NamedTuple):
 class Mind(NamedTuple):
     """What the pilot remembers from tick to tick, the rudder's past apart.
 
-    planned [rad]: the planned turn's rudder; same, heading, heard_time, apart: the compass, as its monitors see it;
-    easy_time and right_time [s]: when the rudder was last not hard over, and last not pushing the boat away.
+    same, heading, heard_time, apart: the compass, as its monitors see it; easy_time and right_time [s]: when the rudder
+    was last not hard over, and last not pushing the boat away.
     gone: the run has come to where only the full simulator goes on.
     """
 
@@ -103,7 +103,6 @@ class Mind(NamedTuple):
     target: float
     turning_until: float
     pid: PidMemory
-    planned: float
     told: float
     rest: Rest
     rudder: float
@@ -159,7 +158,6 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         target=math.nan,
         turning_until=-math.inf,
         pid=PidMemory(0.0, math.nan),
-        planned=math.nan,
         told=0.0,
         rest=Rest(0.0, 0.0, False),
         rudder=0.0,
@@ -196,11 +194,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
     boat = turn_step(model, planned, boat, target, dt)
     reference, own = reference_of(model, boat), mind.rest.allowed
-    turning = planned_rudder(model, reference)
     demand, pid = _demand(brain, model, reference, heading, rate, bias, listened.pid, own, dt)
-    if brain.law == BACKSTEPPING:
-        smoothing = backstepping.gains_at(brain.backstepping, model.reference_speed / brain.gains_speed).smoothing
-        demand = smoothed_rudder(smoothing, demand, turning, mind.planned, own, dt)
     limited = limit(brain.limits, mind.told, demand, dt)
     rest = rested(brain.limits, brain.dead_band, mind.rest, demand, limited)
     told = rest.told
@@ -224,7 +218,6 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         target=target,
         turning_until=turning_until,
         pid=pid,
-        planned=turning,
         told=told,
         rest=rest,
         rudder=listened.rudder,
@@ -305,7 +298,6 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         target=mind.target,
         turning_until=mind.turning_until,
         pid=mind.pid,
-        planned=mind.planned,
         told=mind.told,
         rest=mind.rest,
         rudder=rudder,
@@ -365,11 +357,12 @@ def _demand(
     told: float,
     dt: float,
 ) -> tuple[float, PidMemory]:
-    """Return the law's demand [rad] before smoothing, and the PID's memory."""
+    """Return the law's demand [rad] and the PID's memory."""
     ratio = model.reference_speed / brain.gains_speed
     if brain.law == BACKSTEPPING:
         gains = backstepping.gains_at(brain.backstepping, ratio)
-        return backstepping_rudder(model, gains, reference, heading, rate, bias), memory
+        wanted = backstepping_rudder(model, gains, reference, heading, rate, bias)
+        return smoothed_rudder(smoothing_in(model, gains.smoothing, reference), wanted, told, dt), memory
     if brain.law == SLIDING:
         surface = sliding_heading.gains_at(brain.sliding, ratio)
         return sliding_rudder(model, surface, reference, heading, rate, bias), memory

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,11 +10,12 @@ from scipy.integrate import quad
 from scipy.linalg import solve_continuous_are
 
 from autopilot.control.backstepping import (
+    PLANNED,
     BacksteppingGains,
     backstepping_rudder,
     gains_at,
-    planned_rudder,
     smoothed_rudder,
+    smoothing_in,
 )
 from autopilot.control.design import linear_gains_backstepping
 from autopilot.control.spared_rudder import gains_of_loop, spared_gains
@@ -63,8 +62,7 @@ def test_v3_decreases_anywhere(
         return yaw_acceleration(model, rate, rudder)
 
     wanted = backstepping_rudder(model, gains, reference, 0.4 + error, rate)
-    planned = planned_rudder(model, reference)
-    moved = (smoothed_rudder(gains.smoothing, wanted, planned, planned, rudder, MOMENT) - rudder) / MOMENT
+    moved = (smoothed_rudder(gains.smoothing, wanted, rudder, MOMENT) - rudder) / MOMENT
     e2 = acceleration(rate, rudder)
     slope = (acceleration(rate + MOMENT, rudder) - acceleration(rate - MOMENT, rudder)) / (2.0 * MOMENT)
     e3 = slope * e2 + model.gain / model.time_constant * moved
@@ -89,7 +87,7 @@ def test_the_error_moves_as_promised() -> None:
     heading, rate, rudder, dt, steps = 0.3, 0.0, 0.0, 1.0e-3, 9000
     for _ in range(steps):
         wanted = backstepping_rudder(model, gains, Reference(0.0), heading, rate)
-        moved = smoothed_rudder(gains.smoothing, wanted, 0.0, 0.0, rudder, dt)
+        moved = smoothed_rudder(gains.smoothing, wanted, rudder, dt)
         acceleration = yaw_acceleration(model, rate, 0.5 * (rudder + moved))
         heading += dt * rate + 0.5 * dt * dt * acceleration
         rate, rudder = rate + dt * acceleration, moved
@@ -125,19 +123,23 @@ def test_the_loop_wanted_is_the_loop_given(total: float, square: float) -> None:
     assert (k1 + k2, gamma + k1 * k2) == pytest.approx((total, square))
 
 
-@given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(0.1, 20.0), st.floats(0.0, 0.5))
-def test_a_planned_turn_is_not_slowed_and_no_step_overshoots(
-    wanted: float, planned: float, last: float, smoothing: float, dt: float
-) -> None:
-    """What the plan adds comes at once; the rest of the way is gone as in two steps of half the time."""
-    plain = smoothed_rudder(smoothing, wanted, 0.1, 0.1, last, dt)
+@given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(0.1, 20.0), st.floats(0.0, 0.5))
+def test_no_step_overshoots_and_two_halves_are_a_whole(wanted: float, last: float, smoothing: float, dt: float) -> None:
+    plain = smoothed_rudder(smoothing, wanted, last, dt)
     assert min(last, wanted) - 1.0e-12 <= plain <= max(last, wanted) + 1.0e-12
-    turning = smoothed_rudder(smoothing, wanted + planned - 0.1, planned, 0.1, last, dt)
-    assert turning == pytest.approx(plain + planned - 0.1, abs=1.0e-12)
-    half = smoothed_rudder(smoothing, wanted, 0.1, 0.1, last, 0.5 * dt)
-    assert smoothed_rudder(smoothing, wanted, 0.1, 0.1, half, 0.5 * dt) == pytest.approx(plain, abs=1.0e-12)
-    assert smoothed_rudder(smoothing, wanted, planned, math.nan, last, 0.0) == pytest.approx(last, abs=1.0e-15)
-    assert smoothed_rudder(0.0, wanted, planned, math.nan, last, dt) == wanted
+    half = smoothed_rudder(smoothing, wanted, last, 0.5 * dt)
+    assert smoothed_rudder(smoothing, wanted, half, 0.5 * dt) == pytest.approx(plain, abs=1.0e-12)
+    assert smoothed_rudder(smoothing, wanted, last, 0.0) == last
+    assert smoothed_rudder(0.0, wanted, last, dt) == wanted
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_planned_turn_with_rudder_is_not_slowed(model: Norrbin) -> None:
+    assert smoothing_in(model, 0.8, Reference(1.0)) == 0.8
+    for side in (1.0, -1.0):
+        drive = side * model.gain / model.time_constant
+        assert smoothing_in(model, 0.8, Reference(1.0, 0.0, 0.9 * PLANNED * drive)) == 0.8
+        assert smoothing_in(model, 0.8, Reference(1.0, 0.0, 1.1 * PLANNED * drive)) == 0.0
 
 
 def test_smoothing_goes_with_the_speed_like_the_gains() -> None:
