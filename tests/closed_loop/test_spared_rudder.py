@@ -16,7 +16,7 @@ from autopilot.cli.gains import Wish, designed
 from autopilot.params.vessel import Vessel
 from autopilot.signals import Order, OrderKind, Tick
 
-CALM = {"lanxin": 4, "middle": 4, "slow": 3}
+CALM = {"lanxin": 5, "middle": 4, "slow": 3}
 """Response levels."""
 
 
