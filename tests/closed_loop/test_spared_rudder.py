@@ -55,8 +55,9 @@ def test_a_planned_turn_stays_as_it_is(name: str, factor: float, limit_deg: floa
         assert math.degrees(behind) < 2.5, "the plan's own rudder is not slowed"
 
 
-@pytest.mark.parametrize("name", ["lanxin", "slow"])
-def test_wind_is_learnt_and_saturation_leaves_no_second_overshoot(name: str) -> None:
+@pytest.mark.parametrize(("name", "second"), [("lanxin", 0.15), ("slow", 0.7)])
+def test_wind_is_learnt_and_saturation_leaves_swings_that_die_out(name: str, second: float) -> None:
+    """A slow boat whose rudder is spared pays for it here: she comes back past her course twice (docs/gains.md)."""
     vessel, boat = spared(name), BOATS[name]
 
     def pushes(now: float) -> float:
@@ -67,7 +68,8 @@ def test_wind_is_learnt_and_saturation_leaves_no_second_overshoot(name: str) -> 
     assert abs(sum(errors[-400:]) / 400.0) < 0.1
     after = [error for tick, error in zip(ticks, errors, strict=True) if tick.now > 70.0]
     lowest = min(range(len(after)), key=after.__getitem__)
-    assert max(after[lowest:]) < 1.0
+    assert max(after[lowest:]) < max(1.0, -second * after[lowest])
+    assert max(map(abs, after[len(after) // 2 :])) < 0.5
 
 
 def test_engaging_with_the_rudder_over_makes_no_bump() -> None:
