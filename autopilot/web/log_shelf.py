@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from autopilot.errors import InputError
 
 SUFFIXES = (".tlog", ".html", ".csv", ".yaml")
 SHOWN_MOST = 200
+PIECE = 65536
 
 
 class LogShelf:
@@ -42,6 +44,19 @@ class LogShelf:
             return None
         path = self._folder / name
         return path if self._is_log(path) else None
+
+    def read(self, path: Path) -> tuple[int, Iterator[bytes]]:
+        """Return the size [bytes] that a log has now and that much of it, piece by piece: a run may be writing on."""
+        size = path.stat().st_size
+
+        def pieces() -> Iterator[bytes]:
+            left = size
+            with path.open("rb") as file:
+                while left > 0 and (piece := file.read(min(left, PIECE))):
+                    left -= len(piece)
+                    yield piece
+
+        return size, pieces()
 
     def _is_log(self, path: Path) -> bool:
         return path.suffix in SUFFIXES and not path.name.startswith(".") and not path.is_symlink() and path.is_file()

@@ -16,7 +16,7 @@ from starlette.applications import Starlette
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -158,7 +158,9 @@ class Page:
         path = self._shelf.path_of(name)
         if path is None:
             return _refusal(404, "there is no such log")
-        return FileResponse(path, filename=name, media_type="application/octet-stream")
+        size, pieces = self._shelf.read(path)
+        headers = {"content-length": str(size), "content-disposition": f"attachment; filename*=utf-8''{quote(name)}"}
+        return StreamingResponse(pieces, headers=headers, media_type="application/octet-stream")
 
     def _may(self, request: Request) -> bool:
         return self._access.allows(request.headers.get("authorization", ""))

@@ -109,6 +109,16 @@ def test_a_log_is_downloaded_with_a_ticket_and_nothing_else_is(client: Any, sea:
     assert client.get(href).status_code == 403
 
 
+def test_a_log_that_is_being_written_is_downloaded_as_far_as_it_is(tmp_path: Path) -> None:
+    log = tmp_path / "now.tlog"
+    log.write_bytes(b"a" * 100_000)
+    size, pieces = LogShelf(tmp_path).read(log)
+    first = next(pieces)
+    with log.open("ab") as file:
+        file.write(b"b" * 100_000)
+    assert size == 100_000 and first + b"".join(pieces) == b"a" * size
+
+
 def events_of(data: bytes) -> list[tuple[str, Any]]:
     found = []
     for block in data.decode().split("\n\n"):
