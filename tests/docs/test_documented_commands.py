@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shlex
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -166,15 +168,21 @@ def run_as_processes(lines: list[str], folder: Path) -> None:
         "PYTHONPATH": str(ROOT),
         "NORRBIN_STATE": str(folder / "state"),
     }
-    done = subprocess.run(
+    script = subprocess.Popen(
         ["bash", "-c", f"set -e\ntrap 'kill $(jobs -p) 2> {os.devnull} || true' EXIT\n{STAY}\n{text}"],
         cwd=folder,
         env=environment,
-        capture_output=True,
-        text=True,
         stdin=subprocess.DEVNULL,
-        timeout=400,
-        check=False,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
-    assert done.returncode == 0, f"{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    try:
+        said, complained = script.communicate(timeout=400)
+    finally:
+        # whatever it has started ends with it
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(script.pid, signal.SIGKILL)
+    assert script.returncode == 0, f"{text}\n{said[-2000:]}\n{complained[-2000:]}"
     shutil.rmtree(folder / "dev")
