@@ -89,7 +89,7 @@ def _circle(axis: Any, model: Norrbin) -> None:
         label="a circle of the boat's 84.97 m",
     )
     axis.set(title="figure 4: the turn", xlabel="east [m]", ylabel="north [m]", aspect="equal")
-    axis.legend(loc="center left", bbox_to_anchor=(1.05, 0.5))
+    axis.legend(loc="center")
 
 
 def _curves(headings: Any, rudders: Any, model: Norrbin, gear: SteeringGear, sea: list[float]) -> None:
