@@ -60,6 +60,7 @@ def simulated(hours: float, with_mavlink: bool, report: Path | None) -> bool:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         with contextlib.suppress(KeyboardInterrupt):
             day.sail(hours)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # timeout(1) sends its own to who was sent one
         kept = sum(path.stat().st_size for path in Path(name).iterdir())
         day.session.close()
     reached, wall = day.sailed_s / 3600.0, time.monotonic() - started
