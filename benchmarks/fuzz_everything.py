@@ -1,7 +1,7 @@
 """The whole pilot, and every reader of files, under millions of inputs: two engines, one command.
 
     python benchmarks/fuzz_everything.py --inputs 100000                       # every target, random damage
-    python benchmarks/fuzz_everything.py --only pilot --inputs 1200000 --kept parts.jsonl
+    python benchmarks/fuzz_everything.py --only pilot --inputs 1000000 --kept parts.jsonl
     python benchmarks/fuzz_everything.py --only ULog --engine atheris --inputs 50000     # guided by coverage
 
 For the pilot an input is one tick; for a reader it is one file. Random damage: sound inputs cut, joined, doubled, with
