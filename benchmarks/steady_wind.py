@@ -2,15 +2,17 @@
 
     python benchmarks/steady_wind.py [--seed 5]
 
-Boats and gains of `turns.py`, 10 Hz compass with 0.3 deg of noise, no gyro. The wind is worth 5 deg of rudder, its
+Boats and gains of `turns.py`, the course-unstable one apart: more wind than her rudder holds turns her round and round.
+10 Hz compass with 0.3 deg of noise, without a gyro and with one of 0.2 deg/s. The wind is worth 5 deg of rudder, its
 gusts 1 deg rms with a memory of 10 s; the mean error is that of the true heading over the last two thirds of this part.
-Then it is worth 1.1 times the whole rudder for 60 s, and then nothing. Past: how far the boat leads past her course on
+Then it is worth 1.03 times the whole rudder for 60 s, and then nothing. Past: how far the boat leads past her course on
 the way back; second: how far she then comes back to the side that the wind had blown her to.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -26,8 +28,8 @@ from autopilot.params.vessel import Vessel
 from autopilot.signals import HeadingSample, Order, OrderKind
 
 WIND, GUST, GUST_TIME = math.radians(5.0), math.radians(1.0), 10.0
-BEYOND, SATURATED_S = 1.1, 60.0
-COMPASS_NOISE = math.radians(0.3)
+BEYOND, SATURATED_S = 1.03, 60.0
+COMPASS_NOISE, GYRO_NOISE = math.radians(0.3), math.radians(0.2)
 NORTH = Order(OrderKind.HEADING, 0.0, serial=1)
 
 
@@ -41,7 +43,12 @@ class Held(NamedTuple):
 
 
 def sailed(
-    vessel: Vessel, factor: float, push: Callable[[float], float], seconds: float, random: np.random.Generator
+    vessel: Vessel,
+    factor: float,
+    push: Callable[[float], float],
+    seconds: float,
+    random: np.random.Generator,
+    has_gyro: bool,
 ) -> list[float]:
     """Return the true heading [rad] tick by tick, K `factor` times the model's; push: rudder [rad] by time [s]."""
     true, gear = model_of(vessel), gear_of(vessel)
@@ -51,7 +58,9 @@ def sailed(
     headings = []
     for index in range(round(seconds / CONTROL_S)):
         now = index * CONTROL_S
-        seen = HeadingSample(now, wrap(heading + COMPASS_NOISE * random.standard_normal()))
+        noise = random.standard_normal(2)
+        turning = rate + GYRO_NOISE * noise[1] if has_gyro else None
+        seen = HeadingSample(now, wrap(heading + COMPASS_NOISE * noise[0]), turning)
         line.give(now, pilot.step(now, (seen,) if index % 2 == 0 else (), NORTH).command.angle)
         for step in range(STEPS_A_TICK):
             rudder = gear_step(gear, rudder, line.effective(now + step * h), h)
@@ -70,7 +79,7 @@ def gusts(seconds: float, random: np.random.Generator) -> list[float]:
     return found
 
 
-def held(boat: Boat, factor: float, seed: int) -> Held:
+def held(boat: Boat, factor: float, seed: int, has_gyro: bool) -> Held:
     """Return how the pilot holds a boat whose K is `factor` times the model's."""
     random, vessel = np.random.default_rng(seed), vessel_of(boat)
     windy, after = 300.0 + 30.0 * boat.model.time_constant, 120.0 + 15.0 * boat.model.time_constant
@@ -81,7 +90,7 @@ def held(boat: Boat, factor: float, seed: int) -> Held:
             return WIND + blown[round(now / CONTROL_S)]
         return most if now < windy + SATURATED_S else 0.0
 
-    headings = np.degrees(sailed(vessel, factor, push, windy + SATURATED_S + after, random))
+    headings = np.degrees(sailed(vessel, factor, push, windy + SATURATED_S + after, random, has_gyro))
     ends, free = round(windy / CONTROL_S), round((windy + SATURATED_S) / CONTROL_S)
     past, second = swings(headings[free:])
     return Held(float(np.mean(headings[ends // 3 : ends])), float(np.max(headings[ends:])), past, second)
@@ -98,14 +107,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seed", type=int, default=5)
     seed = parser.parse_args().seed
-    print("boat         K    mean error   blown off   past   second  [deg]")
-    for name, boat in BOATS.items():
-        for factor in (1.0, 0.7, 1.4):
-            found = held(boat, factor, seed)
-            print(
-                f"{name:9s}{factor:5.1f}{found.mean:14.2f}{found.off:12.1f}{found.past:7.1f}{found.second:9.1f}",
-                flush=True,
-            )
+    print("boat     gyro     K    mean error   blown off   past   second  [deg]")
+    for (name, boat), has_gyro, factor in itertools.product(BOATS.items(), (False, True), (1.0, 0.7, 1.4)):
+        if boat.model.n1 < 0.0:
+            continue
+        found = held(boat, factor, seed, has_gyro)
+        print(
+            f"{name:9s}{'yes' if has_gyro else 'no':4s}{factor:6.1f}"
+            f"{found.mean:14.2f}{found.off:12.1f}{found.past:7.1f}{found.second:9.1f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
