@@ -1,0 +1,27 @@
+"""Keep every core awake at the lowest priority until the shell that started this has gone.
+
+A virtual machine whose cores fall asleep may be given them back tenths of a second late; tests that live in real time
+would see boats that are not steered for as long. Who has something to do gets the core at once.
+"""
+
+from __future__ import annotations
+
+import os
+
+
+def main() -> None:
+    """Yield for ever, one process a core."""
+    parent = os.getppid()
+    cores = sorted(os.sched_getaffinity(0))
+    core = next((core for core in cores[1:] if os.fork() == 0), cores[0])
+    if core != cores[0]:
+        parent = os.getppid()
+    os.sched_setaffinity(0, {core})
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    while os.getppid() == parent:
+        for _ in range(1000):
+            os.sched_yield()
+
+
+if __name__ == "__main__":
+    main()
