@@ -24,14 +24,14 @@ from autopilot.errors import RefusedError
 from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.track import TrackSettings
-from autopilot.guidance.turn import preset_rate, turn_limits
+from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
 from autopilot.limits import RudderLimits
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.norrbin import Norrbin, at_speed_ratio
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.monitors import AlarmLimits
 from autopilot.params.vessel import Vessel
-from autopilot.pilot import HeadingLaw, Pilot, PilotConfig
+from autopilot.pilot import INTEGRATING_LAW, HeadingLaw, Pilot, PilotConfig
 from autopilot.safety import FailsafeAction
 from autopilot.signals import NavState, Reference
 
@@ -102,8 +102,9 @@ def limits_of(vessel: Vessel) -> RudderLimits:
     return RudderLimits(min(angle, gear.angle_max), min(rate, gear.rate_max))
 
 
-def noise_of(vessel: Vessel) -> FilterNoise:
+def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
     """Return the filter's noise: instruments from the file, sea and wind from the constants of this module."""
+    integrates = (law or vessel.control.law) == INTEGRATING_LAW
     model, sensors = vessel.model, vessel.sensors
     moment = model.K_1_s / model.T_s
     filtered = vessel.estimator.wave_filter == "auto"
@@ -118,6 +119,7 @@ def noise_of(vessel: Vessel) -> FilterNoise:
         waves=filtered,
         gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
         gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
+        stop=math.inf if integrates else HARD_OVER * limits_of(vessel).angle_max,
     )
 
 
@@ -245,7 +247,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
     return PilotConfig(
         model=model_of(vessel),
         gear=gear_of(vessel),
-        noise=noise_of(vessel),
+        noise=noise_of(vessel, law),
         limits=limits_of(vessel),
         failsafe=FailsafeAction(
             failsafe.heading_timeout_s,

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 
 LONGEST_STEP = 0.5
 """A longer silence between ticks [s] counts as this much for limits and reference."""
+INTEGRATING_LAW = "pid"
+"""It learns wind and trim by itself; the others go by the estimated bias."""
 SPEED_CHANGE = 0.02
 """Turn limits are worked out anew when the speed has changed by this share."""
 STEERAGE_AGAIN = 1.2
@@ -334,7 +336,8 @@ class Pilot:
         if self._waits:
             return Reference(self._guide.heading)
         steers, over = self.config.rudder_is_ours, side_hard_over(self._told.angle, self.config.limits.angle_max)
-        return self._guide.lead(state, model, self._limits_at(model), over, steers, dt)
+        by_bias = self.law.name != INTEGRATING_LAW
+        return self._guide.lead(state, model, self._limits_at(model), over, steers, by_bias, dt)
 
     def _limits_at(self, model: Norrbin) -> TurnLimits:
         speed = model.reference_speed

@@ -61,10 +61,11 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     state = fusion.state
     longest = LONGEST_SHARE * model.time_constant
     end = min(to, state.time + PREDICT_LONGEST)
-    noise = noises.usual if abs(fusion.surprise) < SURPRISED else noises.pushed
+    is_usual = abs(fusion.surprise) < SURPRISED
     tick = tick_at(past, state.time)
     while state.time < end:
         until, angle, tick = stretch(past, tick, state.time, end, GRAIN_SHARE * model.time_constant)
+        noise = noises.usual if is_usual and abs(angle) < noises.usual.stop else noises.pushed
         for left in range(math.ceil((until - state.time) / longest), 1, -1):
             state = ekf.predict(model, noise, state, angle, state.time + (until - state.time) / left)
         state = ekf.predict(model, noise, state, angle, until)

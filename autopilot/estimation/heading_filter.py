@@ -88,7 +88,8 @@ class FilterNoise(NamedTuple):
     model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share of it, as white noise. With `waves` the
     sea is learnt and kept out of psi and r, and `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the places of
     `acceleration` and `bias` while the boat is pushed further than waves would; `gust_bias` also while the measurements
-    lie to one side of what was expected for seconds.
+    lie to one side of what was expected for seconds, and while the rudder is further over than `stop` [rad]: a boat
+    that needs all of it is pushed, and comes back with a wrong rudder until the end of the push is learnt.
     """
 
     heading: float
@@ -99,6 +100,7 @@ class FilterNoise(NamedTuple):
     waves: bool = False
     gust: float = 0.0
     gust_bias: float = 0.0
+    stop: float = math.inf
 
 
 def initial(

@@ -71,16 +71,28 @@ class HeadingGuide:
         self._turning_until = max(self._turning_until, state.time + may_take)
 
     def lead(
-        self, state: NavState, model: Norrbin, limits: TurnLimits, hard_over: int, steers: bool, dt: float
+        self,
+        state: NavState,
+        model: Norrbin,
+        limits: TurnLimits,
+        hard_over: int,
+        steers: bool,
+        by_bias: bool,
+        dt: float,
     ) -> Reference:
-        """Return the reference `dt` [s] on; hard_over: see `side_hard_over`. steers: whether the rudder is ours."""
-        beyond = replan_beyond(model) if steers else REPLAN_GUIDED
+        """Return the reference `dt` [s] on; hard_over: see `side_hard_over`. steers: whether the rudder is ours.
+
+        by_bias: whether the law goes by the estimated bias. An integrator needs the error that a plan keeps from it.
+        """
+        is_late = self.is_late(state.time)
+        is_led_back = is_late and by_bias and self.is_turning(model, limits)
+        beyond = replan_beyond(model, is_led_back) if steers else REPLAN_GUIDED
         if abs(shortest_turn(self._boat.heading, state.heading)) > beyond:
             self._boat = replanned(model, limits, state.heading, state.rate, state.rudder + state.bias)
         led, pace = self._boat, limits
-        if self.is_late(state.time):
+        if is_late:
             pace = without_haste(limits)
-        elif steers:
+        if steers and (by_bias or not is_late):
             led = within_reach(led, state.heading, state.rate, hard_over)
         self._boat = turn_step(model, pace, led, self.heading, dt)
         if not math.isfinite(self._boat.heading + self._boat.rate + self._boat.rudder):

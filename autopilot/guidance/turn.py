@@ -57,9 +57,9 @@ SETTLING_TIME_CONSTANTS = 5.0
 """A turn may take this much longer than planned, and this many time constants to settle, before it is off course."""
 REPLAN = math.radians(20.0)
 """Carried off this far [rad] from the planned turn, the boat is led back by a turn planned from where it is."""
-REPLAN_UNSTABLE = math.radians(8.0)
+REPLAN_SOON = math.radians(8.0)
 """A course-unstable boat that swings further than her rudder's rate can follow is lost: the plan, which knows that
-rate, takes over early."""
+rate, takes over early. So it does where any boat is led back: one that overshoots would swing to and fro."""
 STOP_STEPS = 24
 STOP_STEPS_MOST = 60
 
@@ -222,7 +222,8 @@ def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int)
     """Return the virtual boat, waiting where the real one at `heading` [rad] and `rate` [rad/s] cannot keep up with it.
 
     hard_over: the side, 1 or -1, on which the real rudder is at its stop; 0: at neither. A boat that turns worse than
-    her model is then never more than BEHIND, so that the turn is met when she must meet it.
+    her model is then never more than BEHIND, so that the turn is met when she must meet it; and one that is blown away
+    is led back from where she is when her rudder holds her again, not from where a plan ran to without her.
     """
     behind = hard_over * wrap(boat.heading - heading)
     if behind <= BEHIND or hard_over * boat.rate <= max(hard_over * rate, 0.0):
@@ -250,9 +251,12 @@ def turning_time(model: Norrbin, limits: TurnLimits, turn: float) -> float:
     return TURNING_SLACK * abs(turn) / limits.rate_max + SETTLING_TIME_CONSTANTS * model.time_constant
 
 
-def replan_beyond(model: Norrbin) -> float:
-    """Return how far [rad] the boat may be carried off from the planned turn before it is planned anew."""
-    return REPLAN if model.n1 > 0.0 else REPLAN_UNSTABLE
+def replan_beyond(model: Norrbin, is_led_back: bool) -> float:
+    """Return how far [rad] the boat may be carried off from the planned turn before it is planned anew.
+
+    is_led_back: on a turn that nobody ordered, after something carried her off.
+    """
+    return REPLAN if model.n1 > 0.0 and not is_led_back else REPLAN_SOON
 
 
 def replanned(model: Norrbin, limits: TurnLimits, heading: float, rate: float, rudder: float) -> VirtualBoat:

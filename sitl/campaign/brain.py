@@ -187,10 +187,12 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         turning_until = max(turning_until, now + turning_time(model, turn, shortest_turn(heading, target)))
     boat = listened.boat
     bias = clip(listened.fusion.state.bias, -BIAS_MOST, BIAS_MOST)
-    if abs(shortest_turn(boat.heading, heading)) > replan_beyond(model):
+    is_late, by_bias = now >= turning_until, brain.law != PID
+    is_led_back = is_late and by_bias and is_turning(model, turn, boat)
+    if abs(shortest_turn(boat.heading, heading)) > replan_beyond(model, is_led_back):
         boat = replanned(model, turn, heading, rate, listened.rudder + bias)
     planned = turn if now < turning_until else without_haste(turn)
-    if now < turning_until:
+    if by_bias or not is_late:
         boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
     boat = turn_step(model, planned, boat, target, dt)
     reference, own = reference_of(model, boat), mind.rest.allowed

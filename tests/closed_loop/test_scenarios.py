@@ -121,6 +121,24 @@ def test_after_a_minute_of_saturation_there_is_no_second_overshoot(
     assert abs(after[-1]) < 0.3
 
 
+@pytest.mark.parametrize("lasts", [60.0, 60.7, 61.4])
+def test_whenever_the_push_ends_she_comes_back_without_a_second_overshoot(lasts: float) -> None:
+    """Blown away she is planned back again and again: when the push ends, no plan has run far ahead of her."""
+    vessel, begins = vessel_of(BOATS["lanxin"]), 20.0
+    model = model_of(vessel)
+    box = Plant(
+        model._replace(gain=1.4 * model.gain),
+        gear_of(vessel),
+        disturbance=lambda t: math.radians(5.0 if t < begins else 30.9 if t < begins + lasts else 0.0),
+        heading_noise=math.radians(0.3),
+        rate_noise=None,
+    )
+    ticks = sail(build_pilot(vessel), box, course(0.0), begins + lasts + 20.0, 0.05)
+    after = [deg(wrap(tick.state.heading)) for tick in ticks if tick.now > begins + lasts]
+    lowest = min(range(len(after)), key=after.__getitem__)
+    assert max(after[lowest:]) < 1.0
+
+
 @pytest.mark.parametrize("rudder_deg", [-30.0, -12.0, 0.0, 7.0, 30.0])
 @pytest.mark.parametrize("law", ["backstepping", "pid"])
 def test_engaging_makes_no_bump_and_adopts_the_present_heading(rudder_deg: float, law: str) -> None:
