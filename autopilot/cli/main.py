@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from autopilot import __version__
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 SUBCOMMANDS = {
@@ -47,6 +48,7 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
         epilog=EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action="version", version=f"norrbin {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     named = None if argv is None else next((word for word in argv if not word.startswith("-")), "")
     for name, summary in SUBCOMMANDS.items():

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from autopilot import __version__
 from autopilot.cli.main import main
+from sitl.cli import main as sitl_main
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -68,6 +70,14 @@ def test_bad_usage_ends_with_what_was_wrong(
     assert usage.startswith("usage: autopilot")
     assert "error: " in last
     assert named in last
+
+
+@pytest.mark.parametrize("program", [main, sitl_main])
+def test_version_is_that_of_the_package(program, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        program(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"norrbin {__version__}\n"
 
 
 def test_help_lists_the_commands_and_the_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
