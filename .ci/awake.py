@@ -18,11 +18,11 @@ LEFT_ALONE_S = 0.1
 
 def main() -> None:
     """Yield for ever, one process a core."""
-    parent = os.getppid()
+    parent, first = os.getppid(), os.getpid()
     cores = sorted(os.sched_getaffinity(0))
     core = next((core for core in cores[1:] if os.fork() == 0), cores[0])
     if core != cores[0]:
-        parent = os.getppid()
+        parent = first
     os.sched_setaffinity(0, {core})
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     while os.getppid() == parent:

@@ -102,9 +102,13 @@ def limits_of(vessel: Vessel) -> RudderLimits:
     return RudderLimits(min(angle, gear.angle_max), min(rate, gear.rate_max))
 
 
+def _integrates(vessel: Vessel, law: str | None) -> bool:
+    """Return whether the law, None: the file's, learns the bias by itself and does not go by the estimated one."""
+    return (law or vessel.control.law) == INTEGRATING_LAW
+
+
 def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
     """Return the filter's noise: instruments from the file, sea and wind from the constants of this module."""
-    integrates = (law or vessel.control.law) == INTEGRATING_LAW
     model, sensors = vessel.model, vessel.sensors
     moment = model.K_1_s / model.T_s
     filtered = vessel.estimator.wave_filter == "auto"
@@ -119,7 +123,7 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
         waves=filtered,
         gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
         gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
-        stop=math.inf if integrates else HARD_OVER * limits_of(vessel).angle_max,
+        stop=math.inf if _integrates(vessel, law) else HARD_OVER * limits_of(vessel).angle_max,
     )
 
 
@@ -216,7 +220,7 @@ def observed_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> 
         gear_of(vessel),
         Delays(vessel.control.loop_delay_s, vessel.sensors.heading_latency_s),
         loop_gains_of(vessel, name, ratio),
-        (name or vessel.control.law) != "pid",
+        not _integrates(vessel, name),
         steady_filter(model, noise_of(vessel), HEADING_INTERVAL, vessel.sensors.heading_latency_s),
     )
 

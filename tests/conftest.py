@@ -18,8 +18,6 @@ settings.load_profile(os.environ.get("NORRBIN_HYPOTHESIS", "norrbin"))
 os.environ.setdefault("MAVLINK20", "1")
 
 REAL_TIME = Path(__file__).parent / "interop"
-
-
 REAL_TIME_GROUPS = 2
 
 

@@ -90,6 +90,8 @@ def smoothed_rudder(smoothing: float, wanted: float, last_rudder: float, dt: flo
 
 def smoothing_in(model: Norrbin, smoothing: float, reference: Reference) -> float:
     """Return the smoothing [s] that is in force: none in a planned turn that takes more than PLANNED of rudder."""
+    if smoothing == 0.0:
+        return 0.0
     planned = rudder_for(model, reference.rate, reference.acceleration) - rudder_for(model, 0.0, 0.0)
     return 0.0 if abs(planned) > PLANNED else smoothing
 

@@ -43,7 +43,11 @@ def nomoto_stage(runs: Sequence[Run], reference_speed: float, forgetting: float 
     Without a measured yaw rate it is differenced from the heading. None where the result is no boat that
     settles on a turn (K and T not both positive).
     """
-    values = nomoto_path(runs, reference_speed, forgetting)[1]
+    return nomoto_at_end(nomoto_path(runs, reference_speed, forgetting)[1])
+
+
+def nomoto_at_end(values: FloatArray) -> Nomoto | None:
+    """Return what the K and T of `nomoto_path` end with, as `nomoto_stage` does."""
     gain, time_constant = values[-1].tolist() if len(values) else (0.0, 0.0)
     return Nomoto(gain, time_constant, len(values)) if gain > 0.0 and time_constant > 0.0 else None
 

@@ -10,8 +10,8 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Convergence, Identified
 from autopilot.identification.identify import sources_of, steady_damping
 from autopilot.identification.methods import Question, begin, identified_as
-from autopilot.identification.runs import Run
-from autopilot.identification.two_stage import nomoto_path, nomoto_stage
+from autopilot.identification.runs import FloatArray, Run
+from autopilot.identification.two_stage import nomoto_at_end, nomoto_path
 from autopilot.models.norrbin import Norrbin
 
 NO_TURNS = (
@@ -40,14 +40,15 @@ class TwoStageMethod:
                 "boat has no bounded turn; use --method output-error."
             )
         start = begin(runs, question).model
-        stage = nomoto_stage(runs, start.reference_speed, question.forgetting)
+        time, values = nomoto_path(runs, start.reference_speed, question.forgetting)
+        stage = nomoto_at_end(values)
         if stage is None:
             raise InputError(
                 f"{sources_of(runs)}: two-stage finds no boat that settles on a turn (K and T not both positive); "
                 "record a zigzag sampled more often than the rudder moves, or use --method output-error."
             )
         model = start._replace(gain=stage.gain, time_constant=stage.time_constant, n0=0.0)
-        path = _convergence(runs, model, question.forgetting)
+        path = _convergence(time, values, model)
         if question.kind == "nomoto" or question.steady_turns is None:
             reasons = {} if question.kind == "nomoto" else {"n3": NO_TURNS}
             return identified_as(model, runs, {}, unidentifiable=reasons, notes=[NO_ERRORS], convergence=path)
@@ -60,10 +61,9 @@ class TwoStageMethod:
         return found._replace(steady=cubic)
 
 
-def _convergence(runs: Sequence[Run], end: Norrbin, forgetting: float) -> Convergence:
+def _convergence(time: FloatArray, values: FloatArray, end: Norrbin) -> Convergence:
     """Return how K and T were found, from where they first are of the size that they end with: before the rudder has
     moved, noise alone makes them anything."""
-    time, values = nomoto_path(runs, end.reference_speed, forgetting)
     share = values / (end.gain, end.time_constant)
     begins = int(np.argmax(np.all((share > 1.0 / FAR) & (share < FAR), axis=1)))
     return Convergence(time[begins:], ("gain", "time_constant"), values[begins:])

@@ -13,6 +13,7 @@ from typing import Literal
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import Message
+from autopilot.links.standing_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 from autopilot.links.steering_pwm import (
     InputTable,
     SteeringChannel,
@@ -24,11 +25,6 @@ from autopilot.links.steering_pwm import (
 )
 from autopilot.links.vehicle_parameters import VehicleParameters
 
-RELEASES = 5
-"""A release may get lost like any packet, and the rudder would stay where it is until the vehicle's timeout."""
-RELEASE_SPACING_S = 0.1
-REPEAT_FOR_S = 1.0
-"""A command this old is repeated no more: whoever gave it has stopped."""
 LEAVE_ALONE = 65535
 RELEASE_HIGH_CHANNEL = 65534
 NOT_THIS_AXIS = 32767
@@ -137,7 +133,7 @@ class SteeringOutput:
         """Return what is due again: the last command at `rate_hz` at least, or a release that is left."""
         if self._last is None:
             return self.release(now) if self._releases_left else None
-        if now - self._last_sent < 1.0 / rate_hz or now - self._given > REPEAT_FOR_S:
+        if now - self._last_sent < 1.0 / rate_hz or now - self._given > ORDER_AGE_S:
             return None
         self._last_sent = now
         return self._last

@@ -19,6 +19,7 @@ from autopilot.links.nmea_encoders import encode_ror
 from autopilot.links.nmea_repeater import NmeaRepeater
 from autopilot.links.nmea_samples import OWN_TALKER, Deviation, NmeaReader
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.links.standing_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 from autopilot.signals import (
     AlarmSample,
     HeadingSample,
@@ -32,11 +33,8 @@ from autopilot.signals import (
 
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
-RELEASES = 5
-RELEASE_SPACING_S = 0.1
 REPEAT_S = 0.5
 """A drive releases the rudder when no order has come for 2 s or so: the last one is repeated at least this often."""
-REPEAT_FOR_S = 1.0
 REPEATED_WAITING = 12
 """Repeated sentences that wait for a slow line; of more, the oldest go unsent."""
 ORDERS_IN_ROW = 3
@@ -176,7 +174,7 @@ class NmeaLink:
 
     def keep(self, now: float) -> None:
         """Send what waits: the newest command, its repetition, or the releases that are left."""
-        if self._command is not None and now - self._last_sent >= REPEAT_S and now - self._given <= REPEAT_FOR_S:
+        if self._command is not None and now - self._last_sent >= REPEAT_S and now - self._given <= ORDER_AGE_S:
             self._pending = True
         self._push(now)
 

@@ -9,8 +9,10 @@ from autopilot.signals import RudderCommand
 
 RELEASES = 5
 """A release is said so often: one telegram may be lost, and nothing follows that would mend it."""
+RELEASE_SPACING_S = 0.1
 ORDER_AGE_S = 1.0
-"""An order that is not renewed for this long is no longer repeated; the drive stops by its own timeout."""
+"""An order that is not renewed for this long is no longer repeated: whoever gave it has stopped, and the drive stops by
+its own timeout."""
 
 
 class StandingOrder:

@@ -89,14 +89,19 @@ def job(request: pytest.FixtureRequest) -> Job:
     return Job(STUDIES[request.param], ".")
 
 
-def test_the_loop_as_it_is_compiled_gives_the_full_simulators_numbers(job: Job) -> None:
-    setting = setting_of(job, 1)
+def sailed_alike(job: Job, run: int) -> Figures:
+    """Sail a run by the loop as it is compiled and by the full simulator: both must give these figures."""
+    setting = setting_of(job, run)
     assert setting is not None
     score, is_whole = run_swiftly(setting, rooms_of(setting))
     assert is_whole
-    full = run_fully(job, 1)
-    assert full.travel_deg_s > 0.5
+    full = run_fully(job, run)
     assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+    return full
+
+
+def test_the_loop_as_it_is_compiled_gives_the_full_simulators_numbers(job: Job) -> None:
+    assert sailed_alike(job, 1).travel_deg_s > 0.5
 
 
 def test_a_spared_rudder_gives_the_full_simulators_numbers_too(tmp_path: Path) -> None:
@@ -106,12 +111,7 @@ def test_a_spared_rudder_gives_the_full_simulators_numbers_too(tmp_path: Path) -
     (tmp_path / "spared.yaml").write_text(dump_vessel(spared))
     asked = replace(STUDY, seas={"sea": SEAS["sea"]}, boats={"boat": BoatSection("spared.yaml")}, speed_shares=(0.8,))
     job = Job(asked, str(tmp_path))
-    setting = setting_of(job, 0)
-    assert setting is not None
-    score, is_whole = run_swiftly(setting, rooms_of(setting))
-    assert is_whole
-    full = run_fully(job, 0)
-    assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+    full = sailed_alike(job, 0)
     rough = replace(asked, boats={"boat": BoatSection("lanxin")})
     assert full.travel_deg_s < run_fully(Job(rough, "."), 0).travel_deg_s
 
@@ -122,12 +122,7 @@ def test_a_dead_band_gives_the_full_simulators_numbers_too(tmp_path: Path, law: 
     (tmp_path / "resting.yaml").write_text(dump_vessel(replace(vessel, limits=Limits(dead_band_deg=0.7))))
     asked = replace(STUDY, laws=(law,), seas={"sea": SEAS["sea"]}, boats={"boat": BoatSection("resting.yaml")})
     job = Job(asked, str(tmp_path))
-    setting = setting_of(job, 0)
-    assert setting is not None
-    score, is_whole = run_swiftly(setting, rooms_of(setting))
-    assert is_whole
-    full = run_fully(job, 0)
-    assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+    sailed_alike(job, 0)
 
 
 def test_a_preset_radius_gives_the_full_simulators_numbers_too(tmp_path: Path) -> None:
@@ -136,12 +131,7 @@ def test_a_preset_radius_gives_the_full_simulators_numbers_too(tmp_path: Path) -
     (tmp_path / "preset.yaml").write_text(dump_vessel(preset))
     turning = replace(STUDY, speed_shares=(0.7,), gain_factors=(1.0,))
     job = Job(replace(turning, boats={"boat": BoatSection("preset.yaml")}), str(tmp_path))
-    setting = setting_of(job, 0)
-    assert setting is not None
-    score, is_whole = run_swiftly(setting, rooms_of(setting))
-    assert is_whole
-    full = run_fully(job, 0)
-    assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
+    full = sailed_alike(job, 0)
     assert full.travel_deg_s < 0.8 * run_fully(Job(turning, "."), 0).travel_deg_s, "a wide turn takes little rudder"
 
 

@@ -8,10 +8,9 @@ from typing import NamedTuple
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.drives.base import Drive
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
-from autopilot.links.standing_order import StandingOrder
+from autopilot.links.standing_order import RELEASE_SPACING_S, StandingOrder
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
 
-RELEASE_SPACING_S = 0.1
 BITS_PER_BYTE = 10
 
 
