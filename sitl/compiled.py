@@ -33,7 +33,7 @@ REORDERED = (
 """What the quick compilation may do to sums and quotients, another order, one rounding less, and where: in smooth
 equations, which it moves by parts in 1e15, never where times are compared, which must fall on the same tick."""
 
-ALLOCATING = {"wave_forces", "_spherical_bessel_1", "_met"}
+ALLOCATING = {"wave_forces", "_spherical_bessel_1", "_meet"}
 """Functions of ours that make arrays, so that somebody must count who holds them; the others only read and write given
 ones. A study's own functions may do either."""
 

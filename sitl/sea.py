@@ -89,6 +89,11 @@ def wave_forces(components: IttcWaves, heading: float) -> tuple[waves.Array, wav
     return (6.0 / components.length) * GRAVITY * roll * _spherical_bessel_1(half), roll
 
 
+def whole_degree(heading: float) -> int:
+    """Return the whole degree in 0 to 359 that is next to `heading` [rad], the upper one half way."""
+    return math.floor(math.degrees(heading) + 0.5) % 360
+
+
 class IttcSea:
     """A long-crested sea that stands in space and travels in time, so that the encounter comes by itself.
 
@@ -108,7 +113,7 @@ class IttcSea:
 
     def at(self, time: float, state: BoatState) -> tuple[float, float]:
         """Return yaw acceleration [rad/s^2] and effective roll slope [rad] for a boat at `state`, `time` [s]."""
-        degree = round(math.degrees(state.heading))
+        degree = whole_degree(state.heading)
         if degree != self._known_degree:
             # a wave force changes little in a degree, and this is the costly part
             self._known_degree = degree

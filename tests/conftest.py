@@ -16,6 +16,8 @@ settings.load_profile(os.environ.get("NORRBIN_HYPOTHESIS", "norrbin"))
 # pymavlink's mavutil chooses its dialect as it is first imported: it has to be MAVLink 2 in whatever order the tests
 # come. The product never imports mavutil, and does not look at this.
 os.environ.setdefault("MAVLINK20", "1")
+# as in the commands; more threads than cores, several workers' together, wait for each other by spinning
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 REAL_TIME = Path(__file__).parent / "interop"
 REAL_TIME_GROUPS = 2

@@ -20,7 +20,7 @@ from autopilot.models import waves, wind
 from autopilot.models.waves import WaveState, WaveTransition
 from autopilot.models.wind import Gust, WindLoad
 from sitl.boat import BoatState, Disturbance
-from sitl.sea import IttcWaves, wave_forces
+from sitl.sea import IttcWaves, wave_forces, whole_degree
 
 Floats = NDArray[np.float64]
 
@@ -90,7 +90,10 @@ def water_step(
         rudder = swell.value
     yaw, slope, along, degree = 0.0, 0.0, before.along, before.degree
     if water.has_waves:
-        degree = _met(water.waves, surface, state.heading)
+        degree = whole_degree(state.heading)
+        if not surface.known[degree]:
+            # not inlined, and handed many numbers: called once a degree
+            _meet(water.waves, surface, degree)
         along = _phases(water.waves, surface, before.along, step, dt, state)
         yaw, slope = summed(surface.yaw[degree], surface.roll[degree], surface.cosine, surface.sine)
     gust, push, leeway = before.gust, 0.0, 0.0
@@ -104,16 +107,12 @@ def water_step(
     return WaterState(swell, gust, along, degree), acting
 
 
-def _met(components: IttcWaves, surface: Surface, heading: float) -> int:
-    """Return the place of the forces at this heading [rad], to the degree; they are worked out once."""
-    whole = round(math.degrees(heading))
-    place = whole % 360
-    if not surface.known[place]:
-        yaw, roll = wave_forces(components, math.radians(whole))
-        surface.yaw[place, :] = yaw
-        surface.roll[place, :] = roll
-        surface.known[place] = True
-    return place
+def _meet(components: IttcWaves, surface: Surface, degree: int) -> None:
+    """Work out the forces at this heading [deg]."""
+    yaw, roll = wave_forces(components, math.radians(degree))
+    surface.yaw[degree, :] = yaw
+    surface.roll[degree, :] = roll
+    surface.known[degree] = True
 
 
 def _phases(
@@ -138,14 +137,8 @@ def turned(number: Floats, frequency: Floats, moved: float, dt: float, cosine: F
     for k in range(len(number)):
         d = number[k] * moved - frequency[k] * dt
         q = d * d
-        s = d * (
-            1.0
-            - q * (1 / 6) * (1.0 - q * (1 / 20) * (1.0 - q * (1 / 42) * (1.0 - q * (1 / 72) * (1.0 - q * (1 / 110)))))
-        )
-        c = 1.0 - q * 0.5 * (
-            1.0
-            - q * (1 / 12) * (1.0 - q * (1 / 30) * (1.0 - q * (1 / 56) * (1.0 - q * (1 / 90) * (1.0 - q * (1 / 132)))))
-        )
+        s = d * (1.0 + q * (-1 / 6 + q * (1 / 120 + q * (-1 / 5040 + q * (1 / 362880 - q / 39916800)))))
+        c = 1.0 + q * (-1 / 2 + q * (1 / 24 + q * (-1 / 720 + q * (1 / 40320 + q * (-1 / 3628800 + q / 479001600)))))
         before = cosine[k]
         cosine[k] = before * c - sine[k] * s
         sine[k] = sine[k] * c + before * s

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -18,6 +20,15 @@ try:
 except SystemExit:
     pass
 print(*(name for name in sys.modules if "." not in name or name.startswith("autopilot")), sep="\\n", file=sys.stderr)
+"""
+SUMS = """
+import contextlib, os
+from autopilot.cli.main import main
+with contextlib.suppress(SystemExit):
+    main(["--help"])
+import numpy
+numpy.ones((400, 400)) @ numpy.ones((400, 400))
+print(len(os.listdir("/proc/self/task")))
 """
 PLOT_AND_PAGE = {"matplotlib", "jinja2", "starlette", "uvicorn"}
 ENGINES_AND_READERS = {"numba", "ray", "distributed", "can", "pyulog", "mcap", "pyarrow", "ruamel"}
@@ -52,3 +63,22 @@ def test_the_help_of_all_says_what_the_commands_own_parser_says(command: str) ->
         return " ".join(text[text.index("COMMAND") :].split())
 
     assert said([command]) == said(["--help"])
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads as Linux lists them")
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="with one core there is one thread anyway")
+def test_sums_are_made_by_one_thread_unless_somebody_asks_for_more() -> None:
+    def threads(**asked: str) -> int:
+        others = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+        done = subprocess.run(
+            [sys.executable, "-c", SUMS],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+            env={**others, **asked},
+        )
+        return int(done.stdout.split()[-1])
+
+    assert threads() == 1
+    assert threads(OPENBLAS_NUM_THREADS="2") == 2
