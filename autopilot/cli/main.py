@@ -61,7 +61,7 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return its exit code."""
-    # before numpy comes: its threads spin on the cores beside the loop, and the last digit of a sum hangs on their number
+    # before numpy comes: its threads spin on cores that others need, and a sum's last digit hangs on their number
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = sys.argv[1:] if argv is None else argv
     arguments = build_parser(given).parse_args(given)
