@@ -21,13 +21,13 @@ from autopilot.control.pid import PidGains, PidLaw
 from autopilot.control.roll_damping import RollDamping
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import RefusedError
-from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.estimation.heading_filter import RATE_UNKNOWN, FilterNoise
 from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
 from autopilot.limits import RudderLimits
 from autopilot.links.rudder_follow import FollowSettings
-from autopilot.models.norrbin import Norrbin, at_speed_ratio
+from autopilot.models.norrbin import Norrbin, at_speed_ratio, steady_rate
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.monitors import AlarmLimits
 from autopilot.params.vessel import Vessel
@@ -124,7 +124,17 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
         gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
         gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
         stop=math.inf if _integrates(vessel, law) else HARD_OVER * limits_of(vessel).angle_max,
+        rate_unknown=min(_quickest_turn(vessel) ** 2, RATE_UNKNOWN),
     )
+
+
+def _quickest_turn(vessel: Vessel) -> float:
+    """Return the steady rate [rad/s] with the rudder hard over, to the quicker side; inf where the model has none."""
+    model, angle = model_of(vessel), gear_of(vessel).angle_max
+    try:
+        return max(abs(steady_rate(model, angle)), abs(steady_rate(model, -angle)))
+    except ValueError:
+        return math.inf
 
 
 def wave_corner_of(vessel: Vessel, law: str | None = None) -> float:

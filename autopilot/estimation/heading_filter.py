@@ -20,7 +20,7 @@ from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
 BIAS_UNKNOWN = math.radians(3.0) ** 2
 RATE_UNKNOWN = 0.2**2
-"""Variances of a bias [rad^2] and of a rate [(rad/s)^2] of which nothing is known."""
+"""Variances of a bias [rad^2] and of a rate [(rad/s)^2] of which nothing is known, not even how the boat turns."""
 STEEPEST_GROWTH = 20.0
 """A step in which a course-unstable boat would grow by more than exp of this is cut there."""
 
@@ -90,6 +90,8 @@ class FilterNoise(NamedTuple):
     `acceleration` and `bias` while the boat is pushed further than waves would; `gust_bias` also while the measurements
     lie to one side of what was expected for seconds, and while the rudder is further over than `stop` [rad]: a boat
     that needs all of it is pushed, and comes back with a wrong rudder until the end of the push is learnt.
+    rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates that no
+    ship turns with, and what a heavy one is once believed to do she needs minutes to be believed out of.
     """
 
     heading: float
@@ -101,6 +103,7 @@ class FilterNoise(NamedTuple):
     gust: float = 0.0
     gust_bias: float = 0.0
     stop: float = math.inf
+    rate_unknown: float = RATE_UNKNOWN
 
 
 def initial(
@@ -122,7 +125,7 @@ def initial(
         p00=noise.heading,
         p01=0.0,
         p02=0.0,
-        p11=noise.rate if rate is not None else RATE_UNKNOWN,
+        p11=noise.rate if rate is not None else noise.rate_unknown,
         p12=0.0,
         p22=BIAS_UNKNOWN,
         p33=p33,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import random
+from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -11,14 +13,17 @@ import pytest
 from plant import Plant
 
 from autopilot.angles import wrap
+from autopilot.build import noise_of
 from autopilot.estimation import heading_filter as ekf
 from autopilot.estimation.estimator import GATE_PATIENCE, KEPT_SAMPLES, Estimator
-from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.estimation.heading_filter import RATE_UNKNOWN, FilterNoise
 from autopilot.estimation.heading_update import fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample, SpeedSample
 
+PARETO_BOATS = Path(__file__).resolve().parents[2] / "benchmarks" / "pareto_boats"
 MODEL = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
 GEAR = SteeringGear(math.radians(30.0), math.radians(20.0), 0.1)
 NOISE = FilterNoise(math.radians(0.3) ** 2, math.radians(0.2) ** 2, 2.7e-3, 1.2e-4)
@@ -113,6 +118,28 @@ def test_irregular_samples_with_spikes_still_part_boat_and_waves(with_rate: bool
     assert math.degrees(float(np.std(errors))) < 0.6, "waves of 1 deg rms are all but gone"
     assert state.wave_deviation == pytest.approx(math.radians(1.0), rel=0.35)
     assert state.wave_frequency == pytest.approx(1.1, rel=0.25)
+
+
+@pytest.mark.parametrize("quickest_deg_s", [0.5, 2.0])
+def test_two_headings_a_moment_apart_do_not_turn_a_ship(quickest_deg_s: float) -> None:
+    ship, quickest = Norrbin(0.04, 60.0, 4.0e4, n1=-1.0, reference_speed=7.0), math.radians(quickest_deg_s)
+    noise = FilterNoise(math.radians(1.5) ** 2, math.radians(0.2) ** 2, 2.7e-12, 2.0e-7, rate_unknown=quickest**2)
+    told = {}
+    for name, known in (("known", noise), ("unknown", noise._replace(rate_unknown=RATE_UNKNOWN))):
+        tested, deviates = Estimator(ship, GEAR, known), np.random.default_rng(7)
+        measured = [math.radians(2.0), *np.radians(0.2) * deviates.standard_normal(150)]
+        states = [tested.update(0.1 * i, (HeadingSample(0.1 * i, float(one)),)) for i, one in enumerate(measured)]
+        told[name] = max(abs(state.rate) for state in states)
+    assert told["known"] < 0.6 * quickest
+    assert told["unknown"] > 2.0 * quickest, "a first heading that is 2 deg off looks like a turn"
+
+
+def test_no_rate_is_thought_possible_that_the_rudder_does_not_reach() -> None:
+    lanxin, tanker = load_vessel("lanxin"), load_vessel(str(PARETO_BOATS / "unstable.yaml"))
+    assert noise_of(lanxin).rate_unknown == RATE_UNKNOWN, "a boat that turns by 16 deg/s is taken as before"
+    assert math.degrees(math.sqrt(noise_of(tanker).rate_unknown)) == pytest.approx(0.5208, abs=1.0e-3)
+    unbounded = replace(tanker, model=replace(tanker.model, n3_s2_rad2=0.0))
+    assert noise_of(unbounded).rate_unknown == RATE_UNKNOWN
 
 
 def test_repeated_samples_change_nothing() -> None:
