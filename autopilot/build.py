@@ -19,7 +19,7 @@ from autopilot.control.design import (
 from autopilot.control.observed_margins import Delays, Observed, refusal_of
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.control.roll_damping import RollDamping
-from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
+from autopilot.control.sliding_heading import SlidingGains, SlidingLaw, SwayYawGains
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_filter import RATE_UNKNOWN, FilterNoise
 from autopilot.estimation.steady_filter import steady_filter
@@ -28,14 +28,16 @@ from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
 from autopilot.limits import RudderLimits
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, steady_rate
-from autopilot.models.steering_gear import SteeringGear
+from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.monitors import AlarmLimits
-from autopilot.params.vessel import Vessel
+from autopilot.params.vessel import SlidingRoll, Vessel
 from autopilot.pilot import INTEGRATING_LAW, HeadingLaw, Pilot, PilotConfig
 from autopilot.safety import FailsafeAction
 from autopilot.signals import NavState, Reference
 
 if TYPE_CHECKING:
+    from autopilot.control.rudder_roll import RollGains
+    from autopilot.control.sliding_roll import RollShip, SlidingRollLaw
     from autopilot.identification.learning import Learner
 
 SEA = math.radians(2.0)
@@ -56,6 +58,8 @@ HEADING_INTERVAL = 0.1
 """Loops are judged as if headings came so often [s], as most compasses send them."""
 HEADING_NOISE_LEAST_DEG = 0.1
 """The monitors hold no compass for better than its last digit."""
+ROLL_LAW = "sliding_roll"
+"""It needs a linear model of sway, roll and yaw, and brings numpy along."""
 TRIAL_LAW = "trial"
 """In place of a law's name: trials order rudder angles and need no gains."""
 BIAS_CHANGE = math.radians(2.0)
@@ -138,8 +142,9 @@ def _quickest_turn(vessel: Vessel) -> float:
 
 
 def wave_corner_of(vessel: Vessel, law: str | None = None) -> float:
-    """Return the frequency [rad/s] of waves that are half left alone; inf for trials, which go by the whole heading."""
-    if law == TRIAL_LAW:
+    """Return the frequency [rad/s] of waves that are half left alone; inf for what goes by the whole heading: trials,
+    and the law that works against roll in the waves."""
+    if (law or vessel.control.law) in (TRIAL_LAW, ROLL_LAW):
         return math.inf
     proportional = loop_gains_of(vessel, law).proportional
     return WAVE_CORNER_SHARE * math.sqrt(proportional * vessel.model.K_1_s / vessel.model.T_s)
@@ -176,14 +181,59 @@ def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
         sliding = control.sliding
         reach, boundary = math.radians(sliding.reach_deg_s2), math.radians(sliding.boundary_deg_s)
         return SlidingLaw(SlidingGains(sliding.slope_1_s, reach, boundary), vessel.model.reference_speed_m_s)
-    raise RefusedError(
-        f"vessel {vessel.name!r} has no gains for the law {chosen!r}: add control.{chosen} to the file, "
-        f"or let `autopilot gains` work them out"
+    if chosen == ROLL_LAW and control.sliding_roll is not None:
+        return sliding_roll_of(vessel, control.sliding_roll)
+    raise RefusedError(_no_gains(vessel, chosen))
+
+
+def _no_gains(vessel: Vessel, law: str) -> str:
+    cure = "docs/liu2017.md says how" if law == ROLL_LAW else "or let `autopilot gains` work them out"
+    return f"vessel {vessel.name!r} has no gains for the law {law!r}: add control.{law} to the file, {cure}"
+
+
+def sliding_roll_of(vessel: Vessel, section: SlidingRoll) -> SlidingRollLaw:
+    """Return the heading and roll law of the vessel. Raises RefusedError where its numbers must not be engaged."""
+    # numpy comes along, which pilots with other laws do without
+    from autopilot.control.sliding_roll import SlidingRollLaw
+
+    if vessel.control.roll is not None:
+        raise RefusedError(
+            f"vessel {vessel.name!r}: the law {ROLL_LAW!r} damps roll itself and excludes the section control.roll; "
+            "leave one of them out"
+        )
+    try:
+        return SlidingRollLaw(*roll_ship_of(vessel, section))
+    except ValueError as error:
+        raise RefusedError(f"vessel {vessel.name!r}: control.{ROLL_LAW}: {error}") from error
+
+
+def roll_ship_of(vessel: Vessel, section: SlidingRoll) -> tuple[RollShip, SwayYawGains, RollGains]:
+    """Return what the heading and roll law knows of the boat, the quiet law's gains and its own."""
+    from autopilot.control.rudder_roll import RollGains
+    from autopilot.control.sliding_roll import RollShip, linear_model
+
+    gear, limits = gear_of(vessel), limits_of(vessel)
+    ship = RollShip(
+        linear_model((section.sway_row, section.roll_row, section.yaw_row)),
+        vessel.model.reference_speed_m_s,
+        gear._replace(angle_max=limits.angle_max, rate_max=limits.rate_max),
+        vessel.sensors.heading_latency_s + vessel.control.loop_delay_s + gear.delay,
+    )
+    return (
+        ship,
+        SwayYawGains(*astuple(section.quiet)),
+        RollGains(section.k_v_rad_s_m, section.k_p_s, section.k_r_s, section.k_phi, section.reach, section.boundary),
     )
 
 
 def gains_in_force(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> tuple[float, ...]:
-    """Return the law's own gains at `ratio` times the speed of the trial; the PID's are the same at every speed."""
+    """Return the law's own gains at `ratio` times the speed of the trial; the PID's are the same at every speed.
+
+    Of the heading and roll law: rudder per heading error and per yaw rate [s] of its quiet law.
+    """
+    if (name or vessel.control.law) == ROLL_LAW:
+        quiet = quiet_gains_of(vessel, ratio)
+        return quiet.proportional, quiet.derivative
     law = law_of(vessel, name)
     if isinstance(law, BacksteppingLaw):
         return backstepping.gains_at(law.gains, ratio)
@@ -198,6 +248,8 @@ def loop_gains_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -
 
     ratio: at so many times the speed of the trial.
     """
+    if (name or vessel.control.law) == ROLL_LAW:
+        return quiet_gains_of(vessel, ratio)
     model, gains = at_speed_ratio(model_of(vessel), ratio), gains_in_force(vessel, name, ratio)
     if isinstance(gains, BacksteppingGains):
         return linear_gains_backstepping(model, gains)
@@ -205,6 +257,25 @@ def loop_gains_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -
         return linear_gains_sliding(model, gains)
     assert isinstance(gains, PidGains)
     return linear_gains_pid(gains)
+
+
+def quiet_gains_of(vessel: Vessel, ratio: float) -> LoopGains:
+    """Return what the quiet part of the heading and roll law does about straight running.
+
+    Raises RefusedError where the file has no such law or its numbers are not stable.
+    """
+    from autopilot.control.sliding_roll import laws_at, near_surface_quiet
+
+    section = vessel.control.sliding_roll
+    if section is None:
+        raise RefusedError(_no_gains(vessel, ROLL_LAW))
+    within = clip(ratio, *sliding_heading.SPEED_RANGE)
+    try:
+        at = laws_at(*roll_ship_of(vessel, section), within)
+    except ValueError as error:
+        raise RefusedError(f"vessel {vessel.name!r}: control.{ROLL_LAW}: {error}") from error
+    _, _, rate, _, heading = near_surface_quiet(at.quiet)
+    return LoopGains(float(heading), 0.0, float(rate))
 
 
 def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Verdict:

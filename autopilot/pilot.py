@@ -7,7 +7,7 @@ the same commands, bit for bit.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from autopilot.alarm_panel import AlarmPanel
 from autopilot.alarms import doubts_of, text_of
@@ -70,6 +70,14 @@ class HeadingLaw(Protocol):
 
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
         """Return the rudder demand [rad], not yet limited; `last_rudder` [rad] is what was really told."""
+
+
+@runtime_checkable
+class HearsRoll(Protocol):
+    """What a heading law offers beside that where it damps roll too."""
+
+    def hear(self, sample: RollSample) -> None:
+        """Take a roll sample; without fresh ones the law steers by heading alone."""
 
 
 class PilotConfig(NamedTuple):
@@ -280,11 +288,17 @@ class Pilot:
                 self.supervisor.hear(sample)
             elif isinstance(sample, AlarmSample):
                 self.supervisor.note(sample)
-            elif isinstance(sample, RollSample) and self.damper is not None:
-                self.damper.hear(sample)
+            elif isinstance(sample, RollSample):
+                self._hear_roll(sample)
             elif isinstance(sample, RudderSample) and self._moved_by_others(sample):
                 # the steering gear follows somebody else's orders
                 self.estimator.rudder.order(now, sample.angle)
+
+    def _hear_roll(self, sample: RollSample) -> None:
+        if self.damper is not None:
+            self.damper.hear(sample)
+        if isinstance(self.law, HearsRoll):
+            self.law.hear(sample)
 
     def _moved_by_others(self, sample: RudderSample) -> bool:
         ours = self._told.engaged and self.config.rudder_is_ours

@@ -199,6 +199,11 @@ def run(case: Case, sea: Sea, seed: int) -> Result:
     out = loop()(ship, laws, load, noise_of(case.instruments, seed, len(load)), DT, KEEP)[
         round(SETTLED_S / DT / KEEP) :
     ]
+    return result_of(out, sea, water)
+
+
+def result_of(out: Array, sea: Sea, water: Array) -> Result:
+    """Return what the measured rows of a run, as `sail` has them, show with the water's drift at each."""
     extra = extra_resistance(sea, SERVICE_SPEED, out[:, :3], out[:, 8], water).total / calm_resistance(SERVICE_SPEED)
     return Result(
         roll=math.degrees(float(np.sqrt(np.mean(out[:, 3] ** 2)))),
@@ -228,7 +233,12 @@ class Against(NamedTuple):
 
 def against(case: Case, other: Case, sea: Sea, seeds: range) -> Against:
     """Return what `case` changes against `other`."""
-    pairs = [(run(case, sea, seed), run(other, sea, seed)) for seed in seeds]
+    return beside([run(case, sea, seed) for seed in seeds], [run(other, sea, seed) for seed in seeds])
+
+
+def beside(ours_each: list[Result], theirs_each: list[Result]) -> Against:
+    """Return what runs change against others over the same seeds."""
+    pairs = list(zip(ours_each, theirs_each, strict=True))
     ours, theirs = (Result(*np.mean([pair[side] for pair in pairs], axis=0)) for side in (0, 1))
     return Against(
         reduction=100.0 * (1.0 - ours.roll / theirs.roll),

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from autopilot.report.gains_judged import Judged
 
 LAWS = ("backstepping", "pid", "sliding")
+FILED_LAWS = (*LAWS, "sliding_roll")
+"""What a file may hold; the last is judged by its quiet heading law and not designed here."""
 
 PID_INTEGRAL_TIME = 10.0
 """Integral time [s] of the PID beside it, or three time constants if that is longer."""
@@ -143,7 +145,7 @@ def run(arguments: argparse.Namespace) -> int:
     asked_for = rows["designed backstepping"].verdict.refusal
     if wish.bandwidth is not None and asked_for:
         raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
-    rows |= {f"file's {law}": judged(vessel, law) for law in LAWS if getattr(vessel.control, law) is not None}
+    rows |= {f"file's {law}": judged(vessel, law) for law in FILED_LAWS if getattr(vessel.control, law) is not None}
     if arguments.report:
         _write_report(arguments, vessel, wish.spares, rows)
     if arguments.json:

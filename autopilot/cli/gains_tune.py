@@ -40,13 +40,15 @@ def check_options(arguments: argparse.Namespace) -> None:
 
 def tuned(arguments: argparse.Namespace) -> int:
     """Tune, print what held-out seeds say, write the vessel where asked; exit code 4 where no gains have margins."""
-    from autopilot.build import verdict_of
+    from autopilot.build import ROLL_LAW, verdict_of
     from autopilot.cli.gains import write_vessel
     from autopilot.params.vessel_file import load_vessel
 
     vessel = load_vessel(arguments.vessel)
     law = arguments.law or vessel.control.law
     section = getattr(vessel.control, law)
+    if law == ROLL_LAW:
+        raise RefusedError(f"vessel {vessel.name!r}: a campaign does not sail the law {law!r}; name another with --law")
     if section is None:
         raise RefusedError(f"vessel {vessel.name!r} has no gains for the law {law!r} to begin with; design them first")
     found = _simulated(arguments, law)

@@ -47,7 +47,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="waypoint file (QGC WPL 110), followed when `t` is typed or AUTO is set",
     )
     parser.add_argument(
-        "--law", choices=("backstepping", "pid", "sliding"), help="law to steer with (default: the file's)"
+        "--law",
+        choices=("backstepping", "pid", "sliding", "sliding_roll"),
+        help="law to steer with (default: the file's)",
     )
     parser.add_argument(
         "--turn-rate-deg-s",

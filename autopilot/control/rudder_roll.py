@@ -21,17 +21,13 @@ minutes and falls to zero where it has not.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from autopilot.control.sliding_heading import SMALL, SwayYawLaw, sliding_surface, sway_yaw_rudder
 from autopilot.models.naval_vessel import LinearMotion, Motion
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
-
-Array = NDArray[np.float64]
 
 
 class RollGains(NamedTuple):
@@ -83,13 +79,22 @@ def roll_rudder(law: RollLaw, state: Motion, heading_goal: float) -> float:
     return -feedback - law.switching * math.tanh(surface / law.boundary)
 
 
+Row = tuple[float, float, float, float, float, float]
+"""What v, p, r, phi, psi and the rudder are worth."""
+
+
 class LinearStep(NamedTuple):
-    """x' = F x + g delta over one step, delta held; F (5, 5), g (5,)."""
+    """v, p, r, phi and psi one step later, the rudder held: plain numbers, which cost a running pilot the least."""
 
-    F: Array
-    g: Array
+    v: Row
+    p: Row
+    r: Row
+    phi: Row
+    psi: Row
 
 
+SERIES = 18
+"""Terms of the exponential series: exact to rounding for steps up to a second."""
 FORGET = 300.0
 """Time [s] in which the two responses forget their heading, so that what the model lacks does not pile up there."""
 
@@ -99,19 +104,21 @@ def linear_step_of(model: LinearMotion, dt: float) -> LinearStep:
     block = np.zeros((6, 6))
     block[:5, :5], block[:5, 5] = model.A, model.b
     block[4, 4] = -1.0 / FORGET
-    over = expm(block * dt)
-    return LinearStep(np.ascontiguousarray(over[:5, :5]), np.ascontiguousarray(over[:5, 5]))
+    over = np.eye(6)
+    for term in range(SERIES, 0, -1):
+        over = np.eye(6) + (dt / term) * (block @ over)
+    return LinearStep(*(cast(Row, tuple(row)) for row in over[:5].tolist()))
 
 
 def linear_response(step: LinearStep, x: Motion, rudder: float) -> Motion:
     """Return the response one step later, from `x` under `rudder` [rad]."""
-    F, g = step
+    a, b, c, d, e = step
     return Motion(
-        F[0, 0] * x.v + F[0, 1] * x.p + F[0, 2] * x.r + F[0, 3] * x.phi + F[0, 4] * x.psi + g[0] * rudder,
-        F[1, 0] * x.v + F[1, 1] * x.p + F[1, 2] * x.r + F[1, 3] * x.phi + F[1, 4] * x.psi + g[1] * rudder,
-        F[2, 0] * x.v + F[2, 1] * x.p + F[2, 2] * x.r + F[2, 3] * x.phi + F[2, 4] * x.psi + g[2] * rudder,
-        F[3, 0] * x.v + F[3, 1] * x.p + F[3, 2] * x.r + F[3, 3] * x.phi + F[3, 4] * x.psi + g[3] * rudder,
-        F[4, 0] * x.v + F[4, 1] * x.p + F[4, 2] * x.r + F[4, 3] * x.phi + F[4, 4] * x.psi + g[4] * rudder,
+        a[0] * x.v + a[1] * x.p + a[2] * x.r + a[3] * x.phi + a[4] * x.psi + a[5] * rudder,
+        b[0] * x.v + b[1] * x.p + b[2] * x.r + b[3] * x.phi + b[4] * x.psi + b[5] * rudder,
+        c[0] * x.v + c[1] * x.p + c[2] * x.r + c[3] * x.phi + c[4] * x.psi + c[5] * rudder,
+        d[0] * x.v + d[1] * x.p + d[2] * x.r + d[3] * x.phi + d[4] * x.psi + d[5] * rudder,
+        e[0] * x.v + e[1] * x.p + e[2] * x.r + e[3] * x.phi + e[4] * x.psi + e[5] * rudder,
     )
 
 

@@ -26,6 +26,8 @@ GROUPS = {
     "control": "Control",
     "control.backstepping": "Backstepping law",
     "control.sliding": "Sliding law",
+    "control.sliding_roll": "Sliding law for heading and roll",
+    "control.sliding_roll.quiet": "Sliding law for heading and roll: quiet",
     "estimator": "Estimator",
     "control.pid": "PID law",
     "guidance": "Guidance",

@@ -106,6 +106,41 @@ class Sliding:
     boundary_deg_s: Annotated[float, Bounds(Positive, 1.0e5, "width of the layer where the law is linear")]
 
 
+Row = tuple[float, float, float, float, float]
+"""Over v [m/s], p, r [rad/s], phi and the rudder [rad]."""
+
+
+@dataclass(frozen=True)
+class QuietHeading:
+    """The law of sway and yaw that steers where roll is not to be damped; reach and boundary hold for |h| = 1."""
+
+    k_v_rad_s_m: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed")]
+    k_r_s: Annotated[float, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
+    reach: Annotated[float, Bounds(Positive, 1.0e6, "eta: speed towards the surface")]
+    boundary: Annotated[float, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
+
+
+@dataclass(frozen=True)
+class SlidingRoll:
+    """Heading and roll by the rudder alone, with the linear model of sway, roll and yaw at the reference speed.
+
+    Rows: v' [m/s^2], p' and r' [rad/s^2] over v [m/s], p, r [rad/s], phi and the rudder [rad], starboard positive.
+    """
+
+    sway_row: Row
+    roll_row: Row
+    yaw_row: Row
+    k_v_rad_s_m: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed; shapes the surface")]
+    k_p_s: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per roll rate")]
+    k_r_s: Annotated[float, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
+    k_phi: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per roll angle")]
+    reach: Annotated[float, Bounds(Positive, 1.0e6, "eta: speed towards the surface, for |h| = 1")]
+    boundary: Annotated[float, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
+    quiet: QuietHeading
+    source: str = ""
+    date: str = ""
+
+
 @dataclass(frozen=True)
 class Roll:
     """Rudder against roll rate beside the heading law, where the link brings roll; kept on only while it helps."""
@@ -119,7 +154,7 @@ class Roll:
 class Control:
     """Which law steers, how often, and its gains."""
 
-    law: Literal["backstepping", "pid", "sliding"] = "backstepping"
+    law: Literal["backstepping", "pid", "sliding", "sliding_roll"] = "backstepping"
     rate_hz: Annotated[float, Bounds(1.0, 200.0, "control rate")] = 20.0
     loop_delay_s: Annotated[float, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
     steerage_m_s: (
@@ -129,6 +164,7 @@ class Control:
     backstepping: Backstepping | None = None
     pid: Pid | None = None
     sliding: Sliding | None = None
+    sliding_roll: SlidingRoll | None = None
     roll: Roll | None = None
     source: str = ""
     date: str = ""

@@ -80,6 +80,11 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
         yield "name", "name is empty; give the boat a name."
     yield from _model_problems(vessel)
     yield from _limit_problems(vessel)
+    if vessel.control.law == "sliding_roll" and vessel.control.roll is not None:
+        yield (
+            "control.roll",
+            "control.roll stands beside control.law sliding_roll, which damps roll itself; leave one of them out.",
+        )
     if vessel.failsafe.heading_timeout_s <= vessel.sensors.heading_latency_s:
         yield (
             "failsafe.heading_timeout_s",

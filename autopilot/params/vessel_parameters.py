@@ -26,6 +26,8 @@ PREFIXES = {
     "control.backstepping": "BS",
     "control.pid": "PID",
     "control.sliding": "SLD",
+    "control.sliding_roll": "SLR",
+    "control.sliding_roll.quiet": "SLRQ",
     "guidance": "GUI",
     "estimator": "EST",
     "limits": "LIM",

@@ -72,9 +72,14 @@ def spread_of(vessel: Vessel) -> tuple[Spread, str]:
 
 
 def gains_of(each: Judged) -> dict[str, float]:
-    """Return the gains by their keys in the file."""
+    """Return the gains by their keys in the file; of the heading and roll law those that its quiet law comes to."""
     from dataclasses import asdict
 
+    from autopilot.build import ROLL_LAW, gains_in_force
+
+    if each.law == ROLL_LAW:
+        heading, rate = gains_in_force(each.vessel, each.law)
+        return {"quiet_rudder_per_heading": heading, "quiet_rudder_per_rate_s": rate}
     gains = getattr(each.vessel.control, each.law)
     return {key: float(value) for key, value in asdict(gains).items()}
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
 
+from autopilot.angles import wrap
+from autopilot.build import build_pilot
 from autopilot.control.rudder_roll import (
     PAPER_ROLL,
     RollGains,
@@ -25,15 +28,21 @@ from autopilot.models.naval_vessel import (
     SERVICE_SPEED,
     Load,
     Motion,
+    drag_coefficient,
     inverse_mass,
     linear_motion,
     motion_step,
     rudder_load,
 )
+from autopilot.models.resistance import calm_resistance, extra_resistance, true_speed_ratio
 from autopilot.models.steering_gear import SteeringGear, gear_step
-from autopilot.models.strip_forces import NAVAL_STRIPS, Sea, sea_forces
+from autopilot.models.strip_forces import NAVAL_STRIPS, Sea, SeaForces, sea_forces
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import HeadingSample, Order, OrderKind, RollSample
 
 DT, SECONDS, SETTLED = 0.1, 360.0, 1500
+PILOTED, PILOT_SETTLED = 2500, 1200
+"""Steps of the runs with the whole pilot, and how many of them are left out."""
 MODEL = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)
 STEERING = [0, 2, 4]
 GEAR = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)
@@ -46,12 +55,16 @@ PARTS = ScheduleParts(
 )
 
 
-def sailed(angle_deg: float, share: float, parts: ScheduleParts = PARTS) -> tuple[np.ndarray, float]:
-    """Roll and heading [rad] over the settled part, and the weight at the end; share below 0: by the schedule."""
+def at_sea(angle_deg: float) -> SeaForces:
     phase = np.random.default_rng(7).uniform(0.0, 2.0 * math.pi, 60)
     time = DT * np.arange(round(SECONDS / DT))
     sea = Sea(3.0, 7.0, math.radians(angle_deg))
-    load = sea_forces(NAVAL_STRIPS, sea, SERVICE_SPEED, np.linspace(0.35, 2.2, 60), phase, time).load
+    return sea_forces(NAVAL_STRIPS, sea, SERVICE_SPEED, np.linspace(0.35, 2.2, 60), phase, time)
+
+
+def sailed(angle_deg: float, share: float, parts: ScheduleParts = PARTS) -> tuple[np.ndarray, float]:
+    """Roll and heading [rad] over the settled part, and the weight at the end; share below 0: by the schedule."""
+    load = at_sea(angle_deg).load
     state, schedule, rudder, weight = Motion(0.0, 0.0, 0.0, 0.0, 0.0), begin_schedule(), 0.0, share
     inverse, motion = inverse_mass(NAVAL_HULL), []
     for push in load.tolist():
@@ -84,3 +97,46 @@ def test_stern_quartering_seas_the_schedule_never_lets_it_amplify() -> None:
     assert always[:, 0].std() > 1.1 * quiet[:, 0].std()
     assert weight == 0.0
     assert scheduled[:, 0].std() <= 1.001 * quiet[:, 0].std()
+
+
+@functools.cache
+def piloted(angle_deg: float, law: str | None, hears_roll: bool = True) -> tuple[float, float, float]:
+    """Under the whole pilot, law None: a rudder amidships. Roll and heading [deg rms], and speed as a share of that in
+    calm water at the same power."""
+    water, pilot = at_sea(angle_deg), build_pilot(load_vessel("naval_vessel"), law or "sliding")
+    random, noise = np.random.default_rng(8), np.radians((0.3, 0.2, 0.3, 0.2))
+    state, rudder, inverse, rows = Motion(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, inverse_mass(NAVAL_HULL), []
+    for index, push in enumerate(water.load[:PILOTED].tolist()):
+        now, n = DT * index, (noise * random.standard_normal(4)).tolist()
+        samples: tuple[HeadingSample | RollSample, ...]
+        samples = (HeadingSample(now, wrap(state.psi + n[0]), state.r + n[1]),)
+        if hears_roll:
+            samples += (RollSample(now, state.phi + n[2], state.p + n[3]),)
+        if law is not None:
+            command = pilot.step(now, samples, Order(OrderKind.HEADING, 0.0, serial=1)).command
+            rudder = gear_step(GEAR, rudder, command.angle, DT)
+        own = rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, rudder)
+        outside = Load(own.Y + push[0], own.K + push[1], own.N + push[2])
+        state = motion_step(NAVAL_HULL, inverse, SERVICE_SPEED, state, outside, DT)
+        rows.append((*state, drag_coefficient(NAVAL_RUDDERS, rudder)))
+    motion = np.array(rows[PILOT_SETTLED:])
+    sea = Sea(3.0, 7.0, math.radians(angle_deg))
+    extra = extra_resistance(sea, SERVICE_SPEED, motion[:, :3], motion[:, 5], water.drift[PILOT_SETTLED:PILOTED]).total
+    roll, heading = np.degrees(motion[:, 3].std()), np.degrees(np.sqrt(np.mean(motion[:, 4] ** 2)))
+    return float(roll), float(heading), true_speed_ratio(extra / calm_resistance(SERVICE_SPEED))
+
+
+def test_the_pilot_rolls_a_third_less_in_bow_seas_and_keeps_course_and_speed() -> None:
+    """With noise on compass, gyro and roll, and without the sway speed."""
+    (fixed, _, way), (heading_law, _, _) = piloted(135.0, None), piloted(135.0, "sliding")
+    roll, heading, speed = piloted(135.0, "sliding_roll")
+    assert roll < 0.67 * min(fixed, heading_law)
+    assert heading < 1.5
+    assert 1.0 - speed / way < 0.01
+
+
+def test_the_pilot_does_not_roll_more_in_stern_quartering_seas() -> None:
+    fixed, _, _ = piloted(45.0, None)
+    quiet, _, _ = piloted(45.0, "sliding_roll", hears_roll=False)
+    roll, _, _ = piloted(45.0, "sliding_roll")
+    assert roll <= 1.01 * min(fixed, quiet)

@@ -91,7 +91,12 @@ def test_a_small_file_is_filled_with_defaults() -> None:
         ("schema_version: 1\n", "", "the key schema_version is missing"),
         ("name: Boat", "name: 12", "name is 12, needed is text."),
         ("name: Boat", "name: ' '", "name is empty; give the boat a name."),
-        ("law: backstepping", "law: backsteping", "allowed are backstepping, pid, sliding; did you mean backstepping?"),
+        ("law: backstepping", "law: backsteping", "allowed are backstepping, pid, sliding, sliding_roll; did you"),
+        (
+            "  law: backstepping",
+            "  law: sliding_roll\n  roll: {rate_gain_s: 0.5}",
+            "control.roll stands beside control.law sliding_roll, which damps roll itself; leave one of them out.",
+        ),
         (
             "rudder:",
             "limits: {angle_max_deg: 31}\nrudder:",

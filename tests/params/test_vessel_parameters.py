@@ -74,8 +74,16 @@ def test_a_file_gets_the_short_number() -> None:
     [
         ("BS_K1", -1.0, "BS_K1 is -1, allowed: 1e-09 to 1000 1/s."),
         ("BS_K1", float("nan"), "BS_K1 is nan, allowed: 1e-09 to 1000 1/s."),
-        ("CTL_LAW", 3.0, "CTL_LAW is 3, allowed: 0 (backstepping), 1 (pid), 2 (sliding)."),
-        ("CTL_LAW", 0.5, "CTL_LAW is 0.5, allowed: 0 (backstepping), 1 (pid), 2 (sliding)."),
+        (
+            "CTL_LAW",
+            4.0,
+            "CTL_LAW is 4, allowed: 0 (backstepping), 1 (pid), 2 (sliding), 3 (sliding_roll).",
+        ),
+        (
+            "CTL_LAW",
+            0.5,
+            "CTL_LAW is 0.5, allowed: 0 (backstepping), 1 (pid), 2 (sliding), 3 (sliding_roll).",
+        ),
         ("FS_RESUME", 2.0, "FS_RESUME is 2, allowed: 0 (false), 1 (true)."),
         ("LIM_ANGLE_MAX", 31.0, "limits.angle_max_deg is 31, allowed is at most rudder.angle_max_deg (30)."),
         ("MDL_N1", 0.5, "model.n1 is 0.5, allowed are 1 (course-stable) and -1 (course-unstable)."),

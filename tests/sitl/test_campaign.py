@@ -287,6 +287,7 @@ GOOD = "schema_version: 1\nname: x\nboats: {b: {vessel: lanxin}}\n"
         (GOOD.replace("version: 1", "version: 9"), "reads 1"),
         (GOOD + "law: [pid]\n", "did you mean laws?"),
         (GOOD + "laws: [lqg]\n", "allowed are backstepping, pid, sliding"),
+        (GOOD + "laws: [sliding_roll]\n", "laws[0] is the text 'sliding_roll', allowed are backstepping, pid, sliding"),
         (GOOD + "laws: []\n", "laws is empty"),
         (GOOD + "heading_hz: 30\n", "divisors of 100"),
         (GOOD + "seconds: 20\nmeasured_from_s: 20\n", "must be more than measured_from_s"),

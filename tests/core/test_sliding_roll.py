@@ -1,0 +1,296 @@
+"""The heading and roll law as the pilot holds it: what it hears, when it helps, when it is off, and what it refuses."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import replace
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.build import build_pilot, law_of, model_of
+from autopilot.control.rudder_roll import linear_response, linear_step_of
+from autopilot.control.sliding_roll import LIST_TIME, OLD, SETTINGS, SlidingRollLaw, scaled_model
+from autopilot.errors import InputError, RefusedError
+from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
+from autopilot.models.norrbin import at_speed, rudder_for
+from autopilot.models.steering_gear import gear_step
+from autopilot.params.vessel import QuietHeading, Roll, Vessel
+from autopilot.params.vessel_file import load_vessel, parse_vessel
+from autopilot.signals import HeadingSample, NavState, Order, OrderKind, Reference, RollSample
+
+DT = 0.1
+VESSEL = load_vessel("naval_vessel")
+SHIP = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)
+MODEL = model_of(VESSEL)
+NORTH = Reference(0.0)
+REST = Motion(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def made(vessel: Vessel) -> SlidingRollLaw:
+    law = law_of(vessel, "sliding_roll")
+    assert isinstance(law, SlidingRollLaw)
+    return law
+
+
+LAW = made(VESSEL)
+
+
+@pytest.fixture
+def law() -> SlidingRollLaw:
+    LAW.reset(0.0)
+    return LAW
+
+
+def state(time: float, heading: float = 0.0, rate: float = 0.0, rudder: float = 0.0, bias: float = 0.0) -> NavState:
+    return NavState(time, heading, rate, SERVICE_SPEED, rudder, bias, 0.0, True)
+
+
+def sailed(
+    law: SlidingRollLaw, seconds: float, frequency: float, start: float = 0.0, hears: bool = True
+) -> list[float]:
+    """The linear ship in a swell of one frequency [rad/s] that heels her; returns the roll angles [rad]."""
+    step, gear, x, rudder, roll = linear_step_of(SHIP, DT), law.ship.gear, REST, 0.0, []
+    for index in range(round(seconds / DT)):
+        now = start + DT * index
+        if hears:
+            law.hear(RollSample(now, x.phi, x.p))
+        demand = law.update(MODEL, NORTH, state(now, x.psi, x.r, rudder), rudder, DT)
+        rudder = gear_step(gear, rudder, demand, DT)
+        x = linear_response(step, x, rudder)
+        x = x._replace(p=x.p + DT * 0.01 * math.sin(frequency * now))
+        roll.append(x.phi)
+    return roll
+
+
+def test_the_shipped_ship_is_the_published_one() -> None:
+    section = VESSEL.control.sliding_roll
+    assert section is not None
+    rows = np.array((section.sway_row, section.roll_row, section.yaw_row))
+    assert rows[:, :4] == pytest.approx(SHIP.A[:3, :4], rel=1e-5)
+    assert rows[:, 4] == pytest.approx(SHIP.b[:3], rel=1e-5)
+    assert VESSEL.model.reference_speed_m_s == pytest.approx(SERVICE_SPEED)
+
+
+def test_near_the_natural_frequency_it_comes_on_and_lessens_the_roll(law: SlidingRollLaw) -> None:
+    deaf = sailed(law, 140.0, 1.1, hears=False)
+    assert law.weight == 0.0
+    law.reset(0.0)
+    sailed(law, SETTINGS.wait - 1.0, 1.1)
+    assert law.weight == 0.0
+    law.reset(0.0)
+    heard = sailed(law, 140.0, 1.1)
+    assert law.weight == 1.0
+    assert np.std(heard[-400:]) < 0.75 * np.std(deaf[-400:])
+
+
+def test_where_it_would_amplify_it_stays_off(law: SlidingRollLaw) -> None:
+    sailed(law, 150.0, 0.42)
+    assert law.weight == 0.0
+
+
+@pytest.fixture(scope="module")
+def weighed() -> SlidingRollLaw:
+    """The law after 100 s near the natural frequency, when it steers with its full weight."""
+    found = made(VESSEL)
+    sailed(found, LAST + DT, 1.1)
+    assert found.weight == 1.0
+    return found
+
+
+@pytest.fixture
+def rolling(weighed: SlidingRollLaw) -> SlidingRollLaw:
+    return copy.copy(weighed)
+
+
+LAST = 100.0 - DT
+"""Time [s] of the last tick that `rolling` has seen."""
+
+
+def quiet_demand(at: NavState) -> float:
+    LAW.reset(0.0)
+    return LAW.update(MODEL, NORTH, at, 0.0, DT)
+
+
+BAD = [(math.nan, 0.0), (0.0, math.inf), (-math.inf, 0.0), (1.0e300, 0.0), (0.1, -1.0e9)]
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_roll_that_is_no_roll_ends_it_at_once(rolling: SlidingRollLaw, bad: tuple[float, float]) -> None:
+    law, now = rolling, LAST + DT
+    law.hear(RollSample(now, 0.05, 0.05))
+    with_roll = law.update(MODEL, NORTH, at := state(now, 0.05, 0.01), 0.0, DT)
+    assert law.weight == 1.0
+    law.hear(RollSample(now, *bad))
+    without = law.update(MODEL, NORTH, at, 0.0, DT)
+    assert law.weight == 0.0
+    assert without == quiet_demand(at)
+    assert abs(with_roll - without) > 0.02
+
+
+def test_old_roll_ends_it_and_the_sea_is_weighed_anew(rolling: SlidingRollLaw) -> None:
+    rolling.update(MODEL, NORTH, state(LAST + 0.4, 0.05), 0.0, DT)
+    assert rolling.weight > 0.99
+    rolling.update(MODEL, NORTH, state(LAST + OLD + 0.05, 0.05), 0.0, DT)
+    assert rolling.weight == 0.0
+    sailed(rolling, 30.0, 1.1, start=LAST + 1.0)
+    assert rolling.weight == 0.0
+
+
+def test_a_heading_that_is_reckoned_leaves_it_to_the_quiet_law(rolling: SlidingRollLaw) -> None:
+    law, now = rolling, LAST + DT
+    law.hear(RollSample(now, 0.05, 0.05))
+    reckoned = state(now, 0.05)._replace(heading_age=5.0)
+    assert law.update(MODEL, NORTH, reckoned, 0.0, DT) == quiet_demand(reckoned)
+
+
+def test_roll_of_an_instrument_without_a_rate_is_left_aside(rolling: SlidingRollLaw) -> None:
+    law, now = rolling, LAST + DT
+    law.hear(RollSample(now, 0.05, 0.05))
+    law.hear(RollSample(now, math.nan, None))
+    law.update(MODEL, NORTH, state(now), 0.0, DT)
+    assert law.weight == 1.0
+
+
+def test_after_a_trial_the_sea_is_weighed_anew(rolling: SlidingRollLaw) -> None:
+    law, now = rolling, LAST + 20.0
+    law.hear(RollSample(now, 0.05, 0.05))
+    law.update(MODEL, NORTH, state(now), 0.0, DT)
+    assert law.weight == 0.0
+
+
+def test_a_list_is_not_steered_against(law: SlidingRollLaw) -> None:
+    heel = math.radians(5.0)
+    for index in range(round(5.0 * LIST_TIME / DT)):
+        law.hear(RollSample(DT * index, heel, 0.0))
+        demand = law.update(MODEL, NORTH, state(DT * index), 0.0, DT)
+    assert abs(demand) < 1e-3
+
+
+def test_bias_is_taken_off_the_demand(rolling: SlidingRollLaw) -> None:
+    law, now = rolling, LAST + DT
+    law.hear(RollSample(now, 0.05, 0.05))
+    plain = law.update(MODEL, NORTH, state(now, 0.05), 0.0, 0.0)
+    assert law.update(MODEL, NORTH, state(now, 0.05, bias=0.03), 0.0, 0.0) == pytest.approx(plain - 0.03)
+
+
+@given(rate=st.floats(-0.05, 0.05))
+def test_in_a_steady_turn_it_asks_for_the_turns_rudder_and_no_more(rate: float) -> None:
+    LAW.reset(0.0)
+    turn, at = Reference(0.3, rate), LAW.at(1.0)
+    LAW.hear(RollSample(0.0, at.roll_per_rate * rate, 0.0))
+    demand = LAW.update(MODEL, turn, state(0.0, 0.3, rate), 0.0, DT)
+    assert demand == pytest.approx(rudder_for(MODEL, rate, 0.0), abs=1e-9)
+    hull = at.model.A @ np.array([at.sway_per_rate * rate, 0.0, rate, at.roll_per_rate * rate, 0.0])
+    # one rudder angle makes good what v', p' and r' would be
+    assert hull[:3] == pytest.approx(hull[2] / at.model.b[2] * at.model.b[:3], abs=1e-9)
+
+
+@given(roll=st.floats(-3.2, 3.2), rate=st.floats(-10.0, 10.0), dt=st.sampled_from([0.0, 1e-9, 0.05, 0.5, 1e6]))
+def test_whatever_it_hears_port_mirrors_starboard_and_all_is_finite(roll: float, rate: float, dt: float) -> None:
+    found = []
+    for side in (1.0, -1.0):
+        LAW.reset(0.0)
+        for index in range(5):
+            now = 0.1 * index
+            LAW.hear(RollSample(now, side * roll * (index + 1), side * rate))
+            found.append(side * LAW.update(MODEL, NORTH, state(now, side * 0.1 * index), 0.0, dt))
+    assert all(map(math.isfinite, found))
+    assert found[:5] == pytest.approx(found[5:], abs=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.75, 1.25, 1.5])
+def test_the_model_goes_with_the_speed_as_the_published_ship_does(ratio: float) -> None:
+    real = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, ratio * SERVICE_SPEED)
+    ours = scaled_model(SHIP, ratio)
+    assert ours.b == pytest.approx(real.b)
+    poles, theirs = (np.sort_complex(np.linalg.eigvals(A[:4, :4])) for A in (ours.A, real.A))
+    assert np.all(np.abs(poles - theirs) < 0.02)
+
+
+def test_gains_follow_the_speed_within_the_range_of_all_laws(law: SlidingRollLaw) -> None:
+    here, slow = law.at(1.0), law.at(0.5)
+    assert slow.roll.k_p == pytest.approx(2.0 * here.roll.k_p, rel=0.06)
+    assert slow.roll.k_phi / here.roll.k_phi == pytest.approx(slow.roll.k_p / here.roll.k_p)
+    # rudder per heading error near the surface stays
+    of = lambda quiet: quiet.switching * quiet.h_psi / quiet.boundary  # noqa: E731
+    assert of(slow.quiet) == pytest.approx(of(here.quiet), rel=1e-6)
+    assert law.at(0.01) == law.at(0.2)
+    assert law.at(9.0) == law.at(1.5)
+    asked = law.update(at_speed(MODEL, 0.5 * SERVICE_SPEED), NORTH, state(0.0, 0.0, 0.01), 0.0, DT)
+    assert asked == pytest.approx(2.0 * law.update(MODEL, NORTH, state(0.0, 0.0, 0.01), 0.0, DT), rel=0.07)
+
+
+def with_roll_law(**changes: Any) -> Vessel:
+    section = VESSEL.control.sliding_roll
+    assert section is not None
+    return replace(VESSEL, control=replace(VESSEL.control, sliding_roll=replace(section, **changes)))
+
+
+ZERO = {"sway_row": (-0.12, 0.0, -2.1, 0.1, 0.0), "roll_row": (0.0, -0.2, -1.1, -1.3, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("vessel", "sentence"),
+    [
+        (with_roll_law(k_p_s=-20.0), r"control\.sliding_roll: at 0\.2 times .*leave A - b k' with an eigenvalue"),
+        (with_roll_law(k_phi=-60.0), "times the reference speed: .*leave A - b k'"),
+        (with_roll_law(**ZERO, yaw_row=(-0.01, 0.0, -0.35, 0.0, 0.0)), "h'b is zero|has no steady turn"),
+        (with_roll_law(roll_row=(0.03, 0.2, -1.13, -1.27, 0.15)), "rudder amidships must be stable"),
+        (with_roll_law(boundary=1e-4), "the roll law swings with the rudder's lag of 0.1 s and 0.05 s of dead time"),
+        (with_roll_law(quiet=QuietHeading(0.0741, 3.41, 0.0352, 1e-4)), "the quiet law swings"),
+        (replace(VESSEL, control=replace(VESSEL.control, sliding_roll=None)), r"add control\.sliding_roll to the file"),
+        (replace(VESSEL, control=replace(VESSEL.control, roll=Roll(0.5))), r"excludes the section control\.roll"),
+    ],
+)
+def test_what_must_not_be_engaged_is_refused_with_the_reason(vessel: Vessel, sentence: str) -> None:
+    with pytest.raises(RefusedError, match=sentence):
+        law_of(vessel)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("yaw_row: [-0.0106578, ", "yaw_row: [", "control.sliding_roll.yaw_row has 4 entries, 5 are needed."),
+        ("[0.0260555,", "[.nan,", "control.sliding_roll.roll_row[0] is nan, needed is a finite number."),
+        ("    k_phi: 1.83\n", "", "the key control.sliding_roll.k_phi is missing"),
+        ("reach: 0.0242", "reach: 0", "control.sliding_roll.reach is 0, needed is a finite number from 1e-09"),
+        (
+            "k_p_s: 0.939",
+            "k_p: 0.939",
+            "control.sliding_roll.k_p is not a known key: the unit is in the key, use k_p_s.",
+        ),
+    ],
+)
+def test_each_mistake_in_the_section_is_named(old: str, new: str, sentence: str) -> None:
+    text = (resources.files("firmware_params") / "vessels" / "naval_vessel.yaml").read_text(encoding="utf-8")
+    assert old in text
+    with pytest.raises(InputError) as caught:
+        parse_vessel(text.replace(old, new, 1))
+    assert sentence in str(caught.value)
+
+
+def told(kind: OrderKind, seconds: float) -> list[float]:
+    """The whole pilot on a ship that lies dead on course and rolls; returns what the rudder was told [rad]."""
+    pilot, commands = build_pilot(VESSEL), []
+    for index in range(round(seconds / DT)):
+        now = DT * index
+        roll = RollSample(now, 0.05 / 1.1 * math.sin(1.1 * now), 0.05 * math.cos(1.1 * now))
+        tick = pilot.step(now, (HeadingSample(now, 0.0, 0.0), roll), Order(kind, 0.0, 0.05, serial=1))
+        commands.append(tick.command.angle)
+    return commands
+
+
+def test_the_pilot_engages_without_a_bump_and_the_law_comes_on_by_itself() -> None:
+    commands = told(OrderKind.HEADING, SETTINGS.wait + 20.0)
+    assert max(map(abs, commands[: round(SETTINGS.wait / DT)])) < 1e-9
+    assert max(map(abs, commands)) > 0.01
+
+
+def test_trials_keep_the_rudder_they_order() -> None:
+    assert told(OrderKind.RUDDER, SETTINGS.wait + 20.0)[-1] == pytest.approx(0.05)
