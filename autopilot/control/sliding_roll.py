@@ -235,18 +235,21 @@ class SlidingRollLaw:
         at = self._speeds[place]
         planned = rudder_for(model, reference.rate, reference.acceleration)
         error, rate = wrap(state.heading - reference.heading), state.rate - reference.rate
-        demand = sway_yaw_rudder(at.quiet, 0.0, rate, error)
         sample = self._fresh(state)
-        if not abs(state.time - self._time) <= LONGEST_STEP:
+        if sample is None or not abs(state.time - self._time) <= LONGEST_STEP:
             self._forget()
         self._time = state.time
         if sample is None or sample.rate is None:
-            self._forget()
-            return planned + demand - state.bias
+            return planned + sway_yaw_rudder(at.quiet, 0.0, rate, error) - state.bias
         heel = sample.roll - at.roll_per_rate * reference.rate
-        off = Motion(0.0, sample.rate, rate, heel - self._list_with(heel, dt), error)
+        off = Motion(self._sway(), sample.rate, rate, heel - self._list_with(heel, dt), error)
         self._look_on(place, off, state.rudder + state.bias - planned, dt)
-        return float(planned + blended_rudder(self.weight, demand, roll_rudder(at.roll, off, 0.0)) - state.bias)
+        quiet = sway_yaw_rudder(at.quiet, off.v, rate, error)
+        return float(planned + blended_rudder(self.weight, quiet, roll_rudder(at.roll, off, 0.0)) - state.bias)
+
+    def _sway(self) -> float:
+        """Return the sway [m/s] beside that of the planned turn. What is left of it is the sea's, which nobody knows."""
+        return 0.0
 
     def _fresh(self, state: NavState) -> RollSample | None:
         sample = self._sample

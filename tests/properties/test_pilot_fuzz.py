@@ -27,7 +27,7 @@ from autopilot.signals import (
     WindSample,
 )
 
-VESSEL = load_vessel("lanxin")
+VESSEL, ROLLING = load_vessel("lanxin"), build_pilot(load_vessel("naval_vessel"))
 ANGLE_MAX, RATE_MAX = math.radians(30.0), math.radians(20.0)
 
 wild = st.floats(allow_nan=True, allow_infinity=True)
@@ -38,7 +38,7 @@ sample = st.one_of(
     st.builds(RateSample, moment, value),
     st.builds(RudderSample, moment, value, st.booleans()),
     st.builds(SpeedSample, moment, value),
-    st.builds(RollSample, moment, value),
+    st.builds(RollSample, moment, value, st.one_of(st.none(), value)),
     st.builds(HelmSample, moment, st.booleans(), st.just("x"), st.just("link")),
     st.builds(ConditionSample, moment, st.sampled_from(["battery_low", "link_flooded", "none"]), st.booleans()),
     st.builds(AcknowledgeSample, moment, st.sampled_from(["", "off_course"])),
@@ -50,9 +50,11 @@ step = st.tuples(st.floats(-0.2, 0.7), st.lists(sample, max_size=4), order)
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(step, max_size=25), st.sampled_from(["backstepping", "pid", "trial"]))
+@given(st.lists(step, max_size=25), st.sampled_from(["backstepping", "pid", "trial", "sliding_roll"]))
 def test_no_command_leaves_its_limits(steps: list[tuple[float, list[object], Order]], law: str) -> None:
-    pilot = build_pilot(VESSEL, law)
+    pilot = ROLLING if law == "sliding_roll" else build_pilot(VESSEL, law)
+    pilot.reset()
+    most = pilot.config.limits.angle_max
     now, before = 0.0, None
     for dt, samples, wanted in steps:
         previous_now = now
@@ -61,7 +63,7 @@ def test_no_command_leaves_its_limits(steps: list[tuple[float, list[object], Ord
         assert tick.mode in Mode
         assert tick.command.engaged or tick.command.angle == 0.0
         assert math.isfinite(tick.command.angle)
-        assert abs(tick.command.angle) <= ANGLE_MAX + 1e-9
+        assert abs(tick.command.angle) <= most + 1e-9
         assert math.isfinite(tick.state.heading)
         assert math.isfinite(tick.state.rate)
         assert tick.mode is not Mode.STANDBY or not tick.command.engaged
