@@ -248,7 +248,7 @@ class SlidingRollLaw:
         return float(planned + blended_rudder(self.weight, quiet, roll_rudder(at.roll, off, 0.0)) - state.bias)
 
     def _sway(self) -> float:
-        """Return the sway [m/s] beside that of the planned turn. What is left of it is the sea's, which nobody knows."""
+        """Return the sway [m/s] beside that of the planned turn: what the sea makes of it nobody knows."""
         return 0.0
 
     def _fresh(self, state: NavState) -> RollSample | None:
