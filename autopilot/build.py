@@ -222,7 +222,7 @@ def roll_ship_of(vessel: Vessel, section: SlidingRoll) -> tuple[RollShip, SwayYa
     return (
         ship,
         SwayYawGains(*astuple(section.quiet)),
-        RollGains(section.k_v_rad_s_m, section.k_p_s, section.k_r_s, section.k_phi, section.reach, section.boundary),
+        RollGains(section.k_v_s_m, section.k_p_s, section.k_r_s, section.k_phi, section.reach, section.boundary),
     )
 
 

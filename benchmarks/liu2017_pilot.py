@@ -1,6 +1,7 @@
 """The sliding mode law for heading and roll in the running pilot, on the ship and in the seas of `liu2017_roll.py`.
 
     python benchmarks/liu2017_pilot.py [--json] [--seeds 5]      the pilot's table in docs/liu2017.md
+    python benchmarks/liu2017_pilot.py --variants                what else was tried, and a heel that sets in at once
     python benchmarks/liu2017_pilot.py --vessel                  the numbers of the vessel file `naval_vessel`, from her
 
 `Pilot.step` is called at 20 Hz with what her instruments show, noise on all of it, and nothing else: heading with yaw
@@ -38,7 +39,7 @@ from liu2017_roll import (
 )
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of
+from autopilot.build import build_pilot, gear_of, roll_ship_of
 from autopilot.control.sliding_roll import SlidingRollLaw
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment
@@ -69,12 +70,18 @@ ZIGZAGS_DEG = (10.0, 20.0)
 ZIGZAG_S = 300.0
 
 
+WAVES_LEFT = 0.05
+"""Waves quicker than this [rad/s], all of them, are kept from the law where it is to leave waves alone."""
+HEEL, HEEL_FROM_S = math.radians(5.0), 300.0
+
+
 class Steered(NamedTuple):
-    """A row: its name, the law, and whether roll is on the link."""
+    """A row: its name, the law, whether roll is on the link, and what of the pilot is otherwise."""
 
     name: str
     law: str
     hears_roll: bool
+    variant: str = ""
 
 
 ROWS = (
@@ -82,7 +89,45 @@ ROWS = (
     Steered("pilot, sliding_roll, no roll sensor", "sliding_roll", False),
     Steered("pilot, sliding_roll", "sliding_roll", True),
 )
+VARIANTS = (
+    ROWS[-1],
+    Steered("sway of the model by the rudder", "sliding_roll", True, "own sway"),
+    Steered("sway observed by p, r and phi too", "sliding_roll", True, "observed sway"),
+    Steered("waves left alone", "sliding_roll", True, "waves left alone"),
+)
 SEAS = ((135.0, 4.0), (45.0, 4.0))
+
+
+class OwnSway(SlidingRollLaw):
+    """The law that takes sway to be what the linear model makes of the rudder."""
+
+    def _sway(self) -> float:
+        return self._schedule.own.v
+
+
+class ObservedSway(SlidingRollLaw):
+    """The law that takes sway to be what the linear model makes of rudder, roll, roll rate and yaw rate."""
+
+    seen = 0.0
+
+    def _sway(self) -> float:
+        return self.seen
+
+    def _look_on(self, place: int, off: Motion, rudder: float, dt: float) -> None:
+        A, b = self._speeds[place].model
+        self.seen += dt * float(A[0, :4] @ np.array(off[:4]) + b[0] * rudder)
+        super()._look_on(place, off, rudder, dt)
+
+
+def pilot_of(case: Steered) -> Pilot:
+    """Return the pilot of a row."""
+    pilot, section = build_pilot(VESSEL, case.law), VESSEL.control.sliding_roll
+    laws = {"own sway": OwnSway, "observed sway": ObservedSway}
+    if case.variant in laws and section is not None:
+        return Pilot(pilot.config, laws[case.variant](*roll_ship_of(VESSEL, section)))
+    if case.variant == "waves left alone":
+        return Pilot(pilot.config._replace(wave_corner=WAVES_LEFT), pilot.law)
+    return pilot
 
 
 def moved(state: Motion, rudder: float, push: list[float]) -> Motion:
@@ -117,16 +162,26 @@ def sail(pilot: Pilot, load: Array, noise: Array, hears_roll: bool) -> Array:
 def steered(case: Steered, sea: Sea, seed: int) -> Result:
     """Return what one run of the pilot shows."""
     load, water = realisation(sea, seed)
-    out = sail(build_pilot(VESSEL, case.law), load, noise_of(True, seed, len(load)), case.hears_roll)
+    out = sail(pilot_of(case), load, noise_of(True, seed, len(load)), case.hears_roll)
     return result_of(out[round(SETTLED_S / DT / KEEP) :], sea, water)
 
 
-def rows_at(degrees: float, height: float, seeds: range) -> list[Row]:
+def worst_of_heel(sea: Sea, seed: int) -> float:
+    """Return how far [deg] the pilot is carried off where a heel of HEEL sets in at once."""
+    load, _ = realisation(sea, seed)
+    begin = round(HEEL_FROM_S / DT)
+    heeled = load[: 2 * begin].copy()
+    heeled[begin:, 1] += NAVAL_HULL.roll.restoring * HEEL
+    out = sail(pilot_of(ROWS[-1]), heeled, noise_of(True, seed, len(heeled)), hears_roll=True)
+    return math.degrees(float(np.max(np.abs(out[begin // KEEP :, 4]))))
+
+
+def rows_at(degrees: float, height: float, seeds: range, cases: tuple[Steered, ...] = ROWS) -> list[Row]:
     """Return the rows of a sea: fixed rudder, the quiet autopilot that knows the state, then the pilot."""
     sea = sea_from(degrees, height)
     fixed, quiet = ([run(case, sea, seed) for seed in seeds] for case in (FIXED, QUIET))
     found = [(FIXED.name, fixed), (QUIET.name, quiet)]
-    found += [(case.name, [steered(case, sea, seed) for seed in seeds]) for case in ROWS]
+    found += [(case.name, [steered(case, sea, seed) for seed in seeds]) for case in cases]
     return [
         Row(name, Result(*(float(value) for value in np.mean(each, axis=0))), beside(each, fixed), beside(each, quiet))
         for name, each in found
@@ -163,23 +218,27 @@ def main() -> None:
     """Print the table, or the vessel's numbers."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--vessel", action="store_true", help="print the numbers of the vessel file")
+    parser.add_argument("--variants", action="store_true", help="sail what else was tried")
     parser.add_argument("--seeds", type=int, default=5, help="fresh seeds of each row (default 5)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     arguments = parser.parse_args()
     seeds = range(FRESH, FRESH + arguments.seeds)
+    cases = VARIANTS if arguments.variants else ROWS
     if arguments.vessel:
         print(vessel_numbers())
         return
     if arguments.json:
-        tables = {f"{angle:.0f} deg, {height} m": rows_at(angle, height, seeds) for angle, height in SEAS}
+        tables = {f"{angle:.0f} deg, {height} m": rows_at(angle, height, seeds, cases) for angle, height in SEAS}
         print(json.dumps({sea: [row._asdict() for row in rows] for sea, rows in tables.items()}, indent=2))
         return
     for angle, height in SEAS:
         print(f"Waves of {height} m at {angle:.0f} deg (180 is head seas), {len(seeds)} seeds, {SECONDS:.0f} s each")
         print("\n".join(TITLES), flush=True)
-        for row in rows_at(angle, height, seeds):
+        for row in rows_at(angle, height, seeds, cases):
             print(text_of(row), flush=True)
         print()
+    if arguments.variants:
+        print(f"A heel of 5 deg at once, 4 m at 135 deg: {worst_of_heel(sea_from(*SEAS[0]), FRESH):.0f} deg off")
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ class Bounds(NamedTuple):
 UNIT_SUFFIXES = (
     *("_s2_rad2", "_s2_deg2", "_s_rad", "_s_deg", "_rad_s2", "_deg_s2", "_rad_s", "_deg_s", "_deg_min", "_rad", "_deg"),
     *("_m_s2", "_m_s", "_km_h", "_kmh", "_kn", "_kt", "_knots", "_mm", "_cm", "_km", "_nm", "_ft", "_m"),
-    *("_1_s", "_ms", "_us", "_min", "_hz", "_khz", "_s", "_n", "_kn_m", "_kg", "_t", "_pwm", "_percent"),
+    *("_1_s", "_s_m", "_ms", "_us", "_min", "_hz", "_khz", "_s", "_n", "_kn_m", "_kg", "_t", "_pwm", "_percent"),
 )
 """Ends of key names that say a unit, so that a wrong unit is told from an unknown key."""
 

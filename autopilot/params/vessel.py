@@ -114,7 +114,7 @@ Row = tuple[float, float, float, float, float]
 class QuietHeading:
     """The law of sway and yaw that steers where roll is not to be damped; reach and boundary hold for |h| = 1."""
 
-    k_v_rad_s_m: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed")]
+    k_v_s_m: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed")]
     k_r_s: Annotated[float, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
     reach: Annotated[float, Bounds(Positive, 1.0e6, "eta: speed towards the surface")]
     boundary: Annotated[float, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
@@ -130,7 +130,7 @@ class SlidingRoll:
     sway_row: Row
     roll_row: Row
     yaw_row: Row
-    k_v_rad_s_m: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed; shapes the surface")]
+    k_v_s_m: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed; shapes the surface")]
     k_p_s: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per roll rate")]
     k_r_s: Annotated[float, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
     k_phi: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per roll angle")]
