@@ -3,15 +3,15 @@
     python benchmarks/pareto.py [--quick] [--candidates 50] [--boats lanxin15,coaster] [--out DIR]
 
 Four boats, calm, a breeze and sea states 3 and 5 from five sides, K as modelled, 30 % less and 40 % more, a 10 Hz
-compass alone with 0.2 or 0.5 deg of noise. For each boat and helmsman the same number of settings is tried on the
-training seed; for each weight w the one of least
+compass alone with 0.2 or 0.5 deg of noise. For each boat and helmsman the same number of settings is tried on
+training seeds, one for each K; for each weight w the one of least
 
     cost = mean of heading rms [deg] (10 at most) + w x mean rudder travel [deg/s]
 
 is kept, once over all seas and once for each sea by itself, and sailed on held-out seeds. Fronts are then compared
 case by case: rms at equal travel, travel at equal rms; over all seeds together, and on each seed alone, which shows
-what is chance. `--out` keeps every boat's points and the figure; a boat whose points lie there already is not sailed
-again.
+what is chance. `--out` keeps the points of each boat and helmsman, and the figure; a helmsman whose points lie there
+already is not sailed again: delete the pilot's after a change of the pilot.
 """
 
 from __future__ import annotations
@@ -133,17 +133,32 @@ def together(points: Floats) -> Floats:
 
 
 def study(
-    boat: str, count: int, seeds: int, shown: Callable[[], None], is_quick: bool = False, is_plain: bool = False
+    boat: str,
+    count: int,
+    seeds: int,
+    shown: Callable[[], None],
+    is_quick: bool = False,
+    is_plain: bool = False,
+    out: Path | None = None,
 ) -> list[Compared]:
-    """Return all cases of one boat; a few where it is to be `is_quick`, without numba where `is_plain`."""
+    """Return all cases of one boat; a few where it is to be `is_quick`, without numba where `is_plain`.
+
+    A helmsman's points that lie in `out`, from as many settings and seeds, are not sailed again.
+    """
     training, held_out = training_runs(boat, TRAINING), held_out_runs(boat, HELD_OUT, seeds)
     if is_quick:
-        training, held_out = training[::5], held_out[::12]
-    ours, theirs = (
-        fronts(helmsman, training, held_out, count, shown)
-        for helmsman in (Ours(boat, is_plain), Theirs(boat, is_plain))
-    )
-    return compared(boat, held_out, ours, theirs)
+        training, held_out = training[::15], held_out[::12]
+    found = []
+    for name, helmsman in (("pilot", Ours(boat, is_plain)), ("pid", Theirs(boat, is_plain))):
+        path = out / f"{boat}_{name}_{count}_{len(held_out)}.json" if out is not None else None
+        if path is not None and path.exists():
+            found.append({group: np.array(points) for group, points in json.loads(path.read_text()).items()})
+            continue
+        found.append(fronts(helmsman, training, held_out, count, shown))
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps({group: points.round(5).tolist() for group, points in found[-1].items()}))
+    return compared(boat, held_out, *found)
 
 
 def median(values: Sequence[float]) -> float:
@@ -235,18 +250,6 @@ def is_surely_lost(one: Compared) -> bool:
     return is_lost(one.beside) and all(is_lost(found) for found in one.by_seed)
 
 
-def kept_at(path: Path, cases: Sequence[Compared]) -> None:
-    """Write the cases' points, a line each."""
-    rows = [[*one.case, one.ours.round(5).tolist(), one.theirs.round(5).tolist()] for one in cases]
-    path.write_text("[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]\n")
-
-
-def read_from(path: Path) -> list[Compared]:
-    """Return the cases that `kept_at` wrote."""
-    rows = json.loads(path.read_text())
-    return [compared_by(Case(*case), np.array(ours), np.array(theirs)) for *case, ours, theirs in rows]
-
-
 def main() -> None:
     """Study the boats and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -254,7 +257,7 @@ def main() -> None:
     parser.add_argument("--candidates", type=int, default=50, help="settings tried, for each helmsman and boat")
     parser.add_argument("--seeds", type=int, default=3, help="seeds held out")
     parser.add_argument("--boats", default=",".join(BOATS))
-    parser.add_argument("--out", type=Path, help="folder for every boat's points and pareto.svg")
+    parser.add_argument("--out", type=Path, help="folder for the points of each boat and helmsman, and pareto.svg")
     asked = parser.parse_args()
     boats, count = asked.boats.split(","), asked.candidates
     if unknown := set(boats) - set(BOATS):
@@ -271,14 +274,7 @@ def main() -> None:
             bar.show(done, total)
 
         for boat in boats:
-            path = asked.out / f"pareto_{boat}.json" if asked.out else None
-            if path is not None and path.exists():
-                cases += read_from(path)
-                continue
-            cases += (found := study(boat, count, asked.seeds, shown, asked.quick))
-            if path is not None:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                kept_at(path, found)
+            cases += study(boat, count, asked.seeds, shown, asked.quick, out=asked.out)
     print(table(cases), lost_cases(cases), sep="\n\n")
     if asked.out is not None:
         (asked.out / "pareto.svg").write_text(figure(cases))

@@ -270,21 +270,29 @@ def _swift_peer() -> Callable[..., Any] | None:
 
 
 def training_runs(boat: str, seed: int) -> list[Run]:
-    """Return a run for each sea and side, mismatch and compass taken in turn."""
-    job = job_of(boat, seed, 1)
-    turn = itertools.cycle([(noise, off) for noise in COMPASSES for off in MISMATCHES])
-    wanted = {(sea, side, *next(turn)) for sea in SEAS for side in SIDES_DEG}
-    cases = cases_of(job)
-    return runs_of(job, lambda run: _told_by(cases[run], "instruments", "mismatch") in wanted)
+    """Return a run for each sea, side and mismatch, each mismatch on a seed of its own."""
+    job, offs = job_of(boat, seed, len(MISMATCHES)), list(MISMATCHES)
+    cases, wanted = cases_of(job), compasses_in_turn()
+
+    def is_wanted(number: int) -> bool:
+        place, nth = divmod(number, len(offs))
+        return cases[place].mismatch == offs[nth] and _is_in(cases[place], wanted)
+
+    return runs_of(job, is_wanted)
 
 
 def held_out_runs(boat: str, seed: int, seeds: int) -> list[Run]:
-    """Return runs for each sea, side and mismatch, the two compasses taken in turn."""
+    """Return runs for each sea, side and mismatch."""
     job = job_of(boat, seed, seeds)
-    turn, cases = itertools.cycle(COMPASSES), cases_of(job)
-    wanted = {(sea, side, off, next(turn)) for sea in SEAS for side in SIDES_DEG for off in MISMATCHES}
-    return runs_of(job, lambda run: _told_by(cases[run // seeds], "mismatch", "instruments") in wanted)
+    cases, wanted = cases_of(job), compasses_in_turn()
+    return runs_of(job, lambda run: _is_in(cases[run // seeds], wanted))
 
 
-def _told_by(case: Case, *names: str) -> tuple[object, ...]:
-    return (case.sea, case.side_deg, *(getattr(case, name) for name in names))
+def compasses_in_turn() -> dict[tuple[str, float, str], str]:
+    """Return for each sea, side and mismatch one of the two compasses, in turn."""
+    turn = itertools.cycle(COMPASSES)
+    return {key: next(turn) for key in itertools.product(SEAS, SIDES_DEG, MISMATCHES)}
+
+
+def _is_in(case: Case, compasses: dict[tuple[str, float, str], str]) -> bool:
+    return compasses[case.sea, case.side_deg, case.mismatch] == case.instruments

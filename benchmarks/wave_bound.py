@@ -112,9 +112,9 @@ def measured(name: str, boat: StudyBoat, side: float, wave_filter: bool, seeds: 
     )
 
 
-def covariance_met(boat: StudyBoat, side: float) -> Floats:
+def covariance_met(boat: StudyBoat, side: float, sea: StudySea = SEAS["state 5"]) -> Floats:
     """Return E[a(t) a(t + lag)] [rad^2/s^4] of the waves' yaw acceleration on a straight course, by LAGS_S."""
-    sea, speed = SEAS["state 5"], boat.vessel.model.reference_speed_m_s
+    speed = boat.vessel.model.reference_speed_m_s
     total = np.zeros(len(LAGS_S))
     for seed in range(REALISATIONS):
         waves = ittc_waves(IttcSection(sea.height, sea.period, side), boat.hull, np.random.default_rng(seed))
@@ -147,12 +147,19 @@ def oscillators(covariance: Floats) -> list[Oscillator]:
     return [Oscillator(w, z, float(p * covariance[0])) for (w, z), p in zip(kinds, powers, strict=True) if p > 1.0e-3]
 
 
-def bound(boat: StudyBoat, side: float, waves: list[Oscillator], rate_variance: float) -> tuple[list[Point], float]:
+def bound(
+    boat: StudyBoat,
+    side: float,
+    waves: list[Oscillator],
+    rate_variance: float,
+    sea: StudySea = SEAS["state 5"],
+    has_gyro: bool = True,
+) -> tuple[list[Point], float]:
     """Return the best that can be, by weight, and the largest E[r^2] [rad^2/s^2] on the way.
 
     States: psi, r, rudder, gust [m/s], and two of each oscillator, scaled.
     """
-    model, sea, sensors = model_of(boat.vessel), SEAS["state 5"], boat.vessel.sensors
+    model, sensors = model_of(boat.vessel), boat.vessel.sensors
     n, dt, time = 4 + 2 * len(waves), 1.0 / HZ, model.time_constant
     load, speed, start = wind.WindLoad(math.radians(0.003)), model.reference_speed, math.radians(side)
 
@@ -181,9 +188,9 @@ def bound(boat: StudyBoat, side: float, waves: list[Oscillator], rate_variance: 
     q = 0.5 * (q + q.T)
     q[:3, :3] += 1.0e-18 * np.eye(3)
     move = f[:, 2:3]  # the rudder jumps at the beginning of a step
-    shown = np.zeros((2, n))
-    shown[0, 0] = shown[1, 1] = 1.0
-    r = np.diag([math.radians(sensors.heading_noise_deg) ** 2, math.radians(sensors.rate_noise_deg_s) ** 2])
+    shown = np.eye(2 if has_gyro else 1, n)
+    noises = sensors.heading_noise_deg, sensors.rate_noise_deg_s
+    r = np.diag(np.radians(noises[: len(shown)]) ** 2)
     before = solve_discrete_are(f.T, shown.T, q, r)
     total = shown @ before @ shown.T + r
     gain = before @ shown.T @ np.linalg.inv(total)

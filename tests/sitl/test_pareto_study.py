@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from autopilot.limits import Rest, RudderLimits
 from sitl.scenario import HullSection
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+NAMES = ("pareto_front", "pareto_peer", "pareto_study", "pareto", "pareto_lost")
 LIMITS = RudderLimits(0.5, 0.3)
 
 
@@ -22,7 +24,7 @@ LIMITS = RudderLimits(0.5, 0.3)
 def modules(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The benchmarks' modules, with runs of the first boat as short as can be."""
     monkeypatch.syspath_prepend(str(BENCHMARKS))
-    found = {name: importlib.import_module(name) for name in ("pareto_front", "pareto_peer", "pareto_study", "pareto")}
+    found = {name: importlib.import_module(name) for name in NAMES}
     short = found["pareto_study"].BoatPlan(HullSection(), 12.0, 4.0)
     monkeypatch.setitem(found["pareto_study"].BOATS, "lanxin15", short)
     return found
@@ -71,12 +73,12 @@ def test_the_peers_derivative_is_filtered_and_its_bands_keep_the_rudder_still(mo
     assert peer_after(modules, peer._replace(dead_band=0.2), [0.02] * 5).rest.told == 0.0
 
 
-def test_a_small_study_holds_the_course_better_than_nobody(modules: dict[str, Any]) -> None:
+def test_a_small_study_holds_the_course_better_than_nobody(modules: dict[str, Any], tmp_path: Path) -> None:
     study = modules["pareto_study"]
     training, held_out = study.training_runs("lanxin15", 100), study.held_out_runs("lanxin15", 7000, 1)
-    assert len(training) == 20
-    assert len(held_out) == 60
-    assert {(run.sea, run.side) for run in training} == {(run.sea, run.side) for run in held_out}
+    assert len(training) == len(held_out) == 60
+    assert {run[:4] for run in training} == {run[:4] for run in held_out}
+    assert {run.mismatch for run in held_out} == {"K", "0.7 K", "1.4 K"}
     noises = [run.setting.instruments.deviates[:50, 0] for run in (training[0], held_out[0])]
     assert not np.allclose(*noises), "held-out seeds are others"
     blown = [run for run in held_out if run.sea == "breeze" and run.side == 60.0]
@@ -86,7 +88,12 @@ def test_a_small_study_holds_the_course_better_than_nobody(modules: dict[str, An
         found = helmsman.sailed(helmsman.starts[0], blown)
         assert np.all(found[:, 0] < 0.5 * np.array(nobody)[:, 0])
         assert np.all(found[:, 1] > 0.0)
-    cases = modules["pareto"].study("lanxin15", 2, 1, lambda: None, is_quick=True, is_plain=True)
+    cases = modules["pareto"].study("lanxin15", 2, 1, lambda: None, is_quick=True, is_plain=True, out=tmp_path)
+    again = modules["pareto"].study("lanxin15", 2, 1, pytest.fail, is_quick=True, is_plain=True, out=tmp_path)
+    for before, after in zip(cases, again, strict=True):
+        assert before.case == after.case
+        assert np.allclose(before.ours, after.ours, atol=1.0e-5)
+        assert np.allclose(before.theirs, after.theirs, atol=1.0e-5)
     assert {case.case.tuned for case in cases} == {"all", *study.SEAS}
     for case in cases:
         assert case.is_held
@@ -95,6 +102,23 @@ def test_a_small_study_holds_the_course_better_than_nobody(modules: dict[str, An
     told = modules["pareto"].table(cases)
     assert told.count("lanxin15") == 8
     assert "nan" not in told.splitlines()[-1]
+
+
+def test_no_helmsman_passes_the_bound_of_a_lost_case(modules: dict[str, Any]) -> None:
+    lost, study = modules["pareto_lost"], modules["pareto_study"]
+    case = modules["pareto"].Case("lanxin15", "breeze", 60.0, "1.4 K", "")
+    fine, coarse = (lost.lqg_front(case, compass) for compass in study.COMPASSES)
+    for points in (fine, coarse):
+        assert all(after.rms_deg <= before.rms_deg * 1.001 for before, after in itertools.pairwise(points))
+    assert min(coarse).rms_deg > 1.2 * min(fine).rms_deg, "a worse compass, a worse course"
+    run = next(run for run in lost.runs_in(case, "0.2 deg", 7000, 1))
+    assert (run.sea, run.side, run.mismatch, run.compass) == ("breeze", 60.0, "1.4 K", "0.2 deg")
+    sailed = study.Theirs("lanxin15", plain=True).sailed(study.Theirs("lanxin15").starts[0], [run])
+    one = modules["pareto"].compared_by(case, sailed[None], 2.0 * sailed[None])
+    at = lost.beside_lqg(one, fine)
+    assert at.least <= at.lqg < at.ours < at.theirs
+    row = lost.table([one], {case: one}, {case: fine}).splitlines()[-1]
+    assert row.split()[:5] == ["each", "sea", "lanxin15", "breeze", "60"]
 
 
 def idle(modules: dict[str, Any]) -> Any:

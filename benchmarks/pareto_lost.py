@@ -1,0 +1,196 @@
+"""The lost cases of the Pareto study, each tuned by itself and beside what an LQG law would do; printed as a table.
+
+    python benchmarks/pareto_lost.py --out out --candidates 150 --seeds 6 [--boats lanxin15,coaster]
+
+Goes by the points that `pareto.py` left in --out with as many candidates and seeds.
+For each case that is lost over all seeds held out together:
+
+- rms over the PID's at equal travel, travel over the PID's at equal rms, and on how many of the seeds it is lost;
+- the same with both sides tuned in the case itself, on seeds of their own, and judged on the same held-out seeds: this
+  tells a setting that was not found, or not to be had for all cases at once, from one that does not exist;
+- at the middle of the travels that both reach: the PID's rms, the pilot's, that of the LQG law of `wave_bound.py`,
+  which knows the real boat, gusts, noise and the spectrum of the waves and whose rudder has no lag, delay or limits,
+  and the least rms of any law, however much it moves the rudder: what a compass lets anybody know.
+
+An LQG law has the least rms for a given rms of rudder rate; what a rudder travels is another measure, of which a dead
+band may need less. So the third is a yardstick where rudders rest, and the fourth a bound.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from pareto import (
+    EVERY_SEA,
+    HELD_OUT,
+    LOST_DEG,
+    SEARCH_SEED,
+    WEIGHTS,
+    Case,
+    Compared,
+    compared_by,
+    is_lost,
+    study,
+    together,
+)
+from pareto_front import LEAST, chosen, explore, front
+from pareto_study import (
+    BOATS,
+    MISMATCHES,
+    SEAS,
+    Helmsman,
+    Ours,
+    Run,
+    Theirs,
+    compasses_in_turn,
+    filed,
+    job_of,
+    runs_of,
+)
+from study_boats import StudyBoat, StudySea
+from wave_bound import Point, bound, covariance_met, oscillators
+
+from autopilot.cli.progress import ProgressBar
+from sitl.boat import Hull
+from sitl.campaign.cases import cases_of
+
+Floats = npt.NDArray[np.float64]
+
+CASE_TRAINING, CASE_SEEDS = 300, 4
+"""First seed, and how many, on which a case is tuned by itself."""
+
+
+class Beside(NamedTuple):
+    """A travel [deg/s] and the rms [deg] there: the PID's, the pilot's, the LQG law's and the least of any law."""
+
+    travel: float
+    theirs: float
+    ours: float
+    lqg: float
+    least: float
+
+
+def runs_in(case: Case, compass: str, seed: int, seeds: int) -> list[Run]:
+    """Return the runs of one case with this compass, on `seeds` seeds from `seed` on."""
+    job = job_of(case.boat, seed, seeds)
+    cases, wanted = cases_of(job), (case.sea, case.side, case.mismatch, compass)
+
+    def is_wanted(number: int) -> bool:
+        one = cases[number // seeds]
+        return (one.sea, one.side_deg, one.mismatch, one.instruments) == wanted
+
+    return runs_of(job, is_wanted)
+
+
+def tuned_in(case: Case, compass: str, seeds: int, count: int) -> Compared:
+    """Return the case with both sides tuned in it alone, judged on the seeds held out."""
+    training = runs_in(case, compass, CASE_TRAINING, CASE_SEEDS)
+    held_out = runs_in(case, compass, HELD_OUT, seeds)
+
+    def costs(points: Floats) -> Floats:
+        rms, travel = np.minimum(points[:, 0], LOST_DEG).mean(), points[:, 1].mean()
+        return np.asarray(rms + WEIGHTS * travel)
+
+    def sailed(helmsman: Helmsman) -> Floats:
+        starts, low, high = helmsman.starts, helmsman.low, helmsman.high
+        found = explore(lambda n: helmsman.sailed(n, training), starts, low, high, costs, count, SEARCH_SEED)
+        kept = chosen(found, costs, range(len(WEIGHTS)))
+        return np.array([helmsman.sailed(numbers, held_out) for numbers in kept])
+
+    return compared_by(case, sailed(Ours(case.boat)), sailed(Theirs(case.boat)))
+
+
+def lqg_front(case: Case, compass: str) -> list[Point]:
+    """Return what the LQG law comes to in this case, by rising travel."""
+    vessel, off = filed(case.boat), MISMATCHES[case.mismatch]
+    noise = float(compass.split()[0])
+    real = dataclasses.replace(
+        vessel,
+        model=dataclasses.replace(vessel.model, K_1_s=vessel.model.K_1_s * off.K),
+        sensors=dataclasses.replace(vessel.sensors, heading_noise_deg=noise),
+    )
+    boat, section = StudyBoat(real, Hull(*dataclasses.astuple(BOATS[case.boat].hull))), SEAS[case.sea]
+    ittc = section.waves.ittc
+    height, period = (ittc.significant_height_m, ittc.peak_period_s) if ittc is not None else (0.0, 1.0)
+    sea = StudySea(height, period, section.wind.speed_m_s, section.wind.gust_m_s)
+    waves = oscillators(covariance_met(boat, case.side, sea)) if ittc is not None else []
+    points, rate_variance = list[Point](), 0.0
+    for _ in range(2):
+        points, most = bound(boat, case.side, waves, rate_variance, sea, has_gyro=False)
+        rate_variance = 0.5 * (rate_variance + most)
+    return sorted(points, key=lambda point: point.travel_deg_s)
+
+
+def beside_lqg(one: Compared, lqg: list[Point]) -> Beside:
+    """Return what everybody comes to at the middle of the travels that pilot and PID both reach."""
+    ours, theirs = (front(np.maximum(together(points), LEAST)) for points in (one.ours, one.theirs))
+    low = max(ours[0, 1], theirs[0, 1])
+    high = max(low, min(ours[-1, 1], theirs[-1, 1]))
+    travel = math.sqrt(low * high)
+    best = np.maximum(np.array(lqg), [0.0, 1.0e-9])
+    rms = [_rms_at(points, travel) for points in (theirs, ours, best)]
+    return Beside(travel, *rms, float(best[:, 0].min()))
+
+
+def _rms_at(points: Floats, travel: float) -> float:
+    return math.exp(float(np.interp(math.log(travel), np.log(points[:, 1]), np.log(points[:, 0]))))
+
+
+def main() -> None:
+    """Tune the lost cases by themselves and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder with every boat's points, as pareto.py left it")
+    parser.add_argument("--candidates", type=int, default=150, help="settings tried, for each helmsman and case")
+    parser.add_argument("--seeds", type=int, default=6, help="seeds held out")
+    parser.add_argument("--boats", default=",".join(BOATS))
+    asked = parser.parse_args()
+    count, seeds = asked.candidates, asked.seeds
+    found = [one for boat in asked.boats.split(",") for one in study(boat, count, seeds, _not_shown, out=asked.out)]
+    lost = [one for one in found if one.is_held and is_lost(one.beside)]
+    places = dict.fromkeys(one.case._replace(tuned="") for one in lost)
+    alone: dict[Case, Compared] = {}
+    with ProgressBar("cases") as bar:
+        for case in places:
+            alone[case] = tuned_in(case, compass_of(case), seeds, count)
+            bar.show(len(alone), len(places))
+    print(table(lost, alone, {case: lqg_front(case, compass_of(case)) for case in places}))
+
+
+def _not_shown() -> None:
+    pass
+
+
+def compass_of(case: Case) -> str:
+    """Return the compass of the case's held-out runs."""
+    return compasses_in_turn()[case.sea, case.side, case.mismatch]
+
+
+def table(lost: Sequence[Compared], alone: dict[Case, Compared], lqg: dict[Case, list[Point]]) -> str:
+    """Return a row for each lost case."""
+    lines = [
+        "                                           lost on       ratios   tuned in it        at       rms [deg] there",
+        "tuned in  boat      sea      side  K         seeds   rms/travel    rms/travel     travel      PID"
+        "    pilot      LQG    least",
+    ]
+    for one in lost:
+        boat, sea, side, mismatch, tuned = one.case
+        key = one.case._replace(tuned="")
+        on = f"{sum(is_lost(found) for found in one.by_seed):3d} of {len(one.by_seed)}"
+        tuned = tuned if tuned == EVERY_SEA else "each sea"
+        ratios = "".join(f"{found.rms:7.2f}/{found.travel:5.2f} " for found in (one.beside, alone[key].beside))
+        at = beside_lqg(one, lqg[key])
+        numbers = "".join(f"{value:9.2f}" for value in at[1:])
+        told = f"{tuned:10s}{boat:10s}{sea:8s}{side:5.0f}  {mismatch:7s}"
+        lines.append(f"{told}{on:>8s}{ratios}{at.travel:10.3f}{numbers}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
