@@ -206,17 +206,15 @@ def lost_cases(cases: Sequence[Compared]) -> str:
     return "\n".join(lines)
 
 
-def figure(cases: Sequence[Compared]) -> str:
-    """Return every case's two fronts, of settings tuned in its sea, as SVG: a panel for each boat and sea."""
-    import io
-
+def draw(cases: Sequence[Compared], path: Path) -> None:
+    """Draw every case's two fronts, of settings tuned in its sea: a panel for each boat and sea."""
     import matplotlib as mpl
 
-    mpl.use("svg")
+    mpl.use("agg")
     from matplotlib import pyplot
 
     boats = list(dict.fromkeys(one.case.boat for one in cases))
-    with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 8}):
+    with mpl.rc_context({"font.size": 8}):
         size = (9.0, 2.1 * len(boats))
         drawn, axes = pyplot.subplots(len(boats), len(SEAS), squeeze=False, figsize=size, layout="constrained")
         for (row, boat), (column, sea) in itertools.product(enumerate(boats), enumerate(SEAS)):
@@ -229,10 +227,8 @@ def figure(cases: Sequence[Compared]) -> str:
             axis.set_title(f"{boat}, {sea}", fontsize=8)
             axis.set_xlabel("travel [deg/s]" if row == len(boats) - 1 else "")
             axis.set_ylabel("" if column else "rms [deg]")
-        text = io.StringIO()
-        drawn.savefig(text, format="svg", metadata={"Date": None})
+        drawn.savefig(path, dpi=80, metadata={"Software": None})
         pyplot.close(drawn)
-    return text.getvalue()
 
 
 def is_won(found: Beside) -> bool:
@@ -257,7 +253,7 @@ def main() -> None:
     parser.add_argument("--candidates", type=int, default=50, help="settings tried, for each helmsman and boat")
     parser.add_argument("--seeds", type=int, default=3, help="seeds held out")
     parser.add_argument("--boats", default=",".join(BOATS))
-    parser.add_argument("--out", type=Path, help="folder for the points of each boat and helmsman, and pareto.svg")
+    parser.add_argument("--out", type=Path, help="folder for the points of each boat and helmsman, and pareto.png")
     asked = parser.parse_args()
     boats, count = asked.boats.split(","), asked.candidates
     if unknown := set(boats) - set(BOATS):
@@ -277,7 +273,7 @@ def main() -> None:
             cases += study(boat, count, asked.seeds, shown, asked.quick, out=asked.out)
     print(table(cases), lost_cases(cases), sep="\n\n")
     if asked.out is not None:
-        (asked.out / "pareto.svg").write_text(figure(cases))
+        draw(cases, asked.out / "pareto.png")
 
 
 if __name__ == "__main__":

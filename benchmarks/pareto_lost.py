@@ -10,10 +10,12 @@ For each case that is lost over all seeds held out together:
   tells a setting that was not found, or not to be had for all cases at once, from one that does not exist;
 - at the middle of the travels that both reach: the PID's rms, the pilot's, that of the LQG law of `wave_bound.py`,
   which knows the real boat, gusts, noise and the spectrum of the waves and whose rudder has no lag, delay or limits,
-  and the least rms of any law, however much it moves the rudder: what a compass lets anybody know.
+  and a bound.
 
-An LQG law has the least rms for a given rms of rudder rate; what a rudder travels is another measure, of which a dead
-band may need less. So the third is a yardstick where rudders rest, and the fourth a bound.
+An LQG law has the least rms of heading for its rms of rudder rate. What a rudder travels is the mean of its rate's
+size, of which a law that mostly rests may need less, so the LQG law at the same travel is a yardstick. It becomes a
+bound by the gear: a rate that never exceeds R and is t in the mean has an rms of at most sqrt(R t), so that no law has
+less than the LQG law of that rms. Both are of a linear boat on a straight course.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ from pareto_study import (
     runs_of,
 )
 from study_boats import StudyBoat, StudySea
-from wave_bound import Point, bound, covariance_met, oscillators
+from wave_bound import TRAVEL_OF_RMS, Point, bound, covariance_met, oscillators
 
 from autopilot.cli.progress import ProgressBar
 from sitl.boat import Hull
@@ -68,13 +70,13 @@ CASE_TRAINING, CASE_SEEDS = 300, 4
 
 
 class Beside(NamedTuple):
-    """A travel [deg/s] and the rms [deg] there: the PID's, the pilot's, the LQG law's and the least of any law."""
+    """A travel [deg/s] and the rms [deg] there: the PID's, the pilot's, the LQG law's and the bound."""
 
     travel: float
     theirs: float
     ours: float
     lqg: float
-    least: float
+    bound: float
 
 
 def runs_in(case: Case, compass: str, seed: int, seeds: int) -> list[Run]:
@@ -128,15 +130,16 @@ def lqg_front(case: Case, compass: str) -> list[Point]:
     return sorted(points, key=lambda point: point.travel_deg_s)
 
 
-def beside_lqg(one: Compared, lqg: list[Point]) -> Beside:
-    """Return what everybody comes to at the middle of the travels that pilot and PID both reach."""
+def beside_lqg(one: Compared, lqg: list[Point], rate_max: float) -> Beside:
+    """Return what everybody comes to at the middle of the travels that pilot and PID both reach; the gear's fastest
+    rate is `rate_max` [deg/s]."""
     ours, theirs = (front(np.maximum(together(points), LEAST)) for points in (one.ours, one.theirs))
     low = max(ours[0, 1], theirs[0, 1])
     high = max(low, min(ours[-1, 1], theirs[-1, 1]))
     travel = math.sqrt(low * high)
     best = np.maximum(np.array(lqg), [0.0, 1.0e-9])
     rms = [_rms_at(points, travel) for points in (theirs, ours, best)]
-    return Beside(travel, *rms, float(best[:, 0].min()))
+    return Beside(travel, *rms, _rms_at(best, TRAVEL_OF_RMS * math.sqrt(rate_max * travel)))
 
 
 def _rms_at(points: Floats, travel: float) -> float:
@@ -177,7 +180,7 @@ def table(lost: Sequence[Compared], alone: dict[Case, Compared], lqg: dict[Case,
     lines = [
         "                                           lost on       ratios   tuned in it        at       rms [deg] there",
         "tuned in  boat      sea      side  K         seeds   rms/travel    rms/travel     travel      PID"
-        "    pilot      LQG    least",
+        "    pilot      LQG    bound",
     ]
     for one in lost:
         boat, sea, side, mismatch, tuned = one.case
@@ -185,7 +188,9 @@ def table(lost: Sequence[Compared], alone: dict[Case, Compared], lqg: dict[Case,
         on = f"{sum(is_lost(found) for found in one.by_seed):3d} of {len(one.by_seed)}"
         tuned = tuned if tuned == EVERY_SEA else "each sea"
         ratios = "".join(f"{found.rms:7.2f}/{found.travel:5.2f} " for found in (one.beside, alone[key].beside))
-        at = beside_lqg(one, lqg[key])
+        rate_max = filed(boat).rudder.rate_max_deg_s
+        assert rate_max is not None
+        at = beside_lqg(one, lqg[key], rate_max)
         numbers = "".join(f"{value:9.2f}" for value in at[1:])
         told = f"{tuned:10s}{boat:10s}{sea:8s}{side:5.0f}  {mismatch:7s}"
         lines.append(f"{told}{on:>8s}{ratios}{at.travel:10.3f}{numbers}")

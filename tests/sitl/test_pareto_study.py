@@ -115,8 +115,8 @@ def test_no_helmsman_passes_the_bound_of_a_lost_case(modules: dict[str, Any]) ->
     assert (run.sea, run.side, run.mismatch, run.compass) == ("breeze", 60.0, "1.4 K", "0.2 deg")
     sailed = study.Theirs("lanxin15", plain=True).sailed(study.Theirs("lanxin15").starts[0], [run])
     one = modules["pareto"].compared_by(case, sailed[None], 2.0 * sailed[None])
-    at = lost.beside_lqg(one, fine)
-    assert at.least <= at.lqg < at.ours < at.theirs
+    at = lost.beside_lqg(one, fine, 15.0)
+    assert at.bound <= at.lqg < at.ours < at.theirs
     row = lost.table([one], {case: one}, {case: fine}).splitlines()[-1]
     assert row.split()[:5] == ["each", "sea", "lanxin15", "breeze", "60"]
 
