@@ -224,6 +224,9 @@ def draw(cases: Sequence[Compared], path: Path) -> None:
                     if one.case.tuned == sea and one.case.boat == boat and one.case.sea == sea and one.is_held:
                         rms, travel = front(np.maximum(together(getattr(one, name)), LEAST)).T
                         axis.loglog(travel, rms, color=colour, linewidth=0.7, marker=".", markersize=2.5, alpha=0.7)
+            # where all rest there is next to nothing to see, and no scale by itself
+            axis.set_xlim(0.8 * LEAST[1], max(1.0, axis.get_xlim()[1]))
+            axis.set_ylim(0.8 * LEAST[0], max(1.0, axis.get_ylim()[1]))
             axis.set_title(f"{boat}, {sea}", fontsize=8)
             axis.set_xlabel("travel [deg/s]" if row == len(boats) - 1 else "")
             axis.set_ylabel("" if column else "rms [deg]")
