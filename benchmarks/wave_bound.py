@@ -10,7 +10,8 @@ nor limits, so that the real loop can only be worse. Of a Gaussian rudder rate t
 
 The sea as met on a straight course is fitted by oscillators whose powers are not negative (least squares on its
 covariance), the boat's cubic damping by its slope in the mean, n1 + 3 n3 E[r^2]; the wind's moment goes with the
-heading too. The bound is the least travel at 1.1 times the heading rms without the filter.
+heading too. The bound is the least travel at 1.1 times the heading rms without the filter. Worth: the rms of the waves'
+push as a rudder angle; of what goes beyond the rudder's stops the bound knows nothing.
 """
 
 from __future__ import annotations
@@ -124,6 +125,12 @@ def covariance_met(boat: StudyBoat, side: float, sea: StudySea = SEAS["state 5"]
     return np.asarray(total / REALISATIONS)
 
 
+def worth_of(boat: StudyBoat, covariance: Floats) -> float:
+    """Return the rms [deg] of the rudder angle that would push her as the waves do."""
+    model = model_of(boat.vessel)
+    return math.degrees(math.sqrt(covariance[0]) * model.time_constant / model.gain)
+
+
 class Oscillator(NamedTuple):
     """x'' + 2 damping frequency x' + frequency^2 x = noise; what it gives is x', of this `power` E[x'^2] [rad^2/s^4].
 
@@ -231,13 +238,18 @@ def main() -> None:
     parser.add_argument("--sides", default=",".join(f"{side:g}" for side in SIDES_DEG))
     parser.add_argument("--boats", default=",".join(NAMES))
     asked = parser.parse_args()
-    print("boat      from   heading rms [deg]  rudder travel [deg/s]     ratios       least travel of any filter")
-    print("          [deg]     off     auto         off     auto      rms  travel     at 1.1 x rms off   of off")
+    print(
+        "boat      from   heading rms [deg]  rudder travel [deg/s]     ratios       least travel of any filter   worth"
+    )
+    print(
+        "          [deg]     off     auto         off     auto      rms  travel     at 1.1 x rms off   of off    [deg]"
+    )
     for name in asked.boats.split(","):
         boat = boat_of(name)
         for side in (float(text) for text in asked.sides.split(",")):
             off, auto = (measured(name, boat, side, filtered, asked.seeds) for filtered in (False, True))
-            waves, rate_variance = oscillators(covariance_met(boat, side)), 0.0
+            covariance, rate_variance = covariance_met(boat, side), 0.0
+            waves, worth = oscillators(covariance), worth_of(boat, covariance)
             for _ in range(2):
                 points, most = bound(boat, side, waves, rate_variance)
                 rate_variance = 0.5 * (rate_variance + most)
@@ -246,7 +258,7 @@ def main() -> None:
             print(
                 f"{name:9s}{side:6.0f}{off.rms_deg:9.2f}{auto.rms_deg:9.2f}{off.travel_deg_s:12.2f}"
                 f"{auto.travel_deg_s:9.2f}{auto.rms_deg / off.rms_deg:9.2f}{auto.travel_deg_s / off.travel_deg_s:8.2f}"
-                f"{least:17.2f}{least / off.travel_deg_s:11.2f}{held}",
+                f"{least:17.2f}{least / off.travel_deg_s:11.2f}{worth:10.0f}{held}",
                 flush=True,
             )
 

@@ -17,15 +17,16 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-DAMPING = 0.15
-"""xi: the width of the spectrum of encounter, as a share of its frequency."""
-CORNER = 0.4
+DAMPING = 0.1
+"""xi: the width of the spectrum of encounter, as a share of its frequency. A wide one takes the boat's own slow motion
+for waves (docs/wave_filter.md)."""
+CORNER = 1.0
 """kappa: below this share of its peak's frequency the spectrum falls off to nothing."""
 STIFFENING = 1.0 + 2.0 * DAMPING * CORNER
 MEMORY = 40.0
 MEMORY_FIRST = 4.0
 """Time [s] over which the sea is averaged, and at the very start."""
-FREQUENCY_LEAST = 0.3
+FREQUENCY_LEAST = 0.4
 FREQUENCY_MOST = 4.0
 """Frequencies of encounter [rad/s] that are taken for waves; slower is wind and current, faster is noise."""
 FIRST_DEVIATION = math.radians(0.5)
