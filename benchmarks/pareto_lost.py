@@ -1,6 +1,6 @@
 """The lost cases of the Pareto study, each tuned by itself and beside what an LQG law would do; printed as a table.
 
-    python benchmarks/pareto_lost.py --out out --candidates 150 --seeds 6 [--boats lanxin15,coaster]
+    python benchmarks/pareto_lost.py --out out --candidates 150 --seeds 6 [--on 5] [--boats lanxin15,coaster]
 
 Goes by the points that `pareto.py` left in --out with as many candidates and seeds.
 For each case that is lost over all seeds held out together:
@@ -153,10 +153,11 @@ def main() -> None:
     parser.add_argument("--candidates", type=int, default=150, help="settings tried, for each helmsman and case")
     parser.add_argument("--seeds", type=int, default=6, help="seeds held out")
     parser.add_argument("--boats", default=",".join(BOATS))
+    parser.add_argument("--on", type=int, default=1, help="only cases lost on at least so many of the seeds alone")
     asked = parser.parse_args()
     count, seeds = asked.candidates, asked.seeds
     found = [one for boat in asked.boats.split(",") for one in study(boat, count, seeds, _not_shown, out=asked.out)]
-    lost = [one for one in found if one.is_held and is_lost(one.beside)]
+    lost = [one for one in found if one.is_held and is_lost(one.beside) and lost_on(one) >= asked.on]
     places = dict.fromkeys(one.case._replace(tuned="") for one in lost)
     alone: dict[Case, Compared] = {}
     with ProgressBar("cases") as bar:
@@ -168,6 +169,11 @@ def main() -> None:
 
 def _not_shown() -> None:
     pass
+
+
+def lost_on(one: Compared) -> int:
+    """Return on how many of the seeds the case is lost."""
+    return sum(is_lost(found) for found in one.by_seed)
 
 
 def compass_of(case: Case) -> str:
@@ -185,7 +191,7 @@ def table(lost: Sequence[Compared], alone: dict[Case, Compared], lqg: dict[Case,
     for one in lost:
         boat, sea, side, mismatch, tuned = one.case
         key = one.case._replace(tuned="")
-        on = f"{sum(is_lost(found) for found in one.by_seed):3d} of {len(one.by_seed)}"
+        on = f"{lost_on(one):3d} of {len(one.by_seed)}"
         tuned = tuned if tuned == EVERY_SEA else "each sea"
         ratios = "".join(f"{found.rms:7.2f}/{found.travel:5.2f} " for found in (one.beside, alone[key].beside))
         rate_max = filed(boat).rudder.rate_max_deg_s
