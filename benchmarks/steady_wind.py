@@ -1,6 +1,6 @@
 """Steady wind with gusts, then a minute of more wind than the rudder can hold: mean error and the way back; a table.
 
-    python benchmarks/steady_wind.py [--seeds 5] [--pilot]
+    python benchmarks/steady_wind.py [--seeds 5] [--rudder-rate 2] [--pilot]
 
 Boats and gains of `turns.py`, the course-unstable one apart: more wind than her rudder holds turns her round and round.
 10 Hz compass with 0.3 deg of noise, without a gyro and with one of 0.2 deg/s. The wind is worth 5 deg of rudder, its
@@ -8,7 +8,8 @@ gusts 1 deg rms with a memory of 10 s; the mean error is that of the true headin
 Then it is worth 1.03 times the whole rudder for 60 s, and then nothing. Past: how far the boat leads past her course on
 the way back; second: how far she then comes back to the side that the wind had blown her to. Medians over the seeds,
 and the worst of them: the largest mean error to either side, the largest second. By the pilot's tick as campaigns have
-it, compiled (`norrbin[fast]`); with --pilot by `Pilot.step` itself, one seed being ten minutes.
+it, compiled (`norrbin[fast]`); with --pilot by `Pilot.step` itself, one seed being minutes.
+--rudder-rate: the rudder moves so many times as fast, the gains being the same.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -142,9 +144,12 @@ def gusts(seconds: float, random: np.random.Generator) -> list[float]:
     return found
 
 
-def held(boat: Boat, factor: float, seed: int, has_gyro: bool, sails: Sailed = sailed) -> Held:
-    """Return how the pilot holds a boat whose K is `factor` times the model's."""
+def held(
+    boat: Boat, factor: float, seed: int, has_gyro: bool, sails: Sailed = sailed, rudder_rate: float = 1.0
+) -> Held:
+    """Return how the pilot holds a boat: K `factor` times the model's, the rudder `rudder_rate` times as fast."""
     random, vessel = np.random.default_rng(seed), vessel_of(boat)
+    vessel = replace(vessel, rudder=replace(vessel.rudder, rate_max_deg_s=rudder_rate * boat.rate_deg_s))
     windy, after = 300.0 + 30.0 * boat.model.time_constant, 120.0 + 15.0 * boat.model.time_constant
     blown, most = gusts(windy, random), BEYOND * math.radians(boat.angle_deg)
 
@@ -155,7 +160,7 @@ def held(boat: Boat, factor: float, seed: int, has_gyro: bool, sails: Sailed = s
 
     headings = np.degrees(sails(vessel, factor, push, windy + SATURATED_S + after, random, has_gyro))
     ends, free = round(windy / CONTROL_S), round((windy + SATURATED_S) / CONTROL_S)
-    past, second = swings(headings[free:])
+    past, second = swings(headings[free:].tolist())
     return Held(float(np.mean(headings[ends // 3 : ends])), float(np.max(headings[ends:])), past, second)
 
 
@@ -169,6 +174,7 @@ def main() -> None:
     """Sail every boat and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--rudder-rate", type=float, default=1.0)
     parser.add_argument("--pilot", action="store_true", help="by Pilot.step itself, which is slow")
     arguments = parser.parse_args()
     sails, seeds = sailed if arguments.pilot else sailed_swiftly, range(FIRST_SEED, FIRST_SEED + arguments.seeds)
@@ -176,7 +182,7 @@ def main() -> None:
     for (name, boat), has_gyro, factor in itertools.product(BOATS.items(), (False, True), (1.0, 0.7, 1.4)):
         if boat.model.n1 < 0.0:
             continue
-        found = np.array([held(boat, factor, seed, has_gyro, sails) for seed in seeds])
+        found = np.array([held(boat, factor, seed, has_gyro, sails, arguments.rudder_rate) for seed in seeds])
         mean, off, past, second = np.median(found, axis=0)
         print(
             f"{name:9s}{'yes' if has_gyro else 'no':4s}{factor:6.1f}{mean:14.2f}{np.max(np.abs(found[:, 0])):7.2f}"

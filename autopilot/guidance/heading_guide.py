@@ -15,6 +15,7 @@ from autopilot.guidance.turn import (
     replanned,
     turn_step,
     turning_time,
+    watched,
     within_reach,
     without_haste,
 )
@@ -94,11 +95,13 @@ class HeadingGuide:
             pace = without_haste(limits)
         if steers and (by_bias or not is_late):
             led = within_reach(led, state.heading, state.rate, hard_over)
+        if limits.watches and steers:
+            led = watched(model, led, state.rudder + state.bias, dt)
         self._boat = turn_step(model, pace, led, self.heading, dt)
         if not math.isfinite(self._boat.heading + self._boat.rate + self._boat.rudder):
             # far quicker than the model of a boat that has lost her way allows: the turn is planned anew
             self.start(state, limits)
-        return reference_of(model, self._boat)
+        return reference_of(model, limits, self._boat)
 
     def astray(self, heading: float) -> float:
         """Return how far [rad] beyond its swing a zigzag is off to the side that its rudder turns away from.

@@ -11,6 +11,11 @@ now would leave, e - D, the wanted acceleration is
 A turn is begun with more of the rudder than it is ended with: a boat whose rudder is weaker than the model's is slow to
 turn then, and `within_reach` waits for her, but the rudder left is enough to stop her in time.
 
+A course-unstable boat whose rudder is weaker than the model's may not be stopped any more from a rate that is easy for
+the model. So she is watched: while the virtual boat turns, the real rudder is compared with the planned one. Turns
+begin carefully; with evidence that the model is right the rest is planned with more of the rudder, and what she has
+needed more, or less, than planned is told beforehand from then on (`reference_of`).
+
 Close to the goal D = r/kappa, and the poles are -kappa and -mu/kappa: no overshoot; far from it, e = D is
 the moment to meet the turn with counter-rudder.
 """
@@ -28,7 +33,7 @@ from autopilot.signals import Reference
 SHARPEST = 5.0
 """Deceleration is built up in no less than 1/SHARPEST [s], even by a rudder of unlimited rate."""
 STABLE_STOP = (3.0, 2.0)
-UNSTABLE_STOP = (1.0, 0.8)
+UNSTABLE_STOP = (1.1, 0.78)
 """kappa in units of jerk/acceleration, and mu in units of kappa^2, by course stability: tuned on boats with T
 from 0.3 to 20 s for turns without overshoot in little more than the time-optimal time."""
 ARRIVED = 1.0e-6
@@ -36,13 +41,25 @@ ARRIVED = 1.0e-6
 BEGINS = 1.25
 MOST_SHARE = 0.9
 """A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share."""
-HELD_UNSTABLE = 0.7
-"""A course-unstable boat turns no faster than this share of the planned rudder can hold: with 0.8 one whose rudder is
-30 % weaker than the model's was not stopped in one of ten turns (level 8), with 0.9 in every other one."""
-BRAKED_UNSTABLE = 0.45
+HELD_UNSTABLE = 0.68
+"""A course-unstable boat turns no faster than this share of the planned rudder can hold, until she has shown herself as
+strong as her model."""
+BRAKED_UNSTABLE = 0.4
 BRAKED_RANGE = (0.3, 0.5)
 """The share of the rudder that a course-unstable boat's turn is stopped with, by its time constant over the time that
 the rudder takes amidships: a boat quicker than her rudder is stopped earlier."""
+RATE_UNSTABLE = 0.77
+"""A course-unstable boat's plan keeps to this share of the planned rudder's rate: once the real rudder is at its
+quickest, she is soon lost."""
+EASED_UNSTABLE = 0.45
+"""She approaches the fastest rate with this share of the rudder's jerk: she needs counter-rudder to keep to it."""
+SURE_RUDDER, SURE_RATE = 1.1, 1.15
+"""Rudder and deceleration, and fastest rate, in units of the careful ones, for a boat as strong as her model."""
+WEAKEST = 0.7
+"""The share of the model's K that a boat is trusted to have before she is known."""
+EVIDENCE = 0.067
+EVIDENCE_LASTS = 2.0
+"""A plan with all its rudder for so many time constants halves the doubt; evidence fades in so many time constants."""
 BEHIND = math.radians(2.0)
 """The virtual boat turns no further [rad] ahead of the real one."""
 HARD_OVER = 0.98
@@ -66,8 +83,9 @@ STOP_STEPS_MOST = 60
 
 class TurnLimits(NamedTuple):
     """rudder_max [rad] and rudder_rate [rad/s] the virtual boat may use, and what follows from them: rate_max
-    [rad/s], acceleration [rad/s^2], kappa [1/s] and mu [1/s^2]; a turn is begun with `begins` [-] times rudder_max and
-    rudder_rate."""
+    [rad/s], acceleration [rad/s^2], kappa [1/s] and mu [1/s^2]. A turn is begun with `begins` [-] times rudder_max and
+    rudder_rate and with `begun` [rad/s^2]; rate_max is approached with no more than `eases` [rad/s^3]. watches: whether
+    a boat as strong as her model is led quicker."""
 
     rudder_max: float
     rudder_rate: float
@@ -75,7 +93,10 @@ class TurnLimits(NamedTuple):
     acceleration: float
     kappa: float
     mu: float
-    begins: float = 1.0
+    begins: float
+    begun: float
+    eases: float
+    watches: bool
 
 
 def without_haste(limits: TurnLimits) -> TurnLimits:
@@ -83,17 +104,21 @@ def without_haste(limits: TurnLimits) -> TurnLimits:
 
     With more a boat that turns 40 % better than her model swings for minutes after a gust that her rudder did not hold.
     """
-    return TurnLimits(
-        limits.rudder_max, limits.rudder_rate, limits.rate_max, limits.acceleration, limits.kappa, limits.mu, 1.0
-    )
+    most = limits.rudder_max, limits.rudder_rate, limits.rate_max, limits.acceleration
+    return TurnLimits(*most, limits.kappa, limits.mu, 1.0, limits.acceleration, limits.eases, False)
 
 
 class VirtualBoat(NamedTuple):
-    """Heading [rad], rate [rad/s] and rudder [rad] of the virtual boat."""
+    """Heading [rad], rate [rad/s] and rudder [rad] of the virtual boat.
+
+    planned and needed [rad^2 s]: its rudder, and the real one that goes with it, weighed by its rudder; see `watched`.
+    """
 
     heading: float
     rate: float = 0.0
     rudder: float = 0.0
+    planned: float = 0.0
+    needed: float = 0.0
 
 
 def turn_limits(
@@ -110,7 +135,7 @@ def turn_limits(
     A course-unstable boat brakes against its own wish to turn: the worst of it is taken off.
     """
     usable = share * rudder_max
-    begins = clip(MOST_SHARE / share, 1.0, begins) if model.n1 > 0.0 else 1.0
+    begins = clip(MOST_SHARE / share, 1.0, begins)
     drive = model.gain * usable
     symmetric = symmetric_of(model)
     if model.n1 > 0.0:
@@ -122,11 +147,17 @@ def turn_limits(
         slowness = model.time_constant * share * rudder_rate / usable if math.isfinite(rudder_rate) else math.inf
         braking = clip(BRAKED_UNSTABLE * slowness, *BRAKED_RANGE) * drive
     acceleration = braking / model.time_constant
-    fastest = share * rudder_rate
+    fastest = share * rudder_rate * (1.0 if model.n1 > 0.0 else RATE_UNSTABLE)
     jerk = min(model.gain * fastest / model.time_constant, SHARPEST * acceleration)
     quickness, pull = STABLE_STOP if model.n1 > 0.0 else UNSTABLE_STOP
     kappa = quickness * jerk / acceleration
-    return TurnLimits(usable, fastest, min(rate_max, 0.98 * bound), acceleration, kappa, pull * kappa * kappa, begins)
+    begun, eases, watches = begins * acceleration, math.inf, False
+    if model.n1 < 0.0:
+        begun, eases, watches = acceleration, EASED_UNSTABLE * jerk, True
+    fastest_turn = min(rate_max, 0.98 * bound)
+    return TurnLimits(
+        usable, fastest, fastest_turn, acceleration, kappa, pull * kappa * kappa, begins, begun, eases, watches
+    )
 
 
 def preset_rate(rate_max: float, curvature_max: float, speed: float) -> float:
@@ -168,7 +199,8 @@ def stop_angle(model: Norrbin, limits: TurnLimits, rate: float, rudder: float) -
     dt = min(horizon / STOP_STEPS, model.time_constant)
     turned = 0.0
     for _ in range(min(STOP_STEPS_MOST, math.ceil(horizon / dt))):
-        new_rate, rudder = _rudder_and_rate(model, limits, rate, rudder, -limits.kappa * rate, dt)
+        wanted = clip(-limits.kappa * rate, -limits.acceleration, limits.acceleration)
+        new_rate, rudder = _rudder_and_rate(model, limits, rate, rudder, wanted, dt)
         turned += 0.5 * dt * (rate + new_rate)
         rate = new_rate
     return turned + rate / limits.kappa
@@ -181,8 +213,7 @@ def _rudder_and_rate(
 
     more: so many times the rudder's angle and rate may be used.
     """
-    wanted = clip(acceleration, -limits.acceleration * more, limits.acceleration * more)
-    order = clip(rudder_for(model, rate, wanted), -limits.rudder_max * more, limits.rudder_max * more)
+    order = clip(rudder_for(model, rate, acceleration), -limits.rudder_max * more, limits.rudder_max * more)
     reach = limits.rudder_rate * more * dt
     moved = rudder + clip(order - rudder, -reach, reach)
     middle = 0.5 * (rudder + moved)
@@ -195,7 +226,8 @@ def turn_step(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: flo
     straight = rudder_for(model, 0.0, 0.0)
     if abs(wrap(target - boat.heading)) + abs(boat.rate) + abs(boat.rudder - straight) < ARRIVED:
         # no need to look ahead from where there is nowhere to go
-        return VirtualBoat(target, 0.0, straight)
+        return VirtualBoat(target, 0.0, straight, 0.0, 0.0)
+    limits = paced(model, limits, boat)
     finest = min(0.2 * model.time_constant, 0.4 / limits.kappa)
     steps = max(1, min(20, math.ceil(dt / finest)))
     for _ in range(steps):
@@ -207,15 +239,63 @@ def _substep(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: floa
     error = wrap(target - boat.heading)
     left = error - stop_angle(model, limits, boat.rate, boat.rudder)
     wanted = -limits.kappa * boat.rate + limits.mu * left
-    wanted = clip(wanted, limits.kappa * (-limits.rate_max - boat.rate), limits.kappa * (limits.rate_max - boat.rate))
-    more = limits.begins if wanted * boat.rate >= 0.0 else 1.0
+    wanted = clip(wanted, -_towards(limits, limits.rate_max + boat.rate), _towards(limits, limits.rate_max - boat.rate))
+    more, most = (limits.begins, limits.begun) if wanted * boat.rate >= 0.0 else (1.0, limits.acceleration)
+    wanted = clip(wanted, -most, most)
     rate, rudder = _rudder_and_rate(model, limits, boat.rate, boat.rudder, wanted, dt, more)
-    return VirtualBoat(heading=wrap(boat.heading + 0.5 * dt * (boat.rate + rate)), rate=rate, rudder=rudder)
+    heading = wrap(boat.heading + 0.5 * dt * (boat.rate + rate))
+    return VirtualBoat(heading, rate, rudder, boat.planned, boat.needed)
 
 
-def reference_of(model: Norrbin, boat: VirtualBoat) -> Reference:
-    """Return psi_d, psi_d' and psi_d'' of the virtual boat."""
-    return Reference(boat.heading, boat.rate, yaw_acceleration(model, boat.rate, boat.rudder))
+def _towards(limits: TurnLimits, left: float) -> float:
+    """Return the most acceleration [rad/s^2] with `left` [rad/s] to the fastest rate: it must end there."""
+    if left <= 0.0 or limits.eases == math.inf:
+        return limits.kappa * left
+    return min(limits.kappa * left, math.sqrt(2.0 * limits.eases * left))
+
+
+def watched(model: Norrbin, boat: VirtualBoat, rudder: float, dt: float) -> VirtualBoat:
+    """Return the virtual boat with the evidence of `dt` [s] more; `rudder` [rad] is the real one, the bias with it."""
+    kept = math.exp(-dt / (EVIDENCE_LASTS * model.time_constant))
+    planned, needed = boat.rudder * boat.rudder, boat.rudder * rudder
+    return VirtualBoat(
+        boat.heading, boat.rate, boat.rudder, kept * boat.planned + dt * planned, kept * boat.needed + dt * needed
+    )
+
+
+def _asked(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, before: float) -> float:
+    """Return the rudder that the boat needs in units of the planned one; `before` [-] it was seen."""
+    doubt = EVIDENCE * model.time_constant * limits.rudder_max * limits.rudder_max
+    return clip((doubt * before + boat.needed) / (doubt + boat.planned), WEAKEST, 1.0 / WEAKEST)
+
+
+def paced(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> TurnLimits:
+    """Return the limits for a boat that has shown herself as strong as `boat` knows of her."""
+    if not limits.watches:
+        return limits
+    sure = clip((1.0 / _asked(model, limits, boat, 1.0 / WEAKEST) - WEAKEST) / (1.0 - WEAKEST), 0.0, 1.0)
+    rudder = 1.0 + sure * (SURE_RUDDER - 1.0)
+    return TurnLimits(
+        limits.rudder_max * rudder,
+        limits.rudder_rate * rudder,
+        limits.rate_max * (1.0 + sure * (SURE_RATE - 1.0)),
+        limits.acceleration * rudder,
+        limits.kappa,
+        limits.mu,
+        limits.begins,
+        limits.begun,
+        limits.eases,
+        limits.watches,
+    )
+
+
+def reference_of(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> Reference:
+    """Return psi_d, psi_d' and psi_d'' of the virtual boat.
+
+    psi_d'' is what makes the law tell the real rudder what the boat has been seen to need for the planned one.
+    """
+    rudder = boat.rudder * _asked(model, limits, boat, 1.0) if limits.watches else boat.rudder
+    return Reference(boat.heading, boat.rate, yaw_acceleration(model, boat.rate, rudder))
 
 
 def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int) -> VirtualBoat:
@@ -228,7 +308,8 @@ def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int)
     behind = hard_over * wrap(boat.heading - heading)
     if behind <= BEHIND or hard_over * boat.rate <= max(hard_over * rate, 0.0):
         return boat
-    return VirtualBoat(wrap(heading + hard_over * BEHIND), hard_over * max(hard_over * rate, 0.0), boat.rudder)
+    caught = hard_over * max(hard_over * rate, 0.0)
+    return VirtualBoat(wrap(heading + hard_over * BEHIND), caught, boat.rudder, boat.planned, boat.needed)
 
 
 def side_hard_over(told: float, angle_max: float) -> int:
@@ -263,4 +344,4 @@ def replanned(model: Norrbin, limits: TurnLimits, heading: float, rate: float, r
     """Return a virtual boat where the real one is, turning no faster than it may; `rudder` [rad] as it acts."""
     most = limits.rudder_max * limits.begins
     begun = clip(rudder, -most, most) if model.n1 < 0.0 else 0.0
-    return VirtualBoat(heading, clip(rate, -limits.rate_max, limits.rate_max), begun)
+    return VirtualBoat(heading, clip(rate, -limits.rate_max, limits.rate_max), begun, 0.0, 0.0)

@@ -37,6 +37,7 @@ from autopilot.guidance.turn import (
     turn_limits,
     turn_step,
     turning_time,
+    watched,
     within_reach,
     without_haste,
 )
@@ -152,7 +153,7 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         speed_time=now,
         fusion=fusion,
         heading_time=state.time,
-        boat=VirtualBoat(steered, clip(rate, -turn.rate_max, turn.rate_max), 0.0),
+        boat=VirtualBoat(steered, clip(rate, -turn.rate_max, turn.rate_max), 0.0, 0.0, 0.0),
         turn=turn,
         turn_speed=model.reference_speed,
         target=math.nan,
@@ -194,8 +195,10 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     planned = turn if now < turning_until else without_haste(turn)
     if by_bias or not is_late:
         boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
+    if turn.watches:
+        boat = watched(model, boat, listened.rudder + bias, dt)
     boat = turn_step(model, planned, boat, target, dt)
-    reference, own = reference_of(model, boat), mind.rest.allowed
+    reference, own = reference_of(model, turn, boat), mind.rest.allowed
     demand, pid = _demand(brain, model, reference, heading, rate, bias, listened.pid, own, dt)
     limited = limit(brain.limits, mind.told, demand, dt)
     rest = rested(brain.limits, brain.dead_band, mind.rest, demand, limited)

@@ -268,7 +268,7 @@ def test_unknown_gains_name_their_line(tmp_path: Path, capsys: pytest.CaptureFix
 UNSTEADY = vessel_of(BOATS["unstable"])
 
 
-@pytest.mark.parametrize(("level", "is_in_hand"), [(3, False), (7, True)])
+@pytest.mark.parametrize(("level", "is_in_hand"), [(1, False), (7, True)])
 def test_too_calm_a_loop_does_not_stop_an_unstable_boat_with_a_weaker_rudder(
     level: int, is_in_hand: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

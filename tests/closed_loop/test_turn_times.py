@@ -10,6 +10,9 @@ from types import ModuleType
 
 import pytest
 
+from autopilot.guidance.turn import VirtualBoat, paced, reference_of, turn_limits, watched
+from autopilot.models.norrbin import rudder_for
+
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
@@ -25,7 +28,7 @@ def loaded(name: str) -> ModuleType:
 
 
 time_optimal, turns = loaded("time_optimal"), loaded("turns")
-SLOWEST = {"lanxin": 1.2, "esso": 1.2, "unstable": 1.6}
+SLOWEST = {"lanxin": 1.2, "esso": 1.2, "unstable": 1.5}
 """Settling over the quickest turn. The course-unstable boat keeps rudder for the case that it is weaker than known."""
 
 
@@ -53,3 +56,27 @@ def test_a_rudder_other_than_the_models_by_a_third_leads_past_by_little(name: st
     found = turns.turned(boat, gain_factor, 0.3, 2.5 * turns.quickest(boat))
     assert found.overshoot_deg < 3.0
     assert found.settling_s < math.inf
+
+
+def test_a_course_unstable_boat_is_led_as_she_has_shown_to_answer() -> None:
+    model, rudder = turns.BOATS["unstable"].model, math.radians(15.0)
+    careful = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
+
+    def seen(factor: float) -> VirtualBoat:
+        boat = VirtualBoat(0.0, 0.05, rudder)
+        for _ in range(200):
+            boat = watched(model, boat, factor * rudder, 0.05)
+        return boat
+
+    begun, known, weaker = (paced(model, careful, boat) for boat in (VirtualBoat(0.0), seen(1.0), seen(1.0 / 0.7)))
+    assert begun.rate_max == pytest.approx(careful.rate_max)
+    assert known.rate_max > 1.1 * careful.rate_max
+    assert weaker.rate_max == pytest.approx(careful.rate_max)
+    needed = [
+        rudder_for(model, 0.05, reference_of(model, careful, seen(factor)).acceleration) / rudder
+        for factor in (0.2, 1.0, 1.3, 4.0)
+    ]
+    assert needed[0] == pytest.approx(0.7)
+    assert needed[1] == pytest.approx(1.0)
+    assert 1.2 < needed[2] < 1.3
+    assert needed[3] == pytest.approx(1.0 / 0.7)
