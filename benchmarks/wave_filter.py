@@ -1,9 +1,10 @@
 """Heading error and rudder travel with and without the wave filter, printed as a table.
 
-    python benchmarks/wave_filter.py [--seeds 3] [--seconds 360] [--json]
+    python benchmarks/wave_filter.py [--seeds 3] [--seconds 360] [--json | --push]
 
 Four boats on a straight course in calm water and in sea states 3 and 5 from four sides; the law, its gains, the
-sensors' noise and the random sea are the same in both columns, only `estimator.wave_filter` differs.
+sensors' noise and the random sea are the same in both columns, only `estimator.wave_filter` differs. `--push` prints
+what a push worth 31 deg of rudder leaves behind in calm water instead, one that lasts a minute and goes.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ import statistics
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from study_boats import SEAS, Figures, StudyBoat, boats, figures, lanxin_as_filed, sail
+import numpy as np
+from steady_wind import sailed, swings
+from study_boats import CONTROL_HZ, SEAS, Figures, StudyBoat, boats, figures, lanxin_as_filed, sail
 
 from autopilot.params.vessel import Estimator
 from autopilot.params.vessel_file import load_vessel
@@ -47,6 +50,34 @@ def one(case: tuple[str, str, float, str, int, float]) -> Figures:
     return figures(sail(boat._replace(vessel=vessel), SEAS[sea], side, seconds, seed), SETTLED_S)
 
 
+PUSH, PUSHED_S = math.radians(31.0), (30.0, 90.0)
+
+
+def after_push(name: str, wave_filter: str, seed: int) -> tuple[float, float]:
+    """Return how far [deg] the boat leads past her course after the push, and when [s] she is within 1 deg for good."""
+    estimator = Estimator(wave_filter="auto" if wave_filter == "auto" else "off")
+    vessel = dataclasses.replace(boat_of(name).vessel, estimator=estimator)
+    seconds = PUSHED_S[1] + 60.0 + 15.0 * vessel.model.T_s
+
+    def push(now: float) -> float:
+        return PUSH if PUSHED_S[0] < now < PUSHED_S[1] else 0.0
+
+    errors = np.degrees(sailed(vessel, 1.0, push, seconds, np.random.default_rng(seed), True))
+    after = errors[round(PUSHED_S[1] * CONTROL_HZ) :]
+    late = np.flatnonzero(np.abs(after) > 1.0)
+    return swings(after.tolist())[0], float(late[-1] + 1) / CONTROL_HZ if len(late) else 0.0
+
+
+def print_pushes(seeds: range) -> None:
+    """Print the medians over the seeds."""
+    print("boat     past the course [deg]  back within 1 deg after [s]")
+    print("            off     auto            off     auto")
+    for name in ("lanxin", "coaster", "tanker"):
+        found = {mode: np.median([after_push(name, mode, seed) for seed in seeds], axis=0) for mode in ("off", "auto")}
+        (past, back), (past_auto, back_auto) = found["off"], found["auto"]
+        print(f"{name:8s}{past:7.1f}{past_auto:9.1f}{back:15.0f}{back_auto:9.0f}", flush=True)
+
+
 def median(parts: list[Figures]) -> Figures:
     """Return the median of each figure."""
     return Figures(*(statistics.median(column) for column in zip(*parts, strict=True)))
@@ -59,7 +90,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=360.0)
     parser.add_argument("--boats", default=",".join(boats()))
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--push", action="store_true")
     asked = parser.parse_args()
+    if asked.push:
+        print_pushes(range(FIRST_SEED, FIRST_SEED + asked.seeds))
+        return
     rows = [
         (name, sea, side)
         for name in asked.boats.split(",")
