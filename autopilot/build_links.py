@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from autopilot.build import follow_of, radians_or_unlimited
+from autopilot.build import follow_of
+from autopilot.build_laws import radians_or_unlimited
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
 from autopilot.guidance.plotter import PlotterGuide

@@ -15,7 +15,8 @@ from endurance_page import Reading, reading_of
 from lockstep import STEP, Lockstep
 from plant import Plant
 
-from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, model_of
 from autopilot.loop.clock import ManualClock
 from autopilot.loop.log_files import FolderLimits, FolderSink
 from autopilot.loop.record import Recorder

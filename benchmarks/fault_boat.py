@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, follow_of, limits_of, track_settings_of
+from autopilot.build import build_pilot, follow_of, track_settings_of
+from autopilot.build_laws import limits_of
 from autopilot.build_links import priority_of
 from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.errors import InputError

@@ -14,7 +14,8 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.build import TRIAL_LAW, build_pilot
+from autopilot.build import build_pilot
+from autopilot.build_laws import TRIAL_LAW
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.transports import loopback_pair
 from autopilot.loop.session import Session

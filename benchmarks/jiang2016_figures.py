@@ -25,7 +25,7 @@ from jiang2016_heading_control import (
     sine,
 )
 
-from autopilot.build import gear_of, model_of
+from autopilot.build_laws import gear_of, model_of
 from autopilot.control.backstepping import BacksteppingGains
 from autopilot.control.pid import PidGains
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rudder

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.build import gear_of, model_of
+from autopilot.build_laws import gear_of, model_of
 from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder, printed_equation_26
 from autopilot.control.pid import PidGains, PidMemory, pid_step
 from autopilot.identification.two_stage import cubic_damping_stage

@@ -39,7 +39,8 @@ from liu2017_roll import (
 )
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, roll_ship_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, roll_ship_of
 from autopilot.control.sliding_roll import SlidingRollLaw
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment

@@ -17,7 +17,8 @@ from scipy.linalg import solve_continuous_are
 from study_boats import SEAS, Figures, StudyBoat, boats, figures, sail
 
 from autopilot.angles import wrap
-from autopilot.build import gear_of, limits_of, model_of, pilot_config
+from autopilot.build import pilot_config
+from autopilot.build_laws import gear_of, limits_of, model_of
 from autopilot.control.backstepping import BacksteppingLaw
 from autopilot.control.design import design_backstepping
 from autopilot.models.norrbin import Norrbin

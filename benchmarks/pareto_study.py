@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from pareto_peer import Peer, run_peer
 
-from autopilot.build import model_of, verdict_of
+from autopilot.build import verdict_of
+from autopilot.build_laws import model_of
 from autopilot.control.pid import PidGains
 from autopilot.control.spared_rudder import gains_of_loop
 from autopilot.errors import InputError

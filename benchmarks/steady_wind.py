@@ -27,7 +27,8 @@ import numpy.typing as npt
 from turns import BOATS, CONTROL_S, STEPS_A_TICK, Boat, vessel_of
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, model_of
 from autopilot.estimation.heading_filter import initial
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from scipy.signal import butter, sosfiltfilt
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, model_of
 from autopilot.control.design import design_backstepping, equivalent_pid
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear

@@ -19,7 +19,8 @@ import numpy as np
 from time_optimal import bang_bang, settled
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, limits_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, limits_of, model_of
 from autopilot.control.design import design_backstepping
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step

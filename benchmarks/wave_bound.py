@@ -32,7 +32,7 @@ from scipy.optimize import nnls
 from study_boats import SEAS, StudyBoat, StudySea
 from wave_filter import boat_of as wave_filter_boat
 
-from autopilot.build import model_of
+from autopilot.build_laws import model_of
 from autopilot.models import wind
 from autopilot.models.waves import encounter_frequency
 from autopilot.params.vessel import Estimator

@@ -9,7 +9,8 @@ from boats import BOATS, vessel_of
 from plant import Plant
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
+from autopilot.build import build_pilot, track_settings_of
+from autopilot.build_laws import gear_of, limits_of, model_of
 from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint

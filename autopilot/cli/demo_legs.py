@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from autopilot import __version__
-from autopilot.build import TRIAL_LAW, build_pilot, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import TRIAL_LAW, model_of
 from autopilot.build_links import LinkOptions, build_links
 from autopilot.cli.gains import designed
 from autopilot.cli.trial_script import Step, TrialScript, heading, turning, zigzag

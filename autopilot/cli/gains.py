@@ -65,7 +65,7 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
     """Return the vessel with gains designed for it. Raises RefusedError where no gain serves."""
     from dataclasses import replace
 
-    from autopilot.build import gear_of, limits_of, model_of
+    from autopilot.build_laws import gear_of, limits_of, model_of
     from autopilot.control.design import design_backstepping, equivalent_pid, placed, sliding_of
     from autopilot.control.spared_rudder import spared_gains
     from autopilot.params.vessel import Backstepping, Pid, Sliding

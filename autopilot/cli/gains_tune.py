@@ -40,7 +40,8 @@ def check_options(arguments: argparse.Namespace) -> None:
 
 def tuned(arguments: argparse.Namespace) -> int:
     """Tune, print what held-out seeds say, write the vessel where asked; exit code 4 where no gains have margins."""
-    from autopilot.build import ROLL_LAW, verdict_of
+    from autopilot.build import verdict_of
+    from autopilot.build_laws import ROLL_LAW
     from autopilot.cli.gains import write_vessel
     from autopilot.params.vessel_file import load_vessel
 

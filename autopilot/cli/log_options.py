@@ -43,7 +43,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 def log_options(arguments: argparse.Namespace) -> LogOptions:
     """Return the options as the readers take them. Raises InputError."""
-    from autopilot.build import gear_of
+    from autopilot.build_laws import gear_of
     from autopilot.loop.csv_log import load_column_map
     from autopilot.loop.logs.reading import ReadOptions
     from autopilot.loop.logs.rudder import RudderSettings

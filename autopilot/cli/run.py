@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from dataclasses import replace
 
-    from autopilot.build import limits_of
+    from autopilot.build_laws import limits_of
     from autopilot.build_links import refuse_wind_hold
     from autopilot.cli.learning_desk import LEARN_HELP, LearningDesk
     from autopilot.cli.pattern_order import PATTERN_HELP
@@ -157,7 +157,7 @@ def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float |
 
 def law_of_run(vessel: Vessel, law: str | None) -> str | None:
     """Return the law to steer with: none of ours, and so no gains needed, where the firmware steers. InputError."""
-    from autopilot.build import TRIAL_LAW
+    from autopilot.build_laws import TRIAL_LAW
 
     if vessel.helm.method != "guided":
         return law

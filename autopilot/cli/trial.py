@@ -84,7 +84,7 @@ def _number(parser: argparse.ArgumentParser, name: str, default: float, unit: st
 
 def run(arguments: argparse.Namespace) -> int:
     """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
-    from autopilot.build import TRIAL_LAW
+    from autopilot.build_laws import TRIAL_LAW
     from autopilot.cli.steering import steer
     from autopilot.params.vessel_file import load_vessel
 
@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:
-    from autopilot.build import limits_of, model_of
+    from autopilot.build_laws import limits_of, model_of
     from autopilot.cli.trial_plans import steps_of
     from autopilot.cli.trial_script import TrialScript
 

@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _boat(vessel: Vessel, arguments: argparse.Namespace) -> Boat:
-    from autopilot.build import gear_of, limits_of, model_of
+    from autopilot.build_laws import gear_of, limits_of, model_of
     from autopilot.identification.information import InstrumentNoise
     from autopilot.identification.trial_design import Boat
 

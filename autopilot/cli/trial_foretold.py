@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.build import gear_of, model_of
+from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.trial_design import told_at_best
 from autopilot.cli.trial_script import TrialScript
 from autopilot.identification.information import Helm, InstrumentNoise, cramer_rao, planned, zigzag_helm

@@ -6,7 +6,8 @@ import struct
 from pathlib import Path
 from typing import NamedTuple
 
-from autopilot.build import build_pilot, law_of, pilot_config
+from autopilot.build import build_pilot, pilot_config
+from autopilot.build_laws import law_of
 from autopilot.errors import InputError
 from autopilot.loop.log_files import following_parts
 from autopilot.loop.record import Log, is_headless, read_logs

@@ -11,7 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from autopilot.build import TRIAL_LAW, law_of, pilot_config, verdict_of
+from autopilot.build import pilot_config, verdict_of
+from autopilot.build_laws import TRIAL_LAW, law_of
 from autopilot.errors import InputError, RefusedError
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import Vessel

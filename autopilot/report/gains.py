@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from autopilot import __version__
-from autopilot.build import gear_of, law_of, loop_gains_of, model_of
+from autopilot.build_laws import gear_of, law_of, loop_gains_of, model_of
 from autopilot.control.design import loop
 from autopilot.control.large_errors import trace
 from autopilot.report.figures import FloatArray, Line, Panel, time_figure

@@ -32,7 +32,8 @@ class Judged(NamedTuple):
 
 def judged(vessel: Vessel, law: str) -> Judged:
     """Return the gains of the vessel's `law` judged."""
-    from autopilot.build import gear_of, law_of, limits_of, loop_gains_of, model_of, observed_of, verdict_of
+    from autopilot.build import observed_of, verdict_of
+    from autopilot.build_laws import gear_of, law_of, limits_of, loop_gains_of, model_of
     from autopilot.control.design import worst_margins
     from autopilot.control.large_errors import recoveries
     from autopilot.control.observed_margins import observed_margins
@@ -50,7 +51,7 @@ def judged(vessel: Vessel, law: str) -> Judged:
 
 def loop_of(vessel: Vessel) -> Loop:
     """Return the vessel's boat and rudder as the simulation of large errors takes them."""
-    from autopilot.build import gear_of, limits_of, model_of
+    from autopilot.build_laws import gear_of, limits_of, model_of
     from autopilot.control.large_errors import Loop
 
     control = vessel.control
@@ -75,7 +76,7 @@ def gains_of(each: Judged) -> dict[str, float]:
     """Return the gains by their keys in the file; of the heading and roll law those that its quiet law comes to."""
     from dataclasses import asdict
 
-    from autopilot.build import ROLL_LAW, gains_in_force
+    from autopilot.build_laws import ROLL_LAW, gains_in_force
 
     if each.law == ROLL_LAW:
         heading, rate = gains_in_force(each.vessel, each.law)

@@ -35,7 +35,8 @@ class AtSpeed(NamedTuple):
 
 def by_speed(each: Judged) -> list[AtSpeed]:
     """Return the law of `each` at every share of the trial's speed in RATIOS."""
-    from autopilot.build import gains_in_force, model_of, pilot_config, verdict_of
+    from autopilot.build import pilot_config, verdict_of
+    from autopilot.build_laws import gains_in_force, model_of
     from autopilot.models.norrbin import at_speed_ratio
 
     present = gains_in_force(each.vessel, each.law)

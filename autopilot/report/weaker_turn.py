@@ -40,7 +40,8 @@ def survives(vessel: Vessel) -> bool:
 
 
 def _one(vessel: Vessel, gain_factor: float, seed: int) -> float:
-    from autopilot.build import build_pilot, gear_of, limits_of, model_of
+    from autopilot.build import build_pilot
+    from autopilot.build_laws import gear_of, limits_of, model_of
     from autopilot.guidance.turn import turn_limits, turning_time
     from autopilot.models.norrbin import rate_step
     from autopilot.models.steering_gear import DelayLine, gear_step

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.build import law_of, pilot_config, verdict_of
+from autopilot.build import pilot_config, verdict_of
+from autopilot.build_laws import law_of
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw

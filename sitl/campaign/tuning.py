@@ -18,7 +18,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
-from autopilot.build import law_of, verdict_of
+from autopilot.build import verdict_of
+from autopilot.build_laws import law_of
 from autopilot.errors import InputError, RefusedError
 from autopilot.params.vessel import Vessel
 from sitl.campaign.cases import Job, number_of_runs

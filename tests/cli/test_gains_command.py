@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from boats import BOATS, vessel_of
 
-from autopilot.build import build_pilot, gains_in_force, model_of, verdict_of
+from autopilot.build import build_pilot, verdict_of
+from autopilot.build_laws import gains_in_force, model_of
 from autopilot.cli.gains import Wish, designed, in_hand
 from autopilot.cli.main import main
 from autopilot.errors import RefusedError

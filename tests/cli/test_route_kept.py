@@ -10,7 +10,8 @@ import pytest
 from boat_at_sea import item, place
 from two_processes import free_port
 
-from autopilot.build import build_pilot, limits_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import limits_of
 from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.cli.serving import BackgroundSaver, Serving, load_mission, mission_file, open_boat_links
 from autopilot.errors import InputError

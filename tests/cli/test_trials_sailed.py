@@ -15,7 +15,8 @@ from plant import Plant
 from autopilot.alarm_panel import UNHEARD
 from autopilot.alarms import CATALOGUE, text_of
 from autopilot.angles import wrap
-from autopilot.build import TRIAL_LAW, build_pilot, gear_of, limits_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import TRIAL_LAW, gear_of, limits_of, model_of
 from autopilot.cli.main import main
 from autopilot.cli.trial_plans import steps_of
 from autopilot.cli.trial_script import TrialScript

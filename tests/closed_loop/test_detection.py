@@ -10,7 +10,8 @@ import pytest
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, model_of
 from autopilot.models.steering_gear import clip
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (

@@ -12,7 +12,8 @@ from lockstep import Lockstep
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, model_of
 from autopilot.build_links import build_links
 from autopilot.errors import RefusedError
 from autopilot.links.hand_back import MODES

@@ -22,7 +22,8 @@ from plant import Plant, sail
 
 from autopilot.alarms import text_of
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, limits_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, limits_of, model_of
 from autopilot.params.vessel import Estimator, Limits, Sensors, Vessel
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, Tick

@@ -10,7 +10,8 @@ import pytest
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, model_of, pilot_config, track_settings_of
+from autopilot.build import build_pilot, pilot_config, track_settings_of
+from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.main import main
 from autopilot.cli.run import turning_as_asked
 from autopilot.control.design import design_backstepping

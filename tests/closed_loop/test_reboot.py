@@ -12,7 +12,7 @@ from lockstep import BadLine, Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot import safety
-from autopilot.build import TRIAL_LAW
+from autopilot.build_laws import TRIAL_LAW
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.loop.replay import replay
 from autopilot.params.vessel import Vessel

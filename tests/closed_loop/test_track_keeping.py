@@ -9,7 +9,8 @@ import pytest
 from boats import BOATS, vessel_of
 from plant import Plant
 
-from autopilot.build import build_pilot, gear_of, model_of, track_settings_of
+from autopilot.build import build_pilot, track_settings_of
+from autopilot.build_laws import gear_of, model_of
 from autopilot.guidance.rhumb import EQUATOR_RADIUS
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.signals import Order, OrderKind, PositionSample, SpeedSample

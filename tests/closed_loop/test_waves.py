@@ -13,7 +13,8 @@ import pytest
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, model_of
 from autopilot.params.vessel import Backstepping, Control, Estimator, Model, Rudder, Sensors, Vessel
 from autopilot.signals import Order, OrderKind, Tick
 

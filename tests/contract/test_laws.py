@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.build import law_of
+from autopilot.build_laws import law_of
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.pid import INTEGRAL_MAX, PidGains, PidLaw
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw

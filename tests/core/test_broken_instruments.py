@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.build import gear_of, model_of, noise_of
+from autopilot.build import noise_of
+from autopilot.build_laws import gear_of, model_of
 from autopilot.estimation.estimator import GATE_PATIENCE, Estimator
 from autopilot.estimation.rudder_track import RudderTrack
 from autopilot.models.norrbin import rate_step

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plant import Plant
 
-from autopilot.build import build_pilot, gear_of, learner_of, model_of
+from autopilot.build import build_pilot, learner_of
+from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.gains import designed
 from autopilot.cli.learning_desk import LearningDesk, with_learnt
 from autopilot.errors import InputError, RefusedError

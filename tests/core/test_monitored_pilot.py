@@ -8,7 +8,8 @@ from collections.abc import Callable
 import pytest
 from plant import Plant, sail
 
-from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, model_of
 from autopilot.monitors import FROZEN
 from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import Pilot

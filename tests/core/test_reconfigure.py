@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot.build import build_pilot, law_of, pilot_config
+from autopilot.build import build_pilot, pilot_config
+from autopilot.build_laws import law_of
 from autopilot.errors import InputError
 from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
 from autopilot.params.vessel_file import load_vessel

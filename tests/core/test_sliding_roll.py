@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.build import build_pilot, law_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import law_of, model_of
 from autopilot.control.rudder_roll import linear_response, linear_step_of
 from autopilot.control.sliding_roll import LIST_TIME, OLD, SETTINGS, SlidingRollLaw, scaled_model
 from autopilot.errors import InputError, RefusedError

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from plant import Plant
 
-from autopilot.build import TRIAL_LAW, build_pilot, gear_of, limits_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import TRIAL_LAW, gear_of, limits_of, model_of
 from autopilot.cli.main import build_parser, main
 from autopilot.cli.trial_plans import steps_of
 from autopilot.cli.trial_script import TrialScript

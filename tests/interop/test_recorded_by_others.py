@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from two_processes import free_port, patient_vessel, simulator
 
-from autopilot.build import gear_of
+from autopilot.build_laws import gear_of
 from autopilot.identification.identify import identify
 from autopilot.loop.logs.reading import Kind, bytes_of, kind_of, read_recording
 from autopilot.loop.logs.rudder import RudderSettings

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plant import Plant
 
-from autopilot.build import build_pilot, gear_of, model_of
+from autopilot.build import build_pilot
+from autopilot.build_laws import gear_of, model_of
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
 from autopilot.loop.clock import ManualClock
