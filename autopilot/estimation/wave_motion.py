@@ -17,10 +17,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-DAMPING = 0.1
+DAMPING = 0.15
 """xi: the width of the spectrum of encounter, as a share of its frequency. A wide one takes the boat's own slow motion
 for waves (docs/wave_filter.md)."""
-CORNER = 1.0
+CORNER = 0.4
 """kappa: below this share of its peak's frequency the spectrum falls off to nothing."""
 STIFFENING = 1.0 + 2.0 * DAMPING * CORNER
 MEMORY = 40.0
