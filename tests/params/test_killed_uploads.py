@@ -124,6 +124,8 @@ def test_after_a_kill_the_vehicle_is_wholly_old_or_wholly_new(
             ends["new"] += 1
         else:
             assert "exactly the old values" in said or "no upload was cut off" in said
-            assert held() == old
-            ends["old"] += 1
+            # killed between its last deed and its end, an upload is done: nothing was cut off
+            is_done = "no upload was cut off" in said and held() == new
+            assert is_done or held() == old
+            ends["new" if is_done else "old"] += 1
     assert ends["mixed after the kill"] >= kills // 3, f"the kills came too early or too late: {ends}"
