@@ -15,10 +15,7 @@ from autopilot.build_laws import (
     model_of,
     radians_or_unlimited,
 )
-from autopilot.control.design import (
-    Verdict,
-    judge,
-)
+from autopilot.control.design import Verdict, judge
 from autopilot.control.observed_margins import Delays, Observed, refusal_of
 from autopilot.control.roll_damping import RollDamping
 from autopilot.errors import RefusedError

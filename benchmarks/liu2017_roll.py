@@ -35,9 +35,9 @@ from autopilot.control.rudder_roll import (
 from autopilot.control.sliding_heading import (
     PAPER_SWAY_YAW,
     SwayYawGains,
-    sway_yaw_law,
     sway_yaw_rudder,
 )
+from autopilot.control.sliding_roll import STEERING, quiet_at
 from autopilot.errors import InputError
 from autopilot.models.naval_vessel import (
     NAVAL_HULL,
@@ -76,8 +76,6 @@ TRAINING_RUNS = 6
 MODEL = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)
 NOISE_DEG = (0.2, 0.2, 0.3, 0.3)
 """Standard deviation of p, r [deg/s], phi and psi [deg] as instruments show them, white at 20 Hz."""
-STEERING = (0, 2, 4)
-"""Places of v, r and psi among the five states."""
 
 
 class Ship(NamedTuple):
@@ -173,8 +171,7 @@ def realisation(sea: Sea, seed: int) -> tuple[Array, Array]:
 
 def laws_of(case: Case) -> Laws:
     """Return the laws of a case, made ready on the linear model. ValueError for gains that are not stable."""
-    places = np.ix_(STEERING, STEERING)
-    quiet = sway_yaw_law(MODEL.A[places], MODEL.b[list(STEERING)], case.heading)
+    quiet = quiet_at(MODEL, case.heading)
     share = -1.0 if case.scheduled else float(case.roll is not None)
     gear = SteeringGear(math.radians(40.0), math.radians(case.rate_deg_s), 0.1)
     roll = roll_law(MODEL, case.roll or PAPER_ROLL)
@@ -295,7 +292,7 @@ def is_steerable(case: Case) -> bool:
     feedback = np.zeros(5)
     if case.roll is None:
         q = laws.parts.quiet
-        feedback[list(STEERING)] = np.array([q.k_v, q.k_r, 0.0]) + q.switching / q.boundary * np.array(
+        feedback[STEERING] = np.array([q.k_v, q.k_r, 0.0]) + q.switching / q.boundary * np.array(
             [q.h_v, q.h_r, q.h_psi]
         )
     else:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.angles import wrap
+from autopilot.control.roll_damping import OLD
 from autopilot.control.rudder_roll import (
     LinearStep,
     RollGains,
@@ -58,8 +59,6 @@ SPEED_STEP = 0.05
 """The laws are made ready for speeds this share apart."""
 LIST_TIME = 15.0
 """Time [s] over which the list is averaged."""
-OLD = 0.5
-"""Age [s] at which a roll sample is no longer used."""
 ROLL_RATE_MOST = math.pi
 """No ship rolls faster [rad/s]."""
 HEADING_OLD = 2.0
@@ -204,9 +203,6 @@ class SlidingRollLaw:
         places = range(_step_at(SPEED_RANGE[0]), _step_at(SPEED_RANGE[1]) + 1)
         self._speeds = {place: laws_at(ship, quiet, roll, math.exp(SPEED_STEP * place)) for place in places}
         self._steps: dict[tuple[int, float], LinearStep] = {}
-        self._sample: RollSample | None = None
-        self._time = math.nan
-        self._schedule, self._owed, self._list, self._listed = begin_schedule(), 0.0, 0.0, 0.0
         self.reset(0.0)
 
     @property
@@ -220,8 +216,13 @@ class SlidingRollLaw:
 
     def reset(self, rudder: float) -> None:
         """Forget roll and sea: the quiet law steers until it is known anew what roll damping would bring."""
-        self._sample, self._time = None, math.nan
+        self._sample: RollSample | None = None
+        self._time = math.nan
         self._forget()
+
+    def _forget(self) -> None:
+        self._schedule = begin_schedule()
+        self._owed = self._list = self._listed = 0.0
 
     def hear(self, sample: RollSample) -> None:
         """Take a sample that has a rate; one that no boat can show ends roll damping at once."""
@@ -280,6 +281,3 @@ class SlidingRollLaw:
                 self._steps.clear()
             found = self._steps[place, step] = linear_step_of(self._speeds[place].model, step)
         return found
-
-    def _forget(self) -> None:
-        self._schedule, self._owed, self._list, self._listed = begin_schedule(), 0.0, 0.0, 0.0

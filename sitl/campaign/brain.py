@@ -192,7 +192,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     is_led_back = is_late and by_bias and is_turning(model, turn, boat)
     if abs(shortest_turn(boat.heading, heading)) > replan_beyond(model, is_led_back):
         boat = replanned(model, turn, heading, rate, listened.rudder + bias)
-    planned = turn if now < turning_until else without_haste(turn)
+    planned = without_haste(turn) if is_late else turn
     if by_bias or not is_late:
         boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
     if turn.watches:

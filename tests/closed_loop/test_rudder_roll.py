@@ -21,7 +21,8 @@ from autopilot.control.rudder_roll import (
     roll_rudder,
     schedule_step,
 )
-from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_law, sway_yaw_rudder
+from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
+from autopilot.control.sliding_roll import quiet_at
 from autopilot.models.naval_vessel import (
     NAVAL_HULL,
     NAVAL_RUDDERS,
@@ -44,11 +45,10 @@ DT, SECONDS, SETTLED = 0.1, 360.0, 1500
 PILOTED, PILOT_SETTLED = 2500, 1200
 """Steps of the runs with the whole pilot, and how many of them are left out."""
 MODEL = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)
-STEERING = [0, 2, 4]
 GEAR = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)
 PARTS = ScheduleParts(
     ScheduleSettings(),
-    sway_yaw_law(MODEL.A[np.ix_(STEERING, STEERING)], MODEL.b[STEERING], SwayYawGains(0.05, 5.5, 0.11, 1.62)),
+    quiet_at(MODEL, SwayYawGains(0.05, 5.5, 0.11, 1.62)),
     roll_law(MODEL, RollGains(0.02, 0.92, 3.7, 1.85, 0.039, 1.58)),
     GEAR,
     linear_step_of(MODEL, DT),

@@ -21,7 +21,8 @@ from autopilot.control.rudder_roll import (
     roll_rudder,
     schedule_step,
 )
-from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_law
+from autopilot.control.sliding_heading import SwayYawGains
+from autopilot.control.sliding_roll import quiet_at
 from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 
@@ -32,8 +33,7 @@ GEAR = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)
 LAW = roll_law(SHIP, PAPER_ROLL)
 REST = Motion(0.0, 0.0, 0.0, 0.0, 0.0)
 SETTINGS = ScheduleSettings()
-PLACES = [0, 2, 4]
-QUIET = sway_yaw_law(SHIP.A[np.ix_(PLACES, PLACES)], SHIP.b[PLACES], SwayYawGains(0.05, 5.5, 0.11, 1.62))
+QUIET = quiet_at(SHIP, SwayYawGains(0.05, 5.5, 0.11, 1.62))
 PARTS = ScheduleParts(SETTINGS, QUIET, LAW, GEAR, STEP)
 
 
