@@ -16,6 +16,7 @@ from autopilot.build_laws import (
     radians_or_unlimited,
 )
 from autopilot.control.design import Verdict, judge
+from autopilot.control.met_waves import Corners
 from autopilot.control.observed_margins import Delays, Observed, refusal_of
 from autopilot.control.roll_damping import RollDamping
 from autopilot.errors import RefusedError
@@ -45,6 +46,8 @@ than the model's swings by 12 deg on a straight course in calm water, with 0.6 b
 WAVE_CORNER_SHARE = 0.55
 """Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
+UNDONE_SHARE = 1.2
+"""Waves slower than this share of it are undone by a law that spares its rudder, see `met_waves`."""
 STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_INTERVAL = 0.1
@@ -95,13 +98,15 @@ def _quickest_turn(vessel: Vessel) -> float:
         return math.inf
 
 
-def wave_corner_of(vessel: Vessel, law: str | None = None) -> float:
-    """Return the frequency [rad/s] of waves that are half left alone; inf for what goes by the whole heading: trials,
-    and the law that works against roll in the waves."""
-    if (law or vessel.control.law) in (TRIAL_LAW, ROLL_LAW):
-        return math.inf
-    proportional = loop_gains_of(vessel, law).proportional
-    return WAVE_CORNER_SHARE * math.sqrt(proportional * vessel.model.K_1_s / vessel.model.T_s)
+def wave_corners_of(vessel: Vessel, law: str | None = None) -> Corners:
+    """Return which waves the law is shown: all of them in trials, and where it works against roll in the waves. They
+    are undone by a law that spares its rudder; another would pass on the noise that is in them."""
+    name, gains = law or vessel.control.law, vessel.control.backstepping
+    if name in (TRIAL_LAW, ROLL_LAW):
+        return Corners(math.inf)
+    natural = math.sqrt(loop_gains_of(vessel, law).proportional * vessel.model.K_1_s / vessel.model.T_s)
+    spares = name == "backstepping" and gains is not None and gains.smoothing_s > 0.0
+    return Corners(WAVE_CORNER_SHARE * natural, UNDONE_SHARE * natural if spares else 0.0)
 
 
 def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Verdict:
@@ -173,7 +178,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         turn_rate_max=radians_or_unlimited(vessel.guidance.turn_rate_max_deg_s),
         turn_curvature_max=curvature_max_of(vessel),
         rudder_is_ours=vessel.helm.method != "guided",
-        wave_corner=wave_corner_of(vessel, law),
+        wave_corners=wave_corners_of(vessel, law),
         steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
         steerage_over_ground=steerage is not None,
         roll=roll_damping_of(vessel),

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from autopilot.alarm_panel import AlarmPanel
 from autopilot.alarms import doubts_of, text_of
+from autopilot.control.met_waves import NOT_MET, Corners, Waves, met
 from autopilot.control.roll_damping import RollDamper, RollDamping
 from autopilot.envelope import Envelope, Picture
 from autopilot.estimation.estimator import Estimator, is_rudder
 from autopilot.estimation.heading_filter import FilterNoise
-from autopilot.estimation.wave_motion import left_alone
 from autopilot.failsafe_steering import FailsafeSteering, error_of
 from autopilot.guidance.heading_guide import HeadingGuide
 from autopilot.guidance.turn import TurnLimits, preset_rate, side_hard_over, turn_limits
@@ -85,8 +85,8 @@ class PilotConfig(NamedTuple):
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading, so that only what it reports says where the rudder
-    is. Waves quicker than wave_corner [rad/s], which holds at the model's speed, are kept from the rudder; slower ones
-    are steered against. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
+    is. wave_corners hold at the model's speed: which waves are kept from the rudder, steered against, or undone, see
+    `met_waves`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
     for this where steerage_over_ground says so. roll: the rudder damps roll too, while that helps; None: it does not.
     dead_band [rad]: on a course the rudder rests until it is wrong by more.
     """
@@ -100,7 +100,7 @@ class PilotConfig(NamedTuple):
     turn_rate_max: float = math.inf
     turn_curvature_max: float = math.inf
     rudder_is_ours: bool = True
-    wave_corner: float = 0.0
+    wave_corners: Corners = Corners(0.0)
     steerage: float = 0.0
     steerage_over_ground: bool = False
     roll: RollDamping | None = None
@@ -135,6 +135,7 @@ class Pilot:
         self._is_reckoned = False
         self.law.reset(0.0)
         self._roll_rudder = 0.0
+        self._met, self._undoing = NOT_MET, 0.0
         if self.damper is not None:
             self.damper.reset()
         self._number = 0
@@ -200,6 +201,7 @@ class Pilot:
             self._is_reckoned = False
             reference = self._lead(mode, order, steady, dt)
             demand = self._demand(mode, order, reference, steady, dt) + self._against_roll(now, dt, mode, order)
+        self._undoing = self._met.rudder
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
         rest = self._rested(mode, order, previous, demand, limited)
@@ -320,11 +322,12 @@ class Pilot:
         return state
 
     def _steady(self, state: NavState) -> NavState:
-        """What is steered by: the state without the waves that this boat leaves alone."""
-        if state.wave_deviation == 0.0:
-            return state
-        quickness = self.estimator.model.reference_speed / self.config.model.reference_speed
-        return state.without_waves(left_alone(state.wave_frequency, self.config.wave_corner * quickness))
+        """Meet the waves: return what is steered by, the state without those that are left alone."""
+        config, model = self.config, self.estimator.model
+        quickness = model.reference_speed / config.model.reference_speed
+        waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
+        self._met = met(model, config.gear, config.limits.rate_max, config.wave_corners, quickness, waves)
+        return state.without_waves(self._met.alone)
 
     def _watch_steerage(self, now: float, mode: Mode, order: Order, state: NavState) -> None:
         """Notice when there is too little speed to hold a heading with, and when there is enough again."""
@@ -389,6 +392,6 @@ class Pilot:
             return self._guide.zigzag_rudder(state, order)
         if self._waits:
             return 0.0
-        # the law's memory is of its own rudder, not of what was set against roll on top of it
-        own = self._rest.allowed - self._roll_rudder
-        return self.law.update(self.estimator.model, reference, state, own, dt)
+        # the law's memory is of its own rudder, not of what was set against waves and roll on top of it
+        own = self._rest.allowed - self._roll_rudder - self._undoing
+        return self.law.update(self.estimator.model, reference, state, own, dt) + self._met.rudder

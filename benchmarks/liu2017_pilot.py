@@ -127,7 +127,7 @@ def pilot_of(case: Steered) -> Pilot:
     if case.variant in laws and section is not None:
         return Pilot(pilot.config, laws[case.variant](*roll_ship_of(VESSEL, section)))
     if case.variant == "waves left alone":
-        return Pilot(pilot.config._replace(wave_corner=WAVES_LEFT), pilot.law)
+        return Pilot(pilot.config._replace(wave_corners=Corners(WAVES_LEFT)), pilot.law)
     return pilot
 
 

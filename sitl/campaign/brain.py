@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control import backstepping, sliding_heading
 from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder, smoothed_rudder, smoothing_in
+from autopilot.control.met_waves import Corners, Met, Waves, met
 from autopilot.control.pid import PidGains, PidMemory, feed_forward, pid_step
 from autopilot.control.sliding_heading import SlidingGains, sliding_rudder
 from autopilot.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
@@ -24,7 +25,6 @@ from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST, SPEED_SM
 from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
 from autopilot.estimation.heading_filter import FilterState, with_bias_of
 from autopilot.estimation.rudder_track import RudderPast
-from autopilot.estimation.wave_motion import left_alone
 from autopilot.guidance.turn import (
     TurnLimits,
     VirtualBoat,
@@ -75,7 +75,7 @@ class Brain(NamedTuple):
     rudder_share: float
     turn_rate_max: float
     turn_curvature_max: float
-    wave_corner: float
+    wave_corners: Corners
     steerage: float
     heading_timeout: float
     watches_frozen: bool
@@ -106,6 +106,7 @@ class Mind(NamedTuple):
     pid: PidMemory
     told: float
     rest: Rest
+    undoing: float
     rudder: float
     ticks: int
     same: int
@@ -145,7 +146,7 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
     model = brain.model if math.isnan(speed) else _model_at(brain, speed)
     turn, fusion = _turn_limits(brain, model), Fusion(state, 0.0, 0, 0.0)
     seen = mean_at(model, brain.noises, fusion, RudderPast(past.times, past.angles, 1), now)
-    steered, rate = _steered_by(brain, model, state, seen)
+    steered, rate = _steered_by(seen, _met(brain, model, state, seen))
     return Mind(
         now=now,
         model=model,
@@ -161,6 +162,7 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         pid=PidMemory(0.0, math.nan),
         told=0.0,
         rest=Rest(0.0, 0.0, False),
+        undoing=0.0,
         rudder=0.0,
         ticks=1,
         same=1,
@@ -179,7 +181,8 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     listened = _listen(brain, mind, past, now, heard) if dt > 0.0 else mind
     model = listened.model
     seen = mean_at(model, brain.noises, listened.fusion, RudderPast(past.times, past.angles, listened.ticks), now)
-    heading, rate = _steered_by(brain, model, listened.fusion.state, seen)
+    waves = _met(brain, model, listened.fusion.state, seen)
+    heading, rate = _steered_by(seen, waves)
     turn, turn_speed = listened.turn, listened.turn_speed
     if abs(model.reference_speed - turn_speed) > SPEED_CHANGE * turn_speed:
         turn, turn_speed = _turn_limits(brain, model), model.reference_speed
@@ -198,8 +201,9 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     if turn.watches:
         boat = watched(model, boat, listened.rudder + bias, dt)
     boat = turn_step(model, planned, boat, target, dt)
-    reference, own = reference_of(model, turn, boat), mind.rest.allowed
-    demand, pid = _demand(brain, model, reference, heading, rate, bias, listened.pid, own, dt)
+    reference, own = reference_of(model, turn, boat), mind.rest.allowed - mind.undoing
+    asked, pid = _demand(brain, model, reference, heading, rate, bias, listened.pid, own, dt)
+    demand = asked + waves.rudder
     limited = limit(brain.limits, mind.told, demand, dt)
     rest = rested(brain.limits, brain.dead_band, mind.rest, demand, limited)
     told = rest.told
@@ -225,6 +229,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         pid=pid,
         told=told,
         rest=rest,
+        undoing=waves.rudder,
         rudder=listened.rudder,
         ticks=listened.ticks,
         same=listened.same,
@@ -305,6 +310,7 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         pid=mind.pid,
         told=mind.told,
         rest=mind.rest,
+        undoing=mind.undoing,
         rudder=rudder,
         ticks=mind.ticks + 1,
         same=same,
@@ -336,19 +342,20 @@ def _turn_limits(brain: Brain, model: Norrbin) -> TurnLimits:
     return turn_limits(model, brain.limits.angle_max, brain.limits.rate_max, brain.rudder_share, preset)
 
 
-def _steered_by(
-    brain: Brain, model: Norrbin, state: FilterState, seen: tuple[float, float, float, float]
-) -> tuple[float, float]:
-    """Return heading [rad] and rate [rad/s] with the waves taken out that this boat leaves alone."""
+def _met(brain: Brain, model: Norrbin, state: FilterState, seen: tuple[float, float, float, float]) -> Met:
+    """Return how the waves are met."""
+    waves = Waves(seen[2], seen[3], math.sqrt(state.sea.heading), wave_motion.frequency(state.sea))
+    quickness = model.reference_speed / brain.model.reference_speed
+    return met(model, brain.gear, brain.limits.rate_max, brain.wave_corners, quickness, waves)
+
+
+def _steered_by(seen: tuple[float, float, float, float], waves: Met) -> tuple[float, float]:
+    """Return heading [rad] and rate [rad/s] with the waves taken out that are left alone."""
     psi, rate, wave, wave_rate = seen
     heading, rate = wrap(psi + wave), rate + wave_rate
-    if state.sea.heading <= 0.0:
+    if waves.alone == 0.0:
         return heading, rate
-    quickness = model.reference_speed / brain.model.reference_speed
-    share = left_alone(wave_motion.frequency(state.sea), brain.wave_corner * quickness)
-    if share == 0.0:
-        return heading, rate
-    return wrap(heading - share * wave), rate - share * wave_rate
+    return wrap(heading - waves.alone * wave), rate - waves.alone * wave_rate
 
 
 def _demand(

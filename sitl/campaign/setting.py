@@ -99,7 +99,7 @@ def brain_of(vessel: Vessel, law: str) -> Brain | None:
         rudder_share=config.rudder_share,
         turn_rate_max=config.turn_rate_max,
         turn_curvature_max=config.turn_curvature_max,
-        wave_corner=config.wave_corner,
+        wave_corners=config.wave_corners,
         steerage=config.steerage,
         heading_timeout=config.failsafe.heading_timeout,
         watches_frozen=config.alarms.frozen_heading,

@@ -1,0 +1,89 @@
+"""Waves met by the rudder: which part of their push it undoes, and with what angle.
+
+The filter holds the waves for a motion h of their own on top of the boat's heading. What makes it is the push
+
+    a = h'' + n h',   n = n1/T,   worth the rudder angle a T/K.
+
+For a push of frequency w that is known, the rudder u that makes the mean of e^2 + weight^2 u'^2 least undoes a share
+of it, neither early nor late:
+
+    u = -share a T/K,   share = 1/(1 + w^4 (w^2 + n^2)/corner^6),   corner^3 = K/(T weight)
+
+so that slow waves are undone and quick ones left alone, which the loop of a boat does not see any more than before: of
+the heading the law is shown the rest without (1 - share) h. A gear that is too slow or a rudder too small for the whole
+push undoes what it can. u leads by the gear's lag and delay.
+
+Derived here, from e'' + n e' = (K/T) u + a.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.estimation.wave_motion import CORNER, DAMPING, STIFFENING, left_alone
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+
+REACHED = math.sqrt(2.0)
+"""A swing reaches so many times its deviation."""
+LEAST_SHARE = 0.02
+"""To undo less is not worth a movement of the gear."""
+SLOWING = 2.0 * DAMPING + CORNER * (1.0 - 1.0 / STIFFENING)
+"""Damping of h'' = -stiffness h - slowing w0 h', the best guess of h'' that goes by h and h' alone."""
+
+
+class Corners(NamedTuple):
+    """Frequencies [rad/s]: waves quicker than `seen` the law is not shown, inf: it goes by the whole heading; those
+    slower than `undone` are undone, 0: none are, and `seen` counts."""
+
+    seen: float
+    undone: float = 0.0
+
+
+class Waves(NamedTuple):
+    """What the filter says: their heading h [rad] and rate h' [rad/s] now, deviation [rad] and frequency [rad/s]."""
+
+    heading: float
+    rate: float
+    deviation: float
+    frequency: float
+
+
+class Met(NamedTuple):
+    """alone: the share of the waves that the law is not shown; rudder [rad]: what the rest is undone with."""
+
+    alone: float
+    rudder: float
+
+
+NOT_MET = Met(0.0, 0.0)
+
+
+def met(model: Norrbin, gear: SteeringGear, rate_max: float, corners: Corners, quickness: float, waves: Waves) -> Met:
+    """Return how the waves are met. Both corners go with the speed, `quickness` times that at which they hold.
+
+    rate_max [rad/s]: the order's, positive.
+    """
+    if waves.deviation == 0.0:
+        return NOT_MET
+    if corners.undone == 0.0:
+        return Met(left_alone(waves.frequency, corners.seen * quickness), 0.0)
+    return undone(model, gear, rate_max, corners.undone * quickness, waves)
+
+
+def undone(model: Norrbin, gear: SteeringGear, rate_max: float, corner: float, waves: Waves) -> Met:
+    """Return what is undone of the waves, by the module's equations; `corner` [rad/s] is positive."""
+    n, stiffness = model.n1 / model.time_constant, waves.frequency * waves.frequency * STIFFENING
+    swing, slowing = math.sqrt(stiffness), SLOWING * waves.frequency
+    worth = model.time_constant / model.gain
+    share = 1.0 / (1.0 + stiffness * stiffness * (stiffness + n * n) / corner**6)
+    most = REACHED * waves.deviation * worth * swing * math.sqrt(stiffness + n * n)
+    share = min(share, gear.angle_max / most, min(gear.rate_max, rate_max) / (most * swing))
+    if share < LEAST_SHARE:
+        return Met(1.0, 0.0)
+    ahead = gear.lag + gear.delay
+    cosine, sine = math.cos(swing * ahead), math.sin(swing * ahead)
+    heading = cosine * waves.heading + sine / swing * waves.rate
+    rate = cosine * waves.rate - swing * sine * waves.heading
+    return Met(1.0 - share, -share * worth * ((n - slowing) * rate - stiffness * heading))
