@@ -47,7 +47,7 @@ WAVE_CORNER_SHARE = 0.55
 """Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
 UNDONE_SHARE = 1.2
-"""Waves slower than this share of it are undone by a law that spares its rudder, see `met_waves`."""
+"""Waves slower than this share of it are undone where they are to be met, see `met_waves`."""
 STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_INTERVAL = 0.1
@@ -72,7 +72,7 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
     """Return the filter's noise: instruments from the file, sea and wind from the constants of this module."""
     model, sensors = vessel.model, vessel.sensors
     moment = model.K_1_s / model.T_s
-    filtered = vessel.estimator.wave_filter == "auto"
+    filtered = vessel.estimator.wave_filter != "off"
     bias_time = max(BIAS_TIME, 2.0 * model.T_s)
     calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if filtered else (SEA, BIAS_CHANGE)
     return FilterNoise(
@@ -99,14 +99,13 @@ def _quickest_turn(vessel: Vessel) -> float:
 
 
 def wave_corners_of(vessel: Vessel, law: str | None = None) -> Corners:
-    """Return which waves the law is shown: all of them in trials, and where it works against roll in the waves. They
-    are undone by a law that spares its rudder; another would pass on the noise that is in them."""
-    name, gains = law or vessel.control.law, vessel.control.backstepping
-    if name in (TRIAL_LAW, ROLL_LAW):
+    """Return which waves the law is shown, all of them in trials and where it works against roll in the waves, and
+    which of them are undone."""
+    if (law or vessel.control.law) in (TRIAL_LAW, ROLL_LAW):
         return Corners(math.inf)
     natural = math.sqrt(loop_gains_of(vessel, law).proportional * vessel.model.K_1_s / vessel.model.T_s)
-    spares = name == "backstepping" and gains is not None and gains.smoothing_s > 0.0
-    return Corners(WAVE_CORNER_SHARE * natural, UNDONE_SHARE * natural if spares else 0.0)
+    meets = vessel.estimator.wave_filter == "meet"
+    return Corners(WAVE_CORNER_SHARE * natural, UNDONE_SHARE * natural if meets else 0.0)
 
 
 def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Verdict:

@@ -41,6 +41,7 @@ from liu2017_roll import (
 from autopilot.angles import wrap
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, roll_ship_of
+from autopilot.control.met_waves import Corners
 from autopilot.control.sliding_roll import SlidingRollLaw
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,7 @@ from sitl.world import STEP
 Floats = npt.NDArray[np.float64]
 
 FOLDER = Path(__file__).resolve().parent / "pareto_boats"
+WAVE_FILTERS: tuple[Literal["off"], Literal["auto"], Literal["meet"]] = ("off", "auto", "meet")
 STEP_S, COMPASS_HZ = 0.05, 10
 """The boat moves in steps of this length here; see `stepped`."""
 LOST = 1.0e3
@@ -166,8 +167,8 @@ def natural_of(vessel: Vessel) -> float:
 
 
 class Ours:
-    """The pilot with what its user can set: bandwidth, damping, compass noise, dead band, wave filter on or off, and
-    the smoothing of its rudder."""
+    """The pilot with what its user can set: bandwidth, damping, compass noise, dead band, wave filter off, auto or
+    meet, and the smoothing of its rudder."""
 
     def __init__(self, boat: str, plain: bool = False) -> None:
         self.vessel = filed(boat)
@@ -176,11 +177,11 @@ class Ours:
         self.low = np.array([math.log(0.05), math.log(0.3), math.log(0.5), -4.6, 0.0, math.log(0.01)])
         self.high = np.array([math.log(3.0), math.log(4.0), math.log(10.0), 1.6, 1.0, math.log(1.5)])
         self.starts = _begun(
-            (1.0, 0.9, 1.0, 0.02, 2.7, 0.01),
+            (1.0, 0.9, 1.0, 0.02, 1.6, 0.01),
             (0.9, 0.7, 2.5, 0.03, 2.7, 0.35),
-            (0.1, 1.1, 2.0, 0.02, 2.7, 0.35),
+            (0.1, 1.1, 2.0, 0.02, 1.6, 0.35),
             (0.5, 2.5, 1.0, 0.05, 1.0, 0.05),
-            (0.3, 1.0, 3.0, 0.5, 2.7, 0.35),
+            (0.3, 1.0, 3.0, 0.5, 1.6, 0.35),
             (0.7, 1.0, 1.0, 2.0, 1.0, 0.1),
         )
 
@@ -195,7 +196,7 @@ class Ours:
             sensors=replace(vessel.sensors, heading_noise_deg=0.35 * noise),
             control=replace(vessel.control, backstepping=gains),
             limits=replace(vessel.limits, dead_band_deg=dead_band),
-            estimator=replace(vessel.estimator, wave_filter="auto" if numbers[4] > 0.5 else "off"),
+            estimator=replace(vessel.estimator, wave_filter=WAVE_FILTERS[min(int(3.0 * numbers[4]), 2)]),
         )
 
     def sailed(self, numbers: Floats, runs: Sequence[Run]) -> Floats:
