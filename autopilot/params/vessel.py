@@ -190,8 +190,8 @@ class Estimator:
     """What is made of heading and rate before the law sees them."""
 
     wave_filter: Literal["auto", "meet", "off"] = "auto"
-    """auto: wave motion is learnt and kept from the rudder where the rudder could only wear itself out on it; meet: what
-    the rudder can undo of the waves it undoes, before it shows, for a steadier course and more rudder travel."""
+    """auto: wave motion is learnt and kept from the rudder where the rudder could only wear itself out on it; meet:
+    what the rudder can undo of the waves it undoes, before it shows, for a steadier course and more rudder travel."""
     source: str = ""
     date: str = ""
 
