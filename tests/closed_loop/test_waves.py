@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
@@ -15,7 +15,8 @@ from plant import Plant, sail
 from autopilot.angles import wrap
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
-from autopilot.params.vessel import Backstepping, Control, Estimator, Model, Rudder, Sensors, Vessel
+from autopilot.control.design import design_backstepping, equivalent_pid
+from autopilot.params.vessel import Backstepping, Control, Estimator, Model, Pid, Rudder, Sensors, Vessel
 from autopilot.signals import Order, OrderKind, Tick
 
 LANXIN = Vessel(
@@ -61,8 +62,10 @@ def run(
     disturbance: Callable[[float], float],
     seconds: float,
     course: Order | Callable[[float], Order] | None = None,
+    gain_factor: float = 1.0,
 ) -> tuple[list[Tick], Plant, list[float]]:
-    box = Plant(model_of(vessel), gear_of(vessel), disturbance=disturbance)
+    model = model_of(vessel)
+    box = Plant(model._replace(gain=gain_factor * model.gain), gear_of(vessel), disturbance=disturbance)
     box.heading_noise, box.rate_noise = math.radians(0.3), math.radians(0.2)
     headings: list[float] = []
     order = course or Order(OrderKind.HEADING, 0.0, serial=1)
@@ -110,6 +113,61 @@ def test_a_quick_boat_still_steers_against_a_slow_swell() -> None:
     plain = judged(ticks, headings, 60.0)
     assert filtered.rms_deg < 1.3 * plain.rms_deg
     assert filtered.travel_deg_s < plain.travel_deg_s
+
+
+def that_meets(vessel: Vessel, law: Literal["backstepping", "pid"] = "backstepping") -> Vessel:
+    """The boat with waves met, by gains that spare the rudder or by a PID."""
+    model, gear = model_of(vessel), gear_of(vessel)
+    gains = design_backstepping(model, gear, gear.rate_max, 0.05, 3, spares=law == "backstepping")
+    control = Control(law=law, backstepping=Backstepping(*gains), pid=Pid(*equivalent_pid(model, gains, 10.0)))
+    return dataclasses.replace(vessel, control=control, estimator=Estimator(wave_filter="meet"))
+
+
+@pytest.mark.parametrize(
+    ("law", "gain_factor"), [("backstepping", 1.0), ("backstepping", 0.7), ("backstepping", 1.4), ("pid", 1.0)]
+)
+def test_a_slow_swell_that_is_met_hardly_moves_a_quick_boat(
+    law: Literal["backstepping", "pid"], gain_factor: float
+) -> None:
+    waves, met = sea(0.6, 3.0), that_meets(LANXIN, law)
+    left = dataclasses.replace(met, estimator=Estimator())
+    results = []
+    for vessel in (met, left):
+        ticks, _, headings = run(vessel, waves, 120.0, gain_factor=gain_factor)
+        results.append(judged(ticks, headings, 50.0))
+    assert results[0].rms_deg < 0.6 * results[1].rms_deg
+
+
+def test_waves_too_quick_and_too_strong_for_a_ship_are_left_alone_even_so() -> None:
+    ticks, _, headings = run(that_meets(SHIP), sea(0.9, 60.0), 150.0)
+    met = judged(ticks, headings, 60.0)
+    ticks, _, headings = run(dataclasses.replace(that_meets(SHIP), estimator=Estimator()), sea(0.9, 60.0), 150.0)
+    left = judged(ticks, headings, 60.0)
+    assert met.travel_deg_s < 1.1 * left.travel_deg_s
+    assert met.rms_deg < 1.1 * left.rms_deg
+
+
+def test_meeting_waves_costs_next_to_nothing_in_calm_water() -> None:
+    results = []
+    for vessel in (that_meets(LANXIN), dataclasses.replace(that_meets(LANXIN), estimator=Estimator())):
+        ticks, _, headings = run(vessel, lambda _: 0.0, 200.0)
+        results.append(judged(ticks, headings, 140.0))
+    assert results[0].travel_deg_s < results[1].travel_deg_s + 0.2
+    assert results[0].rms_deg < 0.1
+
+
+def test_taking_the_helm_in_waves_that_are_met_makes_no_bump() -> None:
+    vessel, waves = that_meets(LANXIN), sea(0.6, 3.0)
+    standby = Order(OrderKind.STANDBY, serial=1)
+
+    def helm(now: float) -> Order:
+        return standby if now < 60.0 else Order(OrderKind.HEADING, math.nan, serial=2)
+
+    ticks, _, _ = run(vessel, waves, 62.0, helm)
+    first = next(index for index, tick in enumerate(ticks) if tick.command.engaged)
+    angles = [math.degrees(tick.command.angle) for tick in ticks[first : first + 20]]
+    assert abs(angles[0] - math.degrees(ticks[first - 1].state.rudder)) < 0.5
+    assert max(abs(b - a) for a, b in itertools.pairwise(angles)) < 0.6
 
 
 @pytest.mark.parametrize(("vessel", "w0", "deviation_deg"), [(LANXIN, 2.2, 4.0), (SHIP, 0.9, 60.0)])

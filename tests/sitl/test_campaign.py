@@ -117,6 +117,18 @@ def test_a_spared_rudder_gives_the_full_simulators_numbers_too(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("law", ["backstepping", "pid"])
+def test_waves_that_are_met_give_the_full_simulators_numbers_too(tmp_path: Path, law: LawName) -> None:
+    vessel = load_vessel("lanxin")
+    gains = replace(vessel.control.backstepping, smoothing_s=0.3) if vessel.control.backstepping else None
+    control, estimator = replace(vessel.control, backstepping=gains), replace(vessel.estimator, wave_filter="meet")
+    (tmp_path / "meeting.yaml").write_text(dump_vessel(replace(vessel, control=control, estimator=estimator)))
+    asked = replace(STUDY, laws=(law,), seas={"swell": SEAS["swell"]}, boats={"boat": BoatSection("meeting.yaml")})
+    full = sailed_alike(Job(asked, str(tmp_path)), 0)
+    alone = replace(asked, boats={"boat": BoatSection("lanxin")})
+    assert full.travel_deg_s != pytest.approx(run_fully(Job(alone, "."), 0).travel_deg_s, rel=0.02)
+
+
+@pytest.mark.parametrize("law", ["backstepping", "pid"])
 def test_a_dead_band_gives_the_full_simulators_numbers_too(tmp_path: Path, law: LawName) -> None:
     vessel = load_vessel("lanxin")
     (tmp_path / "resting.yaml").write_text(dump_vessel(replace(vessel, limits=Limits(dead_band_deg=0.7))))

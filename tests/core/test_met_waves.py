@@ -1,0 +1,99 @@
+"""How waves are met: the push undone at the angle it is worth, the share that is the least of rms and rudder rate."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from autopilot.control.met_waves import LEAST_SHARE, NOT_MET, REACHED, Corners, Met, Waves, met, undone
+from autopilot.estimation.wave_motion import STIFFENING, left_alone
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+
+LANXIN = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
+GEAR = SteeringGear(math.radians(30.0), math.radians(15.0), lag=0.1, delay=0.05)
+IDEAL = SteeringGear(math.radians(30.0), math.inf)
+CORNER = 2.0
+
+frequencies = st.floats(0.4, 4.0)
+headings = st.floats(-0.05, 0.05)
+rates = st.floats(-0.1, 0.1)
+
+
+def push_of(model: Norrbin, heading: float, acceleration: float, rate: float) -> float:
+    return acceleration + model.n1 / model.time_constant * rate
+
+
+@pytest.mark.parametrize("w", [0.4, 0.8, 1.5, 3.0])
+def test_the_share_is_what_an_optimiser_finds(w: float) -> None:
+    n, k = LANXIN.n1 / LANXIN.time_constant, LANXIN.gain / LANXIN.time_constant
+    weight = k / CORNER**3
+
+    def cost(rudder: np.ndarray) -> float:
+        # answers to a push of 1 at e^(j w t), the rudder a complex number
+        angle = complex(rudder[0], rudder[1])
+        error = (k * angle + 1.0) / (-w * w + 1j * w * n)
+        return float(abs(error) ** 2 + (weight * w * abs(angle)) ** 2)
+
+    best = minimize(cost, [0.0, 0.0], method="BFGS", options={"gtol": 1e-12}).x
+    # the sea's frequency is that of the bare oscillator
+    share = 1.0 - undone(LANXIN, IDEAL, math.inf, CORNER, Waves(0.0, 0.0, 1e-6, w / math.sqrt(STIFFENING))).alone
+    assert -best[0] * k == pytest.approx(
+        share if share > 0.0 else 0.0, abs=max(1e-5, LEAST_SHARE if share == 0.0 else 0.0)
+    )
+    assert abs(best[1] * k) < 1e-5
+
+
+@given(frequencies, headings, rates)
+def test_what_is_undone_is_the_push_behind_the_motion(w0: float, heading: float, rate: float) -> None:
+    found = undone(LANXIN, IDEAL, math.inf, 1.0e3, Waves(heading, rate, 1.0e-6, w0))
+    # all of it, at this corner: the rudder's acceleration is the waves' own, turned round
+    assert found.alone == pytest.approx(0.0, abs=1e-6)
+    swing = w0 * w0 * STIFFENING
+    push = push_of(LANXIN, heading, -swing * heading, rate)
+    assert LANXIN.gain / LANXIN.time_constant * found.rudder == pytest.approx(-push, abs=0.45 * w0 * abs(rate) + 1e-9)
+
+
+@given(frequencies, headings, rates, st.floats(1e-4, 0.2), st.floats(0.05, 20.0))
+def test_odd_symmetry_and_bounds(w0: float, heading: float, rate: float, deviation: float, corner: float) -> None:
+    found = undone(LANXIN, GEAR, math.radians(10.0), corner, Waves(heading, rate, deviation, w0))
+    other = undone(LANXIN, GEAR, math.radians(10.0), corner, Waves(-heading, -rate, deviation, w0))
+    assert other == Met(found.alone, -found.rudder)
+    assert 0.0 <= found.alone <= 1.0
+    assert math.isfinite(found.rudder)
+
+
+@given(frequencies, st.floats(0.02, 1.0))
+def test_a_gear_undoes_what_it_can(w0: float, deviation: float) -> None:
+    share = 1.0 - undone(LANXIN, GEAR, GEAR.rate_max, 1.0e3, Waves(0.0, 0.0, deviation, w0)).alone
+    n, swing = LANXIN.n1 / LANXIN.time_constant, w0 * math.sqrt(STIFFENING)
+    angle = share * REACHED * deviation * LANXIN.time_constant / LANXIN.gain * swing * math.hypot(swing, n)
+    assert angle <= GEAR.angle_max * (1.0 + 1e-9)
+    assert angle * swing <= GEAR.rate_max * (1.0 + 1e-9)
+
+
+def test_the_rudder_leads_by_lag_and_delay() -> None:
+    w0, deviation = 0.8, 0.01
+    swing = w0 * math.sqrt(STIFFENING)
+    late = GEAR.lag + GEAR.delay
+
+    def rudder(gear: SteeringGear, time: float) -> float:
+        waves = Waves(deviation * math.cos(swing * time), -swing * deviation * math.sin(swing * time), deviation, w0)
+        return undone(LANXIN, gear, math.inf, 3.0, waves).rudder
+
+    early = GEAR._replace(angle_max=math.inf, rate_max=math.inf)
+    for time in (0.0, 1.0, 2.5):
+        assert rudder(early, time) == pytest.approx(rudder(IDEAL._replace(angle_max=math.inf), time + late))
+
+
+def test_without_a_sea_nothing_is_done_and_without_the_wish_waves_are_left_alone() -> None:
+    assert met(LANXIN, GEAR, 1.0, Corners(1.0, 2.0), 1.0, Waves(0.0, 0.0, 0.0, 0.0)) == NOT_MET
+    waves = Waves(0.02, 0.01, 0.02, 0.9)
+    assert met(LANXIN, GEAR, 1.0, Corners(1.0), 1.0, waves) == Met(left_alone(0.9, 1.0), 0.0)
+    assert met(LANXIN, GEAR, 1.0, Corners(math.inf), 1.0, waves) == NOT_MET, "a trial goes by the heading as it is"
+    assert met(LANXIN, GEAR, 1.0, Corners(1.0, 2.0), 0.5, waves) == undone(LANXIN, GEAR, 1.0, 1.0, waves)
