@@ -8,14 +8,8 @@ For each case that is lost over all seeds held out together:
 - rms over the PID's at equal travel, travel over the PID's at equal rms, and on how many of the seeds it is lost;
 - the same with both sides tuned in the case itself, on seeds of their own, and judged on the same held-out seeds: this
   tells a setting that was not found, or not to be had for all cases at once, from one that does not exist;
-- at the middle of the travels that both reach: the PID's rms, the pilot's, that of the LQG law of `wave_bound.py`,
-  which knows the real boat, gusts, noise and the spectrum of the waves and whose rudder has no lag, delay or limits,
-  and a bound.
-
-An LQG law has the least rms of heading for its rms of rudder rate. What a rudder travels is the mean of its rate's
-size, of which a law that mostly rests may need less, so the LQG law at the same travel is a yardstick. It becomes a
-bound by the gear: a rate that never exceeds R and is t in the mean has an rms of at most sqrt(R t), so that no law has
-less than the LQG law of that rms. Both are of a linear boat on a straight course.
+- at the middle of the travels that both reach: the PID's rms, the pilot's, and that of the LQG law of `lqg_sailed.py`,
+  which knows the real boat, mean wind, gusts, noise and the spectrum of the waves, sailed in the very same runs.
 """
 
 from __future__ import annotations
@@ -29,6 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from lqg_bound import covariance_met, oscillators, settled
+from lqg_sailed import sailed
 from pareto import (
     EVERY_SEA,
     HELD_OUT,
@@ -57,7 +53,6 @@ from pareto_study import (
     runs_of,
 )
 from study_boats import StudyBoat, StudySea
-from wave_bound import TRAVEL_OF_RMS, Point, bound, covariance_met, oscillators
 
 from autopilot.cli.progress import ProgressBar
 from sitl.boat import Hull
@@ -70,13 +65,12 @@ CASE_TRAINING, CASE_SEEDS = 300, 4
 
 
 class Beside(NamedTuple):
-    """A travel [deg/s] and the rms [deg] there: the PID's, the pilot's, the LQG law's and the bound."""
+    """A travel [deg/s] and the rms [deg] there: the PID's, the pilot's, and that of the LQG law, sailed."""
 
     travel: float
     theirs: float
     ours: float
     lqg: float
-    bound: float
 
 
 def runs_in(case: Case, compass: str, seed: int, seeds: int) -> list[Run]:
@@ -109,8 +103,8 @@ def tuned_in(case: Case, compass: str, seeds: int, count: int) -> Compared:
     return compared_by(case, sailed(Ours(case.boat)), sailed(Theirs(case.boat)))
 
 
-def lqg_front(case: Case, compass: str) -> list[Point]:
-    """Return what the LQG law comes to in this case, by rising travel."""
+def lqg_front(case: Case, compass: str, seeds: int) -> Floats:
+    """Return what the LQG law, sailed in the runs held out, comes to."""
     vessel, off = filed(case.boat), MISMATCHES[case.mismatch]
     noise = float(compass.split()[0])
     real = dataclasses.replace(
@@ -123,23 +117,19 @@ def lqg_front(case: Case, compass: str) -> list[Point]:
     height, period = (ittc.significant_height_m, ittc.peak_period_s) if ittc is not None else (0.0, 1.0)
     sea = StudySea(height, period, section.wind.speed_m_s, section.wind.gust_m_s)
     waves = oscillators(covariance_met(boat, case.side, sea)) if ittc is not None else []
-    points, rate_variance = list[Point](), 0.0
-    for _ in range(2):
-        points, most = bound(boat, case.side, waves, rate_variance, sea, has_gyro=False)
-        rate_variance = 0.5 * (rate_variance + most)
-    return sorted(points, key=lambda point: point.travel_deg_s)
+    linear, _ = settled(boat, case.side, sea, waves, has_gyro=False)
+    runs = [(run.setting, run.rooms) for run in runs_in(case, compass, HELD_OUT, seeds)]
+    return np.array(sailed(linear, runs))
 
 
-def beside_lqg(one: Compared, lqg: list[Point], rate_max: float) -> Beside:
-    """Return what everybody comes to at the middle of the travels that pilot and PID both reach; the gear's fastest
-    rate is `rate_max` [deg/s]."""
+def beside_lqg(one: Compared, lqg: Floats) -> Beside:
+    """Return what everybody comes to at the middle of the travels that pilot and PID both reach."""
     ours, theirs = (front(np.maximum(together(points), LEAST)) for points in (one.ours, one.theirs))
     low = max(ours[0, 1], theirs[0, 1])
     high = max(low, min(ours[-1, 1], theirs[-1, 1]))
     travel = math.sqrt(low * high)
-    best = np.maximum(np.array(lqg), [0.0, 1.0e-9])
-    rms = [_rms_at(points, travel) for points in (theirs, ours, best)]
-    return Beside(travel, *rms, _rms_at(best, TRAVEL_OF_RMS * math.sqrt(rate_max * travel)))
+    knowing = front(np.maximum(lqg, LEAST))
+    return Beside(travel, *(_rms_at(points, travel) for points in (theirs, ours, knowing)))
 
 
 def _rms_at(points: Floats, travel: float) -> float:
@@ -164,7 +154,7 @@ def main() -> None:
         for case in places:
             alone[case] = tuned_in(case, compass_of(case), seeds, count)
             bar.show(len(alone), len(places))
-    print(table(lost, alone, {case: lqg_front(case, compass_of(case)) for case in places}))
+    print(table(lost, alone, {case: lqg_front(case, compass_of(case), seeds) for case in places}))
 
 
 def _not_shown() -> None:
@@ -181,12 +171,12 @@ def compass_of(case: Case) -> str:
     return compasses_in_turn()[case.sea, case.side, case.mismatch]
 
 
-def table(lost: Sequence[Compared], alone: dict[Case, Compared], lqg: dict[Case, list[Point]]) -> str:
+def table(lost: Sequence[Compared], alone: dict[Case, Compared], lqg: dict[Case, Floats]) -> str:
     """Return a row for each lost case."""
     lines = [
         "                                           lost on       ratios   tuned in it        at       rms [deg] there",
         "tuned in  boat      sea      side  K         seeds   rms/travel    rms/travel     travel      PID"
-        "    pilot      LQG    bound",
+        "    pilot      LQG",
     ]
     for one in lost:
         boat, sea, side, mismatch, tuned = one.case
@@ -194,9 +184,7 @@ def table(lost: Sequence[Compared], alone: dict[Case, Compared], lqg: dict[Case,
         on = f"{lost_on(one):3d} of {len(one.by_seed)}"
         tuned = tuned if tuned == EVERY_SEA else "each sea"
         ratios = "".join(f"{found.rms:7.2f}/{found.travel:5.2f} " for found in (one.beside, alone[key].beside))
-        rate_max = filed(boat).rudder.rate_max_deg_s
-        assert rate_max is not None
-        at = beside_lqg(one, lqg[key], rate_max)
+        at = beside_lqg(one, lqg[key])
         numbers = "".join(f"{value:9.2f}" for value in at[1:])
         told = f"{tuned:10s}{boat:10s}{sea:8s}{side:5.0f}  {mismatch:7s}"
         lines.append(f"{told}{on:>8s}{ratios}{at.travel:10.3f}{numbers}")
