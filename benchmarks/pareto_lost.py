@@ -1,6 +1,6 @@
 """The lost cases of the Pareto study, each tuned by itself and beside what an LQG law would do; printed as a table.
 
-    python benchmarks/pareto_lost.py --out out --candidates 150 --seeds 6 [--on 5] [--boats lanxin15,coaster]
+    python benchmarks/pareto_lost.py --out out --candidates 600 --seeds 6 [--alone 150] [--on 5] [--boats lanxin15]
 
 Goes by the points that `pareto.py` left in --out with as many candidates and seeds.
 For each case that is lost over all seeds held out together:
@@ -140,7 +140,10 @@ def main() -> None:
     """Tune the lost cases by themselves and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder with every boat's points, as pareto.py left it")
-    parser.add_argument("--candidates", type=int, default=150, help="settings tried, for each helmsman and case")
+    parser.add_argument(
+        "--candidates", type=int, default=150, help="settings that were tried for each helmsman and boat"
+    )
+    parser.add_argument("--alone", type=int, default=150, help="settings tried for each helmsman and case by itself")
     parser.add_argument("--seeds", type=int, default=6, help="seeds held out")
     parser.add_argument("--boats", default=",".join(BOATS))
     parser.add_argument("--on", type=int, default=1, help="only cases lost on at least so many of the seeds alone")
@@ -152,7 +155,7 @@ def main() -> None:
     alone: dict[Case, Compared] = {}
     with ProgressBar("cases") as bar:
         for case in places:
-            alone[case] = tuned_in(case, compass_of(case), seeds, count)
+            alone[case] = tuned_in(case, compass_of(case), seeds, asked.alone)
             bar.show(len(alone), len(places))
     print(table(lost, alone, {case: lqg_front(case, compass_of(case), seeds) for case in places}))
 
