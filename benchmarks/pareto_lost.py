@@ -140,9 +140,7 @@ def main() -> None:
     """Tune the lost cases by themselves and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder with every boat's points, as pareto.py left it")
-    parser.add_argument(
-        "--candidates", type=int, default=150, help="settings that were tried for each helmsman and boat"
-    )
+    parser.add_argument("--candidates", type=int, default=150, help="settings that were tried for each boat")
     parser.add_argument("--alone", type=int, default=150, help="settings tried for each helmsman and case by itself")
     parser.add_argument("--seeds", type=int, default=6, help="seeds held out")
     parser.add_argument("--boats", default=",".join(BOATS))
