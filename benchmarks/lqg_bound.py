@@ -34,6 +34,7 @@ HZ = 10
 REALISATIONS = 100
 LAGS_S = np.arange(0.0, 60.0, 0.2)
 WEIGHTS = np.logspace(-2.0, 3.0, 26)
+FIRST_WAVE, LASTING_S, UNKNOWN = 5, 2000.0, math.radians(0.5)
 TRAVEL_OF_RMS = math.sqrt(2.0 / math.pi)
 
 
@@ -89,8 +90,9 @@ class Linear(NamedTuple):
     """The boat on a straight course by steps of 1/HZ s: x' = transition x + move u + what has the covariance `driven`,
     and instruments that show x with `noise`.
 
-    x: psi, r, rudder, gust [m/s], and two of each oscillator, scaled; spread: what their variances are about. u: the
-    rudder's movement [rad]. steady: the mean wind as a rudder angle [rad].
+    x: psi, r, rudder, gust [m/s], what nobody told her as a lasting rudder angle [rad], and two of each oscillator,
+    scaled; spread: what their variances are about. u: the rudder's movement [rad]. steady: the mean wind as a rudder angle
+    [rad].
     """
 
     transition: Floats
@@ -109,10 +111,12 @@ def linear_of(
     rate_variance: float,
     sea: StudySea = SEAS["state 5"],
     has_gyro: bool = True,
+    unknown: float = 0.0,
 ) -> Linear:
-    """Return the boat about a course with the sea `side` deg off her bow, her damping that of E[r^2] [rad^2/s^2]."""
+    """Return the boat about a course with the sea `side` deg off her bow, her damping that of E[r^2] [rad^2/s^2];
+    `unknown` [rad] is the deviation of what nobody told her."""
     model, sensors = model_of(boat.vessel), boat.vessel.sensors
-    n, dt, time = 4 + 2 * len(waves), 1.0 / HZ, model.time_constant
+    n, dt, time = FIRST_WAVE + 2 * len(waves), 1.0 / HZ, model.time_constant
     load, speed, start = wind.WindLoad(math.radians(0.003)), model.reference_speed, math.radians(side)
 
     def moment(gust: float, heading: float) -> float:
@@ -126,9 +130,11 @@ def linear_of(
     a[1, 2] = model.gain / time
     a[1, 3] = model.gain / time * (moment(1.0e-3, 0.0) - moment(-1.0e-3, 0.0)) / 2.0e-3
     a[3, 3], noise[3, 3] = -0.1, 0.2 * sea.gust**2
+    a[1, 4] = model.gain / time
+    a[4, 4], noise[4, 4] = -1.0 / LASTING_S, 2.0 / LASTING_S * unknown * unknown
     for place, one in enumerate(waves):
         # frequency x and x', both scaled to a variance of 1
-        y = 4 + 2 * place
+        y = FIRST_WAVE + 2 * place
         a[1, y + 1] = math.sqrt(one.power)
         a[y, y + 1], a[y + 1, y] = one.frequency, -one.frequency
         a[y + 1, y + 1] = -2.0 * one.damping * one.frequency
@@ -142,7 +148,7 @@ def linear_of(
     shown = np.eye(2 if has_gyro else 1, n)
     noises = sensors.heading_noise_deg, sensors.rate_noise_deg_s
     r = np.diag(np.radians(noises[: len(shown)]) ** 2)
-    spread = np.array([0.0, 0.0, 0.0, sea.gust**2, *np.ones(2 * len(waves))])
+    spread = np.array([0.0, 0.0, 0.0, sea.gust**2, unknown * unknown, *np.ones(2 * len(waves))])
     # the rudder jumps at the beginning of a step
     return Linear(f, f[:, 2:3], q, shown, r, spread, moment(0.0, 0.0))
 
@@ -151,7 +157,7 @@ def _riccati(linear: Linear, weight: float) -> tuple[Floats, Floats] | None:
     cost = np.zeros_like(linear.transition)
     cost[0, 0] = 1.0
     # a rudder nobody needs goes amidships, which the equation must be told to have a solution
-    cost[2, 2] = 1.0e-9
+    cost[2, 2] = cost[4, 4] = cost[2, 4] = cost[4, 2] = 1.0e-9
     input_cost = np.array([[(weight * HZ) ** 2]])
     try:
         return solve_discrete_are(linear.transition, linear.move, cost, input_cost), input_cost
@@ -192,13 +198,12 @@ def bound(linear: Linear) -> tuple[list[Point], float]:
 def settled(
     boat: StudyBoat, side: float, sea: StudySea, waves: list[Oscillator], has_gyro: bool
 ) -> tuple[Linear, list[Point]]:
-    """Return the linear boat, her damping that of the rate she turns with, and the bound."""
-    rate_variance = 0.0
+    """Return the bound, and the boat to sail with the law, her damping that of the rate she turns with."""
+    points, rate_variance = list[Point](), 0.0
     for _ in range(2):
-        linear = linear_of(boat, side, waves, rate_variance, sea, has_gyro)
-        points, most = bound(linear)
+        points, most = bound(linear_of(boat, side, waves, rate_variance, sea, has_gyro))
         rate_variance = 0.5 * (rate_variance + most)
-    return linear, points
+    return linear_of(boat, side, waves, rate_variance, sea, has_gyro, UNKNOWN), points
 
 
 def least_travel(points: list[Point], rms_deg: float) -> float:
