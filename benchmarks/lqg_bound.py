@@ -91,8 +91,8 @@ class Linear(NamedTuple):
     and instruments that show x with `noise`.
 
     x: psi, r, rudder, gust [m/s], what nobody told her as a lasting rudder angle [rad], and two of each oscillator,
-    scaled; spread: what their variances are about. u: the rudder's movement [rad]. steady: the mean wind as a rudder angle
-    [rad].
+    scaled; spread: what their variances are about. u: the rudder's movement [rad]. steady: the mean wind as a rudder
+    angle [rad].
     """
 
     transition: Floats
