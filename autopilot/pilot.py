@@ -326,7 +326,7 @@ class Pilot:
         config, model = self.config, self.estimator.model
         quickness = model.reference_speed / config.model.reference_speed
         waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
-        self._met = met(model, config.gear, config.limits.rate_max, config.wave_corners, quickness, waves)
+        self._met = met(model, config.gear, config.limits, config.wave_corners, quickness, waves)
         return state.without_waves(self._met.alone)
 
     def _watch_steerage(self, now: float, mode: Mode, order: Order, state: NavState) -> None:

@@ -22,6 +22,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.estimation.wave_motion import CORNER, DAMPING, STIFFENING, left_alone
+from autopilot.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
@@ -60,26 +61,26 @@ class Met(NamedTuple):
 NOT_MET = Met(0.0, 0.0)
 
 
-def met(model: Norrbin, gear: SteeringGear, rate_max: float, corners: Corners, quickness: float, waves: Waves) -> Met:
-    """Return how the waves are met. Both corners go with the speed, `quickness` times that at which they hold.
-
-    rate_max [rad/s]: the order's, positive.
-    """
+def met(
+    model: Norrbin, gear: SteeringGear, limits: RudderLimits, corners: Corners, quickness: float, waves: Waves
+) -> Met:
+    """Return how the waves are met. Both corners go with the speed, `quickness` times that at which they hold."""
     if waves.deviation == 0.0:
         return NOT_MET
     if corners.undone == 0.0:
         return Met(left_alone(waves.frequency, corners.seen * quickness), 0.0)
-    return undone(model, gear, rate_max, corners.undone * quickness, waves)
+    return undone(model, gear, limits, corners.undone * quickness, waves)
 
 
-def undone(model: Norrbin, gear: SteeringGear, rate_max: float, corner: float, waves: Waves) -> Met:
+def undone(model: Norrbin, gear: SteeringGear, limits: RudderLimits, corner: float, waves: Waves) -> Met:
     """Return what is undone of the waves, by the module's equations; `corner` [rad/s] is positive."""
     n, stiffness = model.n1 / model.time_constant, waves.frequency * waves.frequency * STIFFENING
     swing, slowing = math.sqrt(stiffness), SLOWING * waves.frequency
     worth = model.time_constant / model.gain
     share = 1.0 / (1.0 + stiffness * stiffness * (stiffness + n * n) / corner**6)
     most = REACHED * waves.deviation * worth * swing * math.sqrt(stiffness + n * n)
-    share = min(share, gear.angle_max / most, min(gear.rate_max, rate_max) / (most * swing))
+    share = min(share, min(gear.angle_max, limits.angle_max) / most)
+    share = min(share, min(gear.rate_max, limits.rate_max) / (most * swing))
     if share < LEAST_SHARE:
         return Met(1.0, 0.0)
     ahead = gear.lag + gear.delay

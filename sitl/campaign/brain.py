@@ -346,7 +346,7 @@ def _met(brain: Brain, model: Norrbin, state: FilterState, seen: tuple[float, fl
     """Return how the waves are met."""
     waves = Waves(seen[2], seen[3], math.sqrt(state.sea.heading), wave_motion.frequency(state.sea))
     quickness = model.reference_speed / brain.model.reference_speed
-    return met(model, brain.gear, brain.limits.rate_max, brain.wave_corners, quickness, waves)
+    return met(model, brain.gear, brain.limits, brain.wave_corners, quickness, waves)
 
 
 def _steered_by(seen: tuple[float, float, float, float], waves: Met) -> tuple[float, float]:

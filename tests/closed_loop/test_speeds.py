@@ -65,7 +65,9 @@ def test_turn_and_wind_at_every_speed(vessel: Vessel, ratio: float) -> None:
     )
     goal = math.radians(60.0)
     seconds = 2.0 * wind_from + 60.0
-    ticks = sail(build_pilot(vessel), box, lambda t: COURSE._replace(heading=0.0 if t < 5.0 else goal), seconds, 0.05)
+    # a slow boat needs no quick ticks
+    step = 0.05 if vessel is LANXIN else 0.1
+    ticks = sail(build_pilot(vessel), box, lambda t: COURSE._replace(heading=0.0 if t < 5.0 else goal), seconds, step)
     errors = [(tick.now, wrap(tick.state.heading - goal)) for tick in ticks if tick.now > 5.0]
     assert math.degrees(max(error for now, error in errors if now < wind_from)) < 1.0
     assert abs(math.degrees(next(error for now, error in errors if now > wind_from - 1.0))) < 0.3

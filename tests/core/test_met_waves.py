@@ -12,12 +12,14 @@ from scipy.optimize import minimize
 
 from autopilot.control.met_waves import LEAST_SHARE, NOT_MET, REACHED, Corners, Met, Waves, met, undone
 from autopilot.estimation.wave_motion import STIFFENING, left_alone
+from autopilot.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
 LANXIN = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
 GEAR = SteeringGear(math.radians(30.0), math.radians(15.0), lag=0.1, delay=0.05)
 IDEAL = SteeringGear(math.radians(30.0), math.inf)
+FREE, SLOW = RudderLimits(math.inf, math.inf), RudderLimits(math.inf, math.radians(10.0))
 CORNER = 2.0
 
 frequencies = st.floats(0.4, 4.0)
@@ -42,7 +44,7 @@ def test_the_share_is_what_an_optimiser_finds(w: float) -> None:
 
     best = minimize(cost, [0.0, 0.0], method="BFGS", options={"gtol": 1e-12}).x
     # the sea's frequency is that of the bare oscillator
-    share = 1.0 - undone(LANXIN, IDEAL, math.inf, CORNER, Waves(0.0, 0.0, 1e-6, w / math.sqrt(STIFFENING))).alone
+    share = 1.0 - undone(LANXIN, IDEAL, FREE, CORNER, Waves(0.0, 0.0, 1e-6, w / math.sqrt(STIFFENING))).alone
     assert -best[0] * k == pytest.approx(
         share if share > 0.0 else 0.0, abs=max(1e-5, LEAST_SHARE if share == 0.0 else 0.0)
     )
@@ -51,7 +53,7 @@ def test_the_share_is_what_an_optimiser_finds(w: float) -> None:
 
 @given(frequencies, headings, rates)
 def test_what_is_undone_is_the_push_behind_the_motion(w0: float, heading: float, rate: float) -> None:
-    found = undone(LANXIN, IDEAL, math.inf, 1.0e3, Waves(heading, rate, 1.0e-6, w0))
+    found = undone(LANXIN, IDEAL, FREE, 1.0e3, Waves(heading, rate, 1.0e-6, w0))
     # all of it, at this corner: the rudder's acceleration is the waves' own, turned round
     assert found.alone == pytest.approx(0.0, abs=1e-6)
     swing = w0 * w0 * STIFFENING
@@ -61,20 +63,21 @@ def test_what_is_undone_is_the_push_behind_the_motion(w0: float, heading: float,
 
 @given(frequencies, headings, rates, st.floats(1e-4, 0.2), st.floats(0.05, 20.0))
 def test_odd_symmetry_and_bounds(w0: float, heading: float, rate: float, deviation: float, corner: float) -> None:
-    found = undone(LANXIN, GEAR, math.radians(10.0), corner, Waves(heading, rate, deviation, w0))
-    other = undone(LANXIN, GEAR, math.radians(10.0), corner, Waves(-heading, -rate, deviation, w0))
+    found = undone(LANXIN, GEAR, SLOW, corner, Waves(heading, rate, deviation, w0))
+    other = undone(LANXIN, GEAR, SLOW, corner, Waves(-heading, -rate, deviation, w0))
     assert other == Met(found.alone, -found.rudder)
     assert 0.0 <= found.alone <= 1.0
     assert math.isfinite(found.rudder)
 
 
-@given(frequencies, st.floats(0.02, 1.0))
-def test_a_gear_undoes_what_it_can(w0: float, deviation: float) -> None:
-    share = 1.0 - undone(LANXIN, GEAR, GEAR.rate_max, 1.0e3, Waves(0.0, 0.0, deviation, w0)).alone
+@given(frequencies, st.floats(0.02, 1.0), st.floats(0.05, 0.8), st.floats(0.05, 0.5))
+def test_gear_and_limits_undo_what_they_can(w0: float, deviation: float, angle_max: float, rate_max: float) -> None:
+    limits = RudderLimits(angle_max, rate_max)
+    share = 1.0 - undone(LANXIN, GEAR, limits, 1.0e3, Waves(0.0, 0.0, deviation, w0)).alone
     n, swing = LANXIN.n1 / LANXIN.time_constant, w0 * math.sqrt(STIFFENING)
     angle = share * REACHED * deviation * LANXIN.time_constant / LANXIN.gain * swing * math.hypot(swing, n)
-    assert angle <= GEAR.angle_max * (1.0 + 1e-9)
-    assert angle * swing <= GEAR.rate_max * (1.0 + 1e-9)
+    assert angle <= min(GEAR.angle_max, angle_max) * (1.0 + 1e-9)
+    assert angle * swing <= min(GEAR.rate_max, rate_max) * (1.0 + 1e-9)
 
 
 def test_the_rudder_leads_by_lag_and_delay() -> None:
@@ -84,7 +87,7 @@ def test_the_rudder_leads_by_lag_and_delay() -> None:
 
     def rudder(gear: SteeringGear, time: float) -> float:
         waves = Waves(deviation * math.cos(swing * time), -swing * deviation * math.sin(swing * time), deviation, w0)
-        return undone(LANXIN, gear, math.inf, 3.0, waves).rudder
+        return undone(LANXIN, gear, FREE, 3.0, waves).rudder
 
     early = GEAR._replace(angle_max=math.inf, rate_max=math.inf)
     for time in (0.0, 1.0, 2.5):
@@ -92,8 +95,8 @@ def test_the_rudder_leads_by_lag_and_delay() -> None:
 
 
 def test_without_a_sea_nothing_is_done_and_without_the_wish_waves_are_left_alone() -> None:
-    assert met(LANXIN, GEAR, 1.0, Corners(1.0, 2.0), 1.0, Waves(0.0, 0.0, 0.0, 0.0)) == NOT_MET
+    assert met(LANXIN, GEAR, SLOW, Corners(1.0, 2.0), 1.0, Waves(0.0, 0.0, 0.0, 0.0)) == NOT_MET
     waves = Waves(0.02, 0.01, 0.02, 0.9)
-    assert met(LANXIN, GEAR, 1.0, Corners(1.0), 1.0, waves) == Met(left_alone(0.9, 1.0), 0.0)
-    assert met(LANXIN, GEAR, 1.0, Corners(math.inf), 1.0, waves) == NOT_MET, "a trial goes by the heading as it is"
-    assert met(LANXIN, GEAR, 1.0, Corners(1.0, 2.0), 0.5, waves) == undone(LANXIN, GEAR, 1.0, 1.0, waves)
+    assert met(LANXIN, GEAR, SLOW, Corners(1.0), 1.0, waves) == Met(left_alone(0.9, 1.0), 0.0)
+    assert met(LANXIN, GEAR, SLOW, Corners(math.inf), 1.0, waves) == NOT_MET, "a trial goes by the heading as it is"
+    assert met(LANXIN, GEAR, SLOW, Corners(1.0, 2.0), 0.5, waves) == undone(LANXIN, GEAR, SLOW, 1.0, waves)
