@@ -106,8 +106,10 @@ def _swift() -> Callable[..., Any]:
         return run_lqg
 
 
-def sailed(linear: Linear, runs: Sequence[tuple[Setting, Rooms]]) -> list[Point]:
-    """Return heading rms and rudder travel over all runs together, a point for each weight."""
+def sailed(linear: Linear, runs: Sequence[tuple[Setting, Rooms]], is_plain: bool = False) -> list[Point]:
+    """Return heading rms and rudder travel over all runs together, a point for each weight; without numba where it is
+    to be `is_plain`."""
+    sail = run_lqg if is_plain else _swift()
     setting = runs[0][0]
     gains = kalman_gains(linear, setting.steps // setting.instruments.every)
     found = []
@@ -116,7 +118,7 @@ def sailed(linear: Linear, runs: Sequence[tuple[Setting, Rooms]]) -> list[Point]
         if feedback is None:
             continue
         helm = LqgHelm(linear.transition, linear.move[:, 0].copy(), gains, linear.shown, feedback[0], linear.steady)
-        scores = [figures(_swift()(one, rooms, helm), one.instruments.every * one.dt, 1.0) for one, rooms in runs]
+        scores = [figures(sail(one, rooms, helm), one.instruments.every * one.dt, 1.0) for one, rooms in runs]
         rms = math.sqrt(sum(score.heading_rms_deg**2 for score in scores) / len(scores))
         found.append(Point(rms, sum(score.travel_deg_s for score in scores) / len(scores)))
     return found

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from lqg_bound import covariance_met, oscillators, settled
+from lqg_bound import Linear, Point, covariance_met, oscillators, settled
 from lqg_sailed import sailed
 from pareto import (
     EVERY_SEA,
@@ -103,8 +103,8 @@ def tuned_in(case: Case, compass: str, seeds: int, count: int) -> Compared:
     return compared_by(case, sailed(Ours(case.boat)), sailed(Theirs(case.boat)))
 
 
-def lqg_front(case: Case, compass: str, seeds: int) -> Floats:
-    """Return what the LQG law, sailed in the runs held out, comes to."""
+def linear_in(case: Case, compass: str) -> tuple[Linear, list[Point]]:
+    """Return the real boat in the case's sea, linear, for the law that knows everything to sail, and the bound."""
     vessel, off = filed(case.boat), MISMATCHES[case.mismatch]
     noise = float(compass.split()[0])
     real = dataclasses.replace(
@@ -117,9 +117,13 @@ def lqg_front(case: Case, compass: str, seeds: int) -> Floats:
     height, period = (ittc.significant_height_m, ittc.peak_period_s) if ittc is not None else (0.0, 1.0)
     sea = StudySea(height, period, section.wind.speed_m_s, section.wind.gust_m_s)
     waves = oscillators(covariance_met(boat, case.side, sea)) if ittc is not None else []
-    linear, _ = settled(boat, case.side, sea, waves, has_gyro=False)
+    return settled(boat, case.side, sea, waves, has_gyro=False)
+
+
+def lqg_front(case: Case, compass: str, seeds: int, is_plain: bool = False) -> Floats:
+    """Return what the LQG law, sailed in the runs held out, comes to."""
     runs = [(run.setting, run.rooms) for run in runs_in(case, compass, HELD_OUT, seeds)]
-    return np.array(sailed(linear, runs))
+    return np.array(sailed(linear_in(case, compass)[0], runs, is_plain))
 
 
 def beside_lqg(one: Compared, lqg: Floats) -> Beside:
