@@ -43,7 +43,7 @@ MODEL_ERROR = 0.1
 MODEL_ERROR_UNSTABLE = 0.6
 """The same of a course-unstable boat, whose rudder and own moment nearly cancel. With 0.1 a boat with 30 % less rudder
 than the model's swings by 12 deg on a straight course in calm water, with 0.6 by 0.3 deg."""
-WAVE_CORNER_SHARE = 0.55
+WAVE_CORNER_SHARE = 0.4
 """Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
 UNDONE_SHARE = 1.2
