@@ -17,14 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from lqg_bound import WEIGHTS, Linear, Point, regulator
+from pareto_peer import afloat_step, set_afloat
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.limits import limit
-from sitl.boat import boat_step
 from sitl.campaign.score import NOTHING, Score, figures, scored
-from sitl.campaign.swift import CALM, Rooms, Setting, readings
-from sitl.campaign.waters import WaterState, water_step
+from sitl.campaign.swift import Rooms, Setting, readings
 from sitl.compiled import compiled
 
 Floats = npt.NDArray[np.float64]
@@ -60,17 +59,15 @@ def kalman_gains(linear: Linear, count: int) -> Floats:
 
 
 def run_lqg(setting: Setting, rooms: Rooms, helm: LqgHelm) -> Score:
-    """Return the score of a run on the course 0 steered by the law; the loop is that of `sitl.campaign.swift`."""
-    instruments, dt = setting.instruments, setting.dt
-    state, limits = setting.start, setting.brain.limits
-    water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
-    taken, order, every, ticks = 0, 0.0, instruments.every * dt, 0
-    heading, rate, _ = readings(instruments, 0, state)
+    """Return the score of a run on the course 0 steered by the law."""
+    instruments, limits, afloat = setting.instruments, setting.brain.limits, set_afloat(setting)
+    every, ticks = instruments.every * setting.dt, 0
+    heading, rate, _ = readings(instruments, 0, afloat.state)
     x = np.zeros(len(helm.move))
     score, told, moved = NOTHING, 0.0, 0.0
     for step in range(setting.steps):
-        time = step * dt
         if step % instruments.every == 0:
+            time, state = step * setting.dt, afloat.state
             x = helm.transition @ x + moved * helm.move
             gain = helm.gains[min(ticks, len(helm.gains) - 1)]
             off = wrap(heading - x[0])
@@ -86,15 +83,9 @@ def run_lqg(setting: Setting, rooms: Rooms, helm: LqgHelm) -> Score:
             next_told = limit(limits, told, wanted, every)
             score = scored(score, setting.course, time, state.heading, state.speed, told, next_told)
             moved, told, ticks = next_told - told, next_told, ticks + 1
-        rooms.orders[step % len(rooms.orders)] = told
-        while taken <= step and taken * dt + setting.plant.gear.delay <= time:
-            order = rooms.orders[taken % len(rooms.orders)]
-            taken += 1
-        if step % setting.water_every == 0:
-            water, acting = water_step(setting.water, rooms.surface, water, step // setting.water_every, felt_dt, state)
-        state = boat_step(setting.plant, setting.shares, state, order, setting.thrust_speed, acting, dt)
+        afloat = afloat_step(setting, rooms, afloat, step, told)
         if (step + 1) % instruments.every == 0:
-            heading, rate, _ = readings(instruments, (step + 1) // instruments.every, state)
+            heading, rate, _ = readings(instruments, (step + 1) // instruments.every, afloat.state)
     return score
 
 

@@ -19,7 +19,7 @@ from autopilot.control.pid import PidGains, PidMemory, pid_step
 from autopilot.limits import Rest, RudderLimits, limit, rested
 from autopilot.models.steering_gear import clip
 from autopilot.signals import Reference
-from sitl.boat import boat_step
+from sitl.boat import BoatState, Disturbance, boat_step
 from sitl.campaign.score import NOTHING, Score, ordered, scored
 from sitl.campaign.swift import CALM, Rooms, Setting, readings
 from sitl.campaign.waters import WaterState, water_step
@@ -61,28 +61,50 @@ def low_pass(dt: float, time: float) -> float:
     return -math.expm1(-dt / time) if time > 0.0 else 1.0
 
 
+class Afloat(NamedTuple):
+    """Boat and sea on the way, how many orders have been taken to the rudder, and the order [rad] in force."""
+
+    state: BoatState
+    water: WaterState
+    acting: Disturbance
+    taken: int
+    order: float
+
+
+def set_afloat(setting: Setting) -> Afloat:
+    """Return boat and sea at the start of a run."""
+    return Afloat(setting.start, WaterState(setting.swell, 0.0, 0.0, 0), CALM, 0, 0.0)
+
+
+def afloat_step(setting: Setting, rooms: Rooms, afloat: Afloat, step: int, told: float) -> Afloat:
+    """Return boat and sea after step number `step` with the rudder told `told` [rad]; as in `sitl.campaign.swift`."""
+    dt, taken, order = setting.dt, afloat.taken, afloat.order
+    water, acting = afloat.water, afloat.acting
+    rooms.orders[step % len(rooms.orders)] = told
+    while taken <= step and taken * dt + setting.plant.gear.delay <= step * dt:
+        order = rooms.orders[taken % len(rooms.orders)]
+        taken += 1
+    if step % setting.water_every == 0:
+        number, felt_dt = step // setting.water_every, dt * setting.water_every
+        water, acting = water_step(setting.water, rooms.surface, water, number, felt_dt, afloat.state)
+    state = boat_step(setting.plant, setting.shares, afloat.state, order, setting.thrust_speed, acting, dt)
+    return Afloat(state, water, acting, taken, order)
+
+
 def run_peer(setting: Setting, rooms: Rooms, peer: Peer) -> Score:
-    """Return the score of a run steered by the peer; the loop is that of `sitl.campaign.swift`, compass up to date."""
-    instruments, course, dt = setting.instruments, setting.course, setting.dt
-    state, limits = setting.start, setting.brain.limits
-    water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
-    taken, order, every = 0, 0.0, instruments.every * dt
-    heading, _, _ = readings(instruments, 0, state)
+    """Return the score of a run steered by the peer, compass up to date."""
+    instruments, course, afloat = setting.instruments, setting.course, set_afloat(setting)
+    every, limits = instruments.every * setting.dt, setting.brain.limits
+    heading, _, _ = readings(instruments, 0, afloat.state)
     mind = PeerMind(wrap(heading), 0.0, PidMemory(0.0, math.nan), Rest(0.0, 0.0, False))
     score, told = NOTHING, 0.0
     for step in range(setting.steps):
-        time = step * dt
         if step % instruments.every == 0:
+            time, state = step * setting.dt, afloat.state
             mind = peer_tick(peer, limits, mind, every, wrap(heading), ordered(course, time))
             score = scored(score, course, time, state.heading, state.speed, told, mind.rest.told)
             told = mind.rest.told
-        rooms.orders[step % len(rooms.orders)] = told
-        while taken <= step and taken * dt + setting.plant.gear.delay <= time:
-            order = rooms.orders[taken % len(rooms.orders)]
-            taken += 1
-        if step % setting.water_every == 0:
-            water, acting = water_step(setting.water, rooms.surface, water, step // setting.water_every, felt_dt, state)
-        state = boat_step(setting.plant, setting.shares, state, order, setting.thrust_speed, acting, dt)
+        afloat = afloat_step(setting, rooms, afloat, step, told)
         if (step + 1) % instruments.every == 0:
-            heading, _, _ = readings(instruments, (step + 1) // instruments.every, state)
+            heading, _, _ = readings(instruments, (step + 1) // instruments.every, afloat.state)
     return score
