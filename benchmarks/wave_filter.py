@@ -22,9 +22,8 @@ import numpy as np
 from steady_wind import sailed, swings
 from study_boats import CONTROL_HZ, SEAS, Figures, StudyBoat, boats, figures, lanxin_as_filed, sail
 
-from autopilot.build_laws import gear_of, limits_of, model_of
-from autopilot.control.design import design_backstepping
-from autopilot.params.vessel import Backstepping, Estimator
+from autopilot.cli.gains import Wish, designed
+from autopilot.params.vessel import Estimator
 from autopilot.params.vessel_file import load_vessel
 
 SIDES_DEG = (45.0, 135.0)
@@ -44,12 +43,8 @@ def boat_of(name: str) -> StudyBoat:
 
 
 def that_spares(boat: StudyBoat, level: int) -> StudyBoat:
-    """Return the boat with gains of this response level that spare the rudder."""
-    vessel = boat.vessel
-    delay, rate_max = vessel.control.loop_delay_s, limits_of(vessel).rate_max
-    gains = design_backstepping(model_of(vessel), gear_of(vessel), rate_max, delay, level, spares=True)
-    control = dataclasses.replace(vessel.control, backstepping=Backstepping(*gains))
-    return boat._replace(vessel=dataclasses.replace(vessel, control=control))
+    """Return the boat with the gains of `autopilot gains --spare-rudder --level`."""
+    return boat._replace(vessel=designed(boat.vessel, Wish(level, spares=True)))
 
 
 def one(case: tuple[str, str, float, str, int, float]) -> Figures:
