@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation import wave_motion
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
 from autopilot.estimation.heading_update import (
     fuse_heading,
@@ -75,7 +76,18 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
 def mean_at(
     model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, now: float
 ) -> tuple[float, float, float, float]:
-    """Return psi, r, h and s of the filter at `now` [s]; what is a moment away needs no covariance."""
+    """Return psi, r, h and s of the filter at `now` [s]; the waves that are not yet known count as the boat's own."""
+    psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, now)
+    unknown = 1.0 - wave_motion.known(fusion.state.sea)
+    if unknown == 0.0:
+        return psi, rate, wave, wave_rate
+    return psi + unknown * wave, rate + unknown * wave_rate, wave - unknown * wave, wave_rate - unknown * wave_rate
+
+
+def _moved(
+    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, now: float
+) -> tuple[float, float, float, float]:
+    """Return psi, r, h and s as the filter has them at `now` [s]; what is a moment away needs no covariance."""
     state = fusion.state
     if now <= state.time:
         return state.psi, state.rate, state.wave, state.wave_rate

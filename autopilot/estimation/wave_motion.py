@@ -111,6 +111,12 @@ def wave_step(sea: Sea, dt: float) -> WaveStep:
     )
 
 
+def known(sea: Sea) -> float:
+    """Return which share of the wave motion is to be believed: none until the sea has been watched for MEMORY_FIRST,
+    all of it after twice as long. At first every motion of the boat is taken for a wave."""
+    return min(max(sea.watched / MEMORY_FIRST - 1.0, 0.0), 1.0)
+
+
 def is_extreme(sea: Sea, wave: float) -> bool:
     """Return whether a heading `wave` [rad] put down to the waves is too much for them."""
     return wave * wave > EXTREME * EXTREME * sea.heading + EXTREME_LEAST * EXTREME_LEAST
