@@ -15,37 +15,29 @@ it, compiled (`norrbin[fast]`); with --pilot by `Pilot.step` itself, one seed be
 from __future__ import annotations
 
 import argparse
-import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from turns import BOATS, CONTROL_S, STEPS_A_TICK, Boat, vessel_of
+from turns import BOATS, CONTROL_S, STEPS_A_TICK, Boat, gusts, swiftly, vessel_of
 
 from autopilot.angles import wrap
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
-from autopilot.estimation.heading_filter import initial
-from autopilot.models.norrbin import Norrbin, rate_step
-from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
+from autopilot.models.norrbin import rate_step
+from autopilot.models.steering_gear import DelayLine, gear_step
 from autopilot.params.vessel import Vessel
 from autopilot.signals import HeadingSample, Order, OrderKind
-from sitl.campaign.brain import Brain, Heard, Mind, Past, first_mind, tick
-from sitl.campaign.setting import brain_of
-from sitl.compiled import compiled
 
-WIND, GUST, GUST_TIME = math.radians(5.0), math.radians(1.0), 10.0
+WIND, GUST_DEG = math.radians(5.0), 1.0
 BEYOND, SATURATED_S = 1.03, 60.0
 COMPASS_NOISE, GYRO_NOISE = math.radians(0.3), math.radians(0.2)
 NORTH = Order(OrderKind.HEADING, 0.0, serial=1)
 FIRST_SEED = 5
-RING = 64
 
-Floats = npt.NDArray[np.float64]
 Push = Callable[[float], float]
 Sailed = Callable[[Vessel, float, Push, float, np.random.Generator, bool], list[float]]
 
@@ -86,63 +78,10 @@ def sailed_swiftly(
     vessel: Vessel, factor: float, push: Push, seconds: float, random: np.random.Generator, has_gyro: bool
 ) -> list[float]:
     """Return the same by the campaigns' tick, compiled, for the backstepping law."""
-    brain, gear, ticks = brain_of(vessel, "backstepping"), gear_of(vessel), round(seconds / CONTROL_S)
-    assert brain is not None
+    ticks = round(seconds / CONTROL_S)
     noise = random.standard_normal((ticks, 2)) * (COMPASS_NOISE, GYRO_NOISE if has_gyro else math.nan)
     pushed = np.array([push(index * CONTROL_S) for index in range(ticks)])
-    past, filtered = Past(*np.zeros((4, RING))), initial(0.0, *seen_first(noise[0]), brain.noises.usual)
-    mind = first_mind(brain, filtered, 0.0, filtered.psi, math.nan, past)
-    true = brain.model._replace(gain=brain.model.gain * factor)
-    return list(_swift()(brain, mind, past, true, gear, round(gear.delay * STEPS_A_TICK / CONTROL_S), noise, pushed))
-
-
-def seen_first(noise: Floats) -> tuple[float, float | None]:
-    """Return heading [rad] and rate [rad/s] as the instruments see them at rest on course; None: there is no gyro."""
-    return wrap(float(noise[0])), None if math.isnan(noise[1]) else float(noise[1])
-
-
-@functools.cache
-def _swift() -> Any:
-    return compiled(_headings)
-
-
-def _headings(
-    brain: Brain,
-    mind: Mind,
-    past: Past,
-    true: Norrbin,
-    gear: SteeringGear,
-    delayed: int,
-    noise: Floats,
-    pushed: Floats,
-) -> Floats:
-    heading, rate, rudder, order, h = 0.0, 0.0, 0.0, 0.0, CONTROL_S / STEPS_A_TICK
-    headings, told = np.zeros(len(pushed)), np.zeros(len(pushed))
-    for index in range(len(pushed)):
-        now = index * CONTROL_S
-        if index > 0:
-            seen = wrap(heading + noise[index, 0]) if index % 2 == 0 else math.nan
-            turning = rate + noise[index, 1] if index % 2 == 0 else math.nan
-            mind = tick(brain, mind, past, now, Heard(now, seen, turning, math.nan), 0.0)
-        told[index] = mind.told
-        for step in range(STEPS_A_TICK):
-            effective = index * STEPS_A_TICK + step - delayed
-            if effective >= 0:
-                order = told[effective // STEPS_A_TICK]
-            rudder = gear_step(gear, rudder, order, h)
-            before, rate = rate, rate_step(true, rate, rudder + pushed[index], h)
-            heading += 0.5 * h * (before + rate)
-        headings[index] = heading
-    return headings
-
-
-def gusts(seconds: float, random: np.random.Generator) -> list[float]:
-    """Return gusts [rad] tick by tick."""
-    share, value, found = math.exp(-CONTROL_S / GUST_TIME), 0.0, []
-    for _ in range(round(seconds / CONTROL_S)):
-        value = share * value + GUST * math.sqrt(1.0 - share * share) * random.standard_normal()
-        found.append(value)
-    return found
+    return list(swiftly(vessel, factor, np.zeros(ticks), noise, pushed))
 
 
 def held(
@@ -152,7 +91,7 @@ def held(
     random, vessel = np.random.default_rng(seed), vessel_of(boat)
     vessel = replace(vessel, rudder=replace(vessel.rudder, rate_max_deg_s=rudder_rate * boat.rate_deg_s))
     windy, after = 300.0 + 30.0 * boat.model.time_constant, 120.0 + 15.0 * boat.model.time_constant
-    blown, most = gusts(windy, random), BEYOND * math.radians(boat.angle_deg)
+    blown, most = gusts(round(windy / CONTROL_S), GUST_DEG, random), BEYOND * math.radians(boat.angle_deg)
 
     def push(now: float) -> float:
         if now < windy - 0.5 * CONTROL_S:

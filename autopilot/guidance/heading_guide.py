@@ -9,13 +9,13 @@ from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import (
     TurnLimits,
     VirtualBoat,
+    in_company,
     is_turning,
     reference_of,
     replan_beyond,
     replanned,
     turn_step,
     turning_time,
-    watched,
     within_reach,
     without_haste,
 )
@@ -96,7 +96,7 @@ class HeadingGuide:
         if steers and (by_bias or not is_late):
             led = within_reach(led, state.heading, state.rate, hard_over)
         if limits.watches and steers:
-            led = watched(model, led, state.rudder + state.bias, dt)
+            led = in_company(model, limits, led, state.heading, state.rate, state.rudder + state.bias, dt)
         self._boat = turn_step(model, pace, led, self.heading, dt)
         if not math.isfinite(self._boat.heading + self._boat.rate + self._boat.rudder):
             # far quicker than the model of a boat that has lost her way allows: the turn is planned anew

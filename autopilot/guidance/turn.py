@@ -12,9 +12,10 @@ A turn is begun with more of the rudder than it is ended with: a boat whose rudd
 turn then, and `within_reach` waits for her, but the rudder left is enough to stop her in time.
 
 A course-unstable boat whose rudder is weaker than the model's may not be stopped any more from a rate that is easy for
-the model. So she is watched: while the virtual boat turns, the real rudder is compared with the planned one. Turns
-begin carefully; with evidence that the model is right the rest is planned with more of the rudder, and what she has
-needed more, or less, than planned is told beforehand from then on (`reference_of`).
+the model. So she is watched (`shown_strength`). Turns begin carefully; with evidence that the model is right the rest
+is planned with more of the rudder, and what she needs more, or less, than planned is told beforehand from then on
+(`reference_of`). What she lags behind the plan is not caught up with while she turns: that would take her beyond the
+rate that the plan keeps to. The plan goes with her instead (`in_company`).
 
 Close to the goal D = r/kappa, and the poles are -kappa and -mu/kappa: no overshoot; far from it, e = D is
 the moment to meet the turn with counter-rudder.
@@ -26,6 +27,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.guidance.shown_strength import NOTHING_SHOWN, WEAKEST, Shown, strength, watched
 from autopilot.models.norrbin import Norrbin, damping, rudder_for, steady_rate, yaw_acceleration
 from autopilot.models.steering_gear import clip
 from autopilot.signals import Reference
@@ -33,7 +35,7 @@ from autopilot.signals import Reference
 SHARPEST = 5.0
 """Deceleration is built up in no less than 1/SHARPEST [s], even by a rudder of unlimited rate."""
 STABLE_STOP = (3.0, 2.0)
-UNSTABLE_STOP = (1.1, 0.78)
+UNSTABLE_STOP = (1.0, 0.98)
 """kappa in units of jerk/acceleration, and mu in units of kappa^2, by course stability: tuned on boats with T
 from 0.3 to 20 s for turns without overshoot in little more than the time-optimal time."""
 ARRIVED = 1.0e-6
@@ -41,25 +43,27 @@ ARRIVED = 1.0e-6
 BEGINS = 1.25
 MOST_SHARE = 0.9
 """A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share."""
-HELD_UNSTABLE = 0.68
+HELD_UNSTABLE = 0.655
 """A course-unstable boat turns no faster than this share of the planned rudder can hold, until she has shown herself as
-strong as her model."""
-BRAKED_UNSTABLE = 0.4
-BRAKED_RANGE = (0.3, 0.5)
+strong as her model. This and the other numbers of such boats are tuned on five of them with T from 2 to 14 s, K 0.7 to
+1.3 times the model's, for turns in little more than the least time that lead past by little with any noise."""
+BRAKED_UNSTABLE = 0.465
+BRAKED_RANGE = (0.382, 0.609)
 """The share of the rudder that a course-unstable boat's turn is stopped with, by its time constant over the time that
 the rudder takes amidships: a boat quicker than her rudder is stopped earlier."""
-RATE_UNSTABLE = 0.77
+BEGUN_UNSTABLE = 0.485
+"""And the share that it is begun with."""
+RATE_UNSTABLE = 0.746
 """A course-unstable boat's plan keeps to this share of the planned rudder's rate: once the real rudder is at its
 quickest, she is soon lost."""
-EASED_UNSTABLE = 0.45
+EASED_UNSTABLE = 0.71
 """She approaches the fastest rate with this share of the rudder's jerk: she needs counter-rudder to keep to it."""
-SURE_RUDDER, SURE_RATE = 1.1, 1.15
+SURE_RUDDER, SURE_RATE = 1.34, 1.8
 """Rudder and deceleration, and fastest rate, in units of the careful ones, for a boat as strong as her model."""
-WEAKEST = 0.7
-"""The share of the model's K that a boat is trusted to have before she is known."""
-EVIDENCE = 0.067
-EVIDENCE_LASTS = 2.0
-"""A plan with all its rudder for so many time constants halves the doubt; evidence fades in so many time constants."""
+CARE = 0.36
+"""Until she has shown her strength she is taken to be weaker than her model by this."""
+DRAWN, DRAWN_RATE = 9.0, 1.5
+"""At its fastest the plan is drawn to the real boat's heading and rate in so many parts of her time constant."""
 BEHIND = math.radians(2.0)
 """The virtual boat turns no further [rad] ahead of the real one."""
 HARD_OVER = 0.98
@@ -109,16 +113,12 @@ def without_haste(limits: TurnLimits) -> TurnLimits:
 
 
 class VirtualBoat(NamedTuple):
-    """Heading [rad], rate [rad/s] and rudder [rad] of the virtual boat.
-
-    planned and needed [rad^2 s]: its rudder, and the real one that goes with it, weighed by its rudder; see `watched`.
-    """
+    """Heading [rad], rate [rad/s] and rudder [rad] of the virtual boat, and what the real one has shown beside it."""
 
     heading: float
     rate: float = 0.0
     rudder: float = 0.0
-    planned: float = 0.0
-    needed: float = 0.0
+    shown: Shown = NOTHING_SHOWN
 
 
 def turn_limits(
@@ -153,7 +153,8 @@ def turn_limits(
     kappa = quickness * jerk / acceleration
     begun, eases, watches = begins * acceleration, math.inf, False
     if model.n1 < 0.0:
-        begun, eases, watches = acceleration, EASED_UNSTABLE * jerk, True
+        begun = max(acceleration, BEGUN_UNSTABLE * drive / model.time_constant)
+        eases, watches = EASED_UNSTABLE * jerk, True
     fastest_turn = min(rate_max, 0.98 * bound)
     return TurnLimits(
         usable, fastest, fastest_turn, acceleration, kappa, pull * kappa * kappa, begins, begun, eases, watches
@@ -226,7 +227,7 @@ def turn_step(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: flo
     straight = rudder_for(model, 0.0, 0.0)
     if abs(wrap(target - boat.heading)) + abs(boat.rate) + abs(boat.rudder - straight) < ARRIVED:
         # no need to look ahead from where there is nowhere to go
-        return VirtualBoat(target, 0.0, straight, 0.0, 0.0)
+        return VirtualBoat(target, 0.0, straight, NOTHING_SHOWN)
     limits = paced(model, limits, boat)
     finest = min(0.2 * model.time_constant, 0.4 / limits.kappa)
     steps = max(1, min(20, math.ceil(dt / finest)))
@@ -244,7 +245,7 @@ def _substep(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: floa
     wanted = clip(wanted, -most, most)
     rate, rudder = _rudder_and_rate(model, limits, boat.rate, boat.rudder, wanted, dt, more)
     heading = wrap(boat.heading + 0.5 * dt * (boat.rate + rate))
-    return VirtualBoat(heading, rate, rudder, boat.planned, boat.needed)
+    return VirtualBoat(heading, rate, rudder, boat.shown)
 
 
 def _towards(limits: TurnLimits, left: float) -> float:
@@ -254,26 +255,26 @@ def _towards(limits: TurnLimits, left: float) -> float:
     return min(limits.kappa * left, math.sqrt(2.0 * limits.eases * left))
 
 
-def watched(model: Norrbin, boat: VirtualBoat, rudder: float, dt: float) -> VirtualBoat:
-    """Return the virtual boat with the evidence of `dt` [s] more; `rudder` [rad] is the real one, the bias with it."""
-    kept = math.exp(-dt / (EVIDENCE_LASTS * model.time_constant))
-    planned, needed = boat.rudder * boat.rudder, boat.rudder * rudder
-    return VirtualBoat(
-        boat.heading, boat.rate, boat.rudder, kept * boat.planned + dt * planned, kept * boat.needed + dt * needed
-    )
+def in_company(
+    model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: float, rate: float, rudder: float, dt: float
+) -> VirtualBoat:
+    """Return the virtual boat after `dt` [s] beside the real one, and drawn to it the more the faster it turns.
 
-
-def _asked(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, before: float) -> float:
-    """Return the rudder that the boat needs in units of the planned one; `before` [-] it was seen."""
-    doubt = EVIDENCE * model.time_constant * limits.rudder_max * limits.rudder_max
-    return clip((doubt * before + boat.needed) / (doubt + boat.planned), WEAKEST, 1.0 / WEAKEST)
+    heading [rad], rate [rad/s] and rudder [rad], the bias with it, are the real boat's.
+    """
+    over = abs(boat.rudder - rudder_for(model, 0.0, 0.0)) / limits.rudder_max
+    turning = min(max(abs(boat.rate) / limits.rate_max, over), 1.0) * dt / model.time_constant
+    near = wrap(boat.heading + min(DRAWN * turning, 1.0) * wrap(heading - boat.heading))
+    slow = boat.rate + min(DRAWN_RATE * turning, 1.0) * (rate - boat.rate)
+    return VirtualBoat(near, slow, boat.rudder, watched(model, boat.shown, rate, rudder, dt))
 
 
 def paced(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> TurnLimits:
     """Return the limits for a boat that has shown herself as strong as `boat` knows of her."""
     if not limits.watches:
         return limits
-    sure = clip((1.0 / _asked(model, limits, boat, 1.0 / WEAKEST) - WEAKEST) / (1.0 - WEAKEST), 0.0, 1.0)
+    strong = strength(model, limits.rudder_max, boat.shown, CARE)
+    sure = clip((strong - WEAKEST) / (1.0 - WEAKEST), 0.0, 1.0)
     rudder = 1.0 + sure * (SURE_RUDDER - 1.0)
     return TurnLimits(
         limits.rudder_max * rudder,
@@ -282,7 +283,7 @@ def paced(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> TurnLimits:
         limits.acceleration * rudder,
         limits.kappa,
         limits.mu,
-        limits.begins,
+        max(limits.begins / rudder, 1.0),
         limits.begun,
         limits.eases,
         limits.watches,
@@ -294,7 +295,9 @@ def reference_of(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> Refer
 
     psi_d'' is what makes the law tell the real rudder what the boat has been seen to need for the planned one.
     """
-    rudder = boat.rudder * _asked(model, limits, boat, 1.0) if limits.watches else boat.rudder
+    rudder = boat.rudder
+    if limits.watches:
+        rudder /= strength(model, limits.rudder_max, boat.shown)
     return Reference(boat.heading, boat.rate, yaw_acceleration(model, boat.rate, rudder))
 
 
@@ -309,7 +312,7 @@ def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int)
     if behind <= BEHIND or hard_over * boat.rate <= max(hard_over * rate, 0.0):
         return boat
     caught = hard_over * max(hard_over * rate, 0.0)
-    return VirtualBoat(wrap(heading + hard_over * BEHIND), caught, boat.rudder, boat.planned, boat.needed)
+    return VirtualBoat(wrap(heading + hard_over * BEHIND), caught, boat.rudder, boat.shown)
 
 
 def side_hard_over(told: float, angle_max: float) -> int:
@@ -344,4 +347,4 @@ def replanned(model: Norrbin, limits: TurnLimits, heading: float, rate: float, r
     """Return a virtual boat where the real one is, turning no faster than it may; `rudder` [rad] as it acts."""
     most = limits.rudder_max * limits.begins
     begun = clip(rudder, -most, most) if model.n1 < 0.0 else 0.0
-    return VirtualBoat(heading, clip(rate, -limits.rate_max, limits.rate_max), begun, 0.0, 0.0)
+    return VirtualBoat(heading, clip(rate, -limits.rate_max, limits.rate_max), begun, NOTHING_SHOWN)

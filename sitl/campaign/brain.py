@@ -25,9 +25,11 @@ from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST, SPEED_SM
 from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
 from autopilot.estimation.heading_filter import FilterState, with_bias_of
 from autopilot.estimation.rudder_track import RudderPast
+from autopilot.guidance.shown_strength import NOTHING_SHOWN
 from autopilot.guidance.turn import (
     TurnLimits,
     VirtualBoat,
+    in_company,
     is_turning,
     preset_rate,
     reference_of,
@@ -37,7 +39,6 @@ from autopilot.guidance.turn import (
     turn_limits,
     turn_step,
     turning_time,
-    watched,
     within_reach,
     without_haste,
 )
@@ -154,7 +155,7 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         speed_time=now,
         fusion=fusion,
         heading_time=state.time,
-        boat=VirtualBoat(steered, clip(rate, -turn.rate_max, turn.rate_max), 0.0, 0.0, 0.0),
+        boat=VirtualBoat(steered, clip(rate, -turn.rate_max, turn.rate_max), 0.0, NOTHING_SHOWN),
         turn=turn,
         turn_speed=model.reference_speed,
         target=math.nan,
@@ -199,7 +200,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     if by_bias or not is_late:
         boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
     if turn.watches:
-        boat = watched(model, boat, listened.rudder + bias, dt)
+        boat = in_company(model, turn, boat, heading, rate, listened.rudder + bias, dt)
     boat = turn_step(model, planned, boat, target, dt)
     reference, own = reference_of(model, turn, boat), mind.rest.allowed - mind.undoing
     asked, pid = _demand(brain, model, reference, heading, rate, bias, listened.pid, own, dt)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import statistics
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from autopilot.guidance.turn import VirtualBoat, paced, reference_of, turn_limits, watched
-from autopilot.models.norrbin import rudder_for
+from autopilot.guidance.turn import VirtualBoat, in_company, paced, reference_of, turn_limits
+from autopilot.models.norrbin import rate_step, rudder_for
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -28,8 +29,9 @@ def loaded(name: str) -> ModuleType:
 
 
 time_optimal, turns = loaded("time_optimal"), loaded("turns")
-SLOWEST = {"lanxin": 1.2, "esso": 1.2, "unstable": 1.5}
-"""Settling over the quickest turn. The course-unstable boat keeps rudder for the case that it is weaker than known."""
+SLOWEST = {"lanxin": 1.2, "esso": 1.2, "unstable": 1.2}
+"""Settling over the quickest turn, as the median of SEEDS: the last degree hangs on the compass's noise."""
+SEEDS = (11, 12, 13)
 
 
 @pytest.mark.parametrize("name", ["coaster"])
@@ -45,9 +47,9 @@ def test_shooting_and_collocation_agree_on_the_quickest_turn(name: str) -> None:
 def test_a_known_boat_turns_in_little_more_than_the_least_time(name: str) -> None:
     boat = turns.BOATS[name]
     least = turns.quickest(boat)
-    found = turns.turned(boat, 1.0, 0.3, 2.0 * least)
-    assert found.overshoot_deg < 1.0
-    assert found.settling_s < SLOWEST[name] * least
+    found = [turns.turned(boat, 1.0, 0.3, 2.0 * least, seed) for seed in SEEDS]
+    assert max(one.overshoot_deg for one in found) < 1.0
+    assert statistics.median(one.settling_s for one in found) < SLOWEST[name] * least
 
 
 @pytest.mark.parametrize(("name", "gain_factor"), [("lanxin", 0.7), ("lanxin", 1.3), ("esso", 0.7), ("unstable", 0.7)])
@@ -63,20 +65,31 @@ def test_a_course_unstable_boat_is_led_as_she_has_shown_to_answer() -> None:
     careful = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
 
     def seen(factor: float) -> VirtualBoat:
-        boat = VirtualBoat(0.0, 0.05, rudder)
-        for _ in range(200):
-            boat = watched(model, boat, factor * rudder, 0.05)
-        return boat
+        """Over and across again, the boat's K `factor` times the model's."""
+        boat, rate = VirtualBoat(0.0, 0.05, rudder), 0.0
+        true = model._replace(gain=factor * model.gain)
+        for tick in range(200):
+            over = rudder if tick < 100 else -rudder
+            rate = rate_step(true, rate, over, 0.05)
+            boat = in_company(model, careful, boat, 0.0, rate, over, 0.05)
+        return boat._replace(rate=0.05, rudder=rudder)
 
-    begun, known, weaker = (paced(model, careful, boat) for boat in (VirtualBoat(0.0), seen(1.0), seen(1.0 / 0.7)))
-    assert begun.rate_max == pytest.approx(careful.rate_max)
-    assert known.rate_max > 1.1 * careful.rate_max
-    assert weaker.rate_max == pytest.approx(careful.rate_max)
+    begun, known, weaker = (paced(model, careful, boat) for boat in (VirtualBoat(0.0), seen(1.0), seen(0.7)))
+    assert begun.rate_max < known.rate_max
+    assert known.rudder_max > careful.rudder_max
+    assert weaker.rate_max == pytest.approx(careful.rate_max, rel=0.1)
     needed = [
         rudder_for(model, 0.05, reference_of(model, careful, seen(factor)).acceleration) / rudder
-        for factor in (0.2, 1.0, 1.3, 4.0)
+        for factor in (0.2, 0.7, 0.85, 1.0, 4.0)
     ]
-    assert needed[0] == pytest.approx(0.7)
-    assert needed[1] == pytest.approx(1.0)
-    assert 1.2 < needed[2] < 1.3
-    assert needed[3] == pytest.approx(1.0 / 0.7)
+    assert needed == pytest.approx([1.0 / 0.7, 1.0 / 0.7, 1.0 / 0.85, 1.0, 0.7], rel=0.05)
+
+
+def test_the_plan_goes_with_a_boat_that_lags_while_it_turns_and_not_at_rest() -> None:
+    model = turns.BOATS["unstable"].model
+    limits = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
+    turning, resting = VirtualBoat(0.5, limits.rate_max, 0.0), VirtualBoat(0.5)
+    drawn, left = (in_company(model, limits, boat, 0.4, 0.0, 0.0, 0.05) for boat in (turning, resting))
+    assert 0.4 < drawn.heading < 0.5
+    assert 0.0 < drawn.rate < limits.rate_max
+    assert (left.heading, left.rate) == (0.5, 0.0)
