@@ -269,12 +269,12 @@ def test_unknown_gains_name_their_line(tmp_path: Path, capsys: pytest.CaptureFix
 UNSTEADY = vessel_of(BOATS["unstable"])
 
 
-@pytest.mark.parametrize(("level", "is_in_hand"), [(1, False), (7, True)])
-def test_too_calm_a_loop_does_not_stop_an_unstable_boat_with_a_weaker_rudder(
+@pytest.mark.parametrize(("level", "is_in_hand"), [(1, True), (7, True), (9, False)])
+def test_too_quick_a_loop_may_lose_an_unstable_boat_with_a_weaker_rudder(
     level: int, is_in_hand: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the pilot itself, simulated."""
-    monkeypatch.setattr(weaker_turn, "SEEDS", (1,))
+    """By the pilot itself, simulated; noise keeps the rudder at its quickest."""
+    monkeypatch.setattr(weaker_turn, "SEEDS", (2,))
     assert weaker_turn.survives(designed(UNSTEADY, Wish(level))) is is_in_hand
 
 
