@@ -147,9 +147,7 @@ def turned(boat: Boat, gain_factor: float, noise_deg: float, seconds: float, see
             heading += 0.5 * h * (before + rate)
         if now >= BEFORE_S:
             errors.append(heading - TURN)
-    outside = np.flatnonzero(np.abs(errors) > SETTLED)
-    settling = float(outside[-1] + 1) * CONTROL_S if outside[-1] + 1 < len(errors) else math.inf
-    return Turned(math.degrees(max(errors)), settling)
+    return judged(np.array(errors))
 
 
 def swiftly(vessel: Vessel, factor: float, targets: Floats, noise: Floats, pushed: Floats) -> Floats:
@@ -208,18 +206,22 @@ def _headings(
     return headings
 
 
-def turned_swiftly(boat: Boat, gain_factor: float, sailed: Sailed, seed: int) -> Turned:
-    """Return how the campaigns' tick turns a boat whose K is `gain_factor` times the model's."""
-    vessel, least = vessel_of(boat), quickest(boat)
-    random, ticks = np.random.default_rng(seed), round((BEFORE_S + WATCHED * least) / CONTROL_S)
+def judged(errors: Floats) -> Turned:
+    """Return what a turn is worth by its heading errors [rad], tick by tick from the order on."""
+    outside = np.flatnonzero(np.abs(errors) > SETTLED)
+    settling = float(outside[-1] + 1) * CONTROL_S if outside[-1] + 1 < len(errors) else math.inf
+    return Turned(math.degrees(float(np.max(errors))), settling)
+
+
+def turned_swiftly(vessel: Vessel, gain_factor: float, sailed: Sailed, seconds: float, seed: int) -> Turned:
+    """Return how the campaigns' tick turns a boat whose K is `gain_factor` times the model's, watched for `seconds`."""
+    random, ticks = np.random.default_rng(seed), round((BEFORE_S + seconds) / CONTROL_S)
     before = np.arange(ticks) * CONTROL_S < BEFORE_S
     noise = random.standard_normal((ticks, 2)) * (math.radians(sailed.noise_deg), GYRO if sailed.has_gyro else math.nan)
     turn = math.radians(sailed.turn_deg)
     targets = np.where(before, 0.0, wrap(turn))
     errors = swiftly(vessel, gain_factor, targets, noise, gusts(ticks, sailed.gusts_deg, random))[~before] - turn
-    outside = np.flatnonzero(np.abs(errors) > SETTLED)
-    settling = float(outside[-1] + 1) * CONTROL_S if outside[-1] + 1 < len(errors) else math.inf
-    return Turned(math.degrees(float(np.max(errors))), settling)
+    return judged(errors)
 
 
 def gusts(ticks: int, deviation_deg: float, random: np.random.Generator) -> Floats:
@@ -239,9 +241,10 @@ def table(boats: list[tuple[str, Boat]], sailed: Sailed, seeds: range) -> None:
     )
     print(f"{'[s]':>25s} {three} {three} {three}  K .7 1.0 1.3   rest   1 deg")
     for name, boat in boats:
-        least, settling, past, worst, far = quickest(boat), "", "", "", ""
+        vessel, least = vessel_of(boat), quickest(boat)
+        settling = past = worst = far = ""
         for factor in (WEAKER, 1.0, STRONGER):
-            found = np.array([turned_swiftly(boat, factor, sailed, seed) for seed in seeds])
+            found = np.array([turned_swiftly(vessel, factor, sailed, WATCHED * least, seed) for seed in seeds])
             settling += f"{np.median(found[:, 1]) / least:6.2f}"
             past += f"{np.median(found[:, 0]):6.2f}"
             worst += f"{min(np.max(found[:, 0]), 99.9):6.1f}"

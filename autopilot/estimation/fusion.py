@@ -79,8 +79,6 @@ def mean_at(
     """Return psi, r, h and s of the filter at `now` [s]; the waves that are not yet known count as the boat's own."""
     psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, now)
     unknown = 1.0 - wave_motion.known(fusion.state.sea)
-    if unknown == 0.0:
-        return psi, rate, wave, wave_rate
     return psi + unknown * wave, rate + unknown * wave_rate, wave - unknown * wave, wave_rate - unknown * wave_rate
 
 

@@ -122,10 +122,12 @@ def test_waves_that_are_met_give_the_full_simulators_numbers_too(tmp_path: Path,
     gains = replace(vessel.control.backstepping, smoothing_s=0.3) if vessel.control.backstepping else None
     control, estimator = replace(vessel.control, backstepping=gains), replace(vessel.estimator, wave_filter="meet")
     (tmp_path / "meeting.yaml").write_text(dump_vessel(replace(vessel, control=control, estimator=estimator)))
-    asked = replace(STUDY, laws=(law,), seas={"swell": SEAS["swell"]}, boats={"boat": BoatSection("meeting.yaml")})
+    # waves are met when they have been watched for some seconds
+    asked = replace(STUDY, laws=(law,), seas={"swell": SEAS["swell"]}, seconds=24.0)
+    asked = replace(asked, boats={"boat": BoatSection("meeting.yaml")})
     full = sailed_alike(Job(asked, str(tmp_path)), 0)
     alone = replace(asked, boats={"boat": BoatSection("lanxin")})
-    assert full.travel_deg_s != pytest.approx(run_fully(Job(alone, "."), 0).travel_deg_s, rel=0.005)
+    assert full.travel_deg_s != pytest.approx(run_fully(Job(alone, "."), 0).travel_deg_s, rel=0.02)
 
 
 @pytest.mark.parametrize("law", ["backstepping", "pid"])
