@@ -57,10 +57,12 @@ HEADING_NOISE_LEAST_DEG = 0.1
 BIAS_CHANGE = math.radians(2.0)
 BIAS_CHANGE_IN_WAVES = math.radians(0.3)
 BIAS_CHANGE_PUSHED = math.radians(5.0)
+BIAS_CHANGE_STOPPED = math.radians(9.0)
 BIAS_TIME = 10.0
-"""Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer. Where
-waves are filtered it may be slow: what is sudden is noticed as more than a wave, and then it is quick. With 2 deg in
-place of 5 a boat turning 40 % better than its model swings to and fro after a minute with the rudder at its stop."""
+"""Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer, where
+the file says nothing. Where waves are filtered it may be slow: what is sudden is noticed as more than a wave, and then
+it is quick. With the rudder at its stop it is in BIAS_TIME by any boat: what held her there may let go at once, however
+slow she is, and nothing wears by it (docs/gains.md)."""
 
 
 def _integrates(vessel: Vessel, law: str | None) -> bool:
@@ -73,7 +75,7 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
     model, sensors = vessel.model, vessel.sensors
     moment = model.K_1_s / model.T_s
     filtered = vessel.estimator.wave_filter != "off"
-    bias_time = max(BIAS_TIME, 2.0 * model.T_s)
+    bias_time = vessel.estimator.bias_time_s or max(BIAS_TIME, 2.0 * model.T_s)
     calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if filtered else (SEA, BIAS_CHANGE)
     return FilterNoise(
         heading=math.radians(sensors.heading_noise_deg) ** 2,
@@ -85,6 +87,7 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
         gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
         gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
         stop=math.inf if _integrates(vessel, law) else HARD_OVER * limits_of(vessel).angle_max,
+        stop_bias=BIAS_CHANGE_STOPPED * BIAS_CHANGE_STOPPED / BIAS_TIME,
         rate_unknown=min(_quickest_turn(vessel) ** 2, RATE_UNKNOWN),
     )
 

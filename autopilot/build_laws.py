@@ -93,7 +93,8 @@ def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
         return HoldRudder()
     if chosen == "backstepping" and control.backstepping is not None:
         gains = BacksteppingGains(*astuple(control.backstepping))
-        return BacksteppingLaw(gains, vessel.model.reference_speed_m_s)
+        bound = backstepping.error_max_of(model_of(vessel), gains, limits_of(vessel).rate_max)
+        return BacksteppingLaw(gains, vessel.model.reference_speed_m_s, bound)
     if chosen == "pid" and control.pid is not None:
         return PidLaw(PidGains(control.pid.kp, control.pid.ki_1_s, control.pid.kd_s))
     if chosen == "sliding" and control.sliding is not None:

@@ -15,7 +15,14 @@ from typing import NamedTuple
 from autopilot.angles import wrap
 from autopilot.estimation import heading_filter as ekf
 from autopilot.estimation import wave_motion
-from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
+from autopilot.estimation.fusion import (
+    GATE_PATIENCE,
+    PREDICT_LONGEST,
+    Fusion,
+    fuse_measured,
+    mean_at,
+    noises_of,
+)
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
 from autopilot.estimation.heading_update import is_sound
 from autopilot.estimation.rudder_track import RudderTrack
@@ -59,11 +66,6 @@ class _Fused(NamedTuple):
 def is_rudder(angle: float) -> bool:
     """Return whether `angle` [rad] can be a rudder's."""
     return abs(angle) <= RUDDER_MOST
-
-
-def noises_of(noise: FilterNoise) -> Noises:
-    """Return the noise, and that of a boat which something lasting pushes; without waves the bias is quick anyway."""
-    return Noises(noise, noise._replace(bias=noise.gust_bias) if noise.waves else noise)
 
 
 class Estimator:

@@ -51,10 +51,18 @@ class Fusion(NamedTuple):
 
 
 class Noises(NamedTuple):
-    """The filter's noise, and that of a boat that something lasting pushes."""
+    """The filter's noise, that of a boat which something lasting pushes, and with the rudder at its stop."""
 
     usual: FilterNoise
     pushed: FilterNoise
+    stopped: FilterNoise
+
+
+def noises_of(noise: FilterNoise) -> Noises:
+    """Return the noises; without waves the bias is quick anyway where something pushes."""
+    pushed = noise._replace(bias=noise.gust_bias) if noise.waves else noise
+    wandered, gusty = max(pushed.bias, noise.stop_bias), max(noise.gust_bias, noise.stop_bias)
+    return Noises(noise, pushed, noise._replace(bias=wandered, gust_bias=gusty))
 
 
 def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:
@@ -62,11 +70,11 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     state = fusion.state
     longest = LONGEST_SHARE * model.time_constant
     end = min(to, state.time + PREDICT_LONGEST)
-    is_usual = abs(fusion.surprise) < SURPRISED
+    moving = noises.usual if abs(fusion.surprise) < SURPRISED else noises.pushed
     tick = tick_at(past, state.time)
     while state.time < end:
         until, angle, tick = stretch(past, tick, state.time, end, GRAIN_SHARE * model.time_constant)
-        noise = noises.usual if is_usual and abs(angle) < noises.usual.stop else noises.pushed
+        noise = moving if abs(angle) < noises.usual.stop else noises.stopped
         for left in range(math.ceil((until - state.time) / longest), 1, -1):
             state = ekf.predict(model, noise, state, angle, state.time + (until - state.time) / left)
         state = ekf.predict(model, noise, state, angle, until)

@@ -88,8 +88,9 @@ class FilterNoise(NamedTuple):
     model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share of it, as white noise. With `waves` the
     sea is learnt and kept out of psi and r, and `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the places of
     `acceleration` and `bias` while the boat is pushed further than waves would; `gust_bias` also while the measurements
-    lie to one side of what was expected for seconds, and while the rudder is further over than `stop` [rad]: a boat
-    that needs all of it is pushed, and comes back with a wrong rudder until the end of the push is learnt.
+    lie to one side of what was expected for seconds. While the rudder is further over than `stop` [rad] the bias
+    wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong rudder until
+    the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is learnt.
     rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates that no
     ship turns with, and what a heavy one is once believed to do she needs minutes to be believed out of.
     """
@@ -103,6 +104,7 @@ class FilterNoise(NamedTuple):
     gust: float = 0.0
     gust_bias: float = 0.0
     stop: float = math.inf
+    stop_bias: float = 0.0
     rate_unknown: float = RATE_UNKNOWN
 
 

@@ -9,6 +9,7 @@ from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import (
     TurnLimits,
     VirtualBoat,
+    caught_up,
     in_company,
     is_turning,
     reference_of,
@@ -44,6 +45,7 @@ class HeadingGuide:
         self._boat = VirtualBoat(0.0)
         self._side = 1
         self._turning_until = -math.inf
+        self._free_time = -math.inf
 
     def is_late(self, now: float) -> bool:
         """Return whether the turn to the ordered heading has had the time [s] it may take."""
@@ -56,6 +58,7 @@ class HeadingGuide:
     def start(self, state: NavState, limits: TurnLimits) -> None:
         """Plan anew from where the boat is, turning no faster than it may."""
         self._boat = VirtualBoat(state.heading, clip(state.rate, -limits.rate_max, limits.rate_max), 0.0)
+        self._free_time = state.time
 
     def forget_order(self) -> None:
         """Take the next order for a new one."""
@@ -86,13 +89,17 @@ class HeadingGuide:
         by_bias: whether the law goes by the estimated bias. An integrator needs the error that a plan keeps from it.
         """
         is_late = self.is_late(state.time)
-        is_led_back = is_late and by_bias and self.is_turning(model, limits)
-        beyond = replan_beyond(model, is_led_back) if steers else REPLAN_GUIDED
+        if hard_over == 0:
+            self._free_time = state.time
+        stuck = state.time - self._free_time
+        beyond = replan_beyond(model, limits, is_late, stuck) if steers else REPLAN_GUIDED
         if abs(shortest_turn(self._boat.heading, state.heading)) > beyond:
             self._boat = replanned(model, limits, state.heading, state.rate, state.rudder + state.bias)
         led, pace = self._boat, limits
         if is_late:
             pace = without_haste(limits)
+        if steers and by_bias and is_late:
+            led = caught_up(model, limits, led, state.heading, self.heading)
         if steers and (by_bias or not is_late):
             led = within_reach(led, state.heading, state.rate, hard_over)
         if limits.watches and steers:

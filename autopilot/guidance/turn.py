@@ -66,6 +66,8 @@ DRAWN, DRAWN_RATE = 9.0, 1.5
 """At its fastest the plan is drawn to the real boat's heading and rate in so many parts of her time constant."""
 BEHIND = math.radians(2.0)
 """The virtual boat turns no further [rad] ahead of the real one."""
+AHEAD = math.radians(4.0)
+"""A boat that is led back turns no further [rad] ahead of the virtual one."""
 HARD_OVER = 0.98
 """A rudder told this share of its angle is at its stop."""
 TURNING_RUDDER = math.radians(1.0)
@@ -77,10 +79,10 @@ TURNING_SLACK = 1.5
 SETTLING_TIME_CONSTANTS = 5.0
 """A turn may take this much longer than planned, and this many time constants to settle, before it is off course."""
 REPLAN = math.radians(20.0)
-"""Carried off this far [rad] from the planned turn, the boat is led back by a turn planned from where it is."""
+"""Carried off this far [rad] from the turn that was ordered, the boat is led on by a turn planned from where it is."""
 REPLAN_SOON = math.radians(8.0)
 """A course-unstable boat that swings further than her rudder's rate can follow is lost: the plan, which knows that
-rate, takes over early. So it does where any boat is led back: one that overshoots would swing to and fro."""
+rate, takes over early. So it does where something holds any boat off her course."""
 STOP_STEPS = 24
 STOP_STEPS_MOST = 60
 
@@ -315,6 +317,23 @@ def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int)
     return VirtualBoat(wrap(heading + hard_over * BEHIND), caught, boat.rudder, boat.shown)
 
 
+def caught_up(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: float, target: float) -> VirtualBoat:
+    """Return the virtual boat, taken along where the real one at `heading` [rad] is far ahead on the way to `target`
+    [rad], but no further than where it must begin to stop.
+
+    It keeps its rate. A law that saw more error would have her wait with more rudder than its rate can take off again
+    in time, and a boat that turns better than her model would swing about the plan. A plan that goes with a
+    course-unstable boat anyway, `in_company`, is left to that.
+    """
+    ahead = wrap(heading - boat.heading)
+    if limits.watches or ahead * boat.rate <= 0.0 or abs(ahead) <= AHEAD or not is_turning(model, limits, boat):
+        return boat
+    side = math.copysign(1.0, ahead)
+    room = side * (wrap(target - boat.heading) - stop_angle(model, limits, boat.rate, boat.rudder))
+    shift = min(abs(ahead) - AHEAD, max(room, 0.0))
+    return VirtualBoat(wrap(boat.heading + side * shift), boat.rate, boat.rudder, boat.shown)
+
+
 def side_hard_over(told: float, angle_max: float) -> int:
     """Return the side, 1 or -1, on which a rudder `told` [rad] stands at its stop; 0: on neither."""
     if abs(told) < HARD_OVER * angle_max:
@@ -335,16 +354,22 @@ def turning_time(model: Norrbin, limits: TurnLimits, turn: float) -> float:
     return TURNING_SLACK * abs(turn) / limits.rate_max + SETTLING_TIME_CONSTANTS * model.time_constant
 
 
-def replan_beyond(model: Norrbin, is_led_back: bool) -> float:
+def replan_beyond(model: Norrbin, limits: TurnLimits, is_late: bool, stuck: float) -> float:
     """Return how far [rad] the boat may be carried off from the planned turn before it is planned anew.
 
-    is_led_back: on a turn that nobody ordered, after something carried her off.
+    is_late: no ordered turn is under way any more. stuck: how long [s] the rudder has been at its stop. A boat that
+    keeps a course is carried off where the rudder has been there for as long as it takes from stop to stop. What lasts
+    less is a wave, and the law brings her back from it sooner than a turn planned from where the wave threw her.
     """
-    return REPLAN if model.n1 > 0.0 and not is_led_back else REPLAN_SOON
+    if model.n1 < 0.0:
+        return REPLAN_SOON
+    if not is_late:
+        return REPLAN
+    return REPLAN_SOON if stuck * limits.rudder_rate > 2.0 * limits.rudder_max else math.inf
 
 
 def replanned(model: Norrbin, limits: TurnLimits, heading: float, rate: float, rudder: float) -> VirtualBoat:
     """Return a virtual boat where the real one is, turning no faster than it may; `rudder` [rad] as it acts."""
     most = limits.rudder_max * limits.begins
-    begun = clip(rudder, -most, most) if model.n1 < 0.0 else 0.0
+    begun = clip(rudder, -most, most)
     return VirtualBoat(heading, clip(rate, -limits.rate_max, limits.rate_max), begun, NOTHING_SHOWN)

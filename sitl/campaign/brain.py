@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control import backstepping, sliding_heading
-from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder, smoothed_rudder, smoothing_in
+from autopilot.control.backstepping import (
+    BacksteppingGains,
+    backstepping_rudder,
+    error_max_at,
+    smoothed_rudder,
+    smoothing_in,
+)
 from autopilot.control.met_waves import Corners, Met, Waves, met
 from autopilot.control.pid import PidGains, PidMemory, feed_forward, pid_step
 from autopilot.control.sliding_heading import SlidingGains, sliding_rudder
@@ -29,6 +35,7 @@ from autopilot.guidance.shown_strength import NOTHING_SHOWN
 from autopilot.guidance.turn import (
     TurnLimits,
     VirtualBoat,
+    caught_up,
     in_company,
     is_turning,
     preset_rate,
@@ -57,7 +64,8 @@ LAWS = ("backstepping", "pid", "sliding")
 
 
 class Brain(NamedTuple):
-    """What the pilot knows of the boat; see `PilotConfig`. law is a place in LAWS, gains_speed [m/s] where they hold.
+    """What the pilot knows of the boat; see `PilotConfig`. law is a place in LAWS, gains_speed [m/s] where they hold,
+    error_max [rad] the largest heading error that backstepping answers there.
 
     patience [s]: the rudder may be hard over for so long before a monitor would ask why; heading_jump and
     rate_disagrees [rad] are the monitors' too, see `autopilot.monitors`.
@@ -65,6 +73,7 @@ class Brain(NamedTuple):
 
     law: int
     backstepping: BacksteppingGains
+    error_max: float
     pid: PidGains
     sliding: SlidingGains
     gains_speed: float
@@ -88,8 +97,9 @@ class Brain(NamedTuple):
 class Mind(NamedTuple):
     """What the pilot remembers from tick to tick, the rudder's past apart.
 
-    same, heading, heard_time, apart: the compass, as its monitors see it; easy_time and right_time [s]: when the rudder
-    was last not hard over, and last not pushing the boat away.
+    same, heading, heard_time, apart: the compass, as its monitors see it; free_time [s]: when the rudder was last not
+    at its stop; easy_time and right_time [s]: when it was last not hard over for the monitors, and last not pushing the
+    boat away.
     gone: the run has come to where only the full simulator goes on.
     """
 
@@ -114,6 +124,7 @@ class Mind(NamedTuple):
     heading: float
     heard_time: float
     apart: float
+    free_time: float
     easy_time: float
     right_time: float
     gone: bool
@@ -170,6 +181,7 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         heading=heading,
         heard_time=state.time,
         apart=0.0,
+        free_time=now,
         easy_time=now,
         right_time=now,
         gone=False,
@@ -193,12 +205,15 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     boat = listened.boat
     bias = clip(listened.fusion.state.bias, -BIAS_MOST, BIAS_MOST)
     is_late, by_bias = now >= turning_until, brain.law != PID
-    is_led_back = is_late and by_bias and is_turning(model, turn, boat)
-    if abs(shortest_turn(boat.heading, heading)) > replan_beyond(model, is_led_back):
+    hard_over = side_hard_over(mind.told, brain.limits.angle_max)
+    free_time = now if hard_over == 0 else listened.free_time
+    if abs(shortest_turn(boat.heading, heading)) > replan_beyond(model, turn, is_late, now - free_time):
         boat = replanned(model, turn, heading, rate, listened.rudder + bias)
     planned = without_haste(turn) if is_late else turn
+    if is_late and by_bias:
+        boat = caught_up(model, turn, boat, heading, target)
     if by_bias or not is_late:
-        boat = within_reach(boat, heading, rate, side_hard_over(mind.told, brain.limits.angle_max))
+        boat = within_reach(boat, heading, rate, hard_over)
     if turn.watches:
         boat = in_company(model, turn, boat, heading, rate, listened.rudder + bias, dt)
     boat = turn_step(model, planned, boat, target, dt)
@@ -237,6 +252,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         heading=listened.heading,
         heard_time=listened.heard_time,
         apart=listened.apart,
+        free_time=free_time,
         easy_time=easy_time,
         right_time=right_time,
         gone=gone,
@@ -318,6 +334,7 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         heading=heading,
         heard_time=heard_time,
         apart=apart,
+        free_time=mind.free_time,
         easy_time=mind.easy_time,
         right_time=mind.right_time,
         gone=gone,
@@ -373,8 +390,8 @@ def _demand(
     """Return the law's demand [rad] and the PID's memory."""
     ratio = model.reference_speed / brain.gains_speed
     if brain.law == BACKSTEPPING:
-        gains = backstepping.gains_at(brain.backstepping, ratio)
-        wanted = backstepping_rudder(model, gains, reference, heading, rate, bias)
+        gains, most = backstepping.gains_at(brain.backstepping, ratio), error_max_at(brain.error_max, ratio)
+        wanted = backstepping_rudder(model, gains, reference, heading, rate, bias, most)
         return smoothed_rudder(smoothing_in(model, gains.smoothing, reference), wanted, told, dt), memory
     if brain.law == SLIDING:
         surface = sliding_heading.gains_at(brain.sliding, ratio)

@@ -15,7 +15,7 @@ from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import RefusedError
-from autopilot.estimation.estimator import noises_of
+from autopilot.estimation.fusion import noises_of
 from autopilot.estimation.heading_filter import initial
 from autopilot.models import waves, wind
 from autopilot.models.waves import WaveState, WaveTransition
@@ -76,9 +76,9 @@ def brain_of(vessel: Vessel, law: str) -> Brain | None:
     config, chosen = pilot_config(vessel, law), law_of(vessel, law)
     if config.roll is not None or not config.rudder_is_ours:
         return None
-    back, pid, sliding = NO_GAINS
+    (back, pid, sliding), error_max = NO_GAINS, math.inf
     if isinstance(chosen, BacksteppingLaw):
-        place, back = BACKSTEPPING, chosen.gains
+        place, back, error_max = BACKSTEPPING, chosen.gains, chosen.error_max
     elif isinstance(chosen, PidLaw):
         place, pid = PID, chosen.gains
     elif isinstance(chosen, SlidingLaw):
@@ -88,6 +88,7 @@ def brain_of(vessel: Vessel, law: str) -> Brain | None:
     return Brain(
         law=place,
         backstepping=back,
+        error_max=error_max,
         pid=pid,
         sliding=sliding,
         gains_speed=vessel.model.reference_speed_m_s,
