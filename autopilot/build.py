@@ -75,7 +75,7 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
     model, sensors = vessel.model, vessel.sensors
     moment = model.K_1_s / model.T_s
     filtered = vessel.estimator.wave_filter != "off"
-    bias_time = vessel.estimator.bias_time_s or max(BIAS_TIME, 2.0 * model.T_s)
+    bias_time = bias_time_of(vessel)
     calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if filtered else (SEA, BIAS_CHANGE)
     return FilterNoise(
         heading=math.radians(sensors.heading_noise_deg) ** 2,
@@ -90,6 +90,11 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
         stop_bias=BIAS_CHANGE_STOPPED * BIAS_CHANGE_STOPPED / BIAS_TIME,
         rate_unknown=min(_quickest_turn(vessel) ** 2, RATE_UNKNOWN),
     )
+
+
+def bias_time_of(vessel: Vessel) -> float:
+    """Return the time [s] in which wind, current and trim change: the file's, or the usual one."""
+    return vessel.estimator.bias_time_s or max(BIAS_TIME, 2.0 * vessel.model.T_s)
 
 
 def _quickest_turn(vessel: Vessel) -> float:

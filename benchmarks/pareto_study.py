@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from pareto_peer import Peer, run_peer
 
-from autopilot.build import verdict_of
+from autopilot.build import bias_time_of, verdict_of
 from autopilot.build_laws import model_of
 from autopilot.control.pid import PidGains
 from autopilot.control.spared_rudder import gains_of_loop
@@ -168,26 +168,26 @@ def natural_of(vessel: Vessel) -> float:
 
 class Ours:
     """The pilot with what its user can set: bandwidth, damping, compass noise, dead band, wave filter off, auto or
-    meet, and the smoothing of its rudder."""
+    meet, the smoothing of its rudder, and the time in which wind and trim change, times the usual one."""
 
     def __init__(self, boat: str, plain: bool = False) -> None:
         self.vessel = filed(boat)
         self._natural = natural_of(self.vessel)
         self._run = run_swiftly if plain else swift() or run_swiftly
-        self.low = np.array([math.log(0.05), math.log(0.3), math.log(0.5), -4.6, 0.0, math.log(0.01)])
-        self.high = np.array([math.log(3.0), math.log(4.0), math.log(10.0), 1.6, 1.0, math.log(1.5)])
+        self.low = np.array([math.log(0.05), math.log(0.3), math.log(0.5), -4.6, 0.0, math.log(0.01), math.log(0.3)])
+        self.high = np.array([math.log(3.0), math.log(4.0), math.log(40.0), 1.6, 1.0, math.log(1.5), math.log(100.0)])
         self.starts = _begun(
-            (1.0, 0.9, 1.0, 0.02, 1.6, 0.01),
-            (0.9, 0.7, 2.5, 0.03, 2.7, 0.35),
-            (0.1, 1.1, 2.0, 0.02, 1.6, 0.35),
-            (0.5, 2.5, 1.0, 0.05, 1.0, 0.05),
-            (0.3, 1.0, 3.0, 0.5, 1.6, 0.35),
-            (0.7, 1.0, 1.0, 2.0, 1.0, 0.1),
+            (1.0, 0.9, 1.0, 0.02, 1.6, 0.01, 1.0),
+            (0.9, 0.7, 2.5, 0.03, 2.7, 0.35, 1.0),
+            (0.1, 1.1, 2.0, 0.02, 1.6, 0.35, 1.0),
+            (0.5, 2.5, 1.0, 0.05, 1.0, 0.05, 1.0),
+            (0.3, 1.0, 3.0, 0.5, 1.6, 0.35, 10.0),
+            (0.6, 2.0, 30.0, 0.1, 1.6, 0.02, 10.0),
         )
 
     def vessel_of(self, numbers: Floats) -> Vessel:
         """Return the vessel file that these numbers make."""
-        share, damping, noise, dead_band, _, smoothing = (float(number) for number in np.exp(numbers))
+        share, damping, noise, dead_band, _, smoothing, slowness = (float(number) for number in np.exp(numbers))
         natural = share * self._natural
         gains = Backstepping(*gains_of_loop(2.0 * damping * natural, natural * natural, smoothing / natural))
         vessel = self.vessel
@@ -196,7 +196,11 @@ class Ours:
             sensors=replace(vessel.sensors, heading_noise_deg=0.35 * noise),
             control=replace(vessel.control, backstepping=gains),
             limits=replace(vessel.limits, dead_band_deg=dead_band),
-            estimator=replace(vessel.estimator, wave_filter=WAVE_FILTERS[min(int(3.0 * numbers[4]), 2)]),
+            estimator=replace(
+                vessel.estimator,
+                wave_filter=WAVE_FILTERS[min(int(3.0 * numbers[4]), 2)],
+                bias_time_s=slowness * bias_time_of(vessel),
+            ),
         )
 
     def sailed(self, numbers: Floats, runs: Sequence[Run]) -> Floats:

@@ -192,7 +192,7 @@ class Estimator:
     wave_filter: Literal["auto", "meet", "off"] = "auto"
     """auto: wave motion is learnt and kept from the rudder where the rudder could only wear itself out on it; meet:
     what the rudder can undo of the waves it undoes, before it shows, for a steadier course and more rudder travel."""
-    bias_time_s: Annotated[float, Bounds(1.0, 10000.0, "wind, current and trim change in so long")] | None = None
+    bias_time_s: Annotated[float, Bounds(1.0, 100000.0, "wind, current and trim change in so long")] | None = None
     """null: 10 s, or two time constants if that is longer. A longer time keeps the rudder quieter in following seas,
     a shorter one follows a change of wind sooner."""
     source: str = ""
