@@ -6,7 +6,7 @@ import math
 import random
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import pytest
@@ -14,12 +14,14 @@ from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.build import noise_of
+from autopilot.build_laws import gear_of, model_of
 from autopilot.estimation import heading_filter as ekf
 from autopilot.estimation.estimator import GATE_PATIENCE, KEPT_SAMPLES, Estimator
 from autopilot.estimation.heading_filter import RATE_UNKNOWN, FilterNoise
 from autopilot.estimation.heading_update import fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.params.vessel import Estimator as EstimatorSection
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample, SpeedSample
 
@@ -240,6 +242,36 @@ def test_the_bias_is_learnt() -> None:
         tested.rudder.order(plant.time, -math.radians(3.0))
         plant.step(-math.radians(3.0), 0.05)
     assert math.degrees(state.bias) == pytest.approx(4.0, abs=0.3)
+
+
+def test_at_the_rudders_stop_the_end_of_a_push_is_learnt_at_once() -> None:
+    """A slow boat held off with all her rudder: 10 s after the push is over most of it is unlearnt; not so elsewhere."""
+    vessel = load_vessel(str(PARETO_BOATS / "coaster.yaml"))
+    model, gear, noise = model_of(vessel), gear_of(vessel), noise_of(vessel)
+
+    def left_after(rudder: float) -> float:
+        plant = Plant(model, gear, disturbance=lambda t: -rudder if t < 60.0 else 0.0)
+        tested = Estimator(model, gear, noise)
+        for _ in range(1400):
+            state = tested.update(plant.time, tuple(plant.sense()))
+            tested.rudder.order(plant.time, rudder)
+            plant.step(rudder, 0.05)
+        return state.bias / -rudder
+
+    assert abs(left_after(-gear.angle_max)) < 0.3
+    assert left_after(-0.9 * gear.angle_max) > 0.8
+
+
+@pytest.mark.parametrize("wave_filter", ["off", "auto"])
+def test_the_file_may_say_how_quickly_wind_and_trim_change(wave_filter: Literal["off", "auto"]) -> None:
+    vessel = load_vessel("lanxin")
+    usual, slow = (
+        noise_of(replace(vessel, estimator=EstimatorSection(wave_filter=wave_filter, bias_time_s=time)))
+        for time in (None, 40.0)
+    )
+    assert usual == noise_of(replace(vessel, estimator=EstimatorSection(wave_filter=wave_filter, bias_time_s=10.0)))
+    assert (slow.bias, slow.gust_bias) == pytest.approx((usual.bias / 4.0, usual.gust_bias / 4.0))
+    assert slow.stop_bias == usual.stop_bias
 
 
 def test_one_linear_step_is_the_kalman_filter_of_the_textbook() -> None:

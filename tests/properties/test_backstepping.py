@@ -15,10 +15,13 @@ from autopilot.control.backstepping import (
     BacksteppingGains,
     BacksteppingLaw,
     backstepping_rudder,
+    error_max_at,
+    error_max_of,
     errors,
+    gains_at,
     printed_equation_26,
 )
-from autopilot.models.norrbin import Norrbin, yaw_acceleration
+from autopilot.models.norrbin import Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.signals import Reference
 
 LANXIN = Norrbin(0.701, 0.332, 3.2828)
@@ -129,3 +132,50 @@ def test_gains_must_be_positive(bad: tuple[float, float, float]) -> None:
 def test_smoothing_must_be_a_time(bad: float) -> None:
     with pytest.raises(ValueError, match="smoothing must be finite"):
         BacksteppingLaw(BacksteppingGains(1.0, 1.0, 1.0, bad), 1.0)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-0.4, 0.4), st.floats(0.01, 0.5), st.sampled_from(MODELS))
+def test_with_errors_that_count_as_less_the_energy_still_falls(
+    error: float, yaw: float, most: float, model: Norrbin
+) -> None:
+    """V = e'^2/2 + W int sat falls as -S e'^2, by the chain rule, from the plant."""
+    gains = GAINS[1]
+    rudder = backstepping_rudder(model, gains, Reference(0.0), error, yaw, 0.0, most)
+    square, total = gains.gamma + gains.k1 * gains.k2, gains.k1 + gains.k2
+    counted = math.copysign(min(abs(error), most), error)
+    found = yaw * (yaw_acceleration(model, yaw, rudder) + square * counted)
+    assert found == pytest.approx(-total * yaw * yaw, rel=1e-7, abs=1e-9)
+
+
+@pytest.mark.parametrize("model", MODELS[:3])
+def test_the_largest_error_is_one_whose_swing_overtaxes_the_rudders_rate(model: Norrbin) -> None:
+    """A swing at the loop's natural frequency, small enough for the damping to be linear, asked of the law itself."""
+    gains, rate_max = BacksteppingGains(0.5, 0.6, 0.4), 0.1
+    most, frequency = error_max_of(model, gains, rate_max), math.sqrt(gains.gamma + gains.k1 * gains.k2)
+    small = 1.0e-6
+    times = np.linspace(0.0, 2.0 * math.pi / frequency, 4001)
+    asked = [
+        backstepping_rudder(
+            model, gains, Reference(0.0), small * math.sin(frequency * t), small * frequency * math.cos(frequency * t)
+        )
+        for t in times
+    ]
+    quickest = float(np.max(np.abs(np.gradient(asked, times)))) / small
+    assert most * quickest == pytest.approx(1.5 * rate_max, rel=1e-4)
+
+
+@pytest.mark.parametrize("ratio", [0.25, 0.7, 1.5])
+def test_at_another_speed_it_is_that_of_the_gains_there(ratio: float) -> None:
+    model, gains = Norrbin(0.1, 20.0, reference_speed=5.0), BacksteppingGains(0.13, 0.13, 0.004)
+    there = error_max_of(at_speed_ratio(model, ratio), gains_at(gains, ratio), 0.1)
+    assert error_max_at(error_max_of(model, gains, 0.1), ratio) == pytest.approx(there)
+
+
+def test_a_rudder_without_a_rate_bounds_no_error() -> None:
+    assert error_max_of(LANXIN, GAINS[1], math.inf) == math.inf
+
+
+@pytest.mark.parametrize("bad", [0.0, -0.1, math.nan])
+def test_the_largest_error_must_be_one(bad: float) -> None:
+    with pytest.raises(ValueError, match="largest error must be positive"):
+        BacksteppingLaw(GAINS[1], 1.0, bad)
