@@ -15,7 +15,7 @@ that is held,
     e'' + S e' + W sat(e) = 0,   V = e'^2/2 + W int_0^e sat(y) dy,   V' = -S e'^2,
 
 stable however large the error. E is where a swing at the loop's natural frequency, e = A sin(sqrt(W) t), asks for
-OVERTAXED times the rudder's rate: A (T/K) W sqrt(W + (S - n1/T)^2).
+OVERTAXED times the rudder's rate, A (T/K) W sqrt(W + (S - n1/T)^2), but not below LEAST_BOUND.
 
 A third step spares the rudder: it does not jump to delta, it goes there at a rate,
 
@@ -54,6 +54,8 @@ SPEED_RANGE = (0.2, 1.5)
 """Share of the reference speed within which the gains follow the speed."""
 PLANNED = math.radians(1.0)
 """A planned turn with less rudder than this is no more than keeping a course."""
+LEAST_BOUND = math.radians(2.0)
+"""Heading errors up to this count in full: so far a planned turn may run ahead of the boat."""
 OVERTAXED = 1.5
 """The law answers an error in proportion up to one whose swing takes this many times the rudder's rate. With 1 quick
 loops lag in turns, by 4 deg where K is 30 % more; with 2 a boat turning 40 % better than her model swings by 14 deg
@@ -88,7 +90,7 @@ def error_max_of(model: Norrbin, gains: BacksteppingGains, rudder_rate: float) -
     total, square = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2
     steered = total - model.n1 / model.time_constant
     asked = model.time_constant / model.gain * square * math.sqrt(square + steered * steered)
-    return OVERTAXED * rudder_rate / asked
+    return max(OVERTAXED * rudder_rate / asked, LEAST_BOUND)
 
 
 def error_max_at(error_max: float, speed_ratio: float) -> float:
@@ -96,7 +98,7 @@ def error_max_at(error_max: float, speed_ratio: float) -> float:
 
     The boat answers the rudder by the square of the speed, and the gains ask for its third power.
     """
-    return error_max / _followed(speed_ratio)
+    return max(error_max / _followed(speed_ratio), LEAST_BOUND)
 
 
 def errors(

@@ -136,7 +136,7 @@ def test_large_errors_and_the_worst_boat_are_told(capsys: pytest.CaptureFixture[
     assert "assumed" in good["worst_boat"]["spread"]
     paper = as_json(capsys, "lanxin_paper_gains")["file's backstepping"]
     assert not any(row["corrected"] for row in paper["large_errors"])
-    assert paper["large_errors"][0]["swings_at_the_end_deg"] > 4.0
+    assert paper["large_errors"][0]["swings_at_the_end_deg"] > 10.0
 
 
 def test_standard_errors_in_the_file_set_the_spread(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -150,7 +150,7 @@ def test_with_errors_that_count_as_less_the_energy_still_falls(
 @pytest.mark.parametrize("model", MODELS[:3])
 def test_the_largest_error_is_one_whose_swing_overtaxes_the_rudders_rate(model: Norrbin) -> None:
     """A swing at the loop's natural frequency, small enough for the damping to be linear, asked of the law itself."""
-    gains, rate_max = BacksteppingGains(0.5, 0.6, 0.4), 0.1
+    gains, rate_max = BacksteppingGains(0.5, 0.6, 0.4), 20.0
     most, frequency = error_max_of(model, gains, rate_max), math.sqrt(gains.gamma + gains.k1 * gains.k2)
     small = 1.0e-6
     times = np.linspace(0.0, 2.0 * math.pi / frequency, 4001)
@@ -166,9 +166,16 @@ def test_the_largest_error_is_one_whose_swing_overtaxes_the_rudders_rate(model: 
 
 @pytest.mark.parametrize("ratio", [0.25, 0.7, 1.5])
 def test_at_another_speed_it_is_that_of_the_gains_there(ratio: float) -> None:
-    model, gains = Norrbin(0.1, 20.0, reference_speed=5.0), BacksteppingGains(0.13, 0.13, 0.004)
+    model, gains = Norrbin(0.1, 20.0, reference_speed=5.0), BacksteppingGains(0.06, 0.06, 0.001)
     there = error_max_of(at_speed_ratio(model, ratio), gains_at(gains, ratio), 0.1)
+    assert there > math.radians(3.0)
     assert error_max_at(error_max_of(model, gains, 0.1), ratio) == pytest.approx(there)
+
+
+def test_however_quick_the_loop_two_degrees_count_in_full() -> None:
+    paper = GAINS[0]
+    assert error_max_of(LANXIN, paper, 0.35) == math.radians(2.0)
+    assert error_max_at(math.radians(2.1), 1.5) == math.radians(2.0)
 
 
 def test_a_rudder_without_a_rate_bounds_no_error() -> None:
