@@ -57,9 +57,9 @@ PLANNED = math.radians(1.0)
 LEAST_BOUND = math.radians(2.0)
 """Heading errors up to this count in full: so far a planned turn may run ahead of the boat."""
 OVERTAXED = 2.0
-"""The law answers an error in proportion up to one whose swing takes this many times the rudder's rate. With less, quick
-loops lag in turns and a launch is held worse in following seas; with more, a boat turning 40 % better than her model
-swings further after a push that her rudder did not hold: by 14 deg with 2, by 18 with 3, by 31 without a bound."""
+"""The law answers an error in proportion up to one whose swing takes this many times the rudder's rate. With less,
+quick loops lag in turns and a launch is held worse in following seas; with more, a boat turning 40 % better than her
+model swings further after a push that her rudder did not hold: 14 deg with 2, 18 with 3, 31 without a bound."""
 
 
 class BacksteppingGains(NamedTuple):
