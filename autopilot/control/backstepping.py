@@ -56,10 +56,10 @@ PLANNED = math.radians(1.0)
 """A planned turn with less rudder than this is no more than keeping a course."""
 LEAST_BOUND = math.radians(2.0)
 """Heading errors up to this count in full: so far a planned turn may run ahead of the boat."""
-OVERTAXED = 2.0
+OVERTAXED = 1.7
 """The law answers an error in proportion up to one whose swing takes this many times the rudder's rate. With less,
-quick loops lag in turns and a launch is held worse in following seas; with more, a boat turning 40 % better than her
-model swings further after a push that her rudder did not hold: 14 deg with 2, 18 with 3, 31 without a bound."""
+quick loops lag in turns and a launch is held worse in following seas; with 2 and more, a boat turning 40 % better than
+her model may swing about her course for ever after a push that her rudder did not hold (docs/gains.md)."""
 
 
 class BacksteppingGains(NamedTuple):
