@@ -48,6 +48,10 @@ WAVE_CORNER_SHARE = 0.4
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
 UNDONE_SHARE = 1.2
 """Waves slower than this share of it are undone where they are to be met, see `met_waves`."""
+GUST_TIME_LEAST = 6.0
+GUST_TIME_SHARE = 0.2
+"""Gusts are what the bias does over so long [s], or over this share of the time in which it changes if that is longer:
+the wind on a boat that turns slowly shows slowly, and waves on her show in the bias."""
 STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_INTERVAL = 0.1
@@ -60,9 +64,10 @@ BIAS_CHANGE_PUSHED = math.radians(5.0)
 BIAS_CHANGE_STOPPED = math.radians(9.0)
 BIAS_TIME = 10.0
 """Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer, where
-the file says nothing. Where waves are filtered it may be slow: what is sudden is noticed as more than a wave, and then
-it is quick. With the rudder at its stop it is in BIAS_TIME by any boat: what held her there may let go at once, however
-slow she is, and nothing wears by it (docs/gains.md)."""
+the file says nothing. Where waves are filtered it may be slow: how much it is in gusts is learnt, up to what it is
+without the filter, and what is sudden is noticed as more than a wave, and then it is quick. With the rudder at its stop
+it is in BIAS_TIME by any boat: what held her there may let go at once, however slow she is, and nothing wears by it
+(docs/gains.md)."""
 
 
 def _integrates(vessel: Vessel, law: str | None) -> bool:
@@ -88,6 +93,8 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
         gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
         stop=math.inf if _integrates(vessel, law) else HARD_OVER * limits_of(vessel).angle_max,
         stop_bias=BIAS_CHANGE_STOPPED * BIAS_CHANGE_STOPPED / BIAS_TIME,
+        gusty_bias=BIAS_CHANGE * BIAS_CHANGE / bias_time,
+        gust_time=max(GUST_TIME_LEAST, GUST_TIME_SHARE * bias_time),
         rate_unknown=min(_quickest_turn(vessel) ** 2, RATE_UNKNOWN),
     )
 
@@ -131,16 +138,21 @@ def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> V
     return verdict if verdict.refusal else verdict._replace(refusal=refusal_of(observed_of(vessel, name, ratio)))
 
 
-def observed_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Observed:
-    """Return the loop of the vessel's law with the heading filter in it, at `ratio` times the speed of the trial."""
-    model = at_speed_ratio(model_of(vessel), ratio)
+def observed_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0, in_gusts: bool = False) -> Observed:
+    """Return the loop of the vessel's law with the heading filter in it, at `ratio` times the speed of the trial.
+
+    in_gusts: with the bias as quick as the filter learns it to be at most; without waves it learns nothing.
+    """
+    model, noise = at_speed_ratio(model_of(vessel), ratio), noise_of(vessel)
+    if in_gusts and noise.waves:
+        noise = noise._replace(bias=noise.gusty_bias)
     return Observed(
         model,
         gear_of(vessel),
         Delays(vessel.control.loop_delay_s, vessel.sensors.heading_latency_s),
         loop_gains_of(vessel, name, ratio),
         not _integrates(vessel, name),
-        steady_filter(model, noise_of(vessel), HEADING_INTERVAL, vessel.sensors.heading_latency_s),
+        steady_filter(model, noise, HEADING_INTERVAL, vessel.sensors.heading_latency_s),
     )
 
 

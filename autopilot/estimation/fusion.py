@@ -16,10 +16,11 @@ from autopilot.estimation.heading_update import (
     fuse_heading,
     fuse_rate,
     heading_variance,
+    learn_gusts,
     learn_waves,
     surprise,
 )
-from autopilot.estimation.rudder_track import RudderPast, stretch, tick_at
+from autopilot.estimation.rudder_track import RudderPast, angle_at, stretch, tick_at
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 
@@ -128,5 +129,5 @@ def fuse_measured(
     if not math.isnan(rate):
         state = fuse_rate(state, rate, noise.rate)
     if noise.waves and abs(lasting) < SURPRISED:
-        state = learn_waves(state, dt)
+        state = learn_gusts(learn_waves(state, dt), noise, angle_at(past, time), dt)
     return Fusion(state, lasting, spikes, spike), True

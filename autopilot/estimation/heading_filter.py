@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.estimation import wave_motion
+from autopilot.estimation.gusts import NO_GUSTS, Gusts, unsettled
 from autopilot.estimation.wave_motion import NO_SEA, Sea
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
@@ -26,7 +27,7 @@ STEEPEST_GROWTH = 20.0
 
 
 class FilterState(NamedTuple):
-    """Mean (psi [rad], r [rad/s], b [rad], h [rad], s [rad/s], e [rad]) at `time` [s], covariance p_ij and the sea.
+    """Mean (psi [rad], r [rad/s], b [rad], h [rad], s [rad/s], e [rad]) at `time` [s], covariance p_ij, sea and gusts.
 
     i and j count psi, r, b, h, s, e.
     """
@@ -60,6 +61,7 @@ class FilterState(NamedTuple):
     p45: float = 0.0
     p55: float = 0.0
     sea: Sea = NO_SEA
+    gusts: Gusts = NO_GUSTS
 
 
 def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
@@ -68,7 +70,7 @@ def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
     waves = (state.wave, state.wave_rate, state.wave_lag, state.p03, state.p04, state.p05)
     across = (state.p13, state.p14, state.p15, 0.0, 0.0, 0.0)
     own = (state.p33, state.p34, state.p35, state.p44, state.p45, state.p55)
-    return FilterState(*boat, *waves, *across, *own, state.sea)
+    return FilterState(*boat, *waves, *across, *own, state.sea, before.gusts)
 
 
 Waves = tuple[
@@ -86,11 +88,12 @@ class FilterNoise(NamedTuple):
     """Variances: heading [rad^2], rate [(rad/s)^2]; densities a second: acceleration [(rad/s)^2/s], bias [rad^2/s].
 
     model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share of it, as white noise. With `waves` the
-    sea is learnt and kept out of psi and r, and `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the places of
-    `acceleration` and `bias` while the boat is pushed further than waves would; `gust_bias` also while the measurements
-    lie to one side of what was expected for seconds. While the rudder is further over than `stop` [rad] the bias
-    wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong rudder until
-    the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is learnt.
+    sea is learnt and kept out of psi and r, and so is learnt how quickly the bias wanders, from `bias` to `gusty_bias`
+    [rad^2/s], by what it does over `gust_time` [s] (`gusts`). `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the
+    places of `acceleration` and of that while the boat is pushed further than waves would; `gust_bias` also while the
+    measurements lie to one side of what was expected for seconds. While the rudder is further over than `stop` [rad]
+    the bias wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong rudder
+    until the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is learnt.
     rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates that no
     ship turns with, and what a heavy one is once believed to do she needs minutes to be believed out of.
     """
@@ -106,6 +109,8 @@ class FilterNoise(NamedTuple):
     stop: float = math.inf
     stop_bias: float = 0.0
     rate_unknown: float = RATE_UNKNOWN
+    gusty_bias: float = 0.0
+    gust_time: float = 1.0
 
 
 def initial(
@@ -113,7 +118,7 @@ def initial(
 ) -> FilterState:
     """Return the state after the first heading [rad]; without a rate the boat is taken as possibly turning.
 
-    The bias and the sea of a state `before` a gap are kept.
+    The bias, the sea and the gusts of a state `before` a gap are kept.
     """
     sea = NO_SEA
     if noise.waves:
@@ -135,12 +140,13 @@ def initial(
         p45=p45,
         p55=p55,
         sea=sea,
+        gusts=NO_GUSTS if before is None else before.gusts,
     )
 
 
 def without_bias(state: FilterState) -> FilterState:
     """Return the state with a bias of which nothing is known."""
-    unknown = state._replace(bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN)
+    unknown = state._replace(bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN, gusts=unsettled(state.gusts))
     return unknown._replace(p23=0.0, p24=0.0, p25=0.0)
 
 
@@ -191,7 +197,7 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     a02 = p02 + turn * p12 + drift * p22
     a12 = decay * p12 + gain * p22
     steered = noise.model_error * model.gain * (rudder + bias) / model.time_constant
-    pushed, wandered = noise.acceleration, noise.bias
+    pushed, wandered = noise.acceleration, max(noise.bias, state.gusts.density)
     if noise.waves and wave_motion.is_extreme(state.sea, state.wave):
         pushed, wandered = noise.gust, noise.gust_bias
     q = (pushed + steered * steered) * dt
@@ -208,13 +214,13 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
         p22 + wandered * dt,
     )
     if state.sea.heading <= 0.0:
-        return FilterState(*boat, *NO_WAVES, NO_SEA)
-    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), state.sea)
+        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_GUSTS)
+    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), state.sea, state.gusts)
 
 
 def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float, gain: float, dt: float) -> Waves:
     """Return h, s, e and their covariances `dt` [s] later, in the order of the state; F of the boat as in `predict`."""
-    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea = state[10:]
+    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, _ = state[10:]
     a33, a34, a35, a43, a44, a45, a53, a54, a55 = wave_motion.wave_step(sea, dt)
     # F of the boat on the left, A of the waves on the right
     l3, l4, l5 = (

@@ -9,6 +9,7 @@ import math
 
 from autopilot.angles import wrap
 from autopilot.estimation import wave_motion
+from autopilot.estimation.gusts import NO_GUSTS, Changes, bias_seen, is_finite
 from autopilot.estimation.heading_filter import NO_WAVES, FilterNoise, FilterState
 from autopilot.estimation.wave_motion import NO_SEA
 
@@ -82,8 +83,8 @@ def _fuse(
         p22 - g2 * c2,
     )
     if state.sea.heading <= 0.0:
-        return FilterState(*boat, *NO_WAVES, NO_SEA)
-    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea = state[10:]
+        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_GUSTS)
+    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, gusts = state[10:]
     g3, g4, g5 = c3 * share, c4 * share, c5 * share
     return FilterState(
         *boat,
@@ -106,6 +107,7 @@ def _fuse(
         p45 - g4 * c5,
         p55 - g5 * c5,
         sea,
+        gusts,
     )
 
 
@@ -114,13 +116,20 @@ def learn_waves(state: FilterState, dt: float) -> FilterState:
     if wave_motion.is_extreme(state.sea, state.wave):
         return state
     heading, rate = state.wave * state.wave + state.p33, state.wave_rate * state.wave_rate + state.p44
-    return FilterState(*state[:-1], wave_motion.learn(state.sea, heading, rate, dt))
+    return FilterState(*state[:-2], wave_motion.learn(state.sea, heading, rate, dt), state.gusts)
+
+
+def learn_gusts(state: FilterState, noise: FilterNoise, rudder: float, dt: float) -> FilterState:
+    """Return the state with what its bias says of the gusts after `dt` [s] with the `rudder` [rad] taken in."""
+    changes = Changes(noise.bias, noise.gusty_bias, noise.gust_time)
+    return FilterState(*state[:-1], bias_seen(state.gusts, changes, state.bias, state.p22, rudder, dt))
 
 
 def is_sound(state: FilterState) -> bool:
     """Return whether mean and variances are finite and the variances not negative."""
     # a sum is finite only where every part of it is
     return (
-        math.isfinite(sum(state[:-1]) + sum(state.sea))
+        math.isfinite(sum(state[:-2]) + sum(state.sea))
+        and is_finite(state.gusts)
         and min(state.p00, state.p11, state.p22, state.p33, state.p44, state.p55) >= 0.0
     )

@@ -75,6 +75,11 @@ def tick_at(past: RudderPast, time: float) -> int:
     return tick
 
 
+def angle_at(past: RudderPast, time: float) -> float:
+    """Return the rudder's angle [rad] at `time` [s]; 0 where none is known."""
+    return past.angles[tick_at(past, time) & (len(past.times) - 1)] if past.ticks > 0 else 0.0
+
+
 class RudderTrack:
     """Rudder angle over the recent past, piecewise constant between ticks."""
 

@@ -66,8 +66,9 @@ def test_so_is_the_gain_margin_to_either_side() -> None:
 
 
 @pytest.mark.parametrize("name", BOATS)
-def test_designed_gains_are_stable_with_the_filter_and_a_weaker_rudder(name: str) -> None:
-    found = with_filter(vessel_of(BOATS[name]))
+@pytest.mark.parametrize("in_gusts", [False, True])
+def test_designed_gains_are_stable_with_the_filter_and_a_weaker_rudder(name: str, in_gusts: bool) -> None:
+    found = observed_margins(observed_of(vessel_of(BOATS[name]), in_gusts=in_gusts))
     assert found.stable
     assert found.gain_down < 0.7
     assert found.gain_up > 1.5

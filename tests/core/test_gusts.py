@@ -1,0 +1,101 @@
+"""How quickly the bias wanders is learnt: from the bias as it is found, within limits, and not from waves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import solve_continuous_lyapunov
+
+from autopilot.estimation.gusts import (
+    LONGER,
+    NO_GUSTS,
+    SPREAD,
+    STRENGTH_ERROR,
+    UNKNOWN,
+    Changes,
+    Gusts,
+    Means,
+    bias_seen,
+    is_finite,
+    unsettled,
+)
+
+LEAST, MOST, TIME, DT = 1.0e-6, 3.0e-4, 4.0, 0.1
+CHANGES = Changes(LEAST, MOST, TIME)
+WELL_KNOWN = 1.0e-8
+
+
+def followed(biases: list[float], variance: float = WELL_KNOWN, rudder: float = 0.0) -> Gusts:
+    """rudder: the rudder's angle as a multiple of the bias."""
+    gusts = NO_GUSTS
+    for bias in biases:
+        gusts = bias_seen(gusts, CHANGES, bias, variance, rudder * bias, DT)
+    return gusts
+
+
+@given(st.floats(0.1, 100.0))
+def test_the_spread_is_that_of_a_wandering_bias(time: float) -> None:
+    """d/dt of (b - x, x - y, y - z) under white noise of density 1 on b."""
+    a = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0 / LONGER]]) / time
+    spread = solve_continuous_lyapunov(a, -np.diag([1.0, 0.0, 0.0]))
+    assert spread[2, 2] == pytest.approx(SPREAD * time, rel=1e-6)
+
+
+@pytest.mark.parametrize("density", [1.0e-5, 1.0e-4])
+def test_a_bias_that_wanders_is_learnt(density: float) -> None:
+    random = np.random.default_rng(2)
+    biases = np.cumsum(math.sqrt(density * DT) * random.standard_normal(20000))
+    found, gusts = [], NO_GUSTS
+    for bias in biases.tolist():
+        gusts = bias_seen(gusts, CHANGES, bias, WELL_KNOWN, 0.0, DT)
+        found.append(gusts.density)
+    assert np.mean(found[2000:]) == pytest.approx(density, rel=0.3)
+
+
+def test_a_steady_bias_and_waves_upon_it_are_no_gusts() -> None:
+    swing = [math.radians(3.0) + math.radians(1.0) * math.sin(0.8 * DT * n) for n in range(3000)]
+    assert followed(swing).density == LEAST
+    blown = [math.radians(3.0) + math.radians(1.0) * math.sin(0.1 * DT * n) for n in range(3000)]
+    assert followed(blown).density > 10.0 * LEAST
+
+
+def test_a_bias_that_is_being_found_is_no_gust() -> None:
+    gusts, variance = NO_GUSTS, UNKNOWN
+    for n in range(300):
+        variance *= math.exp(-DT / TIME)
+        gusts = bias_seen(gusts, CHANGES, math.radians(5.0) * (1.0 - math.exp(-n * DT / 3.0)), variance, 0.0, DT)
+    assert gusts.density == LEAST
+    at_the_stop = followed([math.radians(5.0), math.radians(30.0)] * 300, 1.01 * UNKNOWN)
+    assert at_the_stop.density == LEAST
+
+
+def test_a_bias_to_be_found_anew_keeps_what_is_known_of_the_gusts() -> None:
+    known = Gusts(1.0e-4, Means(0.1, 0.1, 0.1), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
+    anew = bias_seen(unsettled(known), CHANGES, 0.0, WELL_KNOWN, -0.1, DT)
+    assert anew == Gusts(1.0e-4, Means(0.0, 0.0, 0.0), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
+    calmer = bias_seen(unsettled(known), CHANGES._replace(most=5.0e-5), 0.0, WELL_KNOWN, -0.1, DT)
+    assert calmer.density == 5.0e-5, "what the file allows has changed"
+
+
+def test_a_bias_that_goes_with_the_rudder_is_its_strength_and_no_gust() -> None:
+    blown = [math.radians(5.0) * math.sin(0.1 * DT * n) for n in range(3000)]
+    held = followed(blown, rudder=-1.0).density
+    assert followed(blown, rudder=1.01 / STRENGTH_ERROR).density == LEAST
+    assert held > 0.5 * followed(blown).density, "a rudder that holds a gust goes as the bias does"
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-1.6, 1.6), st.floats(0.0, 10.0), st.floats(-1.6, 1.6), st.floats(0.0, 60.0)), max_size=40
+    )
+)
+def test_whatever_is_seen_the_density_stays_within_its_limits(seen: list[tuple[float, float, float, float]]) -> None:
+    gusts = NO_GUSTS
+    for bias, variance, rudder, dt in seen:
+        gusts = bias_seen(gusts, CHANGES, bias, variance, rudder, dt)
+        assert LEAST <= gusts.density <= MOST
+        assert is_finite(gusts)
