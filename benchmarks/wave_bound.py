@@ -1,11 +1,13 @@
 """What any wave filter could spare the rudder in sea state 5, beside what the pilot's does; printed as a table.
 
-    python benchmarks/wave_bound.py [--seeds 10] [--sides 25,45,60,100,135,160] [--spare-rudder LEVEL]
+    python benchmarks/wave_bound.py [--seeds 10] [--sides 25,45,60,100,135,160] [--spare-rudder LEVEL] [--held]
 
 Measured by the campaign's loop: heading rms and rudder travel with `wave_filter` off, auto and meet, over the seeds.
 Beside them the least travel at 1.1 times the heading rms without the filter: of the bound of `lqg_bound.py`, and of the
 same law sailed in the very same runs (`lqg_sailed.py`), where it meets the rudder's stops and rate and waves that push
 otherwise as she yaws. Worth: the rms of the waves' push as a rudder angle.
+
+--held: another table, in how many of the runs the boat strays by more than 10 deg rms; median and worst rms; travel.
 """
 
 from __future__ import annotations
@@ -83,13 +85,29 @@ def runs_of(name: str, boat: StudyBoat, side: float, wave_filter: str, seeds: in
     return found
 
 
-def measured(runs: list[tuple[Setting, Rooms]]) -> Point:
-    """Return the medians over the runs of what the pilot does."""
+def points_of(runs: list[tuple[Setting, Rooms]]) -> list[Point]:
+    """Return what the pilot does in each run."""
     run = swift() or run_swiftly
     found = [figures(run(setting, rooms)[0], 1.0 / HZ, 1.0) for setting, rooms in runs]
-    return Point(
-        statistics.median(one.heading_rms_deg for one in found), statistics.median(one.travel_deg_s for one in found)
-    )
+    return [Point(one.heading_rms_deg, one.travel_deg_s) for one in found]
+
+
+def measured(runs: list[tuple[Setting, Rooms]]) -> Point:
+    """Return the medians over the runs of what the pilot does."""
+    found = points_of(runs)
+    return Point(statistics.median(one.rms_deg for one in found), statistics.median(one.travel_deg_s for one in found))
+
+
+def held_row(name: str, boat: StudyBoat, side: float, seeds: int) -> str:
+    """Return a boat's row of the table of runs in which she is not held."""
+    told = f"{name:9s}{side:6.0f}"
+    for mode in ("off", "auto"):
+        found = points_of(runs_of(name, boat, side, mode, seeds))
+        middle, worst = statistics.median(one.rms_deg for one in found), max(one.rms_deg for one in found)
+        travel = statistics.median(one.travel_deg_s for one in found)
+        lost = sum(one.rms_deg > HELD_DEG for one in found)
+        told += f"{lost:10d}{middle:8.1f}{worst:8.1f}{travel:8.2f}"
+    return told
 
 
 def row(name: str, boat: StudyBoat, side: float, seeds: int) -> str:
@@ -114,15 +132,26 @@ def main() -> None:
     parser.add_argument("--sides", default=",".join(f"{side:g}" for side in SIDES_DEG))
     parser.add_argument("--boats", default=",".join(NAMES))
     parser.add_argument("--spare-rudder", type=int, metavar="LEVEL", help="gains that spare the rudder, of this level")
+    parser.add_argument("--held", action="store_true", help="in how many runs she strays by more than 10 deg rms")
     asked = parser.parse_args()
-    print("boat      from         off          auto of off         meet of off      least of off    worth")
-    print("          [deg]  [deg] [deg/s]      rms  travel         rms  travel    bound   sailed    [deg]")
+    if asked.held:
+        of = f"of {asked.seeds}"
+        print(f"boat      from   off: {'lost':>4s}  median   worst  travel auto: {'lost':>4s}  median   worst  travel")
+        print(f"          [deg]{of:>10s}   [deg]   [deg] [deg/s]{of:>10s}   [deg]   [deg] [deg/s]")
+    else:
+        print_heads()
     for name in asked.boats.split(","):
         boat = boat_of(name)
         if asked.spare_rudder is not None:
             boat = that_spares(boat, asked.spare_rudder)
         for side in (float(text) for text in asked.sides.split(",")):
-            print(row(name, boat, side, asked.seeds), flush=True)
+            print((held_row if asked.held else row)(name, boat, side, asked.seeds), flush=True)
+
+
+def print_heads() -> None:
+    """Print the heads of the table of bounds."""
+    print("boat      from         off          auto of off         meet of off      least of off    worth")
+    print("          [deg]  [deg] [deg/s]      rms  travel         rms  travel    bound   sailed    [deg]")
 
 
 if __name__ == "__main__":
