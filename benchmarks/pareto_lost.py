@@ -1,6 +1,6 @@
 """The lost cases of the Pareto study, each tuned by itself and beside what an LQG law would do; printed as a table.
 
-    python benchmarks/pareto_lost.py --out out --candidates 600 --seeds 6 [--alone 150] [--on 5] [--boats lanxin15]
+    python benchmarks/pareto_lost.py --out out --candidates 600 --seeds 6 [--alone 300] [--on 5] [--boats lanxin15]
 
 Goes by the points that `pareto.py` left in --out with as many candidates and seeds.
 For each case that is lost over all seeds held out together:
@@ -60,7 +60,7 @@ from sitl.campaign.cases import cases_of
 
 Floats = npt.NDArray[np.float64]
 
-CASE_TRAINING, CASE_SEEDS = 300, 4
+CASE_TRAINING, CASE_SEEDS = 300, 16
 """First seed, and how many, on which a case is tuned by itself."""
 
 
@@ -145,7 +145,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder with every boat's points, as pareto.py left it")
     parser.add_argument("--candidates", type=int, default=150, help="settings that were tried for each boat")
-    parser.add_argument("--alone", type=int, default=150, help="settings tried for each helmsman and case by itself")
+    parser.add_argument("--alone", type=int, default=300, help="settings tried for each helmsman and case by itself")
     parser.add_argument("--seeds", type=int, default=6, help="seeds held out")
     parser.add_argument("--boats", default=",".join(BOATS))
     parser.add_argument("--on", type=int, default=1, help="only cases lost on at least so many of the seeds alone")
