@@ -19,7 +19,7 @@ LARGE_ERRORS_DEG = (5.0, 20.0, 45.0, 90.0)
 
 class Judged(NamedTuple):
     """A vessel's law: its verdict, the worst margins within `spread`, said in words, what large errors do, and the
-    margins with the heading filter in the loop."""
+    margins with the heading filter in the loop, in calm water and in the strongest gusts that it learns."""
 
     vessel: Vessel
     law: str
@@ -28,6 +28,7 @@ class Judged(NamedTuple):
     spread: str
     recoveries: list[Recovery]
     observed: ObservedMargins
+    in_gusts: ObservedMargins
 
 
 def judged(vessel: Vessel, law: str) -> Judged:
@@ -46,7 +47,8 @@ def judged(vessel: Vessel, law: str) -> Judged:
     )
     errors = [math.radians(error) for error in LARGE_ERRORS_DEG]
     found = recoveries(loop_of(vessel), law_of(vessel, law), verdict.margins.crossover, errors)
-    return Judged(vessel, law, verdict, worst, words, found, observed_margins(observed_of(vessel, law)))
+    calm, gusty = (observed_margins(observed_of(vessel, law, in_gusts=in_gusts)) for in_gusts in (False, True))
+    return Judged(vessel, law, verdict, worst, words, found, calm, gusty)
 
 
 def loop_of(vessel: Vessel) -> Loop:
@@ -95,13 +97,8 @@ def as_json(each: Judged) -> dict[str, Any]:
         "phase_margin_deg": math.degrees(found.phase),
         "delay_margin_s": _finite(found.delay),
         "worst_sensitivity": found.sensitivity,
-        "with_heading_filter": {
-            "stable": each.observed.stable,
-            "delay_margin_s": _finite(each.observed.delay),
-            "worst_sensitivity": _finite(each.observed.sensitivity),
-            "K_may_be_smaller_by_factor": each.observed.gain_down,
-            "K_may_be_larger_by_factor": _finite(each.observed.gain_up),
-        },
+        "with_heading_filter": _observed(each.observed),
+        "with_heading_filter_in_gusts": _observed(each.in_gusts),
         "crossover_rad_s": found.crossover,
         "rudder_rate_saturates_at_heading_error_deg": _finite(math.degrees(found.saturation)),
         "worst_boat": {
@@ -121,6 +118,16 @@ def as_json(each: Judged) -> dict[str, Any]:
             for row in each.recoveries
         ],
         "refusal": each.verdict.refusal or None,
+    }
+
+
+def _observed(found: ObservedMargins) -> dict[str, Any]:
+    return {
+        "stable": found.stable,
+        "delay_margin_s": _finite(found.delay),
+        "worst_sensitivity": _finite(found.sensitivity),
+        "K_may_be_smaller_by_factor": found.gain_down,
+        "K_may_be_larger_by_factor": _finite(found.gain_up),
     }
 
 
@@ -150,8 +157,11 @@ def as_text(rows: dict[str, Judged]) -> str:
 
 def sentences(each: Judged) -> list[str]:
     """Return what the worst boat and large errors do, and why the gains are refused where they are."""
-    said = [_with_filter(each.observed)] if each.verdict.margins.stable else []
+    said = []
     if each.verdict.margins.stable:
+        said.append(f"with the heading filter: {_observed_in_words(each.observed)}")
+        if each.in_gusts != each.observed:
+            said.append(f"in the strongest gusts: {_observed_in_words(each.in_gusts)}")
         outcome = f"worst sensitivity {each.worst.sensitivity:.2f}" if each.worst.stable else "UNSTABLE"
         said.append(f"worst boat ({each.spread}): {outcome}")
     good = [row for row in each.recoveries if row.corrected]
@@ -170,12 +180,12 @@ def sentences(each: Judged) -> list[str]:
     return [*said, each.verdict.refusal] if each.verdict.refusal else said
 
 
-def _with_filter(found: ObservedMargins) -> str:
+def _observed_in_words(found: ObservedMargins) -> str:
     if not found.stable:
-        return "with the heading filter: UNSTABLE"
+        return "UNSTABLE"
     least = f"{found.gain_down:.2f}" if found.gain_down > 0.0 else "next to nothing"
     most = f"{found.gain_up:.1f}" if math.isfinite(found.gain_up) else "any"
     return (
-        f"with the heading filter: delay margin {found.delay:.2f} s, worst sensitivity {found.sensitivity:.2f}, "
+        f"delay margin {found.delay:.2f} s, worst sensitivity {found.sensitivity:.2f}, "
         f"K from {least} to {most} times the model's"
     )

@@ -38,12 +38,15 @@ def test_every_row_has_margins_with_units_in_the_keys(capsys: pytest.CaptureFixt
         assert row["gain_margin"] > 2.0
         assert row["phase_margin_deg"] > 45.0
         assert row["delay_margin_s"] > 0.1
-        filtered = row["with_heading_filter"]
-        assert filtered["stable"]
-        assert 0.1 < filtered["delay_margin_s"] < 1.5
-        assert 1.0 < filtered["worst_sensitivity"] < 2.0
-        assert filtered["K_may_be_smaller_by_factor"] < 0.7
-        assert filtered["K_may_be_larger_by_factor"] > 2.0
+        for filtered in (row["with_heading_filter"], row["with_heading_filter_in_gusts"]):
+            assert filtered["stable"]
+            assert 0.1 < filtered["delay_margin_s"] < 1.5
+            assert 1.0 < filtered["worst_sensitivity"] < 2.3
+            assert filtered["K_may_be_smaller_by_factor"] < 0.7
+            assert filtered["K_may_be_larger_by_factor"] > 2.0
+        calm, gusty = (row[f"with_heading_filter{where}"]["worst_sensitivity"] for where in ("", "_in_gusts"))
+        assert calm < 2.0
+        assert calm <= gusty
     assert rows["file's backstepping"]["gains"]["k1_1_s"] == 2.0
 
 
