@@ -50,6 +50,11 @@ def steers_on(off_deg: float) -> Expect:
     return Expect(("same", "degraded"), "", math.inf, off_deg)
 
 
+def ends_trial(says: str, within: float) -> Expect:
+    """Return that an alarm ends the trial: she holds her heading where the same trial without the fault goes on."""
+    return Expect(("heading", "degraded"), says, within, 20.0)
+
+
 FROZEN, LOST, JUMPS = "heading frozen", "heading lost", "heading jumps"
 EXPECTED: dict[str, Expect] = {
     "nothing": steers_on(0.0),
@@ -140,13 +145,6 @@ BEHIND = Expect(("same", "degraded", "failsafe"), off_deg=180.0)
 """A boat whose rudder cannot turn her falls behind the turn that she would have made, and may be said not to answer."""
 OPEN_LOOP = steers_on(60.0)
 """A zigzag gives rudder and waits for the heading: what slows the rudder shifts the whole of it."""
-
-
-def ends_trial(says: str, within: float) -> Expect:
-    """Return that an alarm ends the trial: she holds her heading where the same trial without the fault goes on."""
-    return Expect(("heading", "degraded"), says, within, 20.0)
-
-
 SPECIAL: dict[tuple[str, str], Expect] = {
     ("first of two compasses jumps by 40 deg", "trial"): ends_trial("jumps", 1.0),
     ("second of two compasses frozen", "trial"): ends_trial("stands still", 5.0),

@@ -92,9 +92,8 @@ def points_of(runs: list[tuple[Setting, Rooms]]) -> list[Point]:
     return [Point(one.heading_rms_deg, one.travel_deg_s) for one in found]
 
 
-def measured(runs: list[tuple[Setting, Rooms]]) -> Point:
-    """Return the medians over the runs of what the pilot does."""
-    found = points_of(runs)
+def middle_of(found: list[Point]) -> Point:
+    """Return the medians over the runs."""
     return Point(statistics.median(one.rms_deg for one in found), statistics.median(one.travel_deg_s for one in found))
 
 
@@ -103,17 +102,16 @@ def held_row(name: str, boat: StudyBoat, side: float, seeds: int) -> str:
     told = f"{name:9s}{side:6.0f}"
     for mode in ("off", "auto"):
         found = points_of(runs_of(name, boat, side, mode, seeds))
-        middle, worst = statistics.median(one.rms_deg for one in found), max(one.rms_deg for one in found)
-        travel = statistics.median(one.travel_deg_s for one in found)
+        middle, worst = middle_of(found), max(one.rms_deg for one in found)
         lost = sum(one.rms_deg > HELD_DEG for one in found)
-        told += f"{lost:10d}{middle:8.1f}{worst:8.1f}{travel:8.2f}"
+        told += f"{lost:10d}{middle.rms_deg:8.1f}{worst:8.1f}{middle.travel_deg_s:8.2f}"
     return told
 
 
 def row(name: str, boat: StudyBoat, side: float, seeds: int) -> str:
     """Return a boat's row of the table."""
     runs = {mode: runs_of(name, boat, side, mode, seeds) for mode in ("off", "auto", "meet")}
-    off, auto, meet = (measured(found) for found in runs.values())
+    off, auto, meet = (middle_of(points_of(found)) for found in runs.values())
     covariance = covariance_met(boat, side)
     linear, points = settled(boat, side, SEAS["state 5"], oscillators(covariance), has_gyro=True)
     allowed = ALLOWED * off.rms_deg
