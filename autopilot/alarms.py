@@ -108,7 +108,8 @@ _HEADING = [
         _DEGRADE,
         _WARNING,
         _PILOT,
-        "the turn that the rate adds up to in 5 s is so far from the heading's",
+        "the turn that the rate adds up to in 5 s is so far from the heading's, or to the other side; as long as it is "
+        "said she is steered by heading alone",
         "alarms.rate_disagrees_deg",
     ),
     AlarmKind(

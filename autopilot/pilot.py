@@ -182,6 +182,7 @@ class Pilot:
         dt = 0.0 if self._now is None else clip(now - self._now, 0.0, LONGEST_STEP)
         self._now = now
         self._listen(now, samples)
+        self.estimator.take_rates(not self.monitors.doubts_rate)
         model = self.estimator.model
         self.estimator.holds_bias = not self._guide.is_late(now) and self._guide.is_turning(
             model, self._limits_at(model)

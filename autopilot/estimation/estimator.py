@@ -68,6 +68,11 @@ def is_rudder(angle: float) -> bool:
     return abs(angle) <= RUDDER_MOST
 
 
+def without_rates(samples: list[HeadingSample | RateSample]) -> list[HeadingSample | RateSample]:
+    """Return the headings alone."""
+    return [sample._replace(rate=None) for sample in samples if isinstance(sample, HeadingSample)]
+
+
 class Estimator:
     """Heading, rate, rudder and bias from irregular samples; see the module's docstring.
 
@@ -95,6 +100,7 @@ class Estimator:
         self._speed_time = -math.inf
         self.speed_over_ground = False
         self.holds_bias = False
+        self._takes_rates, self._is_spoilt = True, False
 
     def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
         """Go on with another model, steering gear and noise; what is known of the boat stays known."""
@@ -117,7 +123,7 @@ class Estimator:
         self.rudder.advance(now)
         if len(headings) > 1:
             headings.sort(key=lambda sample: sample.time)
-        for heading in headings:
+        for heading in headings if self._takes_rates else without_rates(headings):
             self._take_heading(now, heading)
         return self._nav_state(now)
 
@@ -125,6 +131,11 @@ class Estimator:
     def surprise(self) -> float:
         """How far measurements have lain to one side of what was expected of late [standard deviations]."""
         return self._fusion.surprise if self._fusion is not None else 0.0
+
+    def take_rates(self, wanted: bool) -> None:
+        """Go by headings and rates of turn, or by headings alone: by what rates had made of it before no more."""
+        self._is_spoilt = self._is_spoilt or (self._takes_rates and not wanted)
+        self._takes_rates = wanted
 
     def forget_bias(self) -> None:
         """Hold the bias for unknown: the rudder has been moved by somebody who did not tell us."""
@@ -166,7 +177,7 @@ class Estimator:
         # a clock that is a little ahead must not carry the filter into the future
         if sample.time > now:
             sample = sample._replace(time=now)
-        if self._fusion is None:
+        if self._fusion is None or self._is_spoilt:
             if isinstance(sample, HeadingSample):
                 self._begin(sample)
             return
@@ -191,7 +202,7 @@ class Estimator:
         state = ekf.initial(
             sample.time, wrap(sample.heading), sample.rate, self._noises.usual, before.state if before else None
         )
-        self._fusion = Fusion(state, before.surprise if before else 0.0)
+        self._fusion, self._is_spoilt = Fusion(state, before.surprise if before else 0.0), False
         self._begun = sample
         self._fused.clear()
         self._heading_time = sample.time

@@ -7,6 +7,7 @@ import math
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import clip
+from autopilot.monitors.turns_told import NO_TURNS, are_alike, are_opposite, turns_told
 from autopilot.monitors.watched import NEWS, Watched
 from autopilot.signals import HeadingSample, RateSample
 
@@ -34,19 +35,19 @@ JUMP_SAMPLES = 3
 JUMP_SAID = 5.0
 """A jump is told for this time [s] after it was found."""
 JUMP_GAP = 2.0
-DISAGREES_TIME = 5.0
 DISAGREES_LASTS = 1.0
-"""Turns by heading and by rate are compared over about this time [s], and must differ for so long."""
+"""Turns by heading and by rate must differ for so long [s]."""
 DISAGREES_SAID = 20.0
 """That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of her gyro."""
+OPPOSITE_WAYS = "they turn opposite ways"
 
 
 class FrozenHeading:
     """A heading that stays the very same number while the boat must be turning.
 
-    Judged by the yaw rate that came with it where there is one, else by the sea that moved it until then, and by the
-    turn that the model makes of the rudder, the bias being what it was when the heading began to stand: the estimator
-    has learnt the wrong one since.
+    Judged by the yaw rate that came with it where there is one that does not stand still too, else by the sea that
+    moved it until then, and by the turn that the model makes of the rudder, the bias being what it was when the heading
+    began to stand: the estimator has learnt the wrong one since.
     """
 
     def __init__(self) -> None:
@@ -65,6 +66,8 @@ class FrozenHeading:
         self._same = 0
         self._since = self._time = math.nan
         self._turn: float | None = None
+        self._told: float | None = None
+        self._rate_moves = False
         self._low = self._high = 0.0
         self._now = math.nan
         self._bias = 0.0
@@ -81,6 +84,9 @@ class FrozenHeading:
             self._since = sample.time
         elif sample.rate is not None and math.isfinite(self._time):
             step = clip(sample.time - self._time, 0.0, LONGEST_STEP_S)
+            # nought may well be true for long
+            self._rate_moves = self._rate_moves or sample.rate == 0.0 or self._told not in (None, sample.rate)
+            self._told = sample.rate
             # what is long past may be the bias of the rate sensor, added up
             self._turn = (self._turn or 0.0) * math.exp(-step / RATE_FORGOTTEN) + sample.rate * step
             self._low, self._high = min(self._low, self._turn), max(self._high, self._turn)
@@ -109,7 +115,7 @@ class FrozenHeading:
         self._turned += self._rate * step
         if self._same < FROZEN_SAMPLES:
             return False
-        if self._turn is not None:
+        if self._turn is not None and (self._rate_moves or self._high - self._low > FROZEN_BY_RATE):
             return self._high - self._low > FROZEN_BY_RATE
         return watched.has_way and abs(self._turned) > FROZEN_BY_RUDDER
 
@@ -176,7 +182,7 @@ class JumpingHeading:
 
 
 class RateAgainstHeading:
-    """Whether heading and rate of turn tell of the same turn, over a few seconds."""
+    """Whether heading and rate of turn tell of the same turn, over a few seconds, and of the same side."""
 
     def __init__(self) -> None:
         self.reset()
@@ -185,13 +191,15 @@ class RateAgainstHeading:
         """Forget everything."""
         self._heading: HeadingSample | None = None
         self._rate: RateSample | None = None
-        self._apart = self._told = 0.0
+        self._turns = NO_TURNS
+        self._told = 0.0
         self._since: float | None = None
         self._seen = -math.inf
+        self._is_opposite = False
         self.found = ""
 
     def hear(self, sample: HeadingSample | RateSample, most: float) -> None:
-        """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of."""
+        """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of, inf: not watched."""
         if not math.isfinite(sample.time) or (sample.rate is not None and not math.isfinite(sample.rate)):
             return
         if isinstance(sample, RateSample):
@@ -204,20 +212,28 @@ class RateAgainstHeading:
         step = sample.time - last.time
         if not 0.0 < step <= JUMP_GAP or not math.isfinite(last.heading):
             return
-        turned = shortest_turn(last.heading, sample.heading) - rate * step
-        self._apart = self._apart * math.exp(-step / DISAGREES_TIME) + turned
-        if abs(self._apart) <= most:
+        self._turns = turns_told(self._turns, shortest_turn(last.heading, sample.heading), rate * step, step)
+        if math.isfinite(most):
+            self._judge(sample.time, most)
+
+    def _judge(self, time: float, most: float) -> None:
+        # only turns that both tell of alike put an end to it: a boat that lies still shows nothing
+        turns = self._turns
+        self._is_opposite = not are_alike(turns) if self._is_opposite else are_opposite(turns)
+        if self._is_opposite:
+            self._seen, self.found = time, OPPOSITE_WAYS
+        elif abs(turns.apart) <= most:
             self._since = None
-            if not 0.0 <= sample.time - self._seen < DISAGREES_SAID:
+            if not 0.0 <= time - self._seen < DISAGREES_SAID:
                 self.found = ""
         elif self._since is None:
-            self._since = sample.time
-        elif sample.time - self._since >= DISAGREES_LASTS:
-            self._say(sample.time)
+            self._since = time
+        elif time - self._since >= DISAGREES_LASTS:
+            self._say(time)
 
     def _say(self, time: float) -> None:
-        self._seen, apart = time, abs(self._apart)
-        if not self.found or apart - self._told > NEWS:
+        self._seen, apart = time, abs(self._turns.apart)
+        if not self.found or (apart - self._told > NEWS and self.found != OPPOSITE_WAYS):
             self.found, self._told = f"{math.degrees(apart):.0f} deg apart", apart
 
     def _fresh_rate(self, time: float) -> float | None:

@@ -76,6 +76,11 @@ class Monitors:
         """Return what is to be said though steering goes on."""
         return tuple(text for name, text in self.findings.items() if not _ends_steering(name))
 
+    @property
+    def doubts_rate(self) -> bool:
+        """Return whether the rate of turn and the heading do not go together: the heading is what is steered by."""
+        return bool(self._against_rate.found)
+
     def hear(self, samples: tuple[Sample, ...]) -> None:
         """Take the instruments' samples of this tick."""
         limits = self.limits

@@ -53,7 +53,7 @@ from autopilot.limits import Rest, RudderLimits, limit, rested
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
 from autopilot.monitors import AT_THE_STOP, FROZEN_SAMPLES
-from autopilot.monitors.heading import DISAGREES_TIME
+from autopilot.monitors.turns_told import NO_TURNS, Turns, are_opposite, turns_told
 from autopilot.pilot import LONGEST_STEP, SPEED_CHANGE
 from autopilot.signals import Reference
 
@@ -97,7 +97,7 @@ class Brain(NamedTuple):
 class Mind(NamedTuple):
     """What the pilot remembers from tick to tick, the rudder's past apart.
 
-    same, heading, heard_time, apart: the compass, as its monitors see it; free_time [s]: when the rudder was last not
+    same, heading, heard_time, turns: the compass, as its monitors see it; free_time [s]: when the rudder was last not
     at its stop; easy_time and right_time [s]: when it was last not hard over for the monitors, and last not pushing the
     boat away.
     gone: the run has come to where only the full simulator goes on.
@@ -123,7 +123,7 @@ class Mind(NamedTuple):
     same: int
     heading: float
     heard_time: float
-    apart: float
+    turns: Turns
     free_time: float
     easy_time: float
     right_time: float
@@ -180,7 +180,7 @@ def first_mind(brain: Brain, state: FilterState, now: float, heading: float, spe
         same=1,
         heading=heading,
         heard_time=state.time,
-        apart=0.0,
+        turns=NO_TURNS,
         free_time=now,
         easy_time=now,
         right_time=now,
@@ -251,7 +251,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
         same=listened.same,
         heading=listened.heading,
         heard_time=listened.heard_time,
-        apart=listened.apart,
+        turns=listened.turns,
         free_time=free_time,
         easy_time=easy_time,
         right_time=right_time,
@@ -274,7 +274,8 @@ def _must_go(
         not now - mind.heading_time <= brain.heading_timeout
         or not math.isfinite(heading_and_demand)
         or now - right_time >= WRONG_TIME
-        or abs(mind.apart) > brain.rate_disagrees
+        or abs(mind.turns.apart) > brain.rate_disagrees
+        or (are_opposite(mind.turns) and math.isfinite(brain.rate_disagrees))
         or (not math.isnan(mind.speed) and mind.speed < brain.steerage)
         or (brain.watches_frozen and mind.same >= FROZEN_SAMPLES)
         or now - easy_time >= brain.patience
@@ -292,11 +293,11 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
     place = mind.ticks & (len(past.times) - 1)
     past.times[place], past.angles[place] = now, rudder
     fusion, heading_time, gone = mind.fusion, mind.heading_time, mind.gone
-    same, heading, heard_time, apart = mind.same, mind.heading, mind.heard_time, mind.apart
+    same, heading, heard_time, turns = mind.same, mind.heading, mind.heard_time, mind.turns
     if not math.isnan(heard.heading):
         since = heard.time - heard_time
         turned = shortest_turn(heading, heard.heading)
-        apart = apart * math.exp(-since / DISAGREES_TIME) + turned - heard.rate * since
+        turns = turns_told(turns, turned, heard.rate * since, since)
         # the monitor's own reckoning is a little closer; what is half its measure is left to it
         gone = gone or abs(turned - fusion.state.rate * since) > 0.5 * brain.heading_jump
         same = same + 1 if heard.heading == heading else 1
@@ -333,7 +334,7 @@ def _listen(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard) -> M
         same=same,
         heading=heading,
         heard_time=heard_time,
-        apart=apart,
+        turns=turns,
         free_time=mind.free_time,
         easy_time=mind.easy_time,
         right_time=mind.right_time,

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.models.norrbin import Norrbin, rate_step
+from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.monitors import FROZEN, RUNAWAY, AlarmLimits, Monitors, Watched
 from autopilot.signals import ConditionSample, HeadingSample, NavState, RollSample
 
@@ -79,6 +79,28 @@ def test_a_coarse_compass_on_a_straight_course_is_not_frozen() -> None:
 def test_a_slow_turn_read_in_whole_degrees_is_not_frozen() -> None:
     boat = Sailing(has_rate=True)
     assert boat.sail(300.0, 0.004, digits=math.radians(1.0)) is None
+
+
+@pytest.mark.parametrize("rate_deg_s", [0.01, 0.3, -0.4])
+def test_a_rate_that_stands_still_too_does_not_speak_for_the_compass(rate_deg_s: float) -> None:
+    """Both froze as a turn began: the rate adds up to next to nothing, the rudder is worth more."""
+    monitors, turned = Monitors(LIMITS), 0.0
+    for k in range(600):
+        monitors.hear((HeadingSample(k * DT, 0.3, math.radians(rate_deg_s)),))
+        monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3))
+        turned += steady_rate(BOAT, 0.3) * DT
+        if monitors.trouble:
+            break
+    assert monitors.trouble == FROZEN
+    assert turned < math.radians(45.0)
+
+
+def test_a_boat_whose_gyro_says_that_she_lies_still_lies_still() -> None:
+    monitors = Monitors(LIMITS)
+    for k in range(600):
+        monitors.hear((HeadingSample(k * DT, 0.3, 0.0),))
+        monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3))
+        assert monitors.trouble == ""
 
 
 def test_without_way_the_rudder_proves_nothing() -> None:
@@ -188,6 +210,36 @@ def test_what_goes_on_is_not_said_anew_with_every_degree() -> None:
             assert monitors.findings.keys() == names, "it comes and goes with the swing, and is one alarm"
     assert len(said) < 8
     assert len({text for text in monitors.findings.values() if "heeling" in text}) == 1
+
+
+def test_a_gyro_of_the_wrong_sign_is_told_in_one_swing_until_it_is_put_right() -> None:
+    limit = math.radians(15.0)
+    monitors, told = Monitors(LIMITS._replace(rate_disagrees=limit)), []
+
+    def hear(now: float, sign: float, swing: float) -> None:
+        heading, rate = swing * math.sin(now), swing * math.cos(now)
+        monitors.hear((HeadingSample(now, heading, sign * rate),))
+        monitors.look(BOAT, watched(now, heading))
+        told.append(monitors.doubts_rate)
+
+    for k in range(1, 100):
+        hear(0.1 * k, -1.0, math.radians(5.0))
+    assert told.index(True) < 40
+    assert "opposite ways" in monitors.findings["rate_disagrees"]
+    for k in range(100, 700):
+        hear(0.1 * k, -1.0, 0.0)
+    assert told[-1], "a boat that lies still shows nothing of her gyro"
+    for k in range(700, 1100):
+        hear(0.1 * k, 1.0, math.radians(5.0))
+    assert not told[-1]
+    assert "rate_disagrees" not in monitors.findings
+
+
+def test_a_gyro_of_the_wrong_sign_is_nobodys_business_where_that_is_not_watched() -> None:
+    monitors = Monitors(LIMITS._replace(rate_disagrees=math.inf))
+    for k in range(200):
+        monitors.hear((HeadingSample(0.1 * k, 0.5 * math.sin(0.1 * k), -0.5 * math.cos(0.1 * k)),))
+        assert not monitors.doubts_rate
 
 
 def test_a_gyro_that_is_right_again_is_believed_after_a_while() -> None:

@@ -1,0 +1,88 @@
+"""Which way heading and rate of turn tell of: where they go together, opposite ways, or where nothing is shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.monitors.turns_told import NO_TURNS, Turns, are_alike, are_opposite, turns_told
+
+DT = 0.1
+
+
+def swings(
+    seconds: float,
+    swing_deg: float,
+    frequency: float,
+    scale: float = 1.0,
+    bias_deg_s: float = 0.0,
+    late_s: float = 0.0,
+) -> Iterator[Turns]:
+    """A boat that swings by a sine; her gyro has a scale and a bias, her compass is late."""
+    turns, swing = NO_TURNS, math.radians(swing_deg)
+    for k in range(1, round(seconds / DT)):
+        now = k * DT - late_s
+        by_heading = swing * (math.sin(frequency * now) - math.sin(frequency * (now - DT)))
+        rate = scale * swing * frequency * math.cos(frequency * k * DT) + math.radians(bias_deg_s)
+        turns = turns_told(turns, by_heading, rate * DT, DT)
+        yield turns
+
+
+@given(swing=st.floats(6.0, 60.0), frequency=st.floats(0.5, 3.0), scale=st.floats(0.6, 1.6))
+def test_a_gyro_of_the_wrong_sign_shows_in_any_swing_worth_the_name(
+    swing: float, frequency: float, scale: float
+) -> None:
+    *_, last = swings(20.0, swing, frequency, -scale)
+    assert are_opposite(last)
+    *_, right = swings(20.0, swing, frequency, scale)
+    assert are_alike(right)
+
+
+@given(
+    swing=st.floats(0.0, 60.0),
+    frequency=st.floats(0.2, 3.0),
+    scale=st.floats(0.3, 3.0),
+    bias=st.floats(-1.0, 1.0),
+    phase=st.floats(0.0, 1.0),
+)
+def test_a_gyro_that_is_a_little_off_and_a_compass_that_lags_go_the_same_way(
+    swing: float, frequency: float, scale: float, bias: float, phase: float
+) -> None:
+    late = phase / frequency
+    assert not any(map(are_opposite, swings(40.0, swing, frequency, scale, bias, late)))
+
+
+@given(turns=st.builds(Turns, *[st.floats(-9.0, 9.0)] * 3, *[st.floats(0.0, 9.0)] * 2))
+def test_both_at_once_is_nonsense(turns: Turns) -> None:
+    assert not (are_opposite(turns) and are_alike(turns))
+
+
+@given(
+    steps=st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.01, 2.0)), max_size=30),
+)
+def test_port_is_as_starboard(steps: list[tuple[float, float, float]]) -> None:
+    one, other = NO_TURNS, NO_TURNS
+    for by_heading, by_rate, step in steps:
+        one, other = turns_told(one, by_heading, by_rate, step), turns_told(other, -by_heading, -by_rate, step)
+    assert other == Turns(-one.apart, -one.heading, -one.rate, one.difference, one.sum)
+
+
+def test_a_boat_that_lies_still_shows_nothing() -> None:
+    *_, last = swings(60.0, 0.0, 1.0)
+    assert not are_opposite(last)
+    assert not are_alike(last)
+
+
+@pytest.mark.parametrize("step", [0.05, 0.1, 0.5])
+def test_a_steady_turn_is_told_alike_at_any_pace(step: float) -> None:
+    turns = NO_TURNS
+    for _ in range(round(20.0 / step)):
+        turns = turns_told(turns, 0.1 * step, -0.1 * step, step)
+    # the leaky sum of a steady rate: rate times time, but for the step
+    assert turns.heading == pytest.approx(0.1 * 2.0, rel=0.5 * step)
+    assert turns.apart == pytest.approx(0.2 * 5.0, rel=0.2 * step + 0.02)
+    assert are_opposite(turns)
