@@ -10,7 +10,8 @@ of it, neither early nor late:
     u = -share a T/K,   share = 1/(1 + w^4 (w^2 + n^2)/corner^6),   corner^3 = K/(T weight)
 
 so that slow waves are undone and quick ones left alone, which the loop of a boat does not see any more than before: of
-the heading the law is shown the rest without (1 - share) h. A gear that is too slow or a rudder too small for the whole
+the heading the law is shown the rest without (1 - share) h, of an h that is too much for waves without as much as waves
+may have. A gear that is too slow or a rudder too small for the whole
 push undoes what it can. u leads by the gear's lag and delay.
 
 Derived here, from e'' + n e' = (K/T) u + a.
@@ -21,7 +22,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.estimation.wave_motion import CORNER, DAMPING, STIFFENING, left_alone
+from autopilot.estimation.wave_motion import CORNER, DAMPING, STIFFENING, believed, left_alone
 from autopilot.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -67,9 +68,11 @@ def met(
     """Return how the waves are met. Both corners go with the speed, `quickness` times that at which they hold."""
     if waves.deviation == 0.0:
         return NOT_MET
+    share = believed(waves.deviation, waves.heading)
     if corners.undone == 0.0:
-        return Met(left_alone(waves.frequency, corners.seen * quickness), 0.0)
-    return undone(model, gear, limits, corners.undone * quickness, waves)
+        return Met(share * left_alone(waves.frequency, corners.seen * quickness), 0.0)
+    found = undone(model, gear, limits, corners.undone * quickness, waves)
+    return Met(share * found.alone, found.rudder)
 
 
 def undone(model: Norrbin, gear: SteeringGear, limits: RudderLimits, corner: float, waves: Waves) -> Met:

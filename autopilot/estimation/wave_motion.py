@@ -122,6 +122,13 @@ def is_extreme(sea: Sea, wave: float) -> bool:
     return wave * wave > EXTREME * EXTREME * sea.heading + EXTREME_LEAST * EXTREME_LEAST
 
 
+def believed(deviation: float, wave: float) -> float:
+    """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
+    up to where it is too much for them, and no more than that."""
+    most = math.sqrt(EXTREME * EXTREME * deviation * deviation + EXTREME_LEAST * EXTREME_LEAST)
+    return min(most / abs(wave), 1.0) if wave != 0.0 else 1.0
+
+
 def learn(sea: Sea, heading: float, rate: float, dt: float) -> Sea:
     """Return the sea after `dt` [s] in which h^2 and s^2 were expected at `heading` and `rate`."""
     watched = sea.watched + dt

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from autopilot.control.met_waves import LEAST_SHARE, NOT_MET, REACHED, Corners, Met, Waves, met, undone
-from autopilot.estimation.wave_motion import STIFFENING, left_alone
+from autopilot.estimation.wave_motion import EXTREME, EXTREME_LEAST, STIFFENING, left_alone
 from autopilot.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -100,3 +100,15 @@ def test_without_a_sea_nothing_is_done_and_without_the_wish_waves_are_left_alone
     assert met(LANXIN, GEAR, SLOW, Corners(1.0), 1.0, waves) == Met(left_alone(0.9, 1.0), 0.0)
     assert met(LANXIN, GEAR, SLOW, Corners(math.inf), 1.0, waves) == NOT_MET, "a trial goes by the heading as it is"
     assert met(LANXIN, GEAR, SLOW, Corners(1.0, 2.0), 0.5, waves) == undone(LANXIN, GEAR, SLOW, 1.0, waves)
+
+
+@given(st.floats(-1.0, 1.0), st.floats(1e-4, 0.1), st.sampled_from([0.0, 2.0]))
+def test_what_is_too_much_for_waves_is_shown_to_the_law(heading: float, deviation: float, undone_below: float) -> None:
+    def hidden(angle: float) -> float:
+        return met(LANXIN, GEAR, SLOW, Corners(0.5, undone_below), 1.0, Waves(angle, 0.0, deviation, 0.9)).alone
+
+    most = math.hypot(EXTREME * deviation, EXTREME_LEAST)
+    assert abs(hidden(heading) * heading) <= most * (1.0 + 1e-9)
+    assert hidden(-heading) == hidden(heading)
+    if abs(heading) <= most:
+        assert hidden(heading) == hidden(0.0), "a wave is a wave"
