@@ -38,11 +38,14 @@ SEA = math.radians(2.0)
 GUST = math.radians(0.2)
 DISTURBANCE_TIME = 0.5
 """What moves the boat like a rudder of this size [rad], correlated over this time [s]: the whole sea, or all but it."""
-MODEL_ERROR = 0.1
-"""The rudder's effect is uncertain by this share of it, as white noise [s^(1/2)]."""
+MODEL_ERROR = 0.16
+"""The rudder's effect is uncertain by this share of it over the boat's time constant, as white noise. Where much less
+is supposed, a boat that turns 40 % better than her model swings about her course after a push: what her rudder does too
+much is taken for wind. Where it is more, a quick boat's filter trusts her model too little to follow her."""
 MODEL_ERROR_UNSTABLE = 0.6
-"""The same of a course-unstable boat, whose rudder and own moment nearly cancel. With 0.1 a boat with 30 % less rudder
-than the model's swings by 12 deg on a straight course in calm water, with 0.6 by 0.3 deg."""
+"""The same of a course-unstable boat, whose rudder and own moment nearly cancel, whatever her time constant [s^(1/2)].
+With 0.1 a boat with 30 % less rudder than the model's swings by 12 deg on a straight course in calm water, with 0.6 by
+0.3 deg."""
 WAVE_CORNER_SHARE = 0.4
 """Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
@@ -87,7 +90,7 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
         rate=math.radians(sensors.rate_noise_deg_s) ** 2,
         acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
         bias=bias * bias / bias_time,
-        model_error=(MODEL_ERROR if model.n1 > 0.0 else MODEL_ERROR_UNSTABLE) if filtered else 0.0,
+        model_error=_model_error(vessel) if filtered else 0.0,
         waves=filtered,
         gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
         gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
@@ -97,6 +100,11 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
         gust_time=max(GUST_TIME_LEAST, GUST_TIME_SHARE * bias_time),
         rate_unknown=min(_quickest_turn(vessel) ** 2, RATE_UNKNOWN),
     )
+
+
+def _model_error(vessel: Vessel) -> float:
+    """Return by which share the rudder's effect is uncertain, as white noise [s^(1/2)]."""
+    return MODEL_ERROR * math.sqrt(vessel.model.T_s) if vessel.model.n1 > 0.0 else MODEL_ERROR_UNSTABLE
 
 
 def bias_time_of(vessel: Vessel) -> float:

@@ -87,7 +87,7 @@ NO_WAVES: Waves = (
 class FilterNoise(NamedTuple):
     """Variances: heading [rad^2], rate [(rad/s)^2]; densities a second: acceleration [(rad/s)^2/s], bias [rad^2/s].
 
-    model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share of it, as white noise. With `waves` the
+    model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share, as white noise. With `waves` the
     sea is learnt and kept out of psi and r, and so is learnt how quickly the bias wanders, from `bias` to `gusty_bias`
     [rad^2/s], by what it does over `gust_time` [s] (`gusts`). `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the
     places of `acceleration` and of that while the boat is pushed further than waves would; `gust_bias` also while the
@@ -196,7 +196,8 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     a01 = p01 + turn * p11 + drift * p12
     a02 = p02 + turn * p12 + drift * p22
     a12 = decay * p12 + gain * p22
-    steered = noise.model_error * model.gain * (rudder + bias) / model.time_constant
+    # counted from the rudder that keeps her straight: with it she needs no more trust to port than to starboard
+    steered = noise.model_error * (model.gain * (rudder + bias) - model.n0) / model.time_constant
     pushed, wandered = noise.acceleration, max(noise.bias, state.gusts.density)
     if noise.waves and wave_motion.is_extreme(state.sea, state.wave):
         pushed, wandered = noise.gust, noise.gust_bias

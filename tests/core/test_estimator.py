@@ -204,6 +204,24 @@ def test_a_heading_from_the_future_is_taken_as_of_now() -> None:
     assert tested.update(1.6, ()).heading_age == pytest.approx(0.5)
 
 
+def test_rates_that_are_not_to_be_taken_leave_no_trace() -> None:
+    """A gyro of the wrong sign, found out after 4 s: soon it is as if there had never been one."""
+    plant = Plant(MODEL, GEAR, disturbance=lambda t: 0.2 * math.sin(t))
+    tested, without, apart = estimator(), estimator(), []
+    for _ in range(400):
+        headings = [sample for sample in plant.sense() if isinstance(sample, HeadingSample)]
+        tested.take_rates(plant.time < 4.0)
+        wrong = tuple(sample._replace(rate=-(sample.rate or 0.0)) for sample in headings)
+        rates = [
+            one.update(plant.time, seen).rate
+            for one, seen in ((tested, wrong), (without, tuple(sample._replace(rate=None) for sample in headings)))
+        ]
+        apart.append(abs(rates[0] - rates[1]))
+        plant.step(0.0, 0.05)
+    assert max(apart[:80]) > math.radians(5.0)
+    assert max(apart[200:]) < math.radians(0.2)
+
+
 def test_heading_alone_gives_the_rate() -> None:
     plant = Plant(MODEL, GEAR, heading_noise=math.radians(0.2), rate_noise=None)
     tested = estimator()
@@ -259,7 +277,7 @@ def test_at_the_rudders_stop_the_end_of_a_push_is_learnt_at_once() -> None:
         return state.bias / -rudder
 
     assert abs(left_after(-gear.angle_max)) < 0.3
-    assert left_after(-0.9 * gear.angle_max) > 0.8
+    assert left_after(-0.9 * gear.angle_max) > 0.7
 
 
 @pytest.mark.parametrize("wave_filter", ["off", "auto"])

