@@ -48,19 +48,20 @@ def state_name(tick: Tick) -> str:
     return tick.supervisor.name.lower()
 
 
-def run_cells(rows: Iterable[Row], states: Iterable[str], workers: int) -> Iterator[Cell]:
-    """Yield the cell of every row and state. Each state is reached once for each kind of links, then forked."""
+def run_cells(rows: Iterable[Row], states: Iterable[str], workers: int, seed: int = 1) -> Iterator[Cell]:
+    """Yield the cell of every row and state, in the sea and with the noise of a seed. Each state is reached once for
+    each kind of links, then forked."""
     by_method = sorted(rows, key=lambda row: row.method)
     for method, group in itertools.groupby(by_method, key=lambda row: row.method):
         chosen = list(group)
         for state in states:
             if state == "override" and method == "instruments":
                 continue  # nobody but the skipper can take the helm where there is no flight controller
-            yield from _cells_of(method, state, chosen, workers)
+            yield from _cells_of(method, state, chosen, workers, seed)
 
 
-def _cells_of(method: str, state: str, rows: list[Row], workers: int) -> Iterator[Cell]:
-    boat = FaultBoat(method)
+def _cells_of(method: str, state: str, rows: list[Row], workers: int, seed: int) -> Iterator[Cell]:
+    boat = FaultBoat(method, seed)
     bring_into(boat, state)
     clean: Any = in_child(lambda: _run(boat, None))()
     jobs = [functools.partial(cell, boat, row, state, clean) for row in rows]

@@ -55,19 +55,22 @@ def ends_trial(says: str, within: float) -> Expect:
     return Expect(("heading", "degraded"), says, within, 20.0)
 
 
+HELMLESS = Expect(("override", "failsafe"), "does not obey|rudder", 8.0, 8.0)
+"""Nothing that is ordered is done: it shows when the rudder should move, by its report or by the boat."""
 FROZEN, LOST, JUMPS = "heading frozen", "heading lost", "heading jumps"
 EXPECTED: dict[str, Expect] = {
     "nothing": steers_on(0.0),
     "heading lost": fails_safe(LOST, 1.0, 3.0),
     "heading lost for 0.6 s": steers_on(5.0),
     "heading frozen": fails_safe(FROZEN, 5.0),
-    "heading and rate frozen": fails_safe(FROZEN, 5.0),
-    "heading frozen, compass without rate": fails_safe(FROZEN, 5.0),
+    "heading and rate frozen": fails_safe(FROZEN, 5.0, 10.0),
+    "heading frozen, compass without rate": fails_safe(FROZEN, 5.0, 10.0),
     "heading jumps by 40 deg": fails_safe(JUMPS, 1.0),
     "heading jumps by 40 deg and back": fails_safe(JUMPS, 1.0),
     "heading drifts by 1 deg/s": steers_on(20.0),
-    "heading noise of 10 deg": fails_safe(JUMPS, 3.0),
-    "every tenth heading wild": fails_safe(JUMPS, 3.0),
+    # three jumps are wanted, and when they come is chance
+    "heading noise of 10 deg": fails_safe(JUMPS, 5.0),
+    "every tenth heading wild": fails_safe(JUMPS, 5.0),
     "heading is no number": fails_safe(LOST, 1.0, 3.0),
     "readings 1 s late": fails_safe(LOST, 1.0, 3.0),
     "second compass off by 30 deg": tells("compasses disagree", 11.0),
@@ -83,8 +86,8 @@ EXPECTED: dict[str, Expect] = {
     "both compasses frozen": fails_safe(FROZEN, 5.0),
     "rate off by 5 deg/s": tells("rate of turn", 7.0, 10.0),
     "rate frozen": steers_on(20.0),
-    "rate reversed": Expect(("failsafe", "degraded"), "rate of turn", 4.0, 60.0),
-    "rate noise of 5 deg/s": steers_on(6.0),
+    "rate reversed": Expect(("failsafe", "degraded"), "rate of turn", 5.0, 30.0),
+    "rate noise of 5 deg/s": steers_on(8.0),
     "speed lost": steers_on(1.0),
     "speed frozen": steers_on(1.0),
     "speed three times too high": steers_on(5.0),
@@ -93,18 +96,20 @@ EXPECTED: dict[str, Expect] = {
     # a rudder that need not move shows nothing: what counts on a course that is held is how far she goes off it
     "rudder stuck": Expect(("same", "degraded", "failsafe"), off_deg=15.0),
     "rudder stuck, with a rudder sensor": fails_safe("rudder does not move", 3.0, 10.0),
-    "rudder reversed": fails_safe("wrong way", 5.0, 15.0),
+    "rudder reversed": fails_safe("wrong way", 6.0, 20.0),
     "rudder reversed, with a rudder sensor": fails_safe("wrong way", 5.0, 15.0),
-    "rudder at a tenth of its rate": steers_on(15.0),
-    "rudder linkage slipped by 8 deg": steers_on(10.0),
-    "rudder runs hard over": fails_safe("rudder", 5.0, 45.0),
+    # with the next wave these may be found to turn her wrongly, or not at all
+    "rudder at a tenth of its rate": Expect(("same", "degraded", "failsafe"), off_deg=15.0),
+    "rudder linkage slipped by 8 deg": Expect(("same", "degraded", "failsafe"), off_deg=10.0),
+    # where a wave pushes her to the same side it is as if she were pushed harder than her rudder holds
+    "rudder runs hard over": fails_safe("rudder|pushed", 5.0, 130.0),
     "rudder stops at 5 deg": steers_on(5.0),
-    "rudder play of 3 deg": steers_on(5.0),
+    "rudder play of 3 deg": steers_on(8.0),
     # a rudder that trails, or one in the wake of a screw that turns astern, may be found to turn her no more
     "rudder linkage broken": Expect(("same", "degraded", "failsafe"), off_deg=15.0),
     "rudder sensor lost": steers_on(2.0),
     "rudder sensor frozen": fails_safe("rudder does not move", 15.0, 5.0),
-    "rudder sensor off by 8 deg": fails_safe("rudder", 5.0, 3.0),
+    "rudder sensor off by 8 deg": fails_safe("rudder", 5.0, 8.0),
     "no report of the rudder": lets_go("reports neither", 4.0),
     "engine stopped": steers_on(10.0),
     "engine astern": Expect(("same", "degraded", "failsafe"), off_deg=45.0),
@@ -116,7 +121,7 @@ EXPECTED: dict[str, Expect] = {
     "somebody disarms": lets_go("disarmed", 1.5),
     "a hand on the sticks": lets_go("stick", 1.0),
     "the radio's override switch goes off": lets_go("switch", 1.0),
-    "overrides ignored": lets_go("does not obey", 5.0),
+    "overrides ignored": HELMLESS,
     "another ground station steers": lets_go("does not obey", 3.0),
     "battery low": tells("battery", 2.0),
     "geofence breached": tells("fence", 2.0),
@@ -126,7 +131,7 @@ EXPECTED: dict[str, Expect] = {
     "heartbeats lost": lets_go("no heartbeat", 9.0),
     "link silent": fails_safe(LOST, 1.0, 3.0),
     "link silent for 2 s": fails_safe(LOST, 1.0, 3.0),
-    "link deaf: nothing we send arrives": lets_go("does not obey", 5.0),
+    "link deaf: nothing we send arrives": HELMLESS,
     "link half open": fails_safe(LOST, 1.0, 3.0),
     "link loses 30 %": steers_on(3.0),
     "link 0.3 s late each way": steers_on(5.0),
@@ -158,13 +163,14 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     ("engine stopped", "turn"): BEHIND,
     ("engine astern", "turn"): BEHIND,
     # stuck where it turns her, it is wrong only when the turn, or this side of the zigzag, should end
-    ("rudder stuck", "turn"): fails_safe("rudder", 14.0, 45.0),
+    ("rudder stuck", "turn"): fails_safe("rudder", 16.0, 45.0),
     ("rudder stuck", "trial"): fails_safe("rudder", 14.0, 30.0),
     ("rudder reversed", "turn"): fails_safe("rudder", 5.0, 15.0),
     ("rudder runs hard over", "turn"): fails_safe("rudder", 12.0, 45.0),
     # a zigzag's rudder rests until the heading is reached, as if a heavy gust had come: she is far off when it is sure
-    ("rudder reversed", "trial"): fails_safe("turns against her rudder", 9.0, 20.0),
-    ("rudder at a tenth of its rate", "trial"): OPEN_LOOP,
+    ("rudder reversed", "trial"): fails_safe("rudder", 10.0, 20.0),
+    ("rudder at a tenth of its rate", "trial"): Expect(("same", "failsafe"), off_deg=60.0),
+    ("rudder linkage slipped by 8 deg", "trial"): OPEN_LOOP,
     ("rudder stops at 5 deg", "trial"): OPEN_LOOP,
     ("rudder play of 3 deg", "trial"): OPEN_LOOP,
     ("link 0.3 s late each way", "trial"): OPEN_LOOP,
@@ -184,6 +190,9 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     # the wave filter keeps the rudder still on a course that is held: until it moves nothing tells of its sensor
     ("rudder sensor frozen", "heading"): Expect(("same", "failsafe"), off_deg=5.0),
     ("rudder sensor frozen", "track"): Expect(("same", "failsafe"), off_deg=5.0),
+    ("rudder stuck, with a rudder sensor", "heading"): Expect(("same", "failsafe"), off_deg=10.0),
+    ("rudder stuck, with a rudder sensor", "track"): Expect(("same", "failsafe", "override"), off_deg=10.0),
+    ("rudder sensor off by 8 deg", "turn"): fails_safe("rudder", 15.0, 2.0),
     ("speed lost", "track"): tells("", 6.0, 5.0),
     ("position lost", "track"): tells("", 6.0, 5.0),
     # nothing on board can tell which of two places is the true one: the boat goes back to the line
@@ -191,17 +200,19 @@ SPECIAL: dict[tuple[str, str], Expect] = {
 }
 SECOND: dict[str, Expect] = {
     # what remains is one compass, and a gyro that denies it: steering ends
-    "first of two compasses lost": fails_safe("compasses is silent", 1.0, 5.0),
     "first of two compasses frozen": fails_safe(FROZEN, 5.0, 5.0),
-    # the other compass comes at half the pace, and between two headings the gyro leads astray
-    "first of two compasses jumps by 40 deg": tells("jumps", 1.0, 15.0),
-    "first of two compasses noisy, 10 deg": tells("jumps", 5.0, 20.0),
-    # she is in a swing already when it begins
-    "rudder reversed": fails_safe("wrong way", 5.0, 30.0),
-    # said already: the same alarm lasts
-    "rate off by 5 deg/s": steers_on(15.0),
-    # without it the model alone knows the rudder, and a gyro that is off shifts the trim that goes with it
-    "rudder sensor lost": steers_on(10.0),
+    # the other compass comes at half the pace
+    "first of two compasses noisy, 10 deg": tells("jumps", 5.0, 15.0),
+    # said already, and steered by heading alone already
+    "rate off by 5 deg/s": steers_on(5.0),
+    "rate reversed": steers_on(5.0),
+    "rate frozen": steers_on(5.0),
+    # a rudder that rests more, steered by headings alone, shows less of itself
+    "rudder reversed": fails_safe("rudder", 15.0, 30.0),
+    "rudder reversed, with a rudder sensor": fails_safe("rudder", 5.0, 15.0),
+    "rudder stuck, with a rudder sensor": Expect(("same", "failsafe"), off_deg=15.0),
+    "rudder sensor frozen": Expect(("same", "failsafe"), off_deg=10.0),
+    "second of two compasses frozen": tells("disagree", 15.0, 1.0),
 }
 """In the state *degraded* the gyro is off by 10 deg/s already: of these the second fault is worse than alone."""
 
