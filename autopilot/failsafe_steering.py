@@ -32,12 +32,12 @@ class FailsafeSteering:
         self._state: NavState | None = None
         self._held = 0.0
 
-    def hear(self, samples: tuple[Sample, ...]) -> None:
-        """Take rates of turn and wind; headings are what cannot be trusted."""
+    def hear(self, samples: tuple[Sample, ...], takes_rates: bool = True) -> None:
+        """Take rates of turn, where they are to be taken, and wind; headings are what cannot be trusted."""
         for sample in samples:
             if isinstance(sample, WindSample):
                 self._hear_wind(sample)
-            elif isinstance(sample, HeadingSample | RateSample):
+            elif takes_rates and isinstance(sample, HeadingSample | RateSample):
                 self._hear_rate(sample.time, sample.rate)
 
     def begin(self, state: NavState) -> None:

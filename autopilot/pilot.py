@@ -285,7 +285,8 @@ class Pilot:
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
         self.monitors.hear(samples)
         if self.config.failsafe.action in STEERING_ACTIONS:
-            self._failsafe.hear(samples)
+            # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
+            self._failsafe.hear(samples, takes_rates=not self.monitors.rate_is_reversed)
         for sample in samples:
             if isinstance(sample, HelmSample):
                 self.supervisor.hear(sample)

@@ -195,7 +195,7 @@ class RateAgainstHeading:
         self._told = 0.0
         self._since: float | None = None
         self._seen = -math.inf
-        self._is_opposite = False
+        self.is_opposite = False
         self.found = ""
 
     def hear(self, sample: HeadingSample | RateSample, most: float) -> None:
@@ -219,8 +219,8 @@ class RateAgainstHeading:
     def _judge(self, time: float, most: float) -> None:
         # only turns that both tell of alike put an end to it: a boat that lies still shows nothing
         turns = self._turns
-        self._is_opposite = not are_alike(turns) if self._is_opposite else are_opposite(turns)
-        if self._is_opposite:
+        self.is_opposite = not are_alike(turns) if self.is_opposite else are_opposite(turns)
+        if self.is_opposite:
             self._seen, self.found = time, OPPOSITE_WAYS
         elif abs(turns.apart) <= most:
             self._since = None

@@ -81,6 +81,11 @@ class Monitors:
         """Return whether the rate of turn and the heading do not go together: the heading is what is steered by."""
         return bool(self._against_rate.found)
 
+    @property
+    def rate_is_reversed(self) -> bool:
+        """Return whether the rate tells of turns to the other side than the heading."""
+        return self._against_rate.is_opposite
+
     def hear(self, samples: tuple[Sample, ...]) -> None:
         """Take the instruments' samples of this tick."""
         limits = self.limits

@@ -44,6 +44,7 @@ def sail(
     lost: Callable[[Sample], Sample | None] = lambda _: None,
     wind_from: float | None = None,
     seconds: float = 20.0,
+    heard: Callable[[Sample], Sample] = lambda sample: sample,
     **changed: Any,
 ) -> tuple[list[Tick], list[float]]:
     """Sail 045 with some wind until the heading is lost; return the ticks since, and the true headings [rad]."""
@@ -54,7 +55,7 @@ def sail(
     ticks, headings = [], []
     order = Order(OrderKind.HEADING, math.radians(45.0), serial=1)
     while plant.time < LOST + seconds:
-        samples = plant.sense()
+        samples = [heard(sample) for sample in plant.sense()]
         if plant.time >= LOST:
             samples = [kept for sample in samples if (kept := lost(sample)) is not None]
         if wind_from is not None:
@@ -123,6 +124,19 @@ def test_dead_reckoning_goes_by_the_rate_of_turn_where_there_is_one_and_not_by_a
     began = ticks.index(engaged[0])
     turned = wrap(headings[began + len(engaged) - 1] - headings[began])
     assert abs(math.degrees(turned)) < 8.0
+
+
+def test_dead_reckoning_goes_by_the_model_where_the_gyro_has_told_of_turns_to_the_other_side() -> None:
+    def reversed_of_late(sample: Sample) -> Sample:
+        assert isinstance(sample, HeadingSample)
+        assert sample.rate is not None
+        return sample._replace(rate=-sample.rate) if sample.time > LOST - 20.0 else sample
+
+    ticks, headings = sail("dead_reckoning", gyro_alone, heard=reversed_of_late)
+    engaged = failing(ticks)
+    assert engaged
+    off = [abs(math.degrees(wrap(heading - math.radians(45.0)))) for heading in headings[: len(engaged)]]
+    assert max(off) < 10.0
 
 
 @pytest.mark.parametrize("wind_from", [0.0, 80.0, 110.0, -20.0])
