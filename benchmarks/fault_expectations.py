@@ -1,8 +1,8 @@
 """What the pilot must do about each fault of the matrix: the limits that every cell is held to.
 
 Times and headings are judged while the pilot steers. In a turn or a trial she turns at up to 20 deg/s, and a fault
-carries her further in the same time, and degraded she already steers worse: the limit of the heading is `QUICK` times
-as wide there.
+carries her further in the same time, and degraded she is steered by headings alone: the limit of the heading is `QUICK`
+times as wide there.
 """
 
 from __future__ import annotations
@@ -50,6 +50,11 @@ def steers_on(off_deg: float) -> Expect:
     return Expect(("same", "degraded"), "", math.inf, off_deg)
 
 
+def may_end(off_deg: float) -> Expect:
+    """Return that the fault is borne, or found out and steering ended: both are right."""
+    return Expect(("same", "degraded", "failsafe"), off_deg=off_deg)
+
+
 def ends_trial(says: str, within: float) -> Expect:
     """Return that an alarm ends the trial: she holds her heading where the same trial without the fault goes on."""
     return Expect(("heading", "degraded"), says, within, 20.0)
@@ -94,25 +99,25 @@ EXPECTED: dict[str, Expect] = {
     "position lost": steers_on(1.0),
     "position jumps by 200 m": steers_on(1.0),
     # a rudder that need not move shows nothing: what counts on a course that is held is how far she goes off it
-    "rudder stuck": Expect(("same", "degraded", "failsafe"), off_deg=15.0),
+    "rudder stuck": may_end(15.0),
     "rudder stuck, with a rudder sensor": fails_safe("rudder does not move", 3.0, 10.0),
     "rudder reversed": fails_safe("wrong way", 6.0, 20.0),
     "rudder reversed, with a rudder sensor": fails_safe("wrong way", 5.0, 15.0),
     # with the next wave these may be found to turn her wrongly, or not at all
-    "rudder at a tenth of its rate": Expect(("same", "degraded", "failsafe"), off_deg=15.0),
-    "rudder linkage slipped by 8 deg": Expect(("same", "degraded", "failsafe"), off_deg=10.0),
+    "rudder at a tenth of its rate": may_end(15.0),
+    "rudder linkage slipped by 8 deg": may_end(10.0),
     # where a wave pushes her to the same side it is as if she were pushed harder than her rudder holds
     "rudder runs hard over": fails_safe("rudder|pushed", 5.0, 130.0),
     "rudder stops at 5 deg": steers_on(5.0),
     "rudder play of 3 deg": steers_on(8.0),
     # a rudder that trails, or one in the wake of a screw that turns astern, may be found to turn her no more
-    "rudder linkage broken": Expect(("same", "degraded", "failsafe"), off_deg=15.0),
+    "rudder linkage broken": may_end(15.0),
     "rudder sensor lost": steers_on(2.0),
     "rudder sensor frozen": fails_safe("rudder does not move", 15.0, 5.0),
     "rudder sensor off by 8 deg": fails_safe("rudder", 5.0, 8.0),
     "no report of the rudder": lets_go("reports neither", 4.0),
     "engine stopped": steers_on(10.0),
-    "engine astern": Expect(("same", "degraded", "failsafe"), off_deg=45.0),
+    "engine astern": may_end(45.0),
     "pushed by a gust worth 15 deg of rudder": steers_on(20.0),
     "pushed by more than the rudder can hold": Expect(("same", "degraded", "failsafe"), "pushed", 5.0, 180.0),
     "heels by 35 deg": tells("heeling", 10.0),
@@ -146,7 +151,7 @@ EXPECTED: dict[str, Expect] = {
 }
 
 
-BEHIND = Expect(("same", "degraded", "failsafe"), off_deg=180.0)
+BEHIND = may_end(180.0)
 """A boat whose rudder cannot turn her falls behind the turn that she would have made, and may be said not to answer."""
 OPEN_LOOP = steers_on(60.0)
 """A zigzag gives rudder and waits for the heading: what slows the rudder shifts the whole of it."""
@@ -176,7 +181,7 @@ SPECIAL: dict[tuple[str, str], Expect] = {
     ("link 0.3 s late each way", "trial"): OPEN_LOOP,
     ("link jitter of 0.3 s", "trial"): OPEN_LOOP,
     # more than the zigzag's own rudder, and turned round by it
-    ("pushed by a gust worth 15 deg of rudder", "trial"): Expect(("same", "degraded", "failsafe"), off_deg=30.0),
+    ("pushed by a gust worth 15 deg of rudder", "trial"): may_end(30.0),
     ("pushed by more than the rudder can hold", "trial"): fails_safe("pushed|turns against", 5.0, 30.0),
     # a rudder that is not obeyed shows when the side changes, not before
     ("rudder stuck, with a rudder sensor", "trial"): fails_safe("rudder does not move", 7.0, 10.0),
@@ -214,7 +219,7 @@ SECOND: dict[str, Expect] = {
     "rudder sensor frozen": Expect(("same", "failsafe"), off_deg=10.0),
     "second of two compasses frozen": tells("disagree", 15.0, 1.0),
 }
-"""In the state *degraded* the gyro is off by 10 deg/s already: of these the second fault is worse than alone."""
+"""In the state *degraded* the gyro is off by 10 deg/s already: of these the second fault goes otherwise than alone."""
 
 
 def expected(cell: Cell) -> Expect:

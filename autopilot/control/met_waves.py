@@ -11,8 +11,8 @@ of it, neither early nor late:
 
 so that slow waves are undone and quick ones left alone, which the loop of a boat does not see any more than before: of
 the heading the law is shown the rest without (1 - share) h, of an h that is too much for waves without as much as waves
-may have. A gear that is too slow or a rudder too small for the whole
-push undoes what it can. u leads by the gear's lag and delay.
+may have. A gear that is too slow or a rudder too small for the whole push undoes what it can. u leads by the gear's lag
+and delay.
 
 Derived here, from e'' + n e' = (K/T) u + a.
 """

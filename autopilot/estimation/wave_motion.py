@@ -119,14 +119,17 @@ def known(sea: Sea) -> float:
 
 def is_extreme(sea: Sea, wave: float) -> bool:
     """Return whether a heading `wave` [rad] put down to the waves is too much for them."""
-    return wave * wave > EXTREME * EXTREME * sea.heading + EXTREME_LEAST * EXTREME_LEAST
+    return wave * wave > _most_squared(sea.heading)
 
 
 def believed(deviation: float, wave: float) -> float:
     """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
     up to where it is too much for them, and no more than that."""
-    most = math.sqrt(EXTREME * EXTREME * deviation * deviation + EXTREME_LEAST * EXTREME_LEAST)
-    return min(most / abs(wave), 1.0) if wave != 0.0 else 1.0
+    return min(math.sqrt(_most_squared(deviation * deviation)) / abs(wave), 1.0) if wave != 0.0 else 1.0
+
+
+def _most_squared(variance: float) -> float:
+    return EXTREME * EXTREME * variance + EXTREME_LEAST * EXTREME_LEAST
 
 
 def learn(sea: Sea, heading: float, rate: float, dt: float) -> Sea:

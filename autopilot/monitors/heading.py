@@ -115,9 +115,9 @@ class FrozenHeading:
         self._turned += self._rate * step
         if self._same < FROZEN_SAMPLES:
             return False
-        if self._turn is not None and (self._rate_moves or self._high - self._low > FROZEN_BY_RATE):
-            return self._high - self._low > FROZEN_BY_RATE
-        return watched.has_way and abs(self._turned) > FROZEN_BY_RUDDER
+        if self._high - self._low > FROZEN_BY_RATE:
+            return True
+        return not self._rate_moves and watched.has_way and abs(self._turned) > FROZEN_BY_RUDDER
 
     def _stands_in_a_sea(self) -> bool:
         moved = self._sea >= max(SEA_LEAST, SEA_DIGITS * self._digit)
