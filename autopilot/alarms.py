@@ -197,7 +197,7 @@ _MOTION = [
         _TELL,
         _ERROR,
         _PILOT,
-        "what turns her beside the rudder, by the model, is worth more than the rudder's limit for 2 s, in turns too",
+        "what turns the boat beside rudder and waves, by the model, is worth more than the rudder's limit for 2 s",
         "alarms.reversed_rudder",
     ),
     AlarmKind(

@@ -16,7 +16,8 @@ WRONG_ERROR = math.radians(15.0)
 WRONG_ERROR_MOST = math.radians(150.0)
 """Between these errors [rad] from the heading to be steered there is a right side and a wrong one."""
 WRONG_SHARE = 0.5
-"""So much of the rudder [1], beyond what wind and trim are worth, pushes the boat away for certain."""
+"""So much of the rudder [1], beyond what holds wind and trim, pushes the boat away for certain. What wind and trim are
+worth is an estimate: it may excuse a rudder, and never accuse one."""
 WRONG_TIME = 3.0
 """And for this long [s]: a law that brakes a turn, or meets a wave, does so for less."""
 
@@ -84,7 +85,9 @@ class CommandCheck:
     def _pushes_away(self, now: float, command: float, picture: Picture) -> bool:
         side = 1.0 if picture.error > 0.0 else -1.0
         is_clear = WRONG_ERROR < side * picture.error < WRONG_ERROR_MOST
-        pushes = side * (command + picture.bias) < -WRONG_SHARE * self.envelope.angle_max
+        # a bias towards the heading to be steered is what a rudder on the other side holds
+        excused = side * picture.bias if side * picture.bias > 0.0 else 0.0
+        pushes = side * command + excused < -WRONG_SHARE * self.envelope.angle_max
         if not (is_clear and pushes and side * picture.rate <= 0.0):
             self._wrong_since = None
             return False

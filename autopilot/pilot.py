@@ -280,6 +280,7 @@ class Pilot:
             self.estimator.surprise,
             self._waits,
             self._guide.astray(state.heading) if is_engaged else 0.0,
+            self.estimator.push,
         )
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:

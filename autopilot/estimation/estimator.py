@@ -132,6 +132,11 @@ class Estimator:
         """How far measurements have lain to one side of what was expected of late [standard deviations]."""
         return self._fusion.surprise if self._fusion is not None else 0.0
 
+    @property
+    def push(self) -> float:
+        """What wind, current and trim are worth [rad of rudder], more than is handed to the law where it is more."""
+        return self._fusion.state.bias if self._fusion is not None else 0.0
+
     def take_rates(self, wanted: bool) -> None:
         """Go by headings and rates of turn, or by headings alone: by what rates had made of it before no more."""
         self._is_spoilt = self._is_spoilt or (self._takes_rates and not wanted)

@@ -30,9 +30,6 @@ LEAST_SHARE = 0.75
 LEAST = (0.5, 0.85)
 """A boat still answers whose answer is this share of what it usually is, and within these shares of the model's: a
 model that is 40 % too lively is none the worse for it."""
-PUSH_TIME = 1.0
-PUSH_LASTS = 2.0
-"""What pushes the boat is averaged over this time [s], and is more than the rudder can hold when it lasts so long."""
 USUAL = 0.75
 USUAL_SURE = 60.0
 SUSPECT = 2.0
@@ -217,10 +214,6 @@ class RudderAnswer:
         self._heard: list[HeadingSample] = []
         self._last: HeadingSample | None = None
         self._same = 0
-        self._push = 0.0
-        self._pushed_since: float | None = None
-        self.overpowered = ""
-        """How hard the boat is pushed where that is more than the rudder can hold, '' where it is not."""
 
     def hear(self, sample: HeadingSample) -> None:
         """Take a heading as it was measured."""
@@ -271,20 +264,6 @@ class RudderAnswer:
             self._rudder_at(middle),
             self._rudder_at(middle - LATE_S),
         )
-        self._weigh(self._memory, sample.time - memory.time, watched)
-
-    def _weigh(self, memory: Memory, dt: float, watched: Watched) -> None:
-        """Compare what pushes the boat beside a rudder that works with all that the rudder can do."""
-        mean, answer = memory.mean, memory.answer
-        pushed = mean.push + mean.sea + answer.push + answer.sea
-        self._push += (1.0 - math.exp(-dt / PUSH_TIME)) * (pushed - self._push)
-        if abs(self._push) <= watched.angle_max:
-            self._pushed_since, self.overpowered = None, ""
-        elif self._pushed_since is None:
-            self._pushed_since = memory.time
-        elif memory.time - self._pushed_since >= PUSH_LASTS and not self.overpowered:
-            side = "starboard" if self._push > 0.0 else "port"
-            self.overpowered = f"to {side}, as by {math.degrees(abs(self._push)):.0f} deg of rudder"
 
     def _rudder_at(self, time: float) -> float:
         """Return the rudder at `time` [s]: each is that of the end of its tick."""

@@ -1,4 +1,4 @@
-"""A rudder that does not move, does not follow, moves the wrong way, or stands at its stop."""
+"""A rudder that does not move, does not follow, moves the wrong way, stands at its stop, or is not enough."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ STANDS = math.radians(0.5)
 """A rudder that has moved by less while it should have does not move at all."""
 AT_THE_STOP = 0.9
 AT_THE_STOP_TIME = 15.0
+PUSH_LASTS = 2.0
+"""A push heavier than the rudder is an alarm when it lasts so long [s]."""
 
 
 class RudderFollows:
@@ -97,6 +99,28 @@ class AtTheStop:
         if self._since is None:
             self._since = watched.now
         return watched.now - self._since >= AT_THE_STOP_TIME
+
+
+class Overpowered:
+    """Wind, current and trim that are worth more than the rudder's limit, as the estimator learns them beside waves."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._since: float | None = None
+        self.found = ""
+
+    def look(self, watched: Watched) -> None:
+        """Judge a tick; `found` is how hard the boat is pushed as it is at first, '' where the rudder can hold it."""
+        if not (watched.steers and watched.has_way and abs(watched.push) > watched.angle_max):
+            self.reset()
+        elif self._since is None:
+            self._since = watched.now
+        elif watched.now - self._since >= PUSH_LASTS and not self.found:
+            side = "starboard" if watched.push > 0.0 else "port"
+            self.found = f"to {side}, as by {math.degrees(abs(watched.push)):.0f} deg of rudder"
 
 
 def is_hard_over(watched: Watched) -> bool:

@@ -9,7 +9,7 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.monitors.answer import RudderAnswer
 from autopilot.monitors.course import OffCourse, Runaway
 from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
-from autopilot.monitors.rudder import AtTheStop, RudderFollows
+from autopilot.monitors.rudder import AtTheStop, Overpowered, RudderFollows
 from autopilot.monitors.shown_order import ShownOrder
 from autopilot.monitors.watched import NEWS, AlarmLimits, Watched
 from autopilot.signals import (
@@ -40,7 +40,8 @@ class Monitors:
     def __init__(self, limits: AlarmLimits) -> None:
         self.limits = limits
         self._frozen, self._jumping, self._against_rate = FrozenHeading(), JumpingHeading(), RateAgainstHeading()
-        self._follows, self._answer, self._stop = RudderFollows(), RudderAnswer(), AtTheStop()
+        self._follows, self._answer = RudderFollows(), RudderAnswer()
+        self._stop, self._overpowered = AtTheStop(), Overpowered()
         self._shown = ShownOrder()
         self._course, self._runaway = OffCourse(), Runaway()
         self.reset()
@@ -55,6 +56,7 @@ class Monitors:
             self._answer,
             self._shown,
             self._stop,
+            self._overpowered,
             self._course,
             self._runaway,
         ):
@@ -151,12 +153,14 @@ class Monitors:
         if watched.steers and self._shown.is_anothers(watched.now, watched.rudder):
             # a boat that follows somebody else proves nothing; the link finds out who has the helm
             self._answer.reset()
+            self._overpowered.reset()
         elif self.limits.rudder_answer and not found.get(name):
             name, shown = self._answer.look(model, watched, self.limits.heading_noise)
             if name:
                 found[name] = text_of(name, shown)
-            if self._answer.overpowered:
-                found["overpowered"] = text_of("overpowered", self._answer.overpowered)
+            self._overpowered.look(watched)
+            if self._overpowered.found:
+                found["overpowered"] = text_of("overpowered", self._overpowered.found)
         if self._runaway.runs(model, self.limits, watched):
             found["runaway"] = RUNAWAY
         if self._stop.is_there(watched):

@@ -37,7 +37,8 @@ class Watched(NamedTuple):
     """What the monitors look at in a tick: whether we move the rudder; whether a course is being held, turns to it
     being over; the heading ordered [rad], the rudder that was told [rad] and its end stop [rad]; whether there is
     way enough for the rudder to count; how far measurements have lain to one side of late [standard deviations];
-    whether the rudder waits for way; and how far a zigzag is off to the wrong side [rad]."""
+    whether the rudder waits for way; how far a zigzag is off to the wrong side [rad]; and what wind, current and trim
+    are worth [rad of rudder], however much that is."""
 
     now: float
     state: NavState
@@ -50,3 +51,4 @@ class Watched(NamedTuple):
     surprise: float = 0.0
     waits: bool = False
     astray: float = 0.0
+    push: float = 0.0

@@ -227,7 +227,7 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     past.order_times[place], past.orders[place] = now, told
     easy_time = listened.easy_time if abs(mind.told) >= AT_THE_STOP * brain.limits.angle_max else now
     off = shortest_turn(heading, boat.heading)
-    right_time = listened.right_time if _pushes_away(brain, off, told + bias, rate) else now
+    right_time = listened.right_time if _pushes_away(brain, off, told, bias, rate) else now
     # numba takes no condition inside the call below
     gone = listened.gone or _must_go(brain, listened, now, easy_time, right_time, heading + demand)
     return Mind(
@@ -259,10 +259,10 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
     )
 
 
-def _pushes_away(brain: Brain, error: float, rudder: float, rate: float) -> bool:
+def _pushes_away(brain: Brain, error: float, rudder: float, bias: float, rate: float) -> bool:
     """Return whether the envelope check would think so, see `autopilot.envelope`; half as much is enough here."""
     side = 1.0 if error > 0.0 else -1.0
-    pushes = side * rudder < -0.5 * WRONG_SHARE * brain.limits.angle_max
+    pushes = side * rudder + max(side * bias, 0.0) < -0.5 * WRONG_SHARE * brain.limits.angle_max
     return side * error > 0.5 * WRONG_ERROR and pushes and side * rate <= 0.0
 
 

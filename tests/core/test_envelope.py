@@ -123,11 +123,35 @@ def test_a_rudder_that_turns_the_boat_away_for_seconds_is_wrong(side: float) -> 
         (-0.4, {**WRONG, "error": math.radians(170.0)}),
         (-0.4, {**WRONG, "error": math.nan}),
         (-0.4, {**WRONG, "bias": 0.3}),
+        (0.2, {**WRONG, "bias": -0.5}),
+        (-0.2, {**WRONG, "bias": -0.5}),
     ],
-    ids=["the right side", "little rudder", "turning back", "nearly there", "either way round", "no course", "wind"],
+    ids=[
+        "the right side",
+        "little rudder",
+        "turning back",
+        "nearly there",
+        "either way round",
+        "no course",
+        "wind",
+        "the right side, the bias at its clip",
+        "little rudder, the bias at its clip",
+    ],
 )
 def test_what_a_sound_law_does_is_no_fault(rudder: float, seen: dict[str, float]) -> None:
     assert away(rudder, 20.0, **seen) == OK
+
+
+@given(st.floats(0.0, MOST), st.floats(-0.5, 0.5), st.floats(-math.pi, math.pi), st.floats(-1.0, 1.0))
+def test_no_estimate_makes_a_rudder_on_the_right_side_wrong(
+    rudder: float, bias: float, error: float, rate: float
+) -> None:
+    assert away(math.copysign(rudder, error), WRONG_TIME + 0.5, error=error, rate=rate, bias=bias) == OK
+
+
+@pytest.mark.parametrize("bias", [0.0, -0.5, math.nan])
+def test_no_estimate_but_one_to_the_other_side_excuses_a_wrong_rudder(bias: float) -> None:
+    assert away(-0.4, WRONG_TIME + 0.1, **WRONG, bias=bias)[0] == OUTSIDE
 
 
 def test_the_time_counts_from_the_last_moment_that_was_right() -> None:
