@@ -321,6 +321,15 @@ _OUTSIDE = [
         "a ground station's messages dropped to keep the loop in time",
     ),
     AlarmKind(
+        "station_silent",
+        "a ground station is silent",
+        "check its link and that its program runs; as soon as it sends again, from any port, it is heard",
+        _TELL,
+        Severity.NOTICE,
+        _LINK,
+        "a ground station that was heard sends nothing for 5 s: its place is free for another",
+    ),
+    AlarmKind(
         "handback_refused",
         "the vehicle did not take over in the mode of the fail-safe",
         "steer by hand, or set the vehicle's mode from the ground station",

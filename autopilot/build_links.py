@@ -100,7 +100,12 @@ def drive_settings_of(vessel: Vessel) -> DriveSettings:
 def admission_of(vessel: Vessel) -> Admission:
     """Return which ground stations are heard, and how much of them."""
     security = vessel.security
-    return Admission(frozenset(security.allow_systems), security.commands_per_s, security.writes_per_s)
+    return Admission(
+        frozenset(security.allow_systems),
+        security.commands_per_s,
+        security.writes_per_s,
+        security.orders_without_key,
+    )
 
 
 def networks_of(vessel: Vessel) -> tuple[Network, ...]:

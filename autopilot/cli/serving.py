@@ -32,12 +32,17 @@ from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_parameters import parameters_of
 
 SYSTEM_MAX = 255
+LOOKING_ONLY = (
+    "other machines can look and give no orders: no signing key is set. Give --signing-key FILE, or "
+    "--orders-without-key to obey everybody who reaches it"
+)
 
 
 class Serving(NamedTuple):
     """What `--serve` asks for: where, under which system id, and who carries out what is ordered there.
 
     `mission` is the route, whose guide leads the helmsman; so does `wind`.
+    `orders_without_key`: whether orders are taken from other machines without a signing key, whatever the file says.
     """
 
     urls: tuple[str, ...]
@@ -46,16 +51,22 @@ class Serving(NamedTuple):
     mission: Mission
     armed: bool
     wind: WindGuide | None = None
+    orders_without_key: bool = False
 
 
 def add_serving_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--serve` and `--system`."""
+    """Add `--serve`, `--orders-without-key` and `--system`."""
     parser.add_argument(
         "--serve",
         action="append",
         default=[],
         metavar="URL",
         help="be a MAVLink surface boat for ground stations: udpout:127.0.0.1:14550, tcpin:127.0.0.1:5762; repeatable",
+    )
+    parser.add_argument(
+        "--orders-without-key",
+        action="store_true",
+        help="take orders over --serve from other machines though no --signing-key says whose they are",
     )
     parser.add_argument("--system", type=int, default=1, metavar="ID", help="our system id for --serve (default 1)")
 
@@ -67,7 +78,8 @@ def serving_of(arguments: argparse.Namespace, helmsman: Helmsman, mission: Missi
     for url in arguments.serve:
         if parse_url(url).protocol != "mavlink":
             raise InputError(f"--serve {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")
-    return Serving(tuple(arguments.serve), arguments.system, helmsman, mission, armed)
+    serving = Serving(tuple(arguments.serve), arguments.system, helmsman, mission, armed)
+    return serving._replace(orders_without_key=arguments.orders_without_key)
 
 
 class BackgroundSaver:
@@ -123,7 +135,10 @@ def open_boat_links(
             transport = open_transport(url, networks)
             ours = signing.link() if signing is not None else None
             server = ParameterServer(in_force)
-            links.append(BoatLink(transport, commands, server, serving.system, ours, files, doors.link()))
+            served = BoatLink(transport, commands, server, serving.system, ours, files, doors.link())
+            links.append(served)
+            if not served.takes_orders:
+                print(f"--serve {url}: {LOOKING_ONLY}", file=sys.stderr)
     except BaseException:
         for link in links:
             link.close()

@@ -22,7 +22,7 @@ from autopilot.cli.tuning_desk import TuningDesk
 from autopilot.cli.upkeep import Upkeep, add_upkeep_options, real_time_of, resumption_of
 from autopilot.errors import ExitCode, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.admission import Doors
+from autopilot.links.admission import Admission, Doors
 from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import LinkError
 from autopilot.links.signing import Signing, hint_of
@@ -150,7 +150,7 @@ def steer(
     pilot = build_pilot(vessel, law, learns=desk is not None)
     clock = MonotonicClock(arguments.speedup)
     signing = signing_of(arguments)
-    doors = Doors(admission_of(vessel))
+    doors = Doors(_admission(vessel, serving))
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
     options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward), doors)
     options = options._replace(reconnect=arguments.reconnect)
@@ -214,6 +214,12 @@ def steer(
         )
         return int(ExitCode.FAILSAFE)
     return int(ExitCode.OK)
+
+
+def _admission(vessel: Vessel, serving: Serving | None) -> Admission:
+    admission = admission_of(vessel)
+    is_asked = serving is not None and serving.orders_without_key
+    return admission._replace(orders_without_key=admission.orders_without_key or is_asked)
 
 
 def _print_refusals(signing: Signing | None, doors: Doors) -> None:

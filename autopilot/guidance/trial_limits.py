@@ -11,9 +11,14 @@ from autopilot.angles import wrap
 from autopilot.guidance.rhumb import Place, offset
 from autopilot.signals import PositionSample, Tick
 
-BORNE = frozenset({"rudder_at_stop", "innovation", "overpowered", "off_course", "deadline_missed", "link_flooded"})
+BORNE = frozenset(
+    {
+        *("rudder_at_stop", "innovation", "overpowered", "off_course"),
+        *("deadline_missed", "link_flooded", "station_silent"),
+    }
+)
 """Alarms that end no trial: its rudder may stand at the stop, it is sailed because the model is in doubt, it holds no
-course, and a record has its times even where the loop runs late or is sent too much."""
+course, and a record has its times even where the loop runs late or is sent too much, and whoever looks on."""
 
 
 class TrialLimits(NamedTuple):

@@ -1,14 +1,14 @@
 """Who of a ground station's side is heard, and how much of it: allowed system ids, and rates. Pure.
 
 Behind the signature, which says who holds the key: a station that does, or a boat without a key, is held to this. What
-gives the rudder back is never held to a rate.
+gives the rudder back is never held to a rate. Over a link that others than this machine's programs can reach, no order
+is taken without a key, unless the skipper has said so.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -16,12 +16,30 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.base import Transport
 from autopilot.links.boat.modes import MANUAL
 from autopilot.links.mavlink_codec import Message
+from autopilot.signals import ConditionSample, Sample
 
+STATION_SILENT_S = 5.0
+"""A ground station beats once a second. One that has been silent for so long holds its place no more."""
 BURST_S = 4.0
 """What was not used for so long may be used at once: a ground station asks for much when it connects."""
 BYTES_S = 50_000.0
 BYTES_AT_ONCE = 8_000.0
 """Of one ground station, in all: a hundred times what one sends, and a twentieth of a core to look at."""
+QUESTIONS = frozenset(
+    {
+        int(dialect.MAV_CMD_REQUEST_MESSAGE),
+        int(dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES),
+        int(dialect.MAV_CMD_SET_MESSAGE_INTERVAL),
+    }
+)
+"""Commands that order nothing: they ask for messages."""
+ORDERS = frozenset(
+    {
+        *("COMMAND_LONG", "COMMAND_INT", "COMMAND_CANCEL", "SET_MODE", "PARAM_SET"),
+        *("MISSION_COUNT", "MISSION_ITEM", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"),
+        *("MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST"),
+    }
+)
 COMMANDS = frozenset(
     {
         *("COMMAND_LONG", "COMMAND_INT", "COMMAND_CANCEL", "SET_MODE"),
@@ -66,11 +84,13 @@ class Admission(NamedTuple):
     """What is let in. systems: MAVLink system ids of ground stations, all where empty.
 
     commands_hz, writes_hz: commands and parameter writes a second over one link, four seconds' worth at once.
+    orders_without_key: whether orders are taken from other machines where no key is set.
     """
 
     systems: frozenset[int] = frozenset()
     commands_hz: float = 10.0
     writes_hz: float = 25.0
+    orders_without_key: bool = False
 
 
 class Doors:
@@ -124,11 +144,10 @@ class Door:
             self._doors.refused[NOT_THE_PEER] += datagrams
             self.crowded = self.crowded or datagrams > STRANGERS_AT_ONCE
 
-    @property
-    def hears(self) -> Callable[[int], bool] | None:
-        """Says of a system id whether it is heard, without counting; None where all are."""
+    def hears(self, message: Message) -> bool:
+        """Return whether a ground station that is heard may have sent `message`; counts nothing."""
         systems = self._doors.admission.systems
-        return systems.__contains__ if systems else None
+        return is_from_station(message) and (not systems or message.get_srcSystem() in systems)
 
     def lets_in_system(self, system: int) -> bool:
         """Return whether a sender's system id is heard; counts it where it is not."""
@@ -137,6 +156,10 @@ class Door:
             return True
         self._doors.refused[STRANGER] += 1
         return False
+
+    def takes_orders(self, transport: Transport, has_key: bool) -> bool:
+        """Return whether what comes over `transport` may be an order, and not only a question."""
+        return has_key or is_local(transport) or self._doors.admission.orders_without_key
 
     def refusal(self, now: float, message: Message) -> str:
         """Return '' where `message`, of a system that is heard, is let in at `now` [s]; else the sentence why not."""
@@ -149,6 +172,56 @@ class Door:
             self._doors.refused[TOO_MANY_COMMANDS] += 1
             return f"dropped: commands beyond {rules.commands_hz:g} a second"
         return ""
+
+
+class Presence:
+    """Whether the ground station of one link is there. A silent one is let go of: another may take its place."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._heard: float | None = None
+        self._let_go = -math.inf
+        self._beats = self._is_silent = False
+
+    def heard(self, now: float, is_heartbeat: bool) -> None:
+        """Note that a station that is heard has spoken at `now` [s]; only who beats is missed when it is silent."""
+        self._heard = now
+        self._beats = self._beats or is_heartbeat
+
+    def update(self, now: float) -> list[Sample]:
+        """Let go of a station that is silent at `now` [s]; return word of its silence, and of the end of it."""
+        since = self._let_go if self._heard is None else max(self._heard, self._let_go)
+        if now - since > STATION_SILENT_S:
+            self._let_go = now
+            self._transport.forget_peer()
+        is_silent = self._heard is not None and self._beats and now - self._heard > STATION_SILENT_S
+        if is_silent == self._is_silent:
+            return []
+        self._is_silent = is_silent
+        name = self._transport.name
+        return [ConditionSample(now, "station_silent", is_silent, name if is_silent else "", name)]
+
+
+def is_from_station(message: Message) -> bool:
+    """Return whether a ground station may have sent `message`: a system id, and no vehicle's heartbeat."""
+    if message.get_srcSystem() == 0:
+        return False
+    is_vehicle = message.get_type() == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID
+    return not is_vehicle or message.type == dialect.MAV_TYPE_GCS
+
+
+def is_order(message: Message) -> bool:
+    """Return whether a message asks for anything to be done or changed aboard, and not only to be told something."""
+    kind = message.get_type()
+    if kind in ("COMMAND_LONG", "COMMAND_INT"):
+        return message.command not in QUESTIONS
+    return kind in ORDERS
+
+
+def is_local(transport: Transport) -> bool:
+    """Return whether nobody but programs of this machine, or who is wired to it, can be at the other side."""
+    found: bool = getattr(transport, "is_local", True)
+    return found
 
 
 def strangers_of(transport: Transport) -> int:

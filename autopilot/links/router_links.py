@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 
-from autopilot.links.admission import Budget, Door, Doors, strangers_of
+from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_HEARTBEAT
+
+from autopilot.links.admission import Budget, Door, Doors, Presence, strangers_of
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink_codec import is_mavlink
 from autopilot.links.mavlink_frames import Framer, source_of
 from autopilot.links.router import OWN_COMPONENT, Router
-from autopilot.links.signing import LinkSigning
+from autopilot.links.signing import LinkSigning, identity_of
 from autopilot.links.url import believe_signed
 from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample
 
@@ -111,6 +113,7 @@ class ForwardLink:
         self._number = router.join(self._sent)
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._lost = ""
+        self._presence = Presence(transport)
         believe_signed(transport, signing, self._door.hears)
 
     def fileno(self) -> int:
@@ -118,7 +121,7 @@ class ForwardLink:
         return -1 if self._lost or self._door.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
-        """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a lost ground station: an alarm."""
+        """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a station that is lost or silent."""
         self._router.now = now
         if self._lost or self._door.crowded:
             return []
@@ -139,12 +142,13 @@ class ForwardLink:
                 elif not self._door.lets_in_system(source_of(frame).system):
                     continue
                 elif self._signing is None or not self._signing.refuses(frame):
+                    self._presence.heard(now, identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT)
                     if is_mavlink(frame):  # the log's readers know no other messages
                         self._packets.append((now, frame))
                     self._router.take(self._number, frame)
         self._door.count_strangers(strangers_of(self._transport) - strangers)
         self._door.crowded = self._door.crowded or taken > FRAMES_PER_TURN or not room
-        return []
+        return self._presence.update(now)
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing: the rudder is elsewhere."""

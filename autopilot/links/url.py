@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
+from autopilot.links.mavlink_codec import MavlinkCodec, Message, is_mavlink
 from autopilot.links.nmea0183 import is_nmea
 from autopilot.links.signing import LinkSigning
 from autopilot.links.transports import (
@@ -135,11 +135,11 @@ def _exposed(link: LinkUrl, transport: Transport) -> Transport:
 
 
 def believe_signed(
-    transport: Transport, signing: LinkSigning | None, hears: Callable[[int], bool] | None = None
+    transport: Transport, signing: LinkSigning | None, hears: Callable[[Message], bool] | None = None
 ) -> None:
     """Let nobody become the peer of a listening MAVLink transport who does not sign with our key, where we have one.
 
-    hears: says of a system id whether it is heard; None: all are.
+    hears: says of a message whether its sender may become the peer; None: every valid one's may.
     """
     if signing is None and hears is None:
         return
@@ -147,7 +147,7 @@ def believe_signed(
 
     def accepts(datagram: bytes) -> bool:
         messages = MavlinkCodec(signing=observer).decode(datagram)
-        return any(hears is None or hears(message.get_srcSystem()) for message in messages)
+        return any(hears is None or hears(message) for message in messages)
 
     let_in(transport, accepts)
 

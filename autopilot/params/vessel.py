@@ -295,6 +295,8 @@ class Security:
     """Addresses and networks that may come to listening links (192.168.1.20, 10.0.0.0/24); empty: all."""
     commands_per_s: Annotated[float, Bounds(0.1, 1000.0, "commands heeded, four seconds' worth at once")] = 10.0
     writes_per_s: Annotated[float, Bounds(0.1, 1000.0, "parameter writes heeded, four seconds' worth at once")] = 25.0
+    orders_without_key: bool = False
+    """Whether orders are taken over --serve from other machines where no signing key is set."""
 
 
 @dataclass(frozen=True)

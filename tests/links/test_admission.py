@@ -17,7 +17,8 @@ from autopilot.build import build_pilot
 from autopilot.build_links import admission_of
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.guidance.track import TrackGuide
-from autopilot.links.admission import BYTES_AT_ONCE, Admission, Budget, Doors
+from autopilot.links import extra_messages
+from autopilot.links.admission import BYTES_AT_ONCE, STATION_SILENT_S, Admission, Budget, Doors, is_local
 from autopilot.links.base import LinkError
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
@@ -26,6 +27,7 @@ from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.mavlink_codec import TRIES, MavlinkCodec
 from autopilot.links.router import Router
 from autopilot.links.router_links import ForwardLink, budget_for
+from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.transports.sockets import interface_address, is_everywhere, only_from
@@ -237,14 +239,18 @@ def test_bad_allowances_are_one_sentence(url: str, sentence: str) -> None:
         parse_url(url)
 
 
+def is_security(line: str) -> bool:
+    return line.startswith("security") or "_per_s" in line or "orders_without_key" in line
+
+
 def test_the_vessel_file_says_who_may_come_and_no_station_can_change_it() -> None:
     text = dump_vessel(load_vessel("lanxin"))
-    text = "\n".join(line for line in text.splitlines() if not line.startswith("security") and "_per_s" not in line)
+    text = "\n".join(line for line in text.splitlines() if not is_security(line))
     asked = (
         "\nsecurity:\n  allow_systems: [255, 254]\n  allow_addresses: [127.0.0.1/32, 10.0.0.0/24]\n  writes_per_s: 3\n"
     )
     vessel = vessel_from(parse_document(text + asked, "boat.yaml"))
-    assert vessel.security == Security((255, 254), ("127.0.0.1/32", "10.0.0.0/24"), 10.0, 3.0)
+    assert vessel.security == Security((255, 254), ("127.0.0.1/32", "10.0.0.0/24"), 10.0, 3.0, False)
     assert vessel_from(parse_document(dump_vessel(vessel), "again")) == vessel
     assert not [each for each in parameters_of(vessel) if "security" in each.path]
     with pytest.raises(Exception, match=r"allow_addresses has '10\.0\.0\.300', which is no network"):
@@ -282,6 +288,294 @@ def test_what_the_file_allows_holds_for_the_links_of_a_run(tmp_path: Path) -> No
         for _ in range(100):
             served.receive(0.1)
         assert served._commands.armed and served._transport.peer == ok.getsockname()
+    for link in links:
+        link.close()
+    saver.close()
+
+
+EVERYBODY = Admission()
+
+
+class Wired:
+    """A boat served at a port of its own to stations with sockets of their own, on a clock moved by hand."""
+
+    def __init__(self, host: str = "127.0.0.1", admission: Admission = EVERYBODY, tcp: bool = False) -> None:
+        kind = TcpServerTransport if tcp else UdpInTransport
+        self.transport = kind("served", host, 0)
+        self.hand, self.store, self.now = Hand(), Store(), 0.0
+        self.commands = Commands(self.hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+        self.boat = BoatLink(self.transport, self.commands, ParameterServer(self.store), door=Doors(admission).link())
+        self.samples: list[Any] = []
+        self.ends: list[Any] = []
+
+    def station(self) -> UdpOutTransport | TcpClientTransport:
+        kind = TcpClientTransport if isinstance(self.transport, TcpServerTransport) else UdpOutTransport
+        self.ends.append(kind("station", "127.0.0.1", self.transport.port))
+        return self.ends[-1]  # type: ignore[no-any-return]
+
+    def run(self, seconds: float, *talking: Any, message: Any = None, codec: MavlinkCodec | None = None) -> None:
+        """Let time pass while some stations send a message twice a second: heartbeats, unless it is named."""
+        codec = codec or MavlinkCodec(255, 190)
+        for turn in range(round(seconds * 20)):
+            if turn % 10 == 0:
+                for station in talking:
+                    station.send(codec.encode(message or STATION_BEAT))
+            self.now += 0.05
+            self.samples += self.boat.receive(self.now)
+            self.boat.keep(self.now)
+
+    def alarms(self) -> list[tuple[str, bool]]:
+        return [(sample.name, sample.present) for sample in self.samples]
+
+    def close(self) -> None:
+        for end in (self.boat, *self.ends):
+            end.close()
+
+
+STATION_BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+
+
+def heard(station: Any) -> list[str]:
+    codec = MavlinkCodec(255, 190, is_stream=True)
+    try:
+        return [message.get_type() for data in station.receive() for message in codec.decode(data)]
+    except LinkError:
+        return []
+
+
+@pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
+def test_a_station_that_starts_again_from_another_port_is_heard_and_told_of(tcp: bool) -> None:
+    boat = Wired(tcp=tcp)
+    first = boat.station()
+    boat.run(10.0, first)
+    boat.run(0.5, first, message=ARM)
+    assert boat.commands.armed and "HEARTBEAT" in heard(first) and not boat.alarms()
+    again = boat.station()  # the first one's process is gone without a word, its connection stands for all we know
+    boat.run(STATION_SILENT_S - 1.0, again)
+    assert "HEARTBEAT" not in heard(again), "somebody else holds the place"
+    boat.run(3.0, again)
+    boat.run(0.5, again, message=DISARM)
+    assert not boat.commands.armed and boat.hand.released == 1
+    assert "HEARTBEAT" in heard(again)
+    assert boat.alarms() == [("station_silent", True), ("station_silent", False)]
+    boat.close()
+
+
+@pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
+def test_a_station_that_only_listens_is_told_of_the_boat_until_another_comes(tcp: bool) -> None:
+    boat = Wired(tcp=tcp)
+    quiet = boat.station()
+    boat.run(0.5, quiet)
+    boat.run(30.0)
+    assert heard(quiet).count("HEARTBEAT") >= 30
+    assert boat.alarms() == [("station_silent", True)]
+    boat.run(3.0, boat.station())
+    heard(quiet)
+    boat.run(3.0)
+    assert "HEARTBEAT" not in heard(quiet)
+    boat.close()
+
+
+def test_a_stray_datagram_keeps_no_station_out_and_what_no_station_sends_not_even_for_a_while() -> None:
+    boat = Wired()
+    stray, skipper = boat.station(), boat.station()
+    vehicle = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
+    for data in (
+        b"GET / HTTP/1.1\r\n\r\n",
+        b"\xfd\x09\x00\x00",
+        MavlinkCodec(9, 1).encode(vehicle),
+        MavlinkCodec(0, 190).encode(STATION_BEAT),
+        MavlinkCodec(1, 1).encode(STATION_BEAT),
+        MavlinkCodec(255, 190).encode(STATION_BEAT)[:-1] + b"\x00",
+    ):
+        stray.send(data)
+    boat.run(1.0)
+    assert boat.transport.peer is None
+    stray.send(MavlinkCodec(77, 190).encode(STATION_BEAT))
+    boat.run(STATION_SILENT_S + 1.5, skipper)
+    boat.run(0.5, skipper, message=DISARM)
+    assert boat.hand.released == 1
+    boat.close()
+
+
+def test_of_two_stations_one_is_heard_until_it_is_silent_and_then_the_other() -> None:
+    boat = Wired()
+    one, other = boat.station(), boat.station()
+    boat.run(1.0, one)
+    boat.run(30.0, one, other)
+    heard(one), heard(other)
+    boat.run(2.0, one, other)
+    assert "HEARTBEAT" in heard(one) and not heard(other)
+    boat.run(7.0, other)
+    heard(one), heard(other)
+    boat.run(20.0, one, other)
+    assert "HEARTBEAT" in heard(other) and not heard(one)
+    boat.close()
+
+
+def test_a_forwarding_link_lets_go_of_a_silent_station_too() -> None:
+    transport, router, seen = UdpInTransport("behind", "127.0.0.1", 0), Router(), []  # type: ignore[var-annotated]
+    router.join(lambda frame: bool(seen.append(frame)) or True, has_vehicle=True)
+    link = ForwardLink(transport, router, budget_for(0), door=Doors(Admission()).link())
+    first, again = (UdpOutTransport("station", "127.0.0.1", transport.port) for _ in range(2))
+    samples = []
+    for turn in range(200):
+        if turn % 10 == 0:
+            (first if turn < 50 else again).send(MavlinkCodec(255, 190).encode(STATION_BEAT))
+        samples += link.receive(0.05 * turn)
+    assert transport.peer == again._socket.getsockname() and len(seen) > 5
+    assert [(sample.name, sample.present) for sample in samples] == [
+        ("station_silent", True),
+        ("station_silent", False),
+    ]
+    for end in (link, first, again):
+        end.close()
+
+
+ITEM = dialect.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 0, 1, 0, 0, 0, 0, 590000000, 180000000, 0)
+ORDERED = [
+    ARM,
+    DISARM,
+    dialect.MAVLink_command_int_message(1, 1, 0, dialect.MAV_CMD_DO_REPOSITION, 0, 0, -1, 1, 0, 0, 1, 1, 0),
+    *[
+        dialect.MAVLink_command_long_message(1, 1, command, 0, 1, 1, 1, 0, 0, 0, 0)
+        for command in (dialect.MAV_CMD_CONDITION_YAW, dialect.MAV_CMD_DO_SET_MODE, 31000, 31009, 31010, 12345)
+    ],
+    dialect.MAVLink_set_mode_message(1, 1, 15),
+    TUNE,
+    dialect.MAVLink_mission_count_message(1, 1, 2, 0),
+    ITEM,
+    dialect.MAVLink_mission_clear_all_message(1, 1, 0),
+    dialect.MAVLink_mission_set_current_message(1, 1, 1),
+    dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 0),
+    extra_messages.CommandCancel(1, 1, dialect.MAV_CMD_USER_1),
+]
+
+
+class Lan:
+    """A transport to another machine, over a loopback."""
+
+    def __init__(self, is_local: bool) -> None:
+        self.near, self.far = loopback_pair()
+        self.is_local = is_local
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.near, name)
+
+
+def lan_boat(
+    admission: Admission = EVERYBODY, is_local: bool = False, signing: Any = None
+) -> tuple[BoatLink, Any, Commands, Store]:
+    lan, store = Lan(is_local), Store()
+    commands = Commands(Hand(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+    door = Doors(admission).link()
+    return BoatLink(lan, commands, ParameterServer(store), signing=signing, door=door), lan.far, commands, store
+
+
+def test_without_a_key_another_machine_gives_no_order_and_hears_why_once() -> None:
+    boat, far, commands, store = lan_boat()
+    station = MavlinkCodec(255, 190)
+    results, texts, now = [], [], 0.0
+    for message in ORDERED:
+        far.send(station.encode(message))
+        for _ in range(10):
+            now += 0.1
+            boat.receive(now)
+            boat.keep(now)
+        answers = [each for data in far.receive() for each in MavlinkCodec().decode(data)]
+        texts += [each.text for each in answers if each.get_type() == "STATUSTEXT"]
+        (answer,) = [each for each in answers if each.get_type() not in ("STATUSTEXT", "HEARTBEAT", "SYS_STATUS")]
+        results.append(
+            (message.get_type(), answer.get_type(), getattr(answer, "result", getattr(answer, "type", None)))
+        )
+    denied, refused = dialect.MAV_RESULT_DENIED, dialect.MAV_MISSION_DENIED
+    for asked, kind, result in results:
+        if asked == "PARAM_SET":
+            assert kind == "PARAM_VALUE"
+        elif asked == "MISSION_SET_CURRENT":
+            assert kind == "MISSION_CURRENT"
+        else:
+            assert (kind, result) == (("MISSION_ACK", refused) if "MISSION" in asked else ("COMMAND_ACK", denied)), (
+                asked
+            )
+    assert not commands.armed and not store.written and not commands.mission.items
+    assert Hand.released == 0 and "".join(texts).count("signing key") == 1
+
+
+def test_without_a_key_another_machine_sees_everything() -> None:
+    boat, far, _, _ = lan_boat()
+    station, kinds = MavlinkCodec(255, 190), set()
+    interval = int(dialect.MAV_CMD_SET_MESSAGE_INTERVAL)
+    for message in (
+        dialect.MAVLink_param_request_list_message(1, 1),
+        dialect.MAVLink_mission_request_list_message(1, 1, 0),
+        dialect.MAVLink_timesync_message(0, 5),
+        dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_REQUEST_MESSAGE, 0, 148, 0, 0, 0, 0, 0, 0),
+        dialect.MAVLink_command_long_message(1, 1, interval, 0, 30, 100000, 0, 0, 0, 0, 0),
+    ):
+        far.send(station.encode(message))
+        boat.receive(0.1)
+        boat.keep(0.1)
+    for data in far.receive():
+        for each in MavlinkCodec().decode(data):
+            kinds.add(each.get_type())
+            assert each.get_type() != "COMMAND_ACK" or each.result == dialect.MAV_RESULT_ACCEPTED
+    assert {"HEARTBEAT", "PARAM_VALUE", "MISSION_COUNT", "TIMESYNC", "AUTOPILOT_VERSION", "COMMAND_ACK"} <= kinds
+
+
+@pytest.mark.parametrize("how", ["same machine", "said so", "key"])
+def test_orders_are_taken_from_this_machine_or_with_a_key_or_where_the_skipper_says_so(how: str) -> None:
+    ours = signing_of_two() if how == "key" else (None, None)
+    admission = Admission(orders_without_key=how == "said so")
+    boat, far, commands, _ = lan_boat(admission, is_local=how == "same machine", signing=ours[0])
+    far.send(MavlinkCodec(255, 190, signing=ours[1]).encode(ARM))
+    boat.receive(0.1)
+    assert commands.armed
+
+
+def signing_of_two() -> tuple[Any, Any]:
+    key = bytes(range(32))
+    return tuple(Signing(key, CountingTimestamps(10**12)).link() for _ in range(2))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("url", "is_loopback_alone"),
+    [
+        ("udpin:127.0.0.1:0", True),
+        ("udpin:127.5.6.7:0", True),
+        ("udpin:localhost:0", True),
+        ("udpin:lo:0", True),
+        ("udpin:[::1]:0", True),
+        ("udpin:[::ffff:127.0.0.1]:0", True),
+        ("tcpin:127.0.0.1:0", True),
+        ("udpout:127.0.0.1:14550", True),
+        ("udpin:0.0.0.0:0", False),
+        ("udpin:[::]:0", False),
+        ("tcpin:0.0.0.0:0", False),
+        ("tcpin:[::]:0", False),
+        ("udpout:192.0.2.7:14550", False),
+    ],
+)
+def test_which_links_only_this_machine_can_reach(url: str, is_loopback_alone: bool) -> None:
+    try:
+        transport = open_transport(url)
+    except LinkError as error:
+        pytest.skip(f"not on this machine: {error}")
+    assert is_local(transport) is is_loopback_alone
+    transport.close()
+
+
+def test_the_terminal_says_that_a_served_link_takes_no_order(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vessel = load_vessel("lanxin")
+    saver = BackgroundSaver()
+    in_force = VesselInForce(vessel, build_pilot(vessel), None, tmp_path / "boat.tuned.yaml", saver)
+    urls = ("udpin:0.0.0.0:0", "udpin:127.0.0.1:0")
+    serving = Serving(urls, 1, Hand(), Mission(TrackGuide()), armed=False)  # type: ignore[arg-type]
+    links = open_boat_links(serving, in_force, str(tmp_path / "boat.yaml"), saver)
+    assert capsys.readouterr().err.count("give no orders: no signing key is set") == 1
+    assert [link.takes_orders for link in links if isinstance(link, BoatLink)] == [False, True]
     for link in links:
         link.close()
     saver.close()

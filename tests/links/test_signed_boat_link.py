@@ -102,8 +102,11 @@ def companion(transport: UdpInTransport, ours: LinkSigning) -> Any:
     return CompanionLink(transport, CompanionSettings(0.5), ours)
 
 
-@pytest.mark.parametrize("make", [served, companion])
-def test_who_does_not_sign_cannot_take_the_place_of_who_does(make: Any) -> None:
+STATION_BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+
+
+@pytest.mark.parametrize(("make", "identity", "beat"), [(served, (255, 190), STATION_BEAT), (companion, (1, 1), BEAT)])
+def test_who_does_not_sign_cannot_take_the_place_of_who_does(make: Any, identity: tuple[int, int], beat: Any) -> None:
     transport, ours = UdpInTransport("udpin:127.0.0.1:0", "127.0.0.1", 0), signing()
     link = make(transport, ours)
     with (
@@ -112,10 +115,10 @@ def test_who_does_not_sign_cannot_take_the_place_of_who_does(make: Any) -> None:
     ):
         for sender in (stranger, friend):
             sender.connect(("127.0.0.1", transport.port))
-        stranger.send(MavlinkCodec(1, 1).encode(BEAT))
+        stranger.send(MavlinkCodec(*identity).encode(beat))
         link.receive(0.1)
         assert transport.peer is None and ours.signing.refused.total() == 1
-        friend.send(MavlinkCodec(1, 1, signing=signing()).encode(BEAT))
+        friend.send(MavlinkCodec(*identity, signing=signing()).encode(beat))
         link.receive(0.2)
         assert transport.peer == friend.getsockname()
     link.close()

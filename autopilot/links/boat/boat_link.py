@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.admission import Door, Doors, strangers_of
+from autopilot.links.admission import Door, Doors, Presence, is_order, strangers_of
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.alarm_list import ALARMS, alarm_list
 from autopilot.links.boat.commands import Commands
@@ -39,6 +39,7 @@ SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL, Mode.FAULT: dialect.
 REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"
 STRANGERS = "refused: a system id that is not allowed"
+LOOKING_ONLY = "no orders without a signing key from another machine: set a key, or allow security.orders_without_key"
 
 
 class BoatLink:
@@ -49,6 +50,7 @@ class BoatLink:
     `files`: what is served over MAVLink FTP, by path; the file GENERAL is announced as metadata of our parameters.
 
     Attributes:
+        takes_orders: whether orders are carried out; else a station on this link only looks.
         dropped: packets that the transport could not take, and messages beyond what a turn heeds.
     """
 
@@ -68,7 +70,9 @@ class BoatLink:
         self._commands = commands
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
         self._door = door or Doors().link()
-        believe_signed(transport, signing, self._door.hears)
+        self._presence = Presence(transport)
+        self.takes_orders = self._door.takes_orders(transport, signing is not None)
+        believe_signed(transport, signing, self._hears)
         self._telemetry = Telemetry(commands.mission, commands.tuner)
         self._texts = StatusTexts()
         self._service = StationService(
@@ -106,6 +110,8 @@ class BoatLink:
                     self.dropped += 1
                     self._flooded = now
                 elif self._door.lets_in_system(message.get_srcSystem()):
+                    if self._hears(message):
+                        self._presence.heard(now, message.get_type() == "HEARTBEAT")
                     self._packets.append((now, bytes(message._msgbuf)))
                     self._heed(now, message)
                 else:
@@ -113,7 +119,7 @@ class BoatLink:
         self._door.count_strangers(strangers_of(self._transport) - strangers)
         if self._codec.refused > refused:
             self._refuse(now, REFUSAL)
-        return self._flood(now)
+        return [*self._flood(now), *(self._presence.update(now) if not self._lost else [])]
 
     def _flood(self, now: float) -> list[Sample]:
         """Return word of a flood that has begun, or is over for some seconds."""
@@ -129,6 +135,9 @@ class BoatLink:
         refusal = self._door.refusal(now, message)
         if refusal:
             self._refuse(now, refusal)
+        elif not self.takes_orders and is_order(message):
+            self._refuse(now, LOOKING_ONLY)
+            self._transmit(now, *self._service.denied(message))
         else:
             self._transmit(now, *self._service.take(now, message))
 
@@ -191,6 +200,11 @@ class BoatLink:
             dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, flags, mode, state, 3
         )
         self._transmit(now, message)
+
+    def _hears(self, message: Message) -> bool:
+        """Return whether a ground station may have sent it; our own identity is nobody else's."""
+        ours = (self._codec.system, COMPONENT)
+        return self._door.hears(message) and (message.get_srcSystem(), message.get_srcComponent()) != ours
 
     def _is_for_us(self, message: Message) -> bool:
         system = getattr(message, "target_system", 0)

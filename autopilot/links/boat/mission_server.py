@@ -67,6 +67,13 @@ class MissionServer:
         self.said = ""
         return self._replies[message.get_type()](now, message, (message.get_srcSystem(), message.get_srcComponent()))
 
+    def denied(self, message: Message) -> list[Message]:
+        """Return the answer to a message that would change the route or its current item, and may not."""
+        if message.get_type() == "MISSION_SET_CURRENT":
+            return [self.mission.message()]
+        peer = (message.get_srcSystem(), message.get_srcComponent())
+        return [_ack(peer, dialect.MAV_MISSION_DENIED, message.mission_type)]
+
     def due(self, now: float) -> list[Message]:
         """Return a request again that has not been answered, or the end of an upload that stands still."""
         self.said = ""

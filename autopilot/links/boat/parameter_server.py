@@ -57,6 +57,11 @@ class ParameterServer:
         refusal = self._store.set(name, message.param_value)
         return [self._value(name)], refusal
 
+    def unchanged(self, message: Message) -> list[Message]:
+        """Return the answer to a PARAM_SET that is not carried out: the value in force."""
+        name = message.param_id.rstrip("\0")
+        return [self._value(name)] if name in self._index else []
+
     def due(self) -> list[Message]:
         """Return the next few of a list that was asked for."""
         count = min(PER_TURN, len(self._listing))

@@ -52,6 +52,15 @@ def is_everywhere(host: str) -> bool:
         return False
 
 
+def is_loopback(address: str) -> bool:
+    """Return whether only programs of this machine can be at an address: 127.0.0.0/8, ::1."""
+    try:
+        found = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return False
+    return (getattr(found, "ipv4_mapped", None) or found).is_loopback
+
+
 def interface_address(name: str) -> str | None:
     """Return the IPv4 address of a network interface such as wlan0; None where there is none of that name."""
     if name not in (interface for _, interface in socket.if_nameindex()):

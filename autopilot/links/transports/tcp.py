@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 
 from autopilot.links.base import LinkError
-from autopilot.links.transports.sockets import Allows, everyone, open_error, resolve
+from autopilot.links.transports.sockets import Allows, everyone, is_loopback, open_error, resolve
 
 CONNECT_TIMEOUT_S = 3.0
 CHUNK_LIMIT = 65536
@@ -74,6 +74,7 @@ class TcpClientTransport:
         except OSError as error:
             sock.close()
             raise open_error(name, error, "connect to", host, port) from error
+        self.is_local = is_loopback(str(address[0]))
         self._connection = _Connection(sock)
         self._lost = False
         self._closed = False
@@ -114,7 +115,7 @@ class TcpClientTransport:
 
 
 class TcpServerTransport:
-    """Listens for one client at a time. When it leaves, the next may come; that is no error.
+    """Listens for one client at a time. When it leaves or is let go of, the next may come; that is no error.
 
     allows: says of an address whether it may connect; others are hung up on, and counted as `strangers`.
     """
@@ -126,10 +127,12 @@ class TcpServerTransport:
         self.strangers = 0
         self._allows = allows
         family, address = resolve(name, host, port, socket.SOCK_STREAM, passive=True)
+        self.is_local = is_loopback(str(address[0]))
         self._listener = socket.socket(family, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self._listener.setblocking(False)
         self._client: _Connection | None = None
+        self._is_held = False
         try:
             self._listener.bind(address)
             self._listener.listen(1)
@@ -148,37 +151,48 @@ class TcpServerTransport:
 
     def receive(self) -> list[bytes]:
         """Return what the client sent; [] while there is none. LinkError when closed."""
-        if self._client is None:
-            self._client = self._accept()
-            if self._client is None:
-                return []
-        chunks, standing = self._client.receive()
+        client = self._connected()
+        if client is None:
+            return []
+        chunks, standing = client.receive()
+        self._is_held = self._is_held or bool(chunks)
         if not standing:
-            self.forget_peer()
+            self._hang_up()
         return chunks
 
     def send(self, data: bytes) -> bool:
         """Send all of `data` to the client or nothing; False while there is none. LinkError when closed."""
-        if self._client is None:
-            self._client = self._accept()
-            if self._client is None:
-                return False
+        client = self._connected()
+        if client is None:
+            return False
         try:
-            return self._client.send(data)
+            return client.send(data)
         except OSError:
-            self.forget_peer()
+            self._hang_up()
             return False
 
     def forget_peer(self) -> None:
-        """Hang up on the client, so that the next may come."""
-        if self._client is not None:
-            self._client.socket.close()
-            self._client = None
+        """Hang up on the client as soon as another comes, unless it sends something before."""
+        self._is_held = False
 
     def close(self) -> None:
         """Hang up and stop listening."""
-        self.forget_peer()
+        self._hang_up()
         self._listener.close()
+
+    def _connected(self) -> _Connection | None:
+        """Return the client: the one there is, or the next where there is none or it was let go of."""
+        if not self._is_held:
+            newcomer = self._accept()
+            if newcomer is not None:
+                self._hang_up()
+                self._client, self._is_held = newcomer, True
+        return self._client
+
+    def _hang_up(self) -> None:
+        if self._client is not None:
+            self._client.socket.close()
+        self._client, self._is_held = None, False
 
     def _accept(self) -> _Connection | None:
         try:

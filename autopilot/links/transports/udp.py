@@ -10,7 +10,15 @@ import socket
 from collections.abc import Callable
 
 from autopilot.links.base import LinkError
-from autopilot.links.transports.sockets import Allows, disconnect, everyone, is_everywhere, open_error, resolve
+from autopilot.links.transports.sockets import (
+    Allows,
+    disconnect,
+    everyone,
+    is_everywhere,
+    is_loopback,
+    open_error,
+    resolve,
+)
 
 DATAGRAM_LIMIT = 65536
 RECEIVE_LIMIT = 500
@@ -34,8 +42,10 @@ class _UdpTransport:
 
     is_stream = False
 
-    def __init__(self, name: str, sock: socket.socket) -> None:
+    def __init__(self, name: str, sock: socket.socket, address: str) -> None:
         self.name = name
+        self.is_local = is_loopback(address)
+        """Whether only programs of this machine can be at the other side."""
         self.strangers = 0
         """Datagrams dropped because they came from somebody else than the peer."""
         self._socket = sock
@@ -84,13 +94,14 @@ class UdpInTransport(_UdpTransport):
         except OSError as error:
             sock.close()
             raise open_error(name, error, "listen at", host, port) from error
-        super().__init__(name, sock)
+        super().__init__(name, sock, str(address[0]))
         # Listening everywhere takes broadcasts too, which a connected socket would no longer hear.
         self._connects = not is_everywhere(str(address[0]))
         self.accepts = accepts
         """May be set anew, by a link that knows better which sender is the right one."""
         self._allows = allows
         self._peer: tuple[str | int, ...] | None = None
+        self._is_held = False
 
     @property
     def port(self) -> int:
@@ -99,7 +110,7 @@ class UdpInTransport(_UdpTransport):
 
     @property
     def peer(self) -> tuple[str | int, ...] | None:
-        """Address of the peer latched on to, None before the first valid datagram."""
+        """Address of the peer latched on to, or let go of and not replaced yet; None before the first."""
         return self._peer
 
     def receive(self) -> list[bytes]:
@@ -116,11 +127,11 @@ class UdpInTransport(_UdpTransport):
                 if error.errno in TRANSIENT:
                     continue
                 raise self._failed(error, "receiving") from error
-            if sender == self._peer:
+            if sender == self._peer and self._is_held:
                 chunks.append(bytes(room[:length]))
                 continue
             self.strangers += 1
-            if self._peer is None and judged < JUDGE_LIMIT and self._allows(sender[0]):
+            if not self._is_held and judged < JUDGE_LIMIT and self._allows(sender[0]):
                 judged += 1
                 if self.accepts(bytes(room[: min(length, STRANGER_LIMIT)])):
                     self._latch(sender)
@@ -143,14 +154,14 @@ class UdpInTransport(_UdpTransport):
         return True
 
     def forget_peer(self) -> None:
-        """Latch on to whoever is the next to send a valid datagram."""
-        if self._peer is not None and self._connects:
+        """Latch on to whoever is the next to send a valid datagram; until then the old one is still sent to."""
+        if self._is_held and self._connects:
             disconnect(self._socket)
-        self._peer = None
+        self._is_held = False
 
     def _latch(self, sender: tuple[str | int, ...]) -> None:
         """Let the kernel drop what others send from now on, so that no flood fills our buffer or wakes the loop."""
-        self._peer = sender
+        self._peer, self._is_held = sender, True
         if self._connects:
             try:
                 self._socket.connect(sender)
@@ -173,7 +184,7 @@ class UdpOutTransport(_UdpTransport):
         except OSError as error:
             sock.close()
             raise open_error(name, error, "reach", host, port) from error
-        super().__init__(name, sock)
+        super().__init__(name, sock, str(address[0]))
 
     def receive(self) -> list[bytes]:
         """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
