@@ -220,8 +220,7 @@ def run_wave_glider(arguments: argparse.Namespace) -> int:
     """Write the record of a wave glider."""
     from sitl.wave_glider import Setting, write_record
 
-    write_record(arguments.out, Setting(), arguments.duration, arguments.seed)
-    print(f"Wrote {arguments.out}.")
+    print(f"Wrote {write_record(arguments.out, Setting(), arguments.duration, arguments.seed)}.")
     return int(ExitCode.OK)
 
 
@@ -235,6 +234,8 @@ def run_serve(arguments: argparse.Namespace) -> int:
     should_stop = _StopOnSignal()
     world = world_from(arguments)
     truth = TruthFile(arguments.truth, world) if arguments.truth else None
+    if truth is not None and truth.path != arguments.truth:
+        print(f"{arguments.truth} exists and is kept: the truth goes to {truth.path}", flush=True)
     ports, desk = [], None
     try:
         urls = arguments.mavlink or ([] if arguments.nmea or arguments.drive else [DEFAULT_MAVLINK])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import select
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import IO, NamedTuple, Protocol
 
 from autopilot.errors import InputError
 from autopilot.links.base import Transport
+from autopilot.params.saving import create_unused
 from sitl.world import STEP, World
 
 LAG_MAX_S = 2.0
@@ -51,17 +53,22 @@ class Port(NamedTuple):
 
 
 class TruthFile:
-    """What the boat really did, ten times a simulated second, as CSV."""
+    """What the boat really did, ten times a simulated second, as CSV; where `path` exists, its next free name.
+
+    A full disk ends the record, not the boat. Raises InputError where the file cannot be made.
+    """
 
     def __init__(self, path: Path, world: World) -> None:
         try:
-            self._file: IO[str] = path.open("w", newline="", encoding="utf-8")
+            descriptor, self.path = create_unused(path)
         except OSError as error:
             raise InputError(f"--truth: {path} cannot be written: {error.strerror}.") from error
+        self._file: IO[str] = open(descriptor, "w", newline="", encoding="utf-8")  # noqa: PTH123, SIM115
         self._world = world
         self._rows = csv.writer(self._file)
-        self._rows.writerow(TRUTH_COLUMNS)
+        self._failed = False
         self._next = 0.0
+        self._write(TRUTH_COLUMNS)
         self._after_step(world.time)
         world.watchers.append(self._after_step)
 
@@ -71,11 +78,26 @@ class TruthFile:
         self._next += TRUTH_PERIOD
         state = self._world.boat.state
         values = (state.north, state.east, state.heading, state.rate, state.rudder, state.speed, state.sway, state.roll)
-        self._rows.writerow([f"{now:.3f}", *(f"{value:.7g}" for value in values)])
+        self._write([f"{now:.3f}", *(f"{value:.7g}" for value in values)])
 
     def close(self) -> None:
         """Write what is left and close the file."""
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError as error:
+            self._fail(error)
+
+    def _write(self, row: Sequence[str]) -> None:
+        if not self._failed:
+            try:
+                self._rows.writerow(row)
+            except OSError as error:
+                self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        if not self._failed:
+            self._failed = True
+            print(f"sitl: {self.path} ends before its time: {error.strerror}", file=sys.stderr)
 
 
 class Pace:

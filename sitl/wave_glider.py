@@ -18,6 +18,7 @@ from autopilot.errors import InputError
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.models.wave_glider import TwoBodies, WaveGlider, at_speed, equivalent_rudder, step
+from autopilot.params.saving import create_unused
 
 STEP_S = 0.02
 
@@ -105,10 +106,14 @@ def _measured(
     return tuple(row)
 
 
-def write_record(path: Path, setting: Setting, duration: float, seed: int) -> None:
-    """Write a recorded zigzag with the truth in its first lines. Raises InputError where it cannot be written."""
+def write_record(path: Path, setting: Setting, duration: float, seed: int) -> Path:
+    """Write a recorded zigzag with the truth in its first lines; return where: `path`, or its next free name.
+
+    Raises InputError where it cannot be written.
+    """
     try:
-        with path.open("w", newline="", encoding="utf-8") as file:
+        descriptor, path = create_unused(path)
+        with open(descriptor, "w", newline="", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path
             for name, body in (("float", setting.craft.surface), ("glider", setting.craft.glider)):
                 file.write(
                     f"# simulated {name}: K {body.gain:g} 1/s, T {body.time_constant:g} s, n3 {body.n3:g} s^2/rad^2 "
@@ -120,3 +125,4 @@ def write_record(path: Path, setting: Setting, duration: float, seed: int) -> No
             writer.writerows([f"{value:.6g}" for value in row] for row in sail(setting, duration, seed))
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}; check the folder and the rights.") from error
+    return path

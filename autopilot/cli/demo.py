@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         description="Sail a trial on the simulated Lanxin boat, identify it from the log, design gains, engage, turn "
         "90 deg, hold in sea state 5, beside a PID: over UDP sockets and a pseudo-terminal. Takes about a minute.",
     )
-    parser.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder to write (demo)")
+    parser.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="new folder (demo, then demo-2)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of sea and sensors (1)")
     parser.add_argument("--no-report", action="store_true", help="no figures and report.html (needs no extra)")
     parser.add_argument("--json", action="store_true", help="print demo.json instead of the table")
@@ -34,15 +35,18 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.demo_legs import sail_demo
     from autopilot.cli.demo_table import as_json, as_text
     from autopilot.cli.progress import ProgressBar
+    from autopilot.params.saving import save_text, unused_folder
 
     try:
-        arguments.out.mkdir(parents=True, exist_ok=True)
+        out = unused_folder(arguments.out)
     except OSError as error:
         raise InputError(f"--out {arguments.out}: {error.strerror}; give a folder that can be written") from error
+    if out != arguments.out:
+        print(f"{arguments.out} is not empty and is kept: this demo is {out}", file=sys.stderr)
     with ProgressBar("demo") as bar:
-        result = sail_demo(arguments.out, arguments.seed, bar.show)
+        result = sail_demo(out, arguments.seed, bar.show)
     summary = as_json(result)
-    (arguments.out / "demo.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    save_text(out / "demo.json", json.dumps(summary, indent=2) + "\n")
     if not arguments.no_report:
         from autopilot.cli.demo_table import HOLDS, TURNS
         from autopilot.report.demo import DemoFigures, write_demo_report
@@ -52,8 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
             turns={label: result.legs[name].ticks for name, label in TURNS.items()},
             holds={label: result.legs[name].ticks for name, label in HOLDS.items()},
         )
-        write_demo_report(arguments.out, shown, summary)
+        write_demo_report(out, shown, summary)
     print(json.dumps(summary, indent=2) if arguments.json else as_text(result))
     if not arguments.json:
-        print(f"\nWrote {', '.join(sorted(path.name for path in arguments.out.iterdir()))} in {arguments.out}")
+        print(f"\nWrote {', '.join(sorted(path.name for path in out.iterdir()))} in {out}")
     return int(ExitCode.OK)

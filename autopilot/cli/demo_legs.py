@@ -34,6 +34,7 @@ from autopilot.loop.record import Recorder
 from autopilot.loop.recordings import load_run
 from autopilot.loop.session import Session
 from autopilot.models.norrbin import Norrbin
+from autopilot.params.saving import save_text
 from autopilot.params.vessel import Model, StandardErrors, Vessel
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import Tick
@@ -106,7 +107,7 @@ def sail_demo(out: Path, seed: int, progress: Progress) -> DemoResult:
     # nobody measures this rudder: its record runs ahead of the boat by what an order takes on its way
     found = identify([run], reference_speed=true.model.reference_speed_m_s, rudder_train=("delay",))
     vessel = designed(_with_model(true, found))
-    (out / "identified.yaml").write_text(dump_vessel(vessel), encoding="utf-8")
+    save_text(out / "identified.yaml", dump_vessel(vessel))
     progress(2, 5)
     turn = [heading(0.0, 6.0), heading(TURN, 22.0)]
     hold = [heading(0.0, HOLD_SECONDS)]
@@ -179,6 +180,7 @@ def _steer(leg: Leg, vessel: Vessel, url: str, log: Path, pace: float) -> tuple[
     script = TrialScript(leg.steps)
     ticks: list[Tick] = []
     clock = MonotonicClock(pace)
+    log.unlink(missing_ok=True)  # of this leg, sailed at a pace that was too quick for this machine
     links = build_links(vessel, [url], LinkOptions(as_gcs=True))
     recorder = Recorder(log, {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": leg.law}, clock.now())
 

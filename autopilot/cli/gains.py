@@ -193,13 +193,13 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
 
 
 def _write_report(arguments: argparse.Namespace, vessel: Vessel, spares: bool | None, rows: dict[str, Judged]) -> None:
-    from autopilot.params.saving import save_text
+    from autopilot.params.saving import save_page
     from autopilot.report.gains import gains_page
     from autopilot.report.gains_judged import judged
 
     levels = {}
     for level in range(1, 10):
         levels[level] = judged(designed(vessel, Wish(level, spares=spares)), "backstepping")
-    save_text(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(arguments.typed)))
+    save_page(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(arguments.typed)))
     if not arguments.json:
         print(f"Wrote the report to {arguments.report}.\n")

@@ -244,7 +244,7 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
     from autopilot.cli.progress import ProgressBar
     from autopilot.identification.methods import Question
     from autopilot.identification.registry import METHODS
-    from autopilot.params.saving import save_text
+    from autopilot.params.saving import save_page
     from autopilot.report.identification import Findings, identification_page
 
     fitted = [run for run, role, _ in result.predictions if role == "fit"]
@@ -266,7 +266,7 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
         from autopilot.cli.identify_model import choice_rows, choice_sentence
 
         findings = findings._replace(choice=choice_rows(result.choice), chosen=choice_sentence(result.choice))
-    save_text(arguments.report, identification_page(findings, shlex.join(arguments.typed)))
+    save_page(arguments.report, identification_page(findings, shlex.join(arguments.typed)))
 
 
 def _kind(result: Result) -> ModelKind:

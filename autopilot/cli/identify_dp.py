@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode, InputError
@@ -83,7 +85,9 @@ def _simulated(arguments: argparse.Namespace, random: np.random.Generator) -> Sh
     scenario = SCENARIOS[arguments.scenario]
     simulated = simulate_scenario(scenario, random)
     if arguments.record:
-        write_trial(arguments.record, simulated.trial, f"{scenario.name}: {scenario.summary}, simulated")
+        kept = write_trial(arguments.record, simulated.trial, f"{scenario.name}: {scenario.summary}, simulated")
+        if kept != Path(arguments.record):
+            print(f"{arguments.record} exists and is kept: this trial is {kept}", file=sys.stderr)
     source = f"{scenario.name} ({scenario.summary}), simulated, seed {arguments.seed}"
     return ShipTrial(source, DREDGER, simulated.case, simulated.trial, tuple(scenario.truth))
 

@@ -14,6 +14,7 @@ from autopilot.identification.recursive import Case
 from autopilot.loop.csv_log import read_csv
 from autopilot.models.dynamic_positioning import DREDGER, REALISTIC, TABLE_1_SURGE, Hull, SurgeParameters
 from autopilot.models.dynamic_positioning import SwayYawParameters as SwayYaw
+from autopilot.params.saving import save_unused
 from autopilot.params.strict_yaml import Node, read_document
 
 HULL_KEYS = ("length_m", "mass_kg", "surge_mass", "sway_mass", "coupling_mass", "yaw_mass", "lever_m")
@@ -137,8 +138,11 @@ def _from_the_first(path: str, name: str, values: np.ndarray) -> np.ndarray:
     return values
 
 
-def write_trial(path: str, trial: Trial, title: str) -> None:
-    """Write a trial as a CSV table that `load_trial` reads; its first row is at rest where the ship began."""
+def write_trial(path: str, trial: Trial, title: str) -> Path:
+    """Write a trial as a CSV table that `load_trial` reads; its first row is at rest where the ship began.
+
+    Return where it is: `path`, or its next free name. Raises InputError.
+    """
     time = np.concatenate([[0.0], np.cumsum(trial.dt)])
     thrust = np.vstack([trial.thrust, trial.thrust[-1:]])
     measured = np.vstack([np.zeros((1, trial.measured.shape[1])), trial.measured])
@@ -148,7 +152,4 @@ def write_trial(path: str, trial: Trial, title: str) -> None:
         names = ("time_s", "thrust_3_n", "position_y_m", "heading_rad")
     rows = np.column_stack([time, thrust, measured])
     lines = [f"# {title}", ",".join(names), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
-    try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}; check the folder and the rights.") from error
+    return save_unused(Path(path), "\n".join(lines) + "\n")

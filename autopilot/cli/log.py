@@ -30,11 +30,13 @@ def add_parser(subparsers: Any) -> None:
     table = actions.add_parser("csv", help="write it as a CSV table that `identify` reads")
     table.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     table.add_argument("--out", metavar="FILE.csv", required=True, help="the table to write")
+    table.add_argument("--overwrite", action="store_true", help="replace FILE.csv where it exists")
     exported = actions.add_parser("export", help="write it as MCAP (Foxglove, PlotJuggler), Parquet or CSV")
     exported.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     exported.add_argument(
         "--to", type=Path, metavar="FILE", required=True, help="out.mcap, out.parquet (extra `export`) or out.csv"
     )
+    exported.add_argument("--overwrite", action="store_true", help="replace FILE where it exists")
     measures = actions.add_parser("measures", help="zigzags, turning circles, pull-outs and spirals in it, measured")
     measures.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     measures.add_argument("--length-m", type=float, metavar="L", help="the boat's length, for the criteria")
@@ -51,8 +53,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the log and do what was asked; return the exit code."""
     from autopilot.cli.log_options import log_options
     from autopilot.loop.recordings import load_recording
+    from autopilot.params.saving import refuse_existing
 
     options = log_options(arguments)
+    if arguments.action in ("csv", "export") and not arguments.overwrite:
+        refuse_existing(arguments.out if arguments.action == "csv" else arguments.to)
     recording = load_recording(arguments.log, options.reading)
     if arguments.action in ("csv", "export"):
         return _rewrite(arguments, recording, options)
@@ -98,18 +103,12 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
     shown = report.as_json if arguments.json else report.as_text
     print(shown(arguments.log, measures, length))
     if arguments.report:
+        from autopilot.params.saving import save_page
         from autopilot.report.trials import trials_page
 
         page = trials_page(arguments.log, record, measures, length, shlex.join(arguments.typed))
-        _write(Path(arguments.report), page, "--report")
+        save_page(arguments.report, page)
     return int(ExitCode.OK)
-
-
-def _write(path: Path, text: str, option: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}; give another place with {option}.") from error
 
 
 def as_json(info: LogInfo) -> str:

@@ -22,7 +22,12 @@ LEAST_PARTS = 4
 def add_log_options(parser: argparse.ArgumentParser) -> None:
     """Add `--log`, `--log-dir` and how much may be in the folder."""
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--log", metavar="FILE.tlog", type=Path, help="write everything to this log")
+    where.add_argument(
+        "--log",
+        metavar="FILE.tlog",
+        type=Path,
+        help="write everything to this log; where it exists, to its next free name: FILE-2.tlog",
+    )
     where.add_argument(
         "--log-dir",
         metavar="DIR",
@@ -50,6 +55,8 @@ def open_log(arguments: argparse.Namespace, vessel: Vessel, law: str | None, now
         sink = FolderSink(arguments.log_dir, FolderLimits(int(total * MEGABYTE), int(part * MEGABYTE)))
     else:
         return None
+    if arguments.log is not None and sink.path != arguments.log:
+        print(f"{arguments.log} exists and is kept: this log is {sink.path}")
     header = {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": law}
     return Recorder(ThreadedSink(sink), header, now)
 

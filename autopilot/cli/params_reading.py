@@ -25,7 +25,7 @@ from autopilot.params.firmware_dump import Heading, TypedValue
 from autopilot.params.firmware_file import FIRMWARE_NAMES
 from autopilot.params.foreign_files import is_foreign
 from autopilot.params.outcome import Verdict
-from autopilot.params.saving import save_text
+from autopilot.params.saving import refuse_existing, save_text, save_unused
 from autopilot.params.session import ParameterSession, Vehicle
 from autopilot.params.upload import Upload
 from autopilot.params.vessel import Vessel
@@ -100,8 +100,8 @@ def verify(arguments: argparse.Namespace) -> int:
 def download(arguments: argparse.Namespace) -> int:
     """Write a vehicle's parameters into a file."""
     names = [name for name in (arguments.names or "").split(",") if name]
-    if Path(arguments.file).exists() and not arguments.overwrite:
-        raise InputError(f"{arguments.file}: exists already; give another name, or --overwrite to replace it.")
+    if not arguments.overwrite:
+        refuse_existing(arguments.file)
     formatted(arguments.file, ParameterFile([], []), Heading("ardurover", ""), 1)  # a wrong suffix costs no download
     with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
         values = fetched(session, names, arguments.link)
@@ -117,7 +117,7 @@ def backup(arguments: argparse.Namespace) -> int:
         values = fetched(session, [], arguments.link)
         vehicle = session.vehicle
     path = Path(arguments.folder) / f"backup-{time.strftime('%Y%m%dT%H%M%S')}-sys{vehicle.system}.yaml"
-    save_text(path, vehicle_text(path, values, vehicle, arguments.link), overwrite=False)
+    path = save_unused(path, vehicle_text(path, values, vehicle, arguments.link))
     print(f"{path}: {len(values)} parameters of vehicle {vehicle.system} ({vehicle.firmware})")
     return int(ExitCode.OK)
 

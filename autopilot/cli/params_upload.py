@@ -17,7 +17,7 @@ from autopilot.params.any_file import ParameterFile, load_parameters
 from autopilot.params.firmware_dump import Heading, TypedValue, dump_firmware
 from autopilot.params.journal import Journal, discard_journal, journal_path, read_journal, write_journal
 from autopilot.params.outcome import Change, Outcome, Verdict
-from autopilot.params.saving import save_text
+from autopilot.params.saving import save_unused
 from autopilot.params.session import ParameterSession, Vehicle
 from autopilot.params.transaction import Holds, carry_out, look, put
 from autopilot.params.upload import Upload
@@ -124,7 +124,8 @@ class _Writing:
             source=f"read back over {self._arguments.link}",
             date=self._date,
         )
-        save_text(path, dump_firmware((TypedValue(each.name, each.old, each.kind) for each in changes), heading))
+        text = dump_firmware((TypedValue(each.name, each.old, each.kind) for each in changes), heading)
+        self._backup = str(save_unused(Path(path), text))
 
     def _may_stay(self) -> bool:
         """Whether what was set stays although not all of it holds: as the options say, else as the user does."""

@@ -6,15 +6,19 @@ A part is one file that can be read alone. Whoever writes says where a part may 
 from __future__ import annotations
 
 import contextlib
+import errno
+import fcntl
 import os
 import queue
 import re
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from autopilot.errors import InputError
+from autopilot.params.saving import FULL, create_unused, is_in_use, lock
 
 RETRY_S = 5.0
 """A disk that would not take the log is asked again after this time."""
@@ -43,6 +47,10 @@ class Sink(Protocol):
     part_bytes: int | None
     dropped: int
 
+    @property
+    def path(self) -> Path:
+        """The file that is written now, or was last."""
+
     def write(self, data: bytes) -> None:
         """Append all of `data`, or nothing of it."""
 
@@ -54,20 +62,39 @@ class Sink(Protocol):
 
 
 class FileSink:
-    """One file, emptied at first; written at once. Raises InputError where it cannot be written."""
+    """One new file, written at once, locked as long as it is open; where `path` exists, its next free name.
+
+    On a full disk it is made as soon as there is room. Raises InputError where it cannot be written.
+    """
 
     part_bytes: int | None = None
 
     def __init__(self, path: Path) -> None:
-        self.trouble = ""
         self.dropped = 0
-        self._file = _opened(path, os.O_TRUNC, "--log")
+        self.path = path
+        self._file = -1
+        self._closed = False
+        self.trouble = self._open()
 
     def write(self, data: bytes) -> None:
         """Append."""
+        if self._file < 0 and not self._closed:
+            self.trouble = self._open()
         if self._file >= 0:
             self.trouble = appended(self._file, data)
-            self.dropped += bool(self.trouble)
+        self.dropped += bool(self.trouble)
+
+    def _open(self) -> str:
+        """Have the file open; return why it is not on a full disk. Raises InputError."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file, self.path = create_unused(self.path)
+        except OSError as error:
+            if error.errno in FULL:
+                return f"log stopped: {error.strerror}; free the disk"
+            why = "nobody reads this pipe" if error.errno == errno.ENXIO else error.strerror
+            raise InputError(f"log {self.path}: {why}; give another place with --log") from error
+        return ""
 
     def next_part(self) -> None:
         """There is one file."""
@@ -79,6 +106,7 @@ class FileSink:
 
     def close(self) -> None:
         """Close the file."""
+        self._closed = True
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
@@ -96,8 +124,8 @@ class FolderSink:
     """Parts in a folder: norrbin-00012-20260504T101500Z.001.tlog is part 1 of the folder's 12th run.
 
     The number orders the runs where the clock cannot: many boards know no time before the network or the GPS has told
-    them. Before a part begins the oldest parts are removed until it fits; another program's files are left alone.
-    Raises InputError where the folder cannot be written.
+    them. Before a part begins the oldest parts are removed until it fits; another program's files, and what another
+    run is writing, are left alone. A full disk is waited for. Raises InputError where the folder cannot be written.
     """
 
     def __init__(self, folder: Path, limits: FolderLimits = FolderLimits()) -> None:  # noqa: B008 - immutable
@@ -105,17 +133,17 @@ class FolderSink:
         self.dropped = 0
         self.part_bytes: int | None = limits.part
         self._folder, self._limits = folder, limits
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            number = 1 + max((run_number(path) for path in folder.iterdir()), default=0)
-            self._make_room()
-        except OSError as error:
-            raise InputError(f"log folder {folder}: {error.strerror}; give another one with --log-dir") from error
-        self._run = f"norrbin-{number:05d}-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}"
+        self._run = ""
         self._part = 0
         self._file = -1
-        self.path = self._next_path()
-        self._file = _opened(self.path, os.O_EXCL, "--log-dir")
+        self._closed = False
+        self.path = folder
+        try:
+            self._open()
+        except OSError as error:
+            if error.errno not in FULL:
+                raise InputError(f"log folder {folder}: {error.strerror}; give another one with --log-dir") from error
+            self.trouble = f"log stopped: {error.strerror}; free the disk"
 
     def write(self, data: bytes) -> None:
         """Append, in a new part where it is time for one."""
@@ -125,7 +153,7 @@ class FolderSink:
     def next_part(self) -> None:
         """Begin another file with the next write."""
         self.sync()
-        self.close()
+        self._end_part()
 
     def sync(self) -> None:
         """Have what was written on the disk itself."""
@@ -134,29 +162,43 @@ class FolderSink:
 
     def close(self) -> None:
         """Close the file."""
+        self._closed = True
+        self._end_part()
+
+    def _end_part(self) -> None:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
 
     def _opened_part(self) -> str:
         """Have a part open; return why there is none."""
-        if self._file >= 0:
+        if self._file >= 0 or self._closed:
             return ""
-        self.path = self._next_path()
         try:
-            self._make_room()
-            self._file = _opened(self.path, os.O_EXCL, "--log-dir")
-        except (OSError, InputError) as error:
-            self._part -= 1
-            return f"log stopped: {error}"
-        except MemoryError:
-            self._part -= 1
-            raise
+            self._open()
+        except OSError as error:
+            return f"log stopped: {error.strerror}; free the disk, or log elsewhere"
         return ""
 
-    def _next_path(self) -> Path:
-        self._part += 1
-        return self._folder / f"{self._run}.{self._part:03d}.tlog"
+    def _open(self) -> None:
+        """Open the next part, of a run that has its number since the first one. Raises OSError."""
+        if self._run:
+            self._make_room()
+            self._file, self.path, self._part = *self._created(self._run, self._part + 1), self._part + 1
+            return
+        self._folder.mkdir(parents=True, exist_ok=True)
+        with _one_at_a_time(self._folder):  # of two runs that begin together each has a number of its own
+            number = 1 + max((run_number(path) for path in self._folder.iterdir()), default=0)
+            run = f"norrbin-{number:05d}-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}"
+            self._make_room()
+            self._file, self.path, self._part = *self._created(run, 1), 1
+            self._run = run
+
+    def _created(self, run: str, part: int) -> tuple[int, Path]:
+        path = self._folder / f"{run}.{part:03d}.tlog"
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_EXCL, 0o644)
+        lock(descriptor)
+        return descriptor, path
 
     def _make_room(self) -> None:
         """Remove the oldest parts until the next one fits into the folder's size and onto the disk."""
@@ -171,6 +213,8 @@ class FolderSink:
             fits = disk.f_bavail * disk.f_frsize >= self._limits.free + self._limits.part
             if total + self._limits.part <= self._limits.total and fits:
                 return
+            if is_in_use(path):
+                continue
             path.unlink()
             total -= sizes[path]
 
@@ -192,6 +236,11 @@ class ThreadedSink:
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="log", daemon=True)
         self._thread.start()
+
+    @property
+    def path(self) -> Path:
+        """The file that is written now, or was last."""
+        return self._inside.path
 
     def write(self, data: bytes) -> None:
         """Put into the queue, where it is not full and the disk has not just refused."""
@@ -262,6 +311,8 @@ def appended(file: int, data: bytes) -> str:
     """
     try:
         written = os.write(file, data)
+    except BrokenPipeError:
+        return "log stopped: nobody reads the pipe any more; start its reader again"
     except OSError as error:
         return f"log stopped: {error.strerror}; free the disk"
     if written == len(data):
@@ -295,9 +346,13 @@ def part_number(path: Path) -> int:
     return int(found["part"]) if found else 0
 
 
-def _opened(path: Path, flags: int, option: str) -> int:
+@contextlib.contextmanager
+def _one_at_a_time(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock, where its file system knows locks. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | flags, 0o644)
-    except OSError as error:
-        raise InputError(f"log {path}: {error.strerror}; give another place with {option}") from error
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

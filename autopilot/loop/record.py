@@ -74,6 +74,11 @@ class Recorder:
         return self.failed
 
     @property
+    def path(self) -> Path:
+        """The file that is written now, or was last."""
+        return self._sink.path
+
+    @property
     def dropped(self) -> int:
         """How many ticks were not written."""
         return self._sink.dropped

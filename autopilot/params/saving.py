@@ -1,25 +1,160 @@
-"""Files that are either old or new, never half: written beside, flushed to disk, renamed."""
+"""Files that are either old or new, never half: written beside, flushed to disk, renamed.
+
+A file that may not be had again (a recording, a backup) never replaces another: it takes the next free name,
+run.tlog, run-2.tlog, run-3.tlog. While it is written it is locked (flock), and nothing here replaces or removes a file
+that is locked.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
+import stat
 import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from autopilot.errors import InputError
+
+MOST_NUMBERS = 100_000
+PAGE_BEGINNINGS = (b"<!doctype html", b"<html")
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Why a disk takes nothing more, which may pass."""
 
 
 def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
     """Write `text` to `path` atomically; raises InputError with the sentence why it cannot be written."""
     path = Path(path)
-    if not overwrite and path.exists():
-        raise InputError(f"{path}: exists already; give another name, or --overwrite to replace it.")
+    if not overwrite:
+        refuse_existing(path)
     try:
         replace_file(path, text)
     except OSError as error:
         raise _unwritable(path, error.strerror) from None
+
+
+def save_page(path: str | Path, page: str) -> None:
+    """Write an HTML page atomically, over an older page alone: a report is made again, a log is not. InputError."""
+    path = Path(path)
+    if path.is_file() and path.stat().st_size:
+        with path.open("rb") as file:
+            begins = file.read(64).lstrip().lower()
+        if not begins.startswith(PAGE_BEGINNINGS):
+            raise InputError(f"{path}: exists already and is no page of a report; give another name, such as a .html.")
+    save_text(path, page)
+
+
+def save_unused(path: Path, text: str) -> Path:
+    """Write `text` whole to `path`, or to its next free name; return where. Raises InputError."""
+    try:
+        descriptor, found = create_unused(path)
+        with open(descriptor, "w", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path
+            try:
+                file.write(text)
+                file.flush()
+                os.fsync(descriptor)
+            except OSError:
+                found.unlink()
+                raise
+        sync_folder(found.parent)
+    except OSError as error:
+        raise _unwritable(path, error.strerror) from None
+    return found
+
+
+def refuse_existing(path: str | Path) -> None:
+    """Raise InputError where something is at `path`: said before the work, not after it."""
+    if Path(path).exists():
+        raise InputError(f"{path}: exists already; give another name, or --overwrite to replace it.")
+
+
+def numbered(path: Path) -> Iterator[Path]:
+    """Yield `path`, then run-2.tlog, run-3.tlog and so on for run.tlog."""
+    yield path
+    for number in range(2, MOST_NUMBERS):
+        yield path.with_name(f"{path.stem}-{number}{path.suffix}")
+
+
+def create_unused(path: Path) -> tuple[int, Path]:
+    """Return a descriptor to append to a new, locked file, and its name: `path`, or its next free one.
+
+    A device, or a pipe that somebody reads, is opened as it is; one that nobody reads is OSError ENXIO. Raises OSError.
+    """
+    for name in numbered(path):
+        try:
+            descriptor = os.open(name, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o644)
+        except FileExistsError:
+            if name.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR)) from None
+            if name.is_file() or not name.exists():
+                continue
+            # without O_NONBLOCK, opening a pipe waits for its reader
+            descriptor = os.open(name, os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK)
+            os.set_blocking(descriptor, True)
+            return descriptor, name
+        lock(descriptor)
+        return descriptor, name
+    raise FileExistsError(errno.EEXIST, "all numbers are taken")
+
+
+def unused_folder(path: Path) -> Path:
+    """Return an empty folder, made where it is missing: `path`, or its next free name. Raises OSError."""
+    for name in numbered(path):
+        if name is not path and name.is_file():
+            continue
+        name.mkdir(parents=True, exist_ok=True)
+        if not any(name.iterdir()):
+            return name
+    raise FileExistsError(errno.EEXIST, "all numbers are taken")
+
+
+def lock(descriptor: int) -> None:
+    """Keep the open file from being replaced or removed by us elsewhere, where the file system knows locks."""
+    with contextlib.suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_in_use(path: Path) -> bool:
+    """Return whether another writer has the file at `path` locked."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            return False
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno in (errno.EWOULDBLOCK, errno.EACCES)
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def write_new(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a file beside, flush it to disk, and only then give it the name `path`. Raises OSError."""
+    refuse_in_use(path)
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+    try:
+        write(Path(temporary))
+        os.fsync(descriptor)
+        os.fchmod(descriptor, 0o666 & ~_umask())
+        Path(temporary).replace(path)
+        sync_folder(path.parent)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            Path(temporary).unlink()
+        raise
+    finally:
+        os.close(descriptor)
+
+
+def refuse_in_use(path: Path) -> None:
+    """Raise OSError where a file is being written by another program of ours, such as a running pilot's log."""
+    if is_in_use(path):
+        raise OSError(errno.EBUSY, "a running program writes it")
 
 
 def check_folder(path: str | Path) -> None:
@@ -34,6 +169,7 @@ def _unwritable(path: str | Path, why: str | None) -> InputError:
 
 def replace_file(path: Path, text: str, *, private: bool = False) -> None:
     """Write `text` to `path` atomically, a `private` file for its owner alone. Raises OSError."""
+    refuse_in_use(path)
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with open(descriptor, "w", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path

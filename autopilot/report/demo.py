@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autopilot import __version__
+from autopilot.params.saving import save_text
 from autopilot.report.figures import Line, Panel, time_figure
 from autopilot.report.page import Section, render
 from autopilot.signals import Tick
@@ -33,7 +34,7 @@ def write_demo_report(out: Path, shown: DemoFigures, summary: dict[str, Any]) ->
         "hold": _compared(shown.holds, SHOWN_HOLD),
     }
     for name, svg in figures.items():
-        (out / f"{name}.svg").write_text(svg, encoding="utf-8")
+        save_text(out / f"{name}.svg", svg)
     page = render(
         "Norrbin demo: from a sea trial to an autopilot",
         "A simulated boat sailed a trial over real links; its model was identified from the log, gains were designed "
@@ -42,7 +43,7 @@ def write_demo_report(out: Path, shown: DemoFigures, summary: dict[str, Any]) ->
         f"autopilot demo --seed {summary['seed']}",
         __version__,
     )
-    (out / "report.html").write_text(page, encoding="utf-8")
+    save_text(out / "report.html", page)
 
 
 def _sections(figures: dict[str, str], summary: dict[str, Any]) -> list[Section]:

@@ -30,6 +30,7 @@ def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument("study", metavar="STUDY.yaml", help="study file, or the name of a shipped one (front)")
     parser.add_argument("--out", metavar="FILE", type=Path, help="results, one row a run: .csv or .parquet")
+    parser.add_argument("--overwrite", action="store_true", help="replace the results of --out where they exist")
     parser.add_argument("--report", metavar="FILE.html", type=Path, help="summary and Pareto plot in one page")
     parser.add_argument("--runs", metavar="N", type=_whole, help="runs of every case (default: the study's)")
     parser.add_argument("--seed", metavar="N", type=_whole, help="seed of the first run (default: the study's)")
@@ -73,6 +74,7 @@ def _job(arguments: argparse.Namespace) -> Job:
 
 def _campaign(job: Job, arguments: argparse.Namespace) -> int:
     from autopilot.cli.progress import ProgressBar
+    from autopilot.params.saving import refuse_existing
     from sitl.campaign.cases import number_of_runs
     from sitl.campaign.engines import default_workers, engine_of, in_order
     from sitl.campaign.results import open_results
@@ -85,6 +87,8 @@ def _campaign(job: Job, arguments: argparse.Namespace) -> int:
         require_extra("by leaving out --report")
     workers, runs = arguments.workers or default_workers(), number_of_runs(job)
     engine = engine_of(arguments.engine, arguments.address)
+    if arguments.out and not arguments.overwrite:
+        refuse_existing(arguments.out)
     results = open_results(arguments.out, job) if arguments.out else None
     tally, begun = Tally(job), time.perf_counter()
     try:
@@ -115,11 +119,11 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
     if not tally.done["compiled"] and not arguments.plain:
         said += " Nothing was compiled: with numba it is far quicker, pip install 'norrbin[fast]'."
     if arguments.report:
-        from autopilot.params.saving import save_text
+        from autopilot.params.saving import save_page
         from sitl.campaign.page import campaign_page
 
         page = campaign_page(study.name, study.description, summaries, said, shlex.join(arguments.typed))
-        save_text(arguments.report, page)
+        save_page(arguments.report, page)
     if arguments.json:
         print(json.dumps({"study": study.name, "done": tally.done, "seconds": seconds, "cases": as_json(summaries)}))
         return

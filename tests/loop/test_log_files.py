@@ -217,13 +217,13 @@ def test_a_log_that_failed_in_its_thread_is_said_and_tried_again(
 
 def test_a_part_that_no_memory_was_left_for_leaves_no_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sink = FolderSink(tmp_path)
-    opened = log_files._opened
+    created = FolderSink._created
     sink.write(b"first")
     sink.next_part()
-    monkeypatch.setattr(log_files, "_opened", lambda *_: (_ for _ in ()).throw(MemoryError))
+    monkeypatch.setattr(FolderSink, "_created", lambda *_: (_ for _ in ()).throw(MemoryError))
     with pytest.raises(MemoryError):
         sink.write(b"lost")
-    monkeypatch.setattr(log_files, "_opened", opened)
+    monkeypatch.setattr(FolderSink, "_created", created)
     sink.write(b"second")
     sink.close()
     (first, second) = following_parts(min(tmp_path.iterdir()))

@@ -12,6 +12,7 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.loop.logs.series import FloatArray
 from autopilot.loop.logs.table import Table
+from autopilot.params.saving import write_new
 
 EXTRA = "pip install 'norrbin[export]'"
 
@@ -33,7 +34,7 @@ def write_csv(path: Path, table: Table, source: str) -> int:
     lines.append(",".join(shown))
     for row in zip(*(column.tolist() for column in shown.values()), strict=True):
         lines.append(",".join("" if value != value else f"{value:.10g}" for value in row))  # noqa: PERF401
-    save(path, lambda: path.write_text("\n".join(lines) + "\n", encoding="utf-8"))
+    save(path, lambda new: new.write_text("\n".join(lines) + "\n", encoding="utf-8"))
     return len(lines) - comments - 1
 
 
@@ -55,13 +56,13 @@ def write_parquet(path: Path, table: Table, source: str, began: float | None) ->
         columns.append(arrow.array(values, mask=np.isnan(values)))
     metadata = {"source": source, **({} if began is None else {"began_unix_s": repr(began)})}
     whole: Any = arrow.Table.from_arrays(columns, schema=arrow.schema(fields, metadata=metadata))
-    save(path, lambda: parquet.write_table(whole, path, compression="zstd"))
+    save(path, lambda new: parquet.write_table(whole, new, compression="zstd"))
     return int(whole.num_rows)
 
 
-def save(path: Path, write: Callable[[], object]) -> None:
-    """Write a file. Raises InputError where that fails."""
+def save(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a file, which has the name `path` once it is whole. Raises InputError where that fails."""
     try:
-        write()
+        write_new(path, write)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}; give another place.") from error

@@ -56,9 +56,9 @@ def write_mcap(path: Path, entries: Iterable[Entry], source: str) -> int:
         raise InputError(f"{path}: writing MCAP needs mcap; install it with {EXTRA}.") from None
     count = 0
 
-    def write() -> None:
+    def write(new: Path) -> None:
         nonlocal count
-        with path.open("wb") as file:
+        with new.open("wb") as file:
             writer = Writer(file)
             writer.start(profile="", library="norrbin")
             writer.add_metadata("log", {"source": source})

@@ -1,0 +1,189 @@
+"""What was written once is not lost: no log, record or backup replaces another, and what is being written is locked."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from lockstep import Lockstep
+
+from autopilot.cli.main import main
+from autopilot.errors import InputError
+from autopilot.loop import log_files
+from autopilot.loop.log_files import FileSink, FolderLimits, FolderSink
+from autopilot.params.saving import create_unused, save_page, save_text, save_unused, unused_folder
+from autopilot.params.vessel_file import load_vessel
+from sitl.cli import main as sitl
+
+
+def test_a_log_takes_the_next_free_name_and_leaves_the_ones_that_are_there(tmp_path: Path) -> None:
+    path = tmp_path / "zigzag.tlog"
+    path.write_bytes(b"a sea trial")
+    second, third = FileSink(path), FileSink(path)
+    second.write(b"2")
+    third.write(b"3")
+    second.close()
+    third.close()
+    assert [each.path.name for each in (second, third)] == ["zigzag-2.tlog", "zigzag-3.tlog"]
+    assert [(tmp_path / f"zigzag{number}.tlog").read_bytes() for number in ("", "-2", "-3")] == [
+        b"a sea trial",
+        b"2",
+        b"3",
+    ]
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: save_text(path, "schema_version: 1\n"),
+        lambda path: save_page(path, "<!doctype html>"),
+        lambda path: main(["log", "export", str(path.with_name("trial.tlog")), "--to", str(path), "--overwrite"]),
+    ],
+    ids=["text", "page", "export"],
+)
+def test_a_log_in_use_is_replaced_by_no_other_writer(
+    tmp_path: Path, write: Callable[[Path], object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = Lockstep(load_vessel("lanxin"), log=tmp_path / "trial.tlog")
+    run.engage(90.0)
+    run.run(10.0)
+    run.session.close()
+    sink = FileSink(tmp_path / "run.csv")
+    try:
+        code = write(sink.path)
+    except InputError as error:
+        code, said = 2, str(error)
+    else:
+        said = capsys.readouterr().err
+    assert code == 2
+    assert "run.csv: cannot be written" in said
+    assert "a running program writes it" in said
+    sink.write(b"still the log")
+    sink.close()
+    assert sink.path.read_bytes() == b"still the log"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.csv", "trial.tlog"]
+
+
+def test_a_folder_of_logs_keeps_the_part_that_another_run_is_writing(tmp_path: Path) -> None:
+    limits = FolderLimits(total=3_000, part=1_000, free=0)
+    first = FolderSink(tmp_path, limits)
+    first.write(bytes(2_500))
+    others = []
+    for _ in range(4):
+        sink = FolderSink(tmp_path, limits)
+        sink.write(bytes(1_500))
+        sink.close()
+        others.append(sink.path)
+    assert first.path.stat().st_size == 2_500
+    assert not others[0].exists()  # the folder is kept below its size by what nobody writes
+    first.close()
+
+
+def test_two_runs_that_begin_together_have_logs_of_their_own(tmp_path: Path) -> None:
+    sinks = [FolderSink(tmp_path) for _ in range(3)]
+    assert [log_files.run_number(sink.path) for sink in sinks] == [1, 2, 3]
+    for sink in sinks:
+        sink.close()
+
+
+def test_a_pipe_without_a_reader_is_said_and_one_with_a_reader_is_written(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match=r"log .*pipe: nobody reads this pipe; give another place with --log"):
+        FileSink(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    sink = FileSink(pipe)
+    sink.write(b"log")
+    assert os.read(reader, 10) == b"log"
+    os.close(reader)
+    sink.write(b"log")
+    assert sink.trouble == "log stopped: nobody reads the pipe any more; start its reader again"
+    sink.close()
+
+
+@pytest.mark.parametrize("make", [lambda path: FileSink(path / "run.tlog"), FolderSink], ids=["file", "folder"])
+def test_a_disk_that_is_full_from_the_start_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], FileSink | FolderSink]
+) -> None:
+    really, is_full = os.open, True
+
+    def opened(path: str | Path, flags: int, *rest: int) -> int:
+        if is_full and flags & os.O_CREAT:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return really(path, flags, *rest)
+
+    monkeypatch.setattr(os, "open", opened)
+    sink = make(tmp_path)
+    assert sink.trouble == "log stopped: No space left on device; free the disk"
+    sink.write(b"lost")
+    assert sink.trouble.startswith("log stopped: No space left on device; free the disk")
+    is_full = False
+    sink.write(b"kept")
+    assert sink.trouble == ""
+    sink.close()
+    assert sink.path.read_bytes() == b"kept"
+    assert sink.dropped == 1
+
+
+def test_a_backup_takes_the_next_free_name(tmp_path: Path) -> None:
+    names = [save_unused(tmp_path / "backup.yaml", str(number)).name for number in range(3)]
+    assert names == ["backup.yaml", "backup-2.yaml", "backup-3.yaml"]
+    assert [(tmp_path / name).read_text() for name in names] == ["0", "1", "2"]
+
+
+def test_a_folder_of_results_is_not_written_into_again(tmp_path: Path) -> None:
+    first = unused_folder(tmp_path / "demo")
+    (first / "report.html").write_text("kept")
+    assert [unused_folder(tmp_path / "demo").name for _ in range(2)] == ["demo-2", "demo-2"]
+
+
+def test_a_name_that_leads_nowhere_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "run.tlog").symlink_to(tmp_path / "elsewhere")
+    descriptor, found = create_unused(tmp_path / "run.tlog")
+    os.close(descriptor)
+    assert found.name == "run-2.tlog"
+
+
+def test_a_report_replaces_a_page_and_nothing_else(tmp_path: Path) -> None:
+    page, log = tmp_path / "page.html", tmp_path / "run.tlog"
+    for text in ("<!doctype html>1", "<!doctype html>2"):
+        save_page(page, text)
+    assert page.read_text().endswith("2")
+    log.write_bytes(bytes(100))
+    with pytest.raises(InputError, match="exists already and is no page of a report"):
+        save_page(log, "<!doctype html>")
+    assert log.read_bytes() == bytes(100)
+
+
+def test_a_table_replaces_another_only_when_told_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = Lockstep(load_vessel("lanxin"), log=tmp_path / "run.tlog")
+    run.engage(90.0)
+    run.run(10.0)
+    run.session.close()
+    before = (tmp_path / "run.tlog").read_bytes()
+    for to in ("run.tlog", "run.csv", "run.csv"):
+        code = main(["log", "csv", str(tmp_path / "run.tlog"), "--out", str(tmp_path / to)])
+        said = capsys.readouterr().err
+        assert (code == 0) is (to == "run.csv" and not said)
+    assert said.startswith(f"autopilot: {tmp_path}/run.csv: exists already; give another name, or --overwrite")
+    assert main(["log", "csv", str(tmp_path / "run.tlog"), "--out", str(tmp_path / "run.csv"), "--overwrite"]) == 0
+    assert (tmp_path / "run.tlog").read_bytes() == before
+
+
+def test_the_records_of_the_simulated_boat_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    serve = ["serve", "lanxin", "--mavlink", "udpout:127.0.0.1:9", "--duration", "0.2"]
+    for _ in range(2):
+        assert sitl([*serve, "--truth", str(tmp_path / "truth.csv")]) == 0
+        assert sitl(["wave-glider", "--duration", "5", "--out", str(tmp_path / "glider.csv")]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"truth.csv", "truth-2.csv", "glider.csv", "glider-2.csv"}
+    said = capsys.readouterr().out
+    assert f"{tmp_path}/truth.csv exists and is kept: the truth goes to {tmp_path}/truth-2.csv" in said
+
+
+def test_a_full_disk_ends_the_record_of_the_truth_and_not_the_boat(capsys: pytest.CaptureFixture[str]) -> None:
+    serve = ["serve", "lanxin", "--mavlink", "udpout:127.0.0.1:9", "--duration", "20", "--speedup", "40"]
+    assert sitl([*serve, "--truth", "/dev/full"]) == 0
+    assert capsys.readouterr().err.count("/dev/full ends before its time: No space left on device") == 1
