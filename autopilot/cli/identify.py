@@ -10,6 +10,7 @@ from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
     from autopilot.cli.identify_report import Result
+    from autopilot.cli.identify_vessel import Given
     from autopilot.identification.identified import ModelKind, SteadyTurns
     from autopilot.identification.runs import Run
 
@@ -94,6 +95,9 @@ def add_parser(subparsers: Any) -> None:
         "--fixed-angle-deg", type=float, default=30.0, metavar="DEG", help="delta_0 of the wave glider (default 30)"
     )
     parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
+    parser.add_argument(
+        "--rudder-max-deg", type=float, metavar="DEG", help="end stop of the rudder, each side, for a new --out file"
+    )
     parser.add_argument("--report", metavar="FILE.html", help="write figures and tables into one page")
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_log_options(parser)
@@ -126,16 +130,22 @@ def run(arguments: argparse.Namespace) -> int:
         assert steady is not None
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
-    result = _identify(arguments, steady)
+    fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
+    if arguments.out:
+        from autopilot.cli.identify_vessel import boat_for
+
+        given = _given(arguments)
+        boat = boat_for(arguments.out, fitted, given)
+    result = _identify(arguments, steady, fitted, held_out)
     if arguments.out:
         from autopilot.cli.identify_vessel import write_vessel
 
-        write_vessel(arguments.out, result)
+        result = result._replace(remarks=tuple(write_vessel(arguments.out, result, boat, given)))
     if arguments.report:
         _write_report(arguments, result, steady)
     print(report.as_json(result) if arguments.json else report.as_text(result))
     if arguments.out and not arguments.json:
-        print(f"\nWrote the model to {arguments.out}.")
+        print(f"\nWrote the model to {arguments.out}; look over its rudder section before you design gains for it.")
     if arguments.report and not arguments.json:
         print(f"\nWrote the report to {arguments.report}.")
     return int(ExitCode.OK)
@@ -155,6 +165,9 @@ def _check(arguments: argparse.Namespace) -> None:
     for name, value in (("--gain-1-s", arguments.gain_1_s), ("--reference-speed-m-s", arguments.reference_speed_m_s)):
         if value is not None and not 0.0 < value < float("inf"):
             raise InputError(f"{name} must be a positive number, got {value:g}.")
+    stop = arguments.rudder_max_deg
+    if stop is not None and not 1.0 <= stop <= 90.0:
+        raise InputError(f"--rudder-max-deg {stop:g}: allowed is 1 to 90")
     check_model(arguments)
     if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
         raise InputError(
@@ -189,17 +202,25 @@ def _steady_turns(path: str) -> SteadyTurns:
     return SteadyTurns(table["rudder_rad"], table["yaw_rate_rad_s"], table.get("speed_m_s"))
 
 
-def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
+def _given(arguments: argparse.Namespace) -> Given:
+    from autopilot.cli.identify_vessel import Given
+    from autopilot.params.vessel_file import load_vessel
+
+    vessel = load_vessel(arguments.vessel) if arguments.vessel else None
+    return Given(vessel, arguments.rudder_max_deg, arguments.rudder_at_full_deg)
+
+
+def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None, fitted: list[Run], held_out: list[Run]) -> Any:
     from autopilot.cli.identify_model import chosen, form_of
     from autopilot.cli.identify_report import Result
     from autopilot.cli.progress import ProgressBar
     from autopilot.identification.methods import Question
     from autopilot.identification.registry import method_named
     from autopilot.identification.residual_tests import residual_tests
+    from autopilot.identification.rudder_rate import rudder_rate_of
     from autopilot.identification.two_stage import nomoto_stage
 
     method = method_named(arguments.method, arguments.gain)
-    fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
     form = form_of(arguments)
     with ProgressBar("identifying") as bar:
         question = Question(
@@ -221,7 +242,8 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None) -> Any:
     predictions = [(run, "fit", found.foretell(run)) for run in fitted]
     predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
     tests = residual_tests(fitted, found.model, found.around, found.train, dict(found.trims))
-    return Result(choice.chosen if choice else arguments.model, found, stage_one, predictions, tests, choice)
+    kind, rate = choice.chosen if choice else arguments.model, rudder_rate_of(fitted)
+    return Result(kind, found, stage_one, predictions, tests, choice, rate)
 
 
 def rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from autopilot.identification.identified import Identified, SteadyTurns
 from autopilot.identification.model_choice import Choice
 from autopilot.identification.prediction import Prediction
 from autopilot.identification.residual_tests import ResidualTest
+from autopilot.identification.rudder_rate import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
 
@@ -64,8 +65,8 @@ TRAIN = (
 
 
 class Result(NamedTuple):
-    """Everything to be told: the kind of model asked for or chosen, the estimate, stage one, each run with its role,
-    and the candidates where the kind was chosen."""
+    """Everything to print: the kind of model asked for or chosen, the estimate, stage one, each run with its role, the
+    candidates where the kind was chosen, the rudder's measured rate, and remarks on the file that was written."""
 
     kind: str
     found: Identified
@@ -73,6 +74,8 @@ class Result(NamedTuple):
     predictions: Sequence[tuple[Run, str, Prediction]]
     residual_tests: Sequence[ResidualTest] = ()
     choice: Choice | None = None
+    rudder_rate: RudderRate | None = None
+    remarks: Sequence[str] = ()
 
 
 def as_json(result: Result) -> str:
@@ -89,6 +92,12 @@ def as_json(result: Result) -> str:
         "runs": [_run(run, role, prediction) for run, role, prediction in result.predictions],
         "unidentifiable": list(found.unidentifiable),
         "reasons": found.unidentifiable,
+        "rudder_rate": result.rudder_rate
+        and {
+            "value_deg_s": math.degrees(result.rudder_rate.rate),
+            "std_deg_s": math.degrees(result.rudder_rate.standard_error),
+            "movements": result.rudder_rate.movements,
+        },
         "notes": _notes(result),
         "two_stage": _stages(result),
         "trims_n0_rad_s": dict(found.trims),
@@ -143,7 +152,7 @@ def _parameter(quantity: Quantity, value: float | None, std: float | None) -> di
 
 def _notes(result: Result) -> list[str]:
     """Return what was left out of the recordings and what the method has to say, a sentence each."""
-    return [*(note for run, _, _ in result.predictions for note in run.notes), *result.found.notes]
+    return [*(note for run, _, _ in result.predictions for note in run.notes), *result.found.notes, *result.remarks]
 
 
 def _run(run: Run, role: str, prediction: Prediction) -> dict[str, Any]:
@@ -212,6 +221,7 @@ def as_text(result: Result) -> str:
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
         _table(_run_rows(result)),
         *_trims(found),
+        *([f"Rudder rate: {rate_sentence(result.rudder_rate)}."] if result.rudder_rate else []),
         *found.unidentifiable.values(),
         *(" ".join(test.sentences()) for test in result.residual_tests),
         *_notes(result),

@@ -1,4 +1,9 @@
-"""The identified model as a vessel file: a new one, or the model section of one that exists."""
+"""The identified model as a vessel file: a new one for the boat of the recordings, or the model of one that exists.
+
+A trial shows how the boat answers, not where its rudder stops or what a full pulse means. That comes from the file
+that exists, from --vessel, from the vessel file inside our own logs, or from an option; the trial's amplitude never
+stands in for it.
+"""
 
 from __future__ import annotations
 
@@ -7,40 +12,100 @@ import datetime
 import math
 from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
+from typing import NamedTuple
 
 from autopilot.cli.identify_report import Result, undetermined
 from autopilot.errors import InputError
-from autopilot.identification.runs import Run, Segment
+from autopilot.identification.rudder_rate import RudderRate, rate_sentence
+from autopilot.identification.runs import Run
 from autopilot.identification.steering import steering_errors, steering_model
 from autopilot.params.editing import updated_vessel_text
 from autopilot.params.saving import save_text
-from autopilot.params.vessel import SCHEMA_VERSION, Model, Rudder, StandardErrors, Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel, rounded
+from autopilot.params.vessel import SCHEMA_VERSION, Control, Drive, Model, Rudder, StandardErrors, Vessel
+from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel, rounded
 
 ASSUMED_RATE_DEG_S = 10.0
 """Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""
+RATE_DISAGREES = 0.15
+"""A measured rate off the file's by more than this share, and by three standard errors, is worth a sentence."""
 
 
-def write_vessel(path: str, result: Result) -> None:
-    """Write the model into the vessel file at `path`; everything else in an existing file is kept, its
-    comments too.
+class Given(NamedTuple):
+    """What the command line says of the steering gear.
 
-    In a new file the rudder's angle and rate are the largest recorded, and say so. Raises InputError where K or T is
-    not determined, the existing file cannot be read or the file cannot be written.
+    vessel: the file named by --vessel. end_stop_deg: the rudder's end stop. full_deg: the rudder's angle at full
+    steering, negative where the servo turns the other way.
+    """
+
+    vessel: Vessel | None = None
+    end_stop_deg: float | None = None
+    full_deg: float | None = None
+
+
+def boat_for(path: str, runs: Sequence[Run], given: Given) -> Vessel | None:
+    """Return the vessel whose model is to be exchanged; None where a new one is made of what is given.
+
+    Raises InputError where `path` cannot be read, or where nothing says where the rudder's end stops are: before the
+    identification, not after it.
+    """
+    if Path(path).exists():
+        return load_vessel(path)
+    if given.vessel is not None:
+        return _for_new_model(given.vessel, path)
+    text = next((run.vessel for run in runs if run.vessel), "")
+    if text:
+        return _for_new_model(parse_vessel(text, f"{runs[0].source} (header)"), path)
+    if given.end_stop_deg is None and given.full_deg is None:
+        raise InputError(
+            f"{path}: a new vessel file needs the rudder's end stop, which no recording shows; give "
+            "--rudder-max-deg DEG, or --vessel FILE with the boat's rudder section."
+        )
+    return None
+
+
+def _for_new_model(vessel: Vessel, path: str) -> Vessel:
+    """Return what stays of a boat's file for a model of its own: all but the name and the gains of the old model."""
+    control = Control(rate_hz=vessel.control.rate_hz, loop_delay_s=vessel.control.loop_delay_s)
+    return dataclasses.replace(vessel, name=Path(path).stem, description="", control=control)
+
+
+def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -> list[str]:
+    """Write the model into the vessel file at `path`; return what the skipper should know of the rudder, as sentences.
+
+    Everything else of `boat` is kept, an existing file's comments too; the rudder angle that full steering means is
+    written out, so that nobody who edits the end stop changes the scale. Raises InputError where K or T is not
+    determined, where no command could read the file, or where it cannot be written.
     """
     if unknown := undetermined(result.found):
         raise InputError(f"{path} is not written, for it needs K and T: {result.found.unidentifiable[unknown[0]]}")
     runs = [run for run, role, _ in result.predictions if role == "fit"]
-    model = _model(result, runs)
-    if Path(path).exists():
-        vessel = dataclasses.replace(load_vessel(path), model=model)
-        save_text(path, updated_vessel_text(Path(path).read_text(encoding="utf-8-sig"), vessel, path))
-    else:
-        name = Path(path).stem
-        vessel = Vessel(SCHEMA_VERSION, name, model, _rudder(runs))
-        save_text(path, dump_vessel(vessel))
+    rate = result.rudder_rate
+    fresh = boat is None
+    if boat is None:
+        boat = Vessel(SCHEMA_VERSION, Path(path).stem, _model(result, runs), _new_rudder(runs, given, rate))
+    vessel = _with_scale(dataclasses.replace(boat, model=_model(result, runs)), given)
+    exists = Path(path).exists()
+    before = Path(path).read_text(encoding="utf-8-sig") if exists else ""
+    text = updated_vessel_text(before, vessel, path) if exists else dump_vessel(vessel)
+    try:
+        parse_vessel(text, path)
+    except InputError as error:
+        raise InputError(f"{path} is not written, for no command could steer by it: {error}") from None
+    save_text(path, text)
+    return [] if fresh else _rudder_remarks(path, runs, vessel, rate)
+
+
+def _with_scale(vessel: Vessel, given: Given) -> Vessel:
+    """Return the vessel with the servo's scale written out, so that it no longer follows the end stop."""
+    helm, drive, stop_deg = vessel.helm, vessel.drive, vessel.rudder.angle_max_deg
+    if given.full_deg is not None:
+        scale_deg, is_reversed = abs(given.full_deg), given.full_deg < 0.0
+        helm = dataclasses.replace(helm, rudder_at_full_pwm_deg=scale_deg, reversed=is_reversed)
+    elif helm.rudder_at_full_pwm_deg is None:
+        helm = dataclasses.replace(helm, rudder_at_full_pwm_deg=stop_deg)
+    if drive != Drive() and drive.angle_at_full_deg is None:
+        drive = dataclasses.replace(drive, angle_at_full_deg=stop_deg)
+    return dataclasses.replace(vessel, helm=helm, drive=drive)
 
 
 def _model(result: Result, runs: list[Run]) -> Model:
@@ -69,37 +134,44 @@ def _rounded_or_none(value: float | None) -> float | None:
     return None if value is None else float(f"{value:.3g}")
 
 
-def _rudder(runs: list[Run]) -> Rudder:
-    """Return the rudder as far as the recordings show it: it may well reach further and move faster."""
-    segments = [segment for run in runs for segment in run.segments]
-    angle = max(float(np.max(np.abs(segment.rudder))) for segment in segments)
-    rate = recorded_rudder_rate(segments)
-    source = "largest angle and fastest movement in the recordings; the steering gear may do more"
+def _new_rudder(runs: list[Run], given: Given, rate: RudderRate | None) -> Rudder:
+    """Return the rudder of a boat without a file: its end stop as given, its rate as measured, or assumed and said."""
+    stop_deg = given.end_stop_deg if given.end_stop_deg is not None else abs(given.full_deg or 0.0)
+    seen_deg = max(_reach_deg(run) for run in runs)
+    if seen_deg > 1.1 * stop_deg + 1.0:
+        raise InputError(
+            f"--rudder-max-deg {stop_deg:g}: the recordings have the rudder at {seen_deg:.0f} deg; give its end stop."
+        )
     if rate is None:
         source = (
-            f"largest angle in the recordings; the rate of {ASSUMED_RATE_DEG_S:g} deg/s is assumed, for the recorded "
-            "rudder jumps from sample to sample: measure it before you trust the gains"
+            f"end stop as given; the rate of {ASSUMED_RATE_DEG_S:g} deg/s is assumed, for no sensor shows the rudder "
+            "moving: measure it before you trust the gains"
         )
-    slewing = ASSUMED_RATE_DEG_S if rate is None else round(math.degrees(rate), 1)
-    return Rudder(
-        angle_max_deg=float(np.clip(round(math.degrees(angle), 1), 1.0, 90.0)),
-        rate_max_deg_s=float(np.clip(slewing, 0.1, 1000.0)),
-        source=source,
-    )
+        return Rudder(stop_deg, ASSUMED_RATE_DEG_S, source=source)
+    rate_deg_s = min(max(round(math.degrees(rate.rate), 2), 0.1), 1000.0)
+    return Rudder(stop_deg, rate_deg_s, source=f"end stop as given; rate measured, {rate_sentence(rate)}")
 
 
-def recorded_rudder_rate(segments: Sequence[Segment]) -> float | None:
-    """Return the rudder's slewing rate [rad/s], None where the record cannot show it.
+def _reach_deg(run: Run) -> float:
+    return math.degrees(max(float(abs(segment.rudder).max()) for segment in run.segments))
 
-    A rudder that gets most of a movement done between two samples moved at that rate or any faster one: the
-    largest step must have a neighbour of at least half its size to be a slope rather than a jump.
-    """
-    steepest, is_slope = 0.0, False
-    for segment in segments:
-        slopes = np.abs(np.diff(segment.rudder) / np.diff(segment.time))
-        if slopes.size < 3 or slopes.max() <= steepest:
-            continue
-        at = int(np.argmax(slopes))
-        neighbours = slopes[max(at - 1, 0) : at + 2]
-        steepest, is_slope = float(slopes[at]), bool(np.sort(neighbours)[-2] >= 0.5 * slopes[at])
-    return steepest if is_slope else None
+
+def _rudder_remarks(path: str, runs: list[Run], vessel: Vessel, rate: RudderRate | None) -> list[str]:
+    """Return where the recordings contradict the rudder section that was kept."""
+    rudder, remarks = vessel.rudder, []
+    seen_deg = max(_reach_deg(run) for run in runs)
+    if seen_deg > 1.1 * rudder.angle_max_deg + 1.0:
+        remarks.append(
+            f"The rudder was at {seen_deg:.0f} deg, and rudder.angle_max_deg of {path} is {rudder.angle_max_deg:g}: "
+            "look at the scale of the rudder or its sensor."
+        )
+    if rate is not None:
+        filed = math.inf if rudder.rate_max_deg_s is None else math.radians(rudder.rate_max_deg_s)
+        off = abs(rate.rate - filed)
+        if off > RATE_DISAGREES * min(filed, rate.rate) and off > 3.0 * rate.standard_error:
+            remarks.append(
+                f"The rudder moved at {rate_sentence(rate)}, and rudder.rate_max_deg_s of {path} is "
+                f"{'unlimited' if math.isinf(filed) else f'{rudder.rate_max_deg_s:g}'}: if it was asked to move as "
+                "quickly as it can, put the measured rate into the file before you design gains."
+            )
+    return remarks

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,13 +53,19 @@ class Segment(NamedTuple):
     quarter_wind: FloatArray = NOTHING
 
 
+RudderOrigin = Literal["measured", "estimated", "ordered"]
+"""A sensor's angle; a pilot's estimate, which may be its model of the gear; or what was ordered."""
+
+
 class Run(NamedTuple):
     """One recording: where it came from, its segments in order of time, and a sentence for each kind of bad sample
-    that was left out."""
+    that was left out; what its rudder is, and the text of the vessel file of the pilot that recorded it, if one did."""
 
     source: str
     segments: tuple[Segment, ...]
     notes: tuple[str, ...] = ()
+    rudder: RudderOrigin = "measured"
+    vessel: str = ""
 
 
 def has_propeller(runs: Sequence[Run]) -> bool:

@@ -12,7 +12,7 @@ from autopilot.loop.logs.merge import merged, sources_of
 from autopilot.loop.logs.reading import Kind, ReadOptions, bytes_of, kind_of, read_recording
 from autopilot.loop.logs.rudder import RudderSettings
 from autopilot.loop.logs.series import FloatArray, Recording
-from autopilot.loop.logs.table import table_of
+from autopilot.loop.logs.table import Table, table_of
 
 
 class LogOptions(NamedTuple):
@@ -40,24 +40,27 @@ def load_run(
     InputError where a file cannot be used.
     """
     reading = options.reading._replace(columns=column_map or options.reading.columns)
-    table, notes = _table(text, reading, options.rudder)
-    if reverse_rudder:
-        table = {**table, "rudder_rad": -table["rudder_rad"]}
-    run = run_from_columns(text, table)
-    return run._replace(notes=(*notes, *run.notes))
-
-
-def _table(text: str, reading: ReadOptions, rudder: RudderSettings) -> tuple[Mapping[str, FloatArray], tuple[str, ...]]:
     sources = sources_of(text)
     if len(sources) == 1 and kind_of(text, bytes_of(text)) is Kind.TABLE:
-        return read_csv(text, reading.columns, RUN_NEEDS), ()
+        return run_from_columns(text, _turned(read_csv(text, reading.columns, RUN_NEEDS), reverse_rudder))
     recording = load_recording(text, reading)
-    table, uses = table_of(recording, rudder)
-    if "rudder_rad" not in table:
+    table = _table(text, recording, options.rudder)
+    notes = recording.notes
+    if table.rudder == "ordered":
+        notes = (*notes, f"{text}: the rudder is {table.uses['rudder_rad']}.")
+    run = run_from_columns(text, _turned(table.columns, reverse_rudder))
+    return run._replace(notes=(*notes, *run.notes), rudder=table.rudder, vessel=recording.vessel)
+
+
+def _turned(columns: Mapping[str, FloatArray], reverse_rudder: bool) -> Mapping[str, FloatArray]:
+    return {**columns, "rudder_rad": -columns["rudder_rad"]} if reverse_rudder else columns
+
+
+def _table(text: str, recording: Recording, rudder: RudderSettings) -> Table:
+    table = table_of(recording, rudder)
+    if "rudder_rad" not in table.columns:
         hint = next((note for note in recording.notes if "servo" in note), "")
         raise InputError(hint or f"{text}: holds no rudder; the rudder's angle, its servo or its orders are needed.")
-    if "speed_m_s" not in table:
+    if "speed_m_s" not in table.columns:
         raise InputError(f"{text}: holds no two speeds; merge them in from another log of the run with +FILE.")
-    how = uses["rudder_rad"]
-    told = (f"{text}: the rudder is {how}.",) if how.startswith(("as", "by")) else ()
-    return table, (*recording.notes, *told)
+    return table

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import io
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,13 +24,19 @@ EXTRA = "pip install 'norrbin[edit]'"
 def updated_vessel_text(text: str, vessel: Vessel, file: str) -> str:
     """Return the vessel file `text` with the values of `vessel`; comments and order stay.
 
-    Raises InputError where the text cannot be read, or where it has comments and ruamel.yaml is not installed.
+    A file whose only comments are those that Norrbin writes beside its values is written anew. Raises InputError where
+    the text cannot be read, or where it has comments of its own and ruamel.yaml is not installed.
     """
     before = parse_vessel(text, file)
-    if text == dump_vessel(before):
+    if not _comments(text) - _comments(dump_vessel(before)):
         return dump_vessel(vessel)
     old, new = (plain(parse_document(dump_vessel(each))) for each in (before, vessel))
     return _checked(edited_text(text, old, new, file), vessel, file)
+
+
+def _comments(text: str) -> Counter[str]:
+    """Return what stands behind a # on each line: comments, and at worst some quoted text, which is kept as well."""
+    return Counter(line.partition("#")[2].strip() for line in text.splitlines() if "#" in line)
 
 
 def _checked(text: str, vessel: Vessel, file: str) -> str:
@@ -55,7 +62,7 @@ def edited_text(text: str, old: Mapping[str, Any], new: Mapping[str, Any], file:
         ruamel = importlib.import_module("ruamel.yaml")
     except ModuleNotFoundError:
         raise InputError(
-            f"{file}: has comments or an order of its own, and keeping them needs ruamel.yaml; install it with "
+            f"{file}: has comments of its own, and keeping them needs ruamel.yaml; install it with "
             f"{EXTRA}, or give another name for the result."
         ) from None
     yaml = ruamel.YAML()  # round trip

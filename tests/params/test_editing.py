@@ -72,6 +72,22 @@ def test_without_the_extra_comments_are_never_lost_silently(monkeypatch: pytest.
     assert updated_vessel_text(own, vessel, "own.yaml") == dump_vessel(vessel)
 
 
+def test_a_file_of_ours_that_was_edited_by_hand_needs_no_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What the README asks for after `identify`: look over the rudder section, then `gains FILE --out FILE`."""
+    without_ruamel(monkeypatch)
+    path = tmp_path / "boat.yaml"
+    own = dump_vessel(load_vessel("lanxin"))
+    path.write_text(
+        own.replace("angle_max_deg: 30.0", "angle_max_deg:   28").replace("  lag_s: 0.1", "\n  lag_s: 0.15")
+    )
+    assert main(["gains", str(path), "--out", str(path)]) == 0
+    rudder = load_vessel(path).rudder
+    assert (rudder.angle_max_deg, rudder.lag_s) == (28.0, 0.15)
+    path.write_text(own.replace("angle_max_deg: 30.0", "angle_max_deg: 30.0  # measured on the slip"))
+    assert main(["gains", str(path), "--out", str(path)]) == 2
+    assert "# measured on the slip" in path.read_text()
+
+
 def test_migrate_keeps_comments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "boat.yaml"
     old = "# my boat\nschema_version: 1 # old\nname: Boat\nmodel:\n  K_1_s: 0.7 # measured\n  T_s: 0.3\n"

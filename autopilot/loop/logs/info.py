@@ -69,7 +69,7 @@ def info_of(recording: Recording, settings: RudderSettings) -> LogInfo:
 def _use(recording: Recording, settings: RudderSettings) -> tuple[dict[str, str], float, int, str, tuple[str, ...]]:
     uses: dict[str, str] = {}
     try:
-        table, uses = table_of(recording, settings)
+        table, uses, _ = table_of(recording, settings)
         for column, name in NEEDED.items():
             if column not in table:
                 raise InputError(f"{recording.source}: holds no {name}; merge it in from another log with +FILE.")

@@ -94,7 +94,8 @@ def merged(recordings: Sequence[Recording], offsets: Sequence[float | None]) -> 
         notes.extend((*other.notes, f"{other.source}: begins {offset:+.2f} s after {first.source}, {how}."))
     source = "+".join(recording.source for recording in recordings)
     kinds = " and ".join(dict.fromkeys(recording.kind for recording in recordings))
-    return from_zero(Recording(source, kinds, tuple(series), first.began, tuple(notes)))
+    vessel = next((recording.vessel for recording in recordings if recording.vessel), "")
+    return from_zero(Recording(source, kinds, tuple(series), first.began, tuple(notes), vessel))
 
 
 def _named(recording: Recording) -> list[Series]:

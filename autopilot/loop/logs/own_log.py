@@ -41,7 +41,8 @@ def read_own(path: str) -> Recording:
     log: Log = logs[0]
     began = began_of(path, log)
     notes = () if len(logs) == 1 else (f"{path}: holds {len(logs)} logs; the first is read.",)
-    return from_zero(Recording(path, "Norrbin log", (*_estimates(log.ticks), *_samples(log.ticks)), began, notes))
+    series = (*_estimates(log.ticks), *_samples(log.ticks))
+    return from_zero(Recording(path, "Norrbin log", series, began, notes, str(log.header.get("vessel", ""))))
 
 
 def began_of(path: str, log: Log) -> float | None:

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
+from autopilot.identification.runs import RudderOrigin
 from autopilot.loop.logs.own_log import PILOT
 from autopilot.loop.logs.series import ORDER, RUDDER, SHARE, FloatArray, Recording, Series
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
@@ -32,8 +33,16 @@ class RudderSettings(NamedTuple):
     gear: SteeringGear | None = None
 
 
-def rudder_of(recording: Recording, settings: RudderSettings) -> tuple[Series, str] | None:
-    """Return the rudder [rad] and where it comes from, in words; None where the recording has none.
+class FoundRudder(NamedTuple):
+    """The rudder [rad] of a recording, where it comes from in words, and what it is."""
+
+    series: Series
+    words: str
+    origin: RudderOrigin
+
+
+def rudder_of(recording: Recording, settings: RudderSettings) -> FoundRudder | None:
+    """Return the rudder that the settings choose; None where the recording has none.
 
     Raises InputError where what was chosen is not there, or a servo's angle is not known.
     """
@@ -47,7 +56,7 @@ def rudder_of(recording: Recording, settings: RudderSettings) -> tuple[Series, s
     return None
 
 
-def _by_choice(recording: Recording, settings: RudderSettings, choice: str) -> tuple[Series, str] | None:
+def _by_choice(recording: Recording, settings: RudderSettings, choice: str) -> FoundRudder | None:
     if choice == "measured":
         return _measured(recording, settings.choice == "auto")
     if choice == "commands":
@@ -65,20 +74,28 @@ def _by_choice(recording: Recording, settings: RudderSettings, choice: str) -> t
     return _moved(angles if settings.gear is None else _between_reports(angles), settings.gear, "by")
 
 
-def _measured(recording: Recording, with_estimate: bool) -> tuple[Series, str] | None:
-    sensors = recording._replace(series=tuple(s for s in recording.series if s.source != PILOT))
-    series = recording.best(RUDDER) if with_estimate else sensors.best(RUDDER)
+def _measured(recording: Recording, with_estimate: bool) -> FoundRudder | None:
+    sensor = recording._replace(series=tuple(s for s in recording.series if not _by_pilot(s))).best(RUDDER)
+    series = recording.best(RUDDER) if with_estimate else sensor
     if series is None:
         return None
-    by_pilot = series.source == PILOT
-    return series, "the pilot's estimate (sensor or steering gear)" if by_pilot else f"measured ({series.source})"
+    # where there is a sensor, the pilot's estimate follows it
+    origin: RudderOrigin = "estimated" if sensor is None else "measured"
+    if _by_pilot(series):
+        return FoundRudder(series, "the pilot's estimate (sensor or steering gear)", origin)
+    return FoundRudder(series, f"measured ({series.source})", origin)
 
 
-def _moved(orders: Series, gear: SteeringGear | None, word: str) -> tuple[Series, str]:
+def _by_pilot(series: Series) -> bool:
+    """Return whether the pilot's estimator made the series; merging puts the file's name before the source."""
+    return series.source.rpartition(": ")[2] == PILOT
+
+
+def _moved(orders: Series, gear: SteeringGear | None, word: str) -> FoundRudder:
     how = f"{word} {orders.source}" if word == "by" else f"as {word}"
     if gear is None:
-        return orders._replace(quantity=RUDDER), f"{how}, taken to stand where it was told"
-    return through_gear(orders, gear), f"{how}, through the steering gear of the vessel file"
+        return FoundRudder(orders._replace(quantity=RUDDER), f"{how}, taken to stand where it was ordered", "ordered")
+    return FoundRudder(through_gear(orders, gear), f"{how}, through the steering gear of the vessel file", "ordered")
 
 
 def _between_reports(orders: Series) -> Series:

@@ -52,7 +52,7 @@ class Recording(NamedTuple):
 
     source: the file. kind: what it is, in words. series: those of a quantity in the order in which they are
     preferred. began: Unix time [s] of the clock's zero, None where the log does not tell. notes: sentences about
-    what was damaged, guessed or left out.
+    what was damaged, guessed or left out. vessel: text of the vessel file that the pilot had, in its own logs.
     """
 
     source: str
@@ -60,6 +60,7 @@ class Recording(NamedTuple):
     series: tuple[Series, ...]
     began: float | None = None
     notes: tuple[str, ...] = ()
+    vessel: str = ""
 
     def of(self, quantity: str) -> list[Series]:
         """Return the series of `quantity`, the preferred one first."""

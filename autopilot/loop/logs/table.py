@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.runs import gap_limit
+from autopilot.identification.runs import RudderOrigin, gap_limit
 from autopilot.loop.logs.rudder import RudderSettings, rudder_of
 from autopilot.loop.logs.series import (
     ANGLES,
@@ -36,10 +36,12 @@ ALIKE = 1.5
 
 
 class Table(NamedTuple):
-    """columns: arrays of one length under SI names, nan where blank; uses: where each column comes from."""
+    """columns: arrays of one length under SI names, nan where blank; uses: where each column comes from, in words;
+    rudder: what the rudder is."""
 
     columns: dict[str, FloatArray]
     uses: dict[str, str]
+    rudder: RudderOrigin = "measured"
 
 
 def table_of(recording: Recording, settings: RudderSettings) -> Table:
@@ -56,12 +58,12 @@ def table_of(recording: Recording, settings: RudderSettings) -> Table:
         uses[series.quantity] = series.source
     rudder = rudder_of(recording, settings)
     if rudder is not None:
-        columns[RUDDER], uses[RUDDER] = between(rudder[0], rows), rudder[1]
+        columns[RUDDER], uses[RUDDER] = between(rudder.series, rows), rudder.words
     for quantity in BESIDE:
         known = recording.best(quantity)
         if known is not None:
             columns[quantity], uses[quantity] = between(known, rows), known.source
-    return Table(columns, uses)
+    return Table(columns, uses, "measured" if rudder is None else rudder.origin)
 
 
 def between(series: Series, rows: FloatArray) -> FloatArray:
