@@ -44,7 +44,8 @@ def test_the_real_boat_fitted_on_zigzags_predicts_its_turns(tmp_path: Path, caps
     zigzags = [str(path) for path in sorted(ESSO.glob("zigzag*.csv"))]
     turns = [str(path) for path in sorted(ESSO.glob("turn*.csv"))]
     out = tmp_path / "esso.yaml"
-    found = run(capsys, *zigzags, "--columns", str(tmp_path / "map.yaml"), "--holdout", *turns, "--out", str(out))
+    options = ["--columns", str(tmp_path / "map.yaml"), "--rudder-max-deg", "35", "--out", str(out)]
+    found = run(capsys, *zigzags, *options, "--holdout", *turns)
     fitted = sorted(row["yaw_rate_r2"] for row in found["runs"] if row["role"] == "fit")
     held_out = [row["yaw_rate_r2"] for row in found["runs"] if row["role"] == "holdout"]
     assert len(fitted) == 4
@@ -58,6 +59,7 @@ def test_the_real_boat_fitted_on_zigzags_predicts_its_turns(tmp_path: Path, caps
     vessel = load_vessel(out)
     assert vessel.model.K_1_s == pytest.approx(found["parameters"]["K"]["value"], rel=1e-4)
     assert vessel.model.reference_speed_m_s == pytest.approx(found["reference_speed_m_s"], rel=1e-4)
+    assert vessel.rudder.angle_max_deg == vessel.helm.rudder_at_full_pwm_deg == 35.0
 
 
 GOOD = "time_s,rudder_deg,speed_m_s,heading_deg\n" + "".join(f"{i / 10},{i % 7},4.6,{i}\n" for i in range(50))

@@ -180,7 +180,7 @@ def test_the_command_prints_the_candidates_and_writes_n2(
     vessel = tmp_path / "boat.yaml"
     few = {name: FORMS[name] for name in ("nomoto1", "norrbin", "norrbin-n2")}
     monkeypatch.setattr(model_choice, "FORMS", few)
-    assert main(["identify", *logs, "--model", "auto", "--out", str(vessel)]) == 0
+    assert main(["identify", *logs, "--model", "auto", "--rudder-max-deg", "35", "--out", str(vessel)]) == 0
     said = capsys.readouterr().out
     assert "held-out R2" in said
     assert "Chosen: norrbin-n2. Each of 2 runs was foretold" in said
