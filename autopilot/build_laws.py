@@ -94,13 +94,14 @@ def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
     if chosen == "backstepping" and control.backstepping is not None:
         gains = BacksteppingGains(*astuple(control.backstepping))
         bound = backstepping.error_max_of(model_of(vessel), gains, limits_of(vessel).rate_max)
-        return BacksteppingLaw(gains, vessel.model.reference_speed_m_s, bound)
+        return BacksteppingLaw(gains, vessel.model.reference_speed_m_s, bound, limits_of(vessel).angle_max)
     if chosen == "pid" and control.pid is not None:
         return PidLaw(PidGains(control.pid.kp, control.pid.ki_1_s, control.pid.kd_s))
     if chosen == "sliding" and control.sliding is not None:
         sliding = control.sliding
         reach, boundary = math.radians(sliding.reach_deg_s2), math.radians(sliding.boundary_deg_s)
-        return SlidingLaw(SlidingGains(sliding.slope_1_s, reach, boundary), vessel.model.reference_speed_m_s)
+        surface = SlidingGains(sliding.slope_1_s, reach, boundary)
+        return SlidingLaw(surface, vessel.model.reference_speed_m_s, limits_of(vessel).angle_max)
     if chosen == ROLL_LAW and control.sliding_roll is not None:
         return sliding_roll_of(vessel, control.sliding_roll)
     raise RefusedError(_no_gains(vessel, chosen))

@@ -17,6 +17,10 @@ that is held,
 stable however large the error. E is where a swing at the loop's natural frequency, e = A sin(sqrt(W) t), asks for
 OVERTAXED times the rudder's rate, A (T/K) W sqrt(W + (S - n1/T)^2), but not below LEAST_BOUND.
 
+The damping n1 r + n2 r^2 + n3 r^3 + n0 counts for no more rudder than there is, that is up to the steady rate of a
+rudder hard over. No trial has seen what it is beyond, and n3 ~ 1/U^2: a speed that is read too low would have the law
+turn the boat ever faster to make up for a damping that is not there.
+
 A third step spares the rudder: it does not jump to delta, it goes there at a rate,
 
     u' = -k3 (u - delta - b),   u = rudder + b,   k3 = 1/smoothing.
@@ -46,7 +50,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.models.norrbin import Norrbin, rudder_for
+from autopilot.models.norrbin import Norrbin, rudder_for, rudder_within
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Reference
 
@@ -117,11 +121,12 @@ def backstepping_rudder(
     rate: float,
     bias: float = 0.0,
     error_max: float = math.inf,
+    rudder_max: float = math.inf,
 ) -> float:
     """Return the unlimited rudder demand [rad] of the law in the module's docstring."""
     z1, z2 = errors(gains, heading, rate, reference, error_max)
     wanted = -gains.k2 * z2 - gains.gamma * z1 + reference.acceleration - gains.k1 * (rate - reference.rate)
-    return rudder_for(model, rate, wanted) - bias
+    return rudder_within(model, rate, wanted, rudder_max) - bias
 
 
 def smoothed_rudder(smoothing: float, wanted: float, last_rudder: float, dt: float) -> float:
@@ -166,14 +171,22 @@ class BacksteppingLaw:
 
     name = "backstepping"
 
-    def __init__(self, gains: BacksteppingGains, reference_speed: float, error_max: float = math.inf) -> None:
+    def __init__(
+        self,
+        gains: BacksteppingGains,
+        reference_speed: float,
+        error_max: float = math.inf,
+        rudder_max: float = math.inf,
+    ) -> None:
         if not all(0.0 < gain < math.inf for gain in gains[:3]):
             raise ValueError(f"backstepping: k1, k2 and gamma must be positive and finite, got {gains}")
         if not 0.0 <= gains.smoothing < math.inf:
             raise ValueError(f"backstepping: smoothing must be finite and not negative, got {gains.smoothing}")
         if not error_max > 0.0:
             raise ValueError(f"backstepping: the largest error must be positive, got {error_max}")
-        self.gains, self.error_max = gains, error_max
+        if not rudder_max > 0.0:
+            raise ValueError(f"backstepping: the most rudder must be positive, got {rudder_max}")
+        self.gains, self.error_max, self.rudder_max = gains, error_max, rudder_max
         self._reference_speed = reference_speed
 
     def reset(self, rudder: float) -> None:
@@ -183,5 +196,7 @@ class BacksteppingLaw:
         """Return the rudder demand [rad]."""
         ratio = model.reference_speed / self._reference_speed
         gains, most = gains_at(self.gains, ratio), error_max_at(self.error_max, ratio)
-        wanted = backstepping_rudder(model, gains, reference, state.heading, state.rate, state.bias, most)
+        wanted = backstepping_rudder(
+            model, gains, reference, state.heading, state.rate, state.bias, most, self.rudder_max
+        )
         return smoothed_rudder(smoothing_in(model, gains.smoothing, reference), wanted, last_rudder, dt)

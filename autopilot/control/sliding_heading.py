@@ -6,7 +6,7 @@ On the Norrbin model, with z1 = wrap(psi - psi_d), s = (r - psi_d') + c z1 and a
 
 makes s' = -eta tanh(s/W): s falls at the rate eta from afar and as exp(-eta t/W) within the layer, where the law is
 backstepping with k1 = c, k2 = eta/W and gamma = 0. Unlike there, a large error asks for no more rudder than
-(T/K) eta beyond what the turn itself needs. b is the rudder angle that wind, current and trim are worth.
+(T/K) eta beyond what the turn itself needs. The damping n1 r + ... + n0 counts for no more rudder than there is. b is the rudder angle that wind, current and trim are worth.
 
 On x' = A x + b delta, x = (v, r, psi), eqs (27)-(31):
 
@@ -23,7 +23,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.models.norrbin import Norrbin, rudder_for
+from autopilot.models.norrbin import Norrbin, rudder_within
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Reference
 
@@ -54,13 +54,19 @@ def gains_at(gains: SlidingGains, speed_ratio: float) -> SlidingGains:
 
 
 def sliding_rudder(
-    model: Norrbin, gains: SlidingGains, reference: Reference, heading: float, rate: float, bias: float = 0.0
+    model: Norrbin,
+    gains: SlidingGains,
+    reference: Reference,
+    heading: float,
+    rate: float,
+    bias: float = 0.0,
+    rudder_max: float = math.inf,
 ) -> float:
     """Return the unlimited rudder demand [rad] of the first law in the module's docstring."""
     rate_error = rate - reference.rate
     surface = rate_error + gains.slope * wrap(heading - reference.heading)
     wanted = reference.acceleration - gains.slope * rate_error - gains.reach * math.tanh(surface / gains.boundary)
-    return rudder_for(model, rate, wanted) - bias
+    return rudder_within(model, rate, wanted, rudder_max) - bias
 
 
 class SlidingLaw:
@@ -71,10 +77,10 @@ class SlidingLaw:
 
     name = "sliding"
 
-    def __init__(self, gains: SlidingGains, reference_speed: float) -> None:
+    def __init__(self, gains: SlidingGains, reference_speed: float, rudder_max: float = math.inf) -> None:
         if not all(0.0 < gain < math.inf for gain in gains):
             raise ValueError(f"sliding: slope, reach and boundary must be positive and finite, got {gains}")
-        self.gains = gains
+        self.gains, self.rudder_max = gains, rudder_max
         self._reference_speed = reference_speed
 
     def reset(self, rudder: float) -> None:
@@ -83,7 +89,7 @@ class SlidingLaw:
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
         """Return the rudder demand [rad]."""
         gains = gains_at(self.gains, model.reference_speed / self._reference_speed)
-        return sliding_rudder(model, gains, reference, state.heading, state.rate, state.bias)
+        return sliding_rudder(model, gains, reference, state.heading, state.rate, state.bias, self.rudder_max)
 
 
 def closed_loop(A: Array, b: Array, k: Array) -> Array:

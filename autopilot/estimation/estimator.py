@@ -26,6 +26,7 @@ from autopilot.estimation.fusion import (
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
 from autopilot.estimation.heading_update import is_sound
 from autopilot.estimation.rudder_track import RudderTrack
+from autopilot.estimation.scheduled_speed import ScheduledSpeed
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
@@ -33,8 +34,6 @@ from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample,
 KEPT_SAMPLES = 24
 BIAS_MOST = 0.5
 """Largest bias [rad] handed to the law."""
-SPEED_SMOOTHING = 2.0
-SPEED_FRESH = 10.0
 SPEED_MOST = 100.0
 RATE_MOST = 10.0
 RUDDER_MOST = 0.5 * math.pi
@@ -77,7 +76,7 @@ class Estimator:
     """Heading, rate, rudder and bias from irregular samples; see the module's docstring.
 
     Slower than `steerage` [m/s], and astern, the rudder tells nothing of the bias: it stays what it was. So it does
-    while `holds_bias` is set, for turns that are planned.
+    while `holds_bias` is set, for turns that are planned. While `doubts_speed` is set the model is the trial's.
     """
 
     def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
@@ -96,9 +95,9 @@ class Estimator:
         self._fused: deque[_Fused] = deque(maxlen=KEPT_SAMPLES)
         self._begun: HeadingSample | None = None
         self._heading_time = -math.inf
+        self._speeds = ScheduledSpeed()
         self._speed: float | None = None
-        self._speed_time = -math.inf
-        self.speed_over_ground = False
+        self.doubts_speed = False
         self.holds_bias = False
         self._takes_rates, self._is_spoilt = True, False
 
@@ -106,8 +105,7 @@ class Estimator:
         """Go on with another model, steering gear and noise; what is known of the boat stays known."""
         self._reference_model, self._noises, self._steerage = model, noises_of(noise), steerage
         self.rudder.reconfigure(gear)
-        most = SPEED_RATIO_MOST * model.reference_speed
-        self.model = model if self._speed is None else at_speed(model, clip(self._speed, -most, most))
+        self._follow_speed()
 
     def update(self, now: float, samples: tuple[Sample, ...]) -> NavState:
         """Take the samples that have arrived by `now` [s] and return the state at `now`."""
@@ -119,7 +117,8 @@ class Estimator:
                 self._take_rudder(now, sample)
             elif isinstance(sample, SpeedSample):
                 self._take_speed(now, sample)
-        self._forget_stale_speed(now)
+        self._speeds.forget_stale(now)
+        self._follow_speed()
         self.rudder.advance(now)
         if len(headings) > 1:
             headings.sort(key=lambda sample: sample.time)
@@ -155,24 +154,28 @@ class Estimator:
             self.rudder.feed_back(min(sample.time, now), sample.angle)
 
     def _take_speed(self, now: float, sample: SpeedSample) -> None:
-        if not abs(sample.speed) <= SPEED_MOST:
-            self.counters.implausible += 1
-            return
-        if self._speed is None:
-            self._speed = sample.speed
+        if abs(sample.speed) <= SPEED_MOST:
+            self._speeds.on_sample(now, sample)
         else:
-            share = 1.0 - math.exp(-max(now - self._speed_time, 0.0) / SPEED_SMOOTHING)
-            self._speed += share * (sample.speed - self._speed)
-        self._speed_time = now
-        self.speed_over_ground = sample.over_ground
-        most = SPEED_RATIO_MOST * self._reference_model.reference_speed
-        self.model = at_speed(self._reference_model, clip(self._speed, -most, most))
+            self.counters.implausible += 1
 
-    def _forget_stale_speed(self, now: float) -> None:
-        """A speed that nobody confirms is no reason to go on steering a slow boat's gains."""
-        if self._speed is not None and now - self._speed_time >= SPEED_FRESH:
-            self._speed = None
-            self.model = self._reference_model
+    def _follow_speed(self) -> None:
+        """Scale the model: by the speed, or not at all while the boat's own turns contradict it."""
+        self._speed = self._speeds.measured
+        reference = self._reference_model
+        followed = None if self.doubts_speed else self._speeds.followed(reference.reference_speed)
+        most = SPEED_RATIO_MOST * reference.reference_speed
+        self.model = reference if followed is None else at_speed(reference, clip(followed, -most, most))
+
+    @property
+    def speed_over_ground(self) -> bool:
+        """Whether nothing but a speed over the ground is known."""
+        return self._speeds.over_ground
+
+    @property
+    def speeds_apart(self) -> float:
+        """How far log and ground lie apart [m/s] where no stream explains it, else 0."""
+        return self._speeds.apart
 
     def _take_heading(self, now: float, sample: HeadingSample | RateSample) -> None:
         heading = sample.heading if isinstance(sample, HeadingSample) else 0.0

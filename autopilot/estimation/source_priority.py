@@ -201,7 +201,7 @@ def _kind(sample: Sample) -> str:
     if isinstance(sample, RateSample):
         return "rate"
     if isinstance(sample, SpeedSample):
-        return "speed"
+        return "speed over ground" if sample.over_ground else "speed"
     if isinstance(sample, RudderSample):
         return "ordered rudder" if sample.ordered else "rudder"
     return ""

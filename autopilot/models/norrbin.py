@@ -52,6 +52,15 @@ def rudder_for(model: Norrbin, rate: float, acceleration: float) -> float:
     return (model.time_constant * acceleration + damping(model, rate)) / model.gain
 
 
+def rudder_within(model: Norrbin, rate: float, acceleration: float, rudder_max: float) -> float:
+    """Return the same, the damping counted for no more rudder than `rudder_max` [rad].
+
+    |damping| = K rudder_max at the steady rate of a rudder hard over: no trial has seen what the damping is beyond.
+    """
+    held = min(max(damping(model, rate) / model.gain, -rudder_max), rudder_max)
+    return model.time_constant * acceleration / model.gain + held
+
+
 def at_speed(model: Norrbin, speed: float) -> Norrbin:
     """Return the model at `speed` U [m/s]: K ~ U, T ~ 1/U, n3 ~ 1/U^2, n2 ~ 1/U, n0 ~ U, n1 constant.
 

@@ -27,10 +27,11 @@ from autopilot.control.pid import PidGains, PidMemory, feed_forward, pid_step
 from autopilot.control.sliding_heading import SlidingGains, sliding_rudder
 from autopilot.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.estimation import wave_motion
-from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST, SPEED_SMOOTHING
+from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST
 from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
 from autopilot.estimation.heading_filter import FilterState, with_bias_of
 from autopilot.estimation.rudder_track import RudderPast
+from autopilot.estimation.scheduled_speed import SPEED_SMOOTHING
 from autopilot.guidance.shown_strength import NOTHING_SHOWN
 from autopilot.guidance.turn import (
     TurnLimits,
@@ -392,9 +393,9 @@ def _demand(
     ratio = model.reference_speed / brain.gains_speed
     if brain.law == BACKSTEPPING:
         gains, most = backstepping.gains_at(brain.backstepping, ratio), error_max_at(brain.error_max, ratio)
-        wanted = backstepping_rudder(model, gains, reference, heading, rate, bias, most)
+        wanted = backstepping_rudder(model, gains, reference, heading, rate, bias, most, brain.limits.angle_max)
         return smoothed_rudder(smoothing_in(model, gains.smoothing, reference), wanted, told, dt), memory
     if brain.law == SLIDING:
         surface = sliding_heading.gains_at(brain.sliding, ratio)
-        return sliding_rudder(model, surface, reference, heading, rate, bias), memory
+        return sliding_rudder(model, surface, reference, heading, rate, bias, brain.limits.angle_max), memory
     return pid_step(brain.pid, memory, reference, heading, rate, told, dt, feed_forward(model, reference))

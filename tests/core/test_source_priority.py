@@ -69,10 +69,12 @@ def test_a_pattern_may_name_the_link() -> None:
 
 
 def test_kinds_are_chosen_apart_and_the_helm_always_passes() -> None:
+    """Speed through the water and over the ground are two kinds: each is compared with the other, neither hides it."""
     priority = SourcePriority()
     samples: list[Sample] = [
         HeadingSample(0.0, 0.0, None, "HCHDG"),
         SpeedSample(0.0, 3.0, False, "VWVHW"),
+        SpeedSample(0.0, 3.1, False, "IIVHW"),
         SpeedSample(0.0, 3.5, True, "GPRMC"),
         RudderSample(0.0, 0.1, False, "IIRSA"),
         RudderSample(0.0, 0.1, True, "servo"),

@@ -16,6 +16,7 @@ from autopilot.models.norrbin import (
     damping,
     rate_step,
     rudder_for,
+    rudder_within,
     steady_rate,
     steady_rudder,
     yaw_acceleration,
@@ -90,3 +91,18 @@ def test_the_models_compute_elementwise_over_arrays() -> None:
     rates = np.linspace(-0.3, 0.3, 7)
     assert np.allclose(yaw_acceleration(LANXIN, rates, 0.1), [yaw_acceleration(LANXIN, r, 0.1) for r in rates])
     assert damping(LANXIN, 0.0) == 0.0
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-1.0, 1.0), st.floats(0.1, 1.5))
+def test_the_damping_counts_for_the_rudder_there_is_and_in_full_up_to_its_steady_rate(
+    rate: float, acceleration: float, ratio: float
+) -> None:
+    model, most = at_speed(LANXIN, 4.63 * ratio), math.radians(30.0)
+    reached = steady_rate(model, most)
+    needed = rudder_within(model, rate, acceleration, most)
+    if abs(rate) <= reached:
+        assert needed == pytest.approx(rudder_for(model, rate, acceleration), abs=1e-9)
+    else:
+        # beyond it as at it: no speed that is read too low makes more of it
+        at_most = rudder_for(model, math.copysign(reached, rate), acceleration)
+        assert needed == pytest.approx(at_most, rel=1e-6, abs=1e-6)
