@@ -6,7 +6,8 @@ On the Norrbin model, with z1 = wrap(psi - psi_d), s = (r - psi_d') + c z1 and a
 
 makes s' = -eta tanh(s/W): s falls at the rate eta from afar and as exp(-eta t/W) within the layer, where the law is
 backstepping with k1 = c, k2 = eta/W and gamma = 0. Unlike there, a large error asks for no more rudder than
-(T/K) eta beyond what the turn itself needs. The damping n1 r + ... + n0 counts for no more rudder than there is. b is the rudder angle that wind, current and trim are worth.
+(T/K) eta beyond what the turn itself needs. b is the rudder angle that wind, current and trim are worth; the damping
+n1 r + n2 r^2 + n3 r^3 + n0 counts for no more rudder than there is.
 
 On x' = A x + b delta, x = (v, r, psi), eqs (27)-(31):
 
