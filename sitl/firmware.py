@@ -1,7 +1,7 @@
 """The part of ArduRover that a companion meets: modes, arming, radio, overrides, fail-safes, servo outputs.
 
 Behaviour after ArduPilot's Rover/radio.cpp, Rover/failsafe.cpp, Rover/mode.cpp, Rover/AP_MotorsUGV.cpp and
-libraries/RC_Channel, firmware 4.6. Knows no message: the wire does.
+libraries/RC_Channel, firmware 4.6; what 4.8 adds for who asks for 4.8. Knows no message: the wire does.
 """
 
 from __future__ import annotations
@@ -12,12 +12,19 @@ from enum import IntEnum
 from sitl.firmware_parameters import ParameterTable, default_parameters
 from sitl.firmware_setup import Setup, setup_of
 from sitl.guided import TIMEOUT_S, GuidedHelm, Target
-from sitl.radio import CHANNELS, STEERING_FULL, THROTTLE_FULL, Overrides, input_angle, output_pulse
+from sitl.radio import (
+    CHANNELS,
+    STEERING_FULL,
+    THROTTLE_FULL,
+    OverridePermit,
+    Overrides,
+    StickArming,
+    input_angle,
+    output_pulse,
+)
 from sitl.vehicle_faults import VehicleFaults
 from sitl.world import Orders, World
 
-SWITCH_LOW_US = 1200
-"""Below this an auxiliary switch is in its low position."""
 MODE_SWITCH_S = 1.0
 """So long after the start the radio's mode switch is read, and whatever mode was set in between is overwritten."""
 CRUISE_SHARE = 0.5
@@ -40,12 +47,14 @@ class Firmware:
         self.world = world
         vehicle = world.scenario.vehicle
         vessel = world.vessel
+        major, minor = vehicle.firmware.split(".")
+        self.version = (int(major), int(minor))
         self.parameters = ParameterTable(default_parameters())
         self.parameters.set("CRUISE_SPEED", world.cruise_speed)
         full_deg = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
         # how the servo is linked to the rudder does not change with the parameters
         self._linkage = math.radians(-full_deg if vessel.helm.reversed else full_deg) / 500.0
-        self._setup = setup_of(self.parameters)
+        self._setup = setup_of(self.parameters, self.version)
         self._setup_changes = self.parameters.changes
         self.overrides = Overrides()
         self.guided = GuidedHelm()
@@ -67,6 +76,8 @@ class Firmware:
         self.armed = False
         self.overrides.clear()
         self.guided.clear()
+        self._permit = OverridePermit()
+        self._stick_arming = StickArming()
         self.channels = [0] * CHANNELS
         self.servos = [0] * CHANNELS
         self._has_heard_radio = False
@@ -99,11 +110,16 @@ class Firmware:
         return late and not self.world.faults.is_on("position_lost", time)
 
     @property
+    def has_heard_radio(self) -> bool:
+        """Whether a radio receiver has sent anything since the start."""
+        return self._has_heard_radio
+
+    @property
     def setup(self) -> Setup:
         """What the parameters say at this moment."""
         if self._setup_changes != self.parameters.changes:
             self._setup_changes = self.parameters.changes
-            self._setup = setup_of(self.parameters)
+            self._setup = setup_of(self.parameters, self.version)
         return self._setup
 
     def set_mode(self, number: int) -> bool:
@@ -185,6 +201,7 @@ class Firmware:
         self._has_heard_radio = self._has_heard_radio or self.receiver
         if has_news and self._update_channels(time, setup):
             self._last_radio_time = time
+            self._arm_by_stick(time, setup)
         is_low = self._has_heard_radio and self._pulse(setup.throttle_channel) < setup.radio_failsafe_pulse
         has_failed = setup.radio_failsafe and (is_low or time - self._last_radio_time > setup.radio_timeout)
         self._radio_failed_since = self._watch("Radio", has_failed, self._radio_failed_since, time, setup)
@@ -193,12 +210,25 @@ class Firmware:
         overrides = self.overrides.active(time, setup.override_time)
         if self._has_heard_radio:
             self.channels = list(self.sticks)
-            switch = setup.override_switch
-            if switch is not None and self.sticks[switch - 1] < SWITCH_LOW_US:
+            is_taken = self._permit.look(setup, self.sticks, bool(overrides))
+            if is_taken:
+                self.notices.append((5, "RC overrides cleared by pilot input"))
+            if not self._permit.is_given:
+                self.overrides.clear()
                 overrides = {}
         for channel, pulse in overrides.items():
             self.channels[channel - 1] = pulse
         return self._has_heard_radio or bool(overrides)
+
+    def _arm_by_stick(self, time: float, setup: Setup) -> None:
+        """ARMING_RUDDER: an override of the steering counts as the stick."""
+        steering = input_angle(setup.steering_input, self._pulse(setup.steering_channel), STEERING_FULL)
+        throttle = input_angle(setup.throttle_input, self._pulse(setup.throttle_channel), THROTTLE_FULL)
+        wish = self._stick_arming.wish(time, setup, steering, throttle)
+        if wish and self.mode is not FirmwareMode.GUIDED:
+            self.set_armed(True)
+        elif wish is False and not self.throttle:
+            self.set_armed(False)
 
     def _check_station(self, time: float, setup: Setup) -> None:
         """FS_GCS_ENABLE: a ground station that was there and has fallen silent."""
@@ -214,7 +244,7 @@ class Firmware:
         if not is_lost:
             if self.failsafe == name:
                 self.failsafe = ""
-                self.notices.append((4, f"{name} Failsafe Cleared"))
+                self.notices.append((6, f"{name} Failsafe Cleared"))
             return None
         start = time if since is None else since
         if time - start > setup.failsafe_time and not self.failsafe and self.mode is not FirmwareMode.HOLD:

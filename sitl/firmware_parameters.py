@@ -75,6 +75,7 @@ def default_parameters() -> list[Parameter]:
         *_rows("FS_ACTION 2 FS_THR_ENABLE 1 FS_GCS_ENABLE 0 FS_CRASH_CHECK 0 FS_EKF_ACTION 1", Kind.INT8),
         *_rows("FS_TIMEOUT 1.5 FS_GCS_TIMEOUT 5 FS_EKF_THRESH 0.8", Kind.REAL32),
         *_rows("FS_THR_VALUE 910", Kind.INT16),
+        *_rows("RSSI_TYPE 0", Kind.INT8),
         *_rows("MANUAL_OPTIONS 0 GUID_OPTIONS 0 RC_OPTIONS 32 RC_PROTOCOLS 1 FS_OPTIONS 0 ARMING_CHECK 1", Kind.INT32),
         *_rows("RC_OVERRIDE_TIME 3 RC_FS_TIMEOUT 0.5", Kind.REAL32),
         *_rows("RCMAP_ROLL 1 RCMAP_PITCH 2 RCMAP_THROTTLE 3 RCMAP_YAW 4", Kind.INT8),

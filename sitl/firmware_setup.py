@@ -8,6 +8,9 @@ from sitl.firmware_parameters import ParameterTable
 from sitl.guided import GuidedGains, gains_of
 from sitl.radio import CHANNELS, Calibration
 
+CHECK_THROTTLE, CLEAR_BY_STICK = 1 << 5, 1 << 14
+"""RC_OPTIONS: no arming by the stick with throttle; a stick that moves ends overrides (from 4.8 on)."""
+CLEARS_SINCE = (4, 8)
 OVERRIDE_ENABLE = 46
 """RCn_OPTION "RC Override Enable" (libraries/RC_Channel/RC_Channel.h)."""
 STEERING_FUNCTION = 26
@@ -19,6 +22,7 @@ class Setup(NamedTuple):
     """Channels count from 1; override_switch is None where no switch allows overrides.
 
     steering_outputs, throttle_outputs: servo channels with their calibrations.
+    stick_arms: ARMING_RUDDER, 0: neither arms nor disarms, 1: arms, 2: both.
     """
 
     steering_channel: int
@@ -37,11 +41,15 @@ class Setup(NamedTuple):
     failsafe_time: float
     failsafe_holds: bool
     override_switch: int | None
+    clears_by_stick: bool
+    stick_arms: int
+    arming_checks_throttle: bool
     guided: GuidedGains
 
 
-def setup_of(parameters: ParameterTable) -> Setup:
-    """Return the setup that the parameters give at this moment."""
+def setup_of(parameters: ParameterTable, version: tuple[int, int]) -> Setup:
+    """Return the setup that the parameters give at this moment to firmware of that version (major, minor)."""
+    options = int(parameters["RC_OPTIONS"])
     steering = _channel(parameters["RCMAP_ROLL"])
     throttle = _channel(parameters["RCMAP_THROTTLE"])
     return Setup(
@@ -63,6 +71,9 @@ def setup_of(parameters: ParameterTable) -> Setup:
         override_switch=next(
             (n for n in range(1, CHANNELS + 1) if parameters[f"RC{n}_OPTION"] == OVERRIDE_ENABLE), None
         ),
+        clears_by_stick=bool(options & CLEAR_BY_STICK) and version >= CLEARS_SINCE,
+        stick_arms=int(parameters["ARMING_RUDDER"]),
+        arming_checks_throttle=bool(options & CHECK_THROTTLE),
         guided=gains_of(parameters),
     )
 

@@ -6,7 +6,11 @@ with 1000/1500/2000 and a dead zone of 30, an input of 1560 us leaves the servo 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from sitl.firmware_setup import Setup
 
 CHANNELS = 16
 STEERING_FULL = 4500
@@ -17,6 +21,13 @@ LEFT_ALONE = 65535
 LEFT_ALONE_HIGH = (0, 65535)
 """Channels 9 and up: zero leaves alone too, and 65534 releases."""
 RELEASED_HIGH = 65534
+SWITCH_LOW_US, SWITCH_HIGH_US = 1200, 1800
+"""Below and above these an auxiliary switch is in its low and high position; between, it changes nothing."""
+STICK_ARMS, STICK_ARMS_AND_DISARMS = 1, 2
+STICK_OVER = 4000
+"""Of 4500: a steering stick that wants to arm or disarm."""
+STICK_OVER_S = 2.0
+"""Seen with ArduRover 4.6.2; the source that all vehicles have shared since waits 3 s."""
 
 
 class Calibration(NamedTuple):
@@ -93,3 +104,65 @@ class Overrides:
         return {
             channel: pulse for channel, (pulse, when) in self._held.items() if timeout < 0.0 or time - when < timeout
         }
+
+
+class OverridePermit:
+    """Whether overrides are obeyed: the radio's switch says so, and a stick that moves can end it.
+
+    Source: libraries/RC_Channel, `set_gcs_overrides_enabled`, `should_ignore_overrides` (4.8).
+    """
+
+    def __init__(self) -> None:
+        self.is_given = True
+        self._switch = ""
+        self._throttle: int | None = None
+
+    def look(self, setup: Setup, sticks: Sequence[int], are_active: bool) -> bool:
+        """Take where the sticks are, behind overrides too; return whether just now one of them ended the overrides.
+
+        The steering stick does out of its dead zone, the throttle where it moves by more since overrides began.
+        """
+        if setup.override_switch is not None:
+            pulse = sticks[setup.override_switch - 1]
+            place = "low" if pulse < SWITCH_LOW_US else "high" if pulse > SWITCH_HIGH_US else ""
+            if place and place != self._switch:
+                self.is_given = place == "high"
+            self._switch = place
+        throttle = sticks[setup.throttle_channel - 1]
+        if not are_active or not self.is_given:
+            self._throttle = None
+            return False
+        self._throttle = throttle if self._throttle is None else self._throttle
+        steering = setup.steering_input
+        is_moved = (
+            abs(sticks[setup.steering_channel - 1] - steering.trim) > steering.dead_zone
+            or abs(throttle - self._throttle) > setup.throttle_input.dead_zone
+        )
+        if setup.clears_by_stick and is_moved:
+            self.is_given = False
+            return True
+        return False
+
+
+class StickArming:
+    """ARMING_RUDDER: arming by the steering stick hard to starboard, disarming hard to port.
+
+    Source: libraries/RC_Channel/RC_Channels.cpp, `rudder_arm_disarm_check`.
+    """
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+
+    def wish(self, time: float, setup: Setup, steering: int, throttle: int) -> bool | None:
+        """Return True where the stick has asked for arming, False for disarming, None for neither."""
+        is_over = setup.stick_arms != 0 and abs(steering) > STICK_OVER
+        if not is_over or (steering > 0 and throttle != 0 and setup.arming_checks_throttle):
+            self._since = None
+            return None
+        self._since = time if self._since is None else self._since
+        if time - self._since < STICK_OVER_S:
+            return None
+        self._since = None
+        if steering > 0:
+            return True
+        return False if setup.stick_arms == STICK_ARMS_AND_DISARMS else None

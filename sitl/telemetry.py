@@ -18,8 +18,10 @@ from sitl.reading import Reading
 from sitl.vehicle_faults import battery_mv
 
 UNKNOWN_HEADING = 65535
-FIRMWARE_VERSION = (4 << 24) | (6 << 16) | (0 << 8) | 255
-"""4.6.0, official release: major, minor, patch, type, a byte each."""
+OFFICIAL = 255
+RSSI_UNKNOWN, RSSI_GOOD = 255, 200
+RSSI_ANALOGUE = 1
+"""RSSI_TYPE of a voltage that falls with the radio; what comes in a receiver's frames stays as the last one had it."""
 
 
 def boot_ms(firmware: Firmware, time: float) -> int:
@@ -157,21 +159,34 @@ def servo_outputs(firmware: Firmware, time: float, reading: Reading) -> Any:
 
 
 def rc_channels(firmware: Firmware, time: float, reading: Reading) -> Any:
-    """RC_CHANNELS: pulse widths in us as the firmware uses them, overrides included."""
+    """RC_CHANNELS: pulse widths in us as the firmware uses them, overrides included: a stick behind one is not seen.
+
+    The count of channels is that of the receiver's last frame, and stays when frames stay away.
+    """
+    count = 16 if firmware.has_heard_radio else 0
     return dialect.MAVLink_rc_channels_message(
-        boot_ms(firmware, time), 16, *firmware.channels, 0, 0, 200 if firmware.receiver else 255
+        boot_ms(firmware, time), count, *firmware.channels, 0, 0, _rssi(firmware)
     )
 
 
+def _rssi(firmware: Firmware) -> int:
+    kind = firmware.parameters["RSSI_TYPE"]
+    if kind == 0 or not firmware.has_heard_radio:
+        return RSSI_UNKNOWN
+    return 0 if kind == RSSI_ANALOGUE and not firmware.receiver else RSSI_GOOD
+
+
 def sys_status(firmware: Firmware, time: float, reading: Reading) -> Any:
-    """SYS_STATUS: mV, hundredths of an ampere, load in tenths of a per cent."""
+    """SYS_STATUS: mV, hundredths of an ampere, load in tenths of a per cent.
+
+    ArduRover sets no bit for the radio receiver (Rover/GCS_Rover.cpp), other vehicles of ArduPilot do.
+    """
     fitted = (
         dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
         | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
         | dialect.MAV_SYS_STATUS_SENSOR_GPS
         | dialect.MAV_SYS_STATUS_AHRS
         | dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
-        | (dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if firmware.receiver else 0)
     )
     failed = 0 if firmware.has_position(time) else dialect.MAV_SYS_STATUS_SENSOR_GPS
     if not firmware.world.sensors.has_heading(time):
@@ -206,9 +221,9 @@ def autopilot_version(firmware: Firmware, time: float, reading: Reading) -> Any:
         | dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     )
     nothing = [0] * 8
-    return dialect.MAVLink_autopilot_version_message(
-        capabilities, FIRMWARE_VERSION, 0, 0, 0, nothing, nothing, nothing, 0, 0, 0
-    )
+    major, minor = firmware.version
+    version = (major << 24) | (minor << 16) | OFFICIAL
+    return dialect.MAVLink_autopilot_version_message(capabilities, version, 0, 0, 0, nothing, nothing, nothing, 0, 0, 0)
 
 
 def simstate(firmware: Firmware, time: float, reading: Reading) -> Any:

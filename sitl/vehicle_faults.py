@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sitl.firmware import Firmware
 
 STICK_FULL_US = 500
-SWITCH_LOW_US = 1000
+SWITCH_LOW_US, SWITCH_HIGH_US = 1000, 2000
 EMPTY_MV, FULL_MV = 10500, 12600
 CAPACITY_MAH = 10000
 ONCE: tuple[FaultKind, ...] = ("reboot", "mode", "disarm", "battery_low", "geofence", "shallow", "clock_step")
@@ -81,5 +81,7 @@ class VehicleFaults:
         for channel in [channel for channel in self._rest if channel not in wanted]:
             sticks[channel - 1] = self._rest.pop(channel)
         for channel, pulse in wanted.items():
-            self._rest.setdefault(channel, sticks[channel - 1])
+            # a switch that was never touched rests in between, where it allows nothing anew
+            is_switch = channel == setup.override_switch
+            self._rest.setdefault(channel, SWITCH_HIGH_US if is_switch else sticks[channel - 1])
             sticks[channel - 1] = pulse

@@ -265,3 +265,143 @@ def test_servo_parameters_move_the_servo_but_not_its_linkage(bench: MakeBench) -
     boat.run(2.0)
     assert boat.steering_pulse == 1107
     assert math.degrees(boat.world.boat.state.rudder) == pytest.approx(-30.0 * 393 / 500, abs=0.02)
+
+
+def over(boat: Any, seconds: float, steering: int, rate_s: float = 0.1) -> None:
+    """Repeat an override of the steering for so long."""
+    for _ in range(round(seconds / rate_s)):
+        boat.override(steering)
+        boat.run(rate_s)
+
+
+@pytest.mark.parametrize(("option", "is_armed"), [(0, True), (1, True), (2, False)])
+def test_an_override_hard_to_port_at_neutral_throttle_disarms_where_the_rudder_may(
+    bench: MakeBench, option: int, is_armed: bool
+) -> None:
+    boat = bench()
+    boat.parameter_set("ARMING_RUDDER", option)
+    boat.firmware.sticks[2] = 1500
+    over(boat, 1.8, 1000)
+    assert boat.firmware.armed
+    over(boat, 1.0, 1000)
+    assert boat.firmware.armed is is_armed
+    assert ("Throttle disarmed" in [message.text for message in boat.of("STATUSTEXT")]) is not is_armed
+
+
+def test_with_way_on_the_rudder_disarms_nothing_and_a_moment_amidships_begins_anew(bench: MakeBench) -> None:
+    boat = bench()
+    over(boat, 4.0, 1000)
+    assert boat.firmware.armed, "the motor runs"
+    boat.firmware.sticks[2] = 1500
+    over(boat, 0.2, 1500)
+    over(boat, 1.8, 1000)
+    over(boat, 0.2, 1500)
+    over(boat, 1.8, 1000)
+    assert boat.firmware.armed
+
+
+@pytest.mark.parametrize(("option", "throttle", "is_armed"), [(0, 1500, False), (1, 1500, True), (2, 1800, False)])
+def test_an_override_hard_to_starboard_arms_where_the_rudder_may(
+    bench: MakeBench, option: int, throttle: int, is_armed: bool
+) -> None:
+    boat = bench(vehicle={"armed": False})
+    boat.parameter_set("ARMING_RUDDER", option)
+    boat.firmware.sticks[2] = throttle
+    over(boat, 2.5, 2000)
+    assert boat.firmware.armed is is_armed
+
+
+@pytest.mark.parametrize(("version", "ends"), [("4.6", False), ("4.8", True)])
+@pytest.mark.parametrize(("stick", "pulse"), [(0, 2000), (2, 1850)])
+def test_a_stick_that_moves_ends_overrides_from_4_8_on_where_bit_14_is_set(
+    bench: MakeBench, version: str, ends: bool, stick: int, pulse: int
+) -> None:
+    boat = bench(vehicle={"firmware": version})
+    boat.parameter_set("RC_OPTIONS", 32 + (1 << 14))
+    boat.parameter_set("RC7_OPTION", 46)
+    over(boat, 1.0, 1400)
+    boat.firmware.sticks[stick] = pulse
+    over(boat, 3.0, 1400)
+    boat.firmware.sticks[0], boat.firmware.sticks[2] = 1500, 1750
+    over(boat, 1.0, 1400)
+    assert boat.firmware.channels[0] == (1500 if ends else 1400), "and they stay ended"
+    texts = [message.text for message in boat.of("STATUSTEXT")]
+    assert texts.count("RC overrides cleared by pilot input") == ends
+    boat.firmware.sticks[6] = 1000
+    over(boat, 0.3, 1400)
+    boat.firmware.sticks[6] = 2000
+    over(boat, 0.3, 1400)
+    assert boat.firmware.channels[0] == 1400, "the switch gives them back"
+
+
+def test_an_overridden_stick_hard_over_is_neither_obeyed_nor_shown(bench: MakeBench) -> None:
+    boat = bench()
+    over(boat, 1.0, 1500)
+    boat.firmware.sticks[0] = 2000
+    boat.forget()
+    over(boat, 3.0, 1500)
+    assert {message.chan1_raw for message in boat.of("RC_CHANNELS")} == {1500}
+    assert boat.steering_pulse == 1500
+
+
+def test_overrides_keep_a_silent_radio_alive_and_the_throttle_where_it_was(bench: MakeBench) -> None:
+    boat = bench()
+    over(boat, 1.0, 1600)
+    boat.firmware.receiver = boat.firmware.has_receiver = False
+    boat.forget()
+    over(boat, 10.0, 1600)
+    assert not boat.of("STATUSTEXT")
+    assert boat.last("HEARTBEAT").custom_mode == 0
+    assert boat.last("HEARTBEAT").system_status == dialect.MAV_STATE_ACTIVE
+    last = boat.last("RC_CHANNELS")
+    assert (last.chan1_raw, last.chan3_raw, last.chancount, last.rssi) == (1600, boat.firmware.sticks[2], 16, 255)
+    assert not boat.last("SYS_STATUS").onboard_control_sensors_present & dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    assert boat.firmware.throttle == 50
+    boat.override(0)
+    boat.run(3.0)
+    assert boat.last("HEARTBEAT").custom_mode == 4, "without overrides the fail-safe acts"
+
+
+def test_a_receiver_that_sends_low_throttle_fails_safe_under_overrides_too(bench: MakeBench) -> None:
+    boat = bench()
+    over(boat, 1.0, 1600)
+    boat.firmware.sticks[2] = 900
+    over(boat, 0.3, 1600)
+    assert boat.steering_pulse == 1500, "neutral at once"
+    assert boat.last("HEARTBEAT").custom_mode == 0
+    over(boat, 2.0, 1600)
+    assert boat.firmware.mode == 4
+    assert "Radio Failsafe" in [message.text for message in boat.of("STATUSTEXT")]
+
+
+@pytest.mark.parametrize(("kind", "lost"), [(0, 255), (1, 0), (3, 200)])
+def test_only_an_analogue_rssi_falls_with_the_radio(bench: MakeBench, kind: int, lost: int) -> None:
+    boat = bench()
+    boat.parameter_set("RSSI_TYPE", kind)
+    over(boat, 1.0, 1600)
+    assert boat.last("RC_CHANNELS").rssi == (200 if kind else 255)
+    boat.firmware.receiver = boat.firmware.has_receiver = False
+    over(boat, 1.0, 1600)
+    assert boat.last("RC_CHANNELS").rssi == lost
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_the_station_s_failsafe_waits_for_a_station_that_was_there(bench: MakeBench, seen: bool) -> None:
+    boat = bench()
+    boat.parameter_set("FS_GCS_ENABLE", 1)
+    boat.send(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), system=255 if seen else 254)
+    boat.run(10.0)
+    assert boat.firmware.mode == (4 if seen else 0)
+    if seen:
+        boat.forget()
+        boat.send(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        boat.run(0.5)
+        assert [(message.severity, message.text) for message in boat.of("STATUSTEXT")] == [(6, "GCS Failsafe Cleared")]
+
+
+def test_servo_end_points_scale_the_rudder_of_a_linkage_that_reads_500_us(bench: MakeBench) -> None:
+    boat = bench()
+    boat.parameter_set("SERVO1_MIN", 1100)
+    boat.parameter_set("SERVO1_MAX", 1900)
+    over(boat, 2.5, 2000)
+    assert math.degrees(boat.world.boat.state.rudder) == pytest.approx(0.8 * 30.0, abs=0.02)
