@@ -28,6 +28,8 @@ ALIKE = 0.15
 """Slopes within this share of the fastest group's are one rate, seen several times."""
 FASTEST_SHARE = 0.75
 """The fastest group stands at this quantile of all slopes, weighted by travel: a few flukes are not a rate."""
+FEWEST_MOVEMENTS = 3
+"""One straight line may be a hand on the wheel, or a gap in the record that was bridged."""
 WORST_ERROR = 0.1
 """A slope with a larger standard error, as a share of it, says nothing."""
 
@@ -50,12 +52,12 @@ def measured_rudder_rate(segments: Sequence[Segment]) -> RudderRate | None:
     """Return the fastest rate at which the recorded rudder slews; None where the record cannot show one.
 
     segments: rudder [rad] over time [s]. A rudder that gets from one angle to another between two or three samples
-    shows no rate: it moved at that rate or any faster one.
+    shows no rate: it moved at that rate or any faster one; fewer than FEWEST_MOVEMENTS are none either.
     """
     slopes = [slope for segment in segments for slope in _slopes(segment.time, segment.rudder)]
-    if not slopes:
+    group = _fastest_group(slopes) if slopes else []
+    if len(group) < FEWEST_MOVEMENTS:
         return None
-    group = _fastest_group(slopes)
     rates = np.array([slope.rate for slope in group])
     weights = np.array([slope.error for slope in group]) ** -2.0
     rate = float(weights @ rates / weights.sum())
