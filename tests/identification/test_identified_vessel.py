@@ -125,7 +125,7 @@ def test_a_rudder_known_by_its_orders_has_no_rate_to_be_read() -> None:
 
 def test_a_filed_rate_that_the_rudder_denies_is_remarked(tmp_path: Path) -> None:
     lanxin = load_vessel("lanxin")  # 20 deg/s
-    slow = result(zigzag(math.radians(15.0), 10.0, 0.1, rudder_rate=math.radians(2.8)))
+    slow = result(zigzag(math.radians(15.0), 60.0, 0.1, rudder_rate=math.radians(2.8)))
     _, remarks = written(tmp_path / "boat.yaml", slow, Given(lanxin))
     assert len(remarks) == 1
     assert "moved at 2.8" in remarks[0] and "is 20" in remarks[0]
