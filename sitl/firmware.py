@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
-from sitl.firmware_parameters import ParameterTable, default_parameters
+from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, ParameterTable, default_parameters
 from sitl.firmware_setup import Setup, setup_of
 from sitl.guided import TIMEOUT_S, GuidedHelm, Target
 from sitl.radio import (
@@ -27,6 +27,15 @@ from sitl.world import Orders, World
 
 MODE_SWITCH_S = 1.0
 """So long after the start the radio's mode switch is read, and whatever mode was set in between is overwritten."""
+HOUSEKEEPING_S = 1.0
+"""So often the firmware writes what it keeps in parameters by itself: ground pressure while disarmed, run time."""
+STATISTICS_S = 10.0
+"""AP_Stats writes its counters so often."""
+PRESSURE_SWING_PA = 12.0
+PRESSURE_PERIOD_S = 37.0
+"""The ground pressure of the simulated board swings by so much, in so long."""
+GYRO_DRIFT_RAD_S = 1.0e-4
+"""Every boot calibrates the gyros anew and finds offsets that differ by this much."""
 CRUISE_SHARE = 0.5
 """Throttle at which the boat runs at its cruise speed (CRUISE_THROTTLE)."""
 
@@ -56,6 +65,8 @@ class Firmware:
         self._linkage = math.radians(-full_deg if vessel.helm.reversed else full_deg) / 500.0
         self._setup = setup_of(self.parameters, self.version)
         self._setup_changes = self.parameters.changes
+        self._housekeeping_time = self._statistics_time = -math.inf
+        self._run_time = 0.0
         self.overrides = Overrides()
         self.guided = GuidedHelm()
         self.receiver = self.has_receiver = vehicle.receiver
@@ -94,7 +105,33 @@ class Firmware:
         """Start again: time since boot from zero, disarmed, in the first mode, parameters kept."""
         self._wants_arming = False
         self.reboots += 1
+        self._load_parameters()
         self._boot(time, max(self.world.scenario.vehicle.boot_s, 1.0))
+
+    def _load_parameters(self) -> None:
+        """Read what is stored; another format than the firmware's own erases it. Count the boot, zero the gyros."""
+        table = self.parameters
+        if table["FORMAT_VERSION"] != FORMAT_VERSION:
+            table.erase()
+            self.notices.append((4, "Resetting parameters: format changed"))
+        table.move("STAT_BOOTCNT", table["STAT_BOOTCNT"] + 1.0)
+        for name in ("INS_GYROFFS_X", "INS_GYR2OFFS_X"):
+            table.move(name, table[name] + GYRO_DRIFT_RAD_S)
+
+    def _keep_house(self, time: float) -> None:
+        """Move the parameters that move by themselves; nothing of how the boat steers follows from them."""
+        if time - self._housekeeping_time < HOUSEKEEPING_S:
+            return
+        if math.isfinite(self._housekeeping_time):
+            self._run_time += time - self._housekeeping_time
+        self._housekeeping_time = time
+        if not self.armed:
+            swing = PRESSURE_SWING_PA * math.sin(math.tau * time / PRESSURE_PERIOD_S)
+            for number, of in ((1, 1.0), (2, 0.5)):
+                self.parameters.move(f"BARO{number}_GND_PRESS", GROUND_PRESSURE + of * swing)
+        if time - self._statistics_time >= STATISTICS_S:
+            self._statistics_time = time
+            self.parameters.move("STAT_RUNTIME", math.floor(self._run_time))
 
     def _become_ready(self) -> None:
         self.mode = self._wanted_mode
@@ -155,6 +192,7 @@ class Firmware:
     def orders(self, time: float) -> Orders:
         """Run one loop of the firmware; return where the servos put the rudder and the engine."""
         self._faults.work(time)
+        self._keep_house(time)
         if self.mode is FirmwareMode.INITIALISING:
             if time < self._ready_time:
                 return Orders(0.0, 0.0)

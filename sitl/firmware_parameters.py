@@ -7,6 +7,7 @@ station or this simulator looks at.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator
 from enum import IntEnum
@@ -26,7 +27,7 @@ _LIMITS = {Kind.INT8: (-128, 127), Kind.INT16: (-32768, 32767), Kind.INT32: (-21
 
 
 class Parameter(NamedTuple):
-    """One parameter; a read-only one keeps its value."""
+    """One parameter; a read-only one (AP_PARAM_FLAG_INTERNAL_USE_ONLY) keeps its value whoever sets it by message."""
 
     name: str
     kind: Kind
@@ -62,10 +63,38 @@ def _stream_rates() -> Iterator[Parameter]:
             yield Parameter(f"SR{link}_{stream}", Kind.INT16, 10 if stream == "PARAMS" else 1)
 
 
+FORMAT_VERSION = 16
+"""Rover's k_format_version: a board that boots with another one forgets every parameter."""
+GROUND_PRESSURE = 101325.0
+
+
+def _sensors() -> Iterator[Parameter]:
+    """Device ids, calibration and what moves by itself, of two of each sensor, as the simulated board has them."""
+    for number, middle, gyro in ((1, "", "INS_GYROFFS"), (2, "2", "INS_GYR2OFFS")):
+        yield Parameter(f"INS_ACC{middle}_ID", Kind.INT32, 2753028.0 + 8 * number)
+        yield Parameter(f"INS_GYR{middle}_ID", Kind.INT32, 2752772.0 + 8 * number)
+        for axis, offset in zip("XYZ", (0.011, -0.007, 0.003), strict=True):
+            yield Parameter(f"{gyro}_{axis}", Kind.REAL32, single(offset))
+            yield Parameter(f"INS_ACC{middle}OFFS_{axis}", Kind.REAL32, single(3.0 * offset))
+            yield Parameter(f"INS_ACC{middle}SCAL_{axis}", Kind.REAL32, single(1.0 + offset))
+        yield Parameter(f"INS_ACC{number}_CALTEMP", Kind.REAL32, 45.0)
+        yield Parameter(f"INS_GYR{number}_CALTEMP", Kind.REAL32, 45.0)
+        yield Parameter(f"BARO{number}_GND_PRESS", Kind.REAL32, GROUND_PRESSURE, is_read_only=True)
+        yield Parameter(f"BARO{number}_DEVID", Kind.INT32, 65540.0 + number, is_read_only=True)
+        yield Parameter(f"COMPASS_DEV_ID{middle}", Kind.INT32, 97539.0 + number)
+        for axis, offset in zip("XYZ", (5.0, 13.0, -18.0), strict=True):
+            yield Parameter(f"COMPASS_OFS{middle}_{axis}", Kind.REAL32, offset)
+    yield Parameter("MIS_TOTAL", Kind.INT16, 0.0, is_read_only=True)
+    yield Parameter("FENCE_TOTAL", Kind.INT8, 0.0)
+    yield from _rows("BARO_GND_TEMP 0 BARO_ALT_OFFSET 0", Kind.REAL32)
+    yield from _rows("STAT_BOOTCNT 1", Kind.INT16)
+    yield from _rows("STAT_FLTTIME 0 STAT_RUNTIME 0 STAT_RESET 1", Kind.INT32)
+
+
 def default_parameters() -> list[Parameter]:
     """Return the table in the order in which it is listed."""
     return [
-        Parameter("FORMAT_VERSION", Kind.INT16, 16, is_read_only=True),
+        Parameter("FORMAT_VERSION", Kind.INT16, FORMAT_VERSION),
         *_rows("SYSID_THISMAV 1 SYSID_MYGCS 255", Kind.INT16),
         *_rows("TELEM_DELAY 0 INITIAL_MODE 0 MODE_CH 8 MODE1 0 MODE2 0 MODE3 11 MODE4 10 MODE5 2 MODE6 0", Kind.INT8),
         *_rows("LOG_BITMASK 65535", Kind.INT32),
@@ -97,7 +126,7 @@ def default_parameters() -> list[Parameter]:
         *_rows("BATT_MONITOR 4 AHRS_EKF_TYPE 3 EK3_ENABLE 1 COMPASS_USE 1 COMPASS_AUTODEC 1", Kind.INT8),
         *_rows("COMPASS_DEC 0 AHRS_TRIM_X 0 AHRS_TRIM_Y 0 AHRS_TRIM_Z 0", Kind.REAL32),
         *_rows("GPS1_TYPE 1 GPS_TYPE 1 BRD_SAFETY_DEFLT 0 SYSID_ENFORCE 0", Kind.INT8),
-        Parameter("STAT_BOOTCNT", Kind.INT16, 1, is_read_only=True),
+        *_sensors(),
     ]
 
 
@@ -138,11 +167,20 @@ class ParameterTable:
         parameter = self._rows.get(name)
         if parameter is None:
             return None
-        if not parameter.is_read_only and value == value:
+        if not parameter.is_read_only and math.isfinite(value):
             parameter = parameter._replace(value=_stored(parameter.kind, value))
             self._rows[name] = parameter
             self.changes += 1
         return parameter
+
+    def erase(self) -> None:
+        """Forget every value: what stands in `default_parameters` is there again."""
+        self._rows = {parameter.name: parameter for parameter in default_parameters()}
+        self.changes += 1
+
+    def move(self, name: str, value: float) -> None:
+        """The firmware itself gives a parameter another value; nothing is worked out from those that move so."""
+        self._rows[name] = self._rows[name]._replace(value=_stored(self._rows[name].kind, value))
 
 
 def _stored(kind: Kind, value: float) -> float:

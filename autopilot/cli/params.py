@@ -9,6 +9,7 @@ from typing import Any
 
 SIGNING_HELP = "sign with the key in FILE, and hear only what is signed with it"
 LINK_HELP = "udpin:127.0.0.1:14550, serial:/dev/ttyUSB0:57600"
+CALIBRATION_HELP = "with the calibration of accelerometers, gyros, compasses; without it, it is left as it is"
 ON_FAILURE = ("ask", "rollback", "keep")
 
 
@@ -101,6 +102,7 @@ def _add_reading_actions(actions: Any) -> None:
     )
     verify.add_argument("file", metavar="FILE")
     _add_link_options(verify)
+    verify.add_argument("--with-calibration", action="store_true", help=CALIBRATION_HELP)
     verify.add_argument("--json", action="store_true", help="print JSON")
     verify.set_defaults(run=_call("params_reading", "verify"))
 
@@ -132,30 +134,43 @@ def _add_upload(actions: Any) -> None:
     upload.add_argument("--backup", metavar="BACKUP", help="where the old values go (default: a dated file here)")
     upload.add_argument("--no-backup", action="store_true", help="keep no file of old values")
     upload.add_argument("--while-armed", action="store_true", help="upload although the vehicle is armed or engaged")
-    upload.add_argument(
-        "--on-failure",
-        choices=ON_FAILURE,
-        default="ask",
-        help="what happens to what was set when something is not taken: ask (default; without a terminal: rollback), "
-        "rollback, keep",
-    )
+    _add_writing_options(upload)
     upload.set_defaults(run=_call("params_upload", "upload"))
 
 
 def _add_restore(actions: Any) -> None:
     restore = actions.add_parser(
         "restore",
-        help="finish an upload that was cut off, or write a backup file back",
+        help="finish an upload that was cut off, or write the settings of a backup file back",
         description="Without FILE: looks at what the vehicle holds after an upload that was killed or lost its link. "
-        "Holds it wholly old or wholly new values, it says so; else the old ones are put back. With FILE: the same "
-        "as uploading that file.",
+        "Holds it wholly old or wholly new values, it says so; else the old ones are put back. With FILE: the settings "
+        "of the file that differ are written, as an upload does; a backup that holds all that an upload which was cut "
+        "off has changed settles that too. What a firmware moves by itself, device ids and calibration stay as they "
+        "are.",
     )
     restore.add_argument("file", nargs="?", metavar="FILE")
     _add_link_options(restore)
-    restore.add_argument("--to", choices=("old", "new"), help="make it these, whatever the vehicle holds")
+    restore.add_argument(
+        "--to",
+        choices=("old", "new", "as-is"),
+        help="settle the upload that was cut off: put these values there as far as the vehicle takes them, or leave "
+        "what it holds and say what that is",
+    )
     restore.add_argument("--while-armed", action="store_true", help="write although the vehicle is armed or engaged")
+    _add_writing_options(restore)
     restore.add_argument("--json", action="store_true", help="print JSON")
     restore.set_defaults(run=_call("params_upload", "restore"))
+
+
+def _add_writing_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--with-calibration", action="store_true", help=CALIBRATION_HELP)
+    parser.add_argument(
+        "--on-failure",
+        choices=ON_FAILURE,
+        default="ask",
+        help="what happens to what was set when something is not taken: ask (default; without a terminal: rollback), "
+        "rollback, keep",
+    )
 
 
 def _add_link_options(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.params_files import formatted
-from autopilot.cli.params_report import difference_table, upload_json, upload_table
+from autopilot.cli.params_report import Report, difference_table, upload_json, upload_table
 from autopilot.cli.progress import ProgressBar
 from autopilot.cli.signing import signing_of
 from autopilot.errors import ExitCode, InputError, RefusedError
@@ -22,7 +22,8 @@ from autopilot.params.any_file import ParameterFile, load_any, load_parameters
 from autopilot.params.comparison import Difference, differences, flattened
 from autopilot.params.download import Download, NamedDownload
 from autopilot.params.firmware_dump import Heading, TypedValue
-from autopilot.params.firmware_file import FIRMWARE_NAMES
+from autopilot.params.firmware_file import FIRMWARE_NAMES, Wanted
+from autopilot.params.firmware_owned import LeftOut, sentence_of, settings_of
 from autopilot.params.foreign_files import is_foreign
 from autopilot.params.outcome import Verdict
 from autopilot.params.saving import refuse_existing, save_text, save_unused
@@ -59,19 +60,22 @@ def _vessel(file: str) -> Vessel | None:
 
 def _diff_with_link(arguments: argparse.Namespace) -> list[Difference]:
     with ParameterSession(arguments.other, arguments.system, signing_of(arguments)) as session:
-        reading = _compared(session, arguments.file)
+        reading, left = _compared(session, arguments.file, calibration=True)
+    if left:
+        print(f"autopilot: not compared: {sentence_of(left)}", file=sys.stderr)
     outcomes = reading.outcomes()
     return differences({each.name: each.wanted for each in outcomes}, {each.name: each.old for each in outcomes})
 
 
-def _compared(session: ParameterSession, file: str) -> Upload:
-    """Return an upload that has read and compared everything and set nothing."""
+def _compared(session: ParameterSession, file: str, *, calibration: bool) -> tuple[Upload, list[LeftOut]]:
+    """Return an upload that has read and compared all settings and set nothing, and what was not compared."""
     parameters = load_parameters(file, vessel_too=True)
     refuse_other_firmware(file, parameters, session.vehicle)
-    reading = Upload(session.vehicle.target, parameters.wanted)
+    wanted, left = settings_of(parameters.wanted, session.vehicle.firmware, calibration=calibration)
+    reading = Upload(session.vehicle.target, wanted)
     with ProgressBar("reading") as bar:
         session.run(reading, bar.show)
-    return reading
+    return reading, left
 
 
 def refuse_other_firmware(file: str, parameters: ParameterFile, vehicle: Vehicle) -> None:
@@ -86,14 +90,14 @@ def refuse_other_firmware(file: str, parameters: ParameterFile, vehicle: Vehicle
 def verify(arguments: argparse.Namespace) -> int:
     """Read every parameter of a file back and compare."""
     with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
-        reading = _compared(session, arguments.file)
+        reading, left = _compared(session, arguments.file, calibration=arguments.with_calibration)
         vehicle = session.vehicle
     outcomes = [
         each._replace(verdict=Verdict.DIFFERENT) if each.verdict is Verdict.WOULD_SET else each
         for each in reading.outcomes()
     ]
     printer = upload_json if arguments.json else upload_table
-    print(printer(outcomes, arguments.file, vehicle, None, finished=True))
+    print(printer(outcomes, vehicle, Report(arguments.file, left_out=tuple(left))))
     return int(ExitCode.OK if all(each.is_good for each in outcomes) else ExitCode.DIFFERENT)
 
 
@@ -119,6 +123,9 @@ def backup(arguments: argparse.Namespace) -> int:
     path = Path(arguments.folder) / f"backup-{time.strftime('%Y%m%dT%H%M%S')}-sys{vehicle.system}.yaml"
     path = save_unused(path, vehicle_text(path, values, vehicle, arguments.link))
     print(f"{path}: {len(values)} parameters of vehicle {vehicle.system} ({vehicle.firmware})")
+    _, left = settings_of((Wanted((each.name,), each.value) for each in values), vehicle.firmware)
+    if left:
+        print(f"a restore leaves {sentence_of(left).replace(' left', '', 1)}")
     return int(ExitCode.OK)
 
 

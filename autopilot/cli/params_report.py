@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from autopilot.params.comparison import Difference
-from autopilot.params.outcome import Outcome, Verdict
+from autopilot.params.firmware_owned import LeftOut, sentence_of
+from autopilot.params.outcome import Change, Outcome, Verdict
 from autopilot.params.session import Vehicle
 
 
-def upload_table(
-    outcomes: Sequence[Outcome], file: str, vehicle: Vehicle, backup: str | None, *, finished: bool
-) -> str:
+class Report(NamedTuple):
+    """What is said of an upload besides its outcomes: of which file, where the old values are, what was not written."""
+
+    file: str
+    backup: str | None = None
+    finished: bool = True
+    left_out: tuple[LeftOut, ...] = ()
+
+
+def upload_table(outcomes: Sequence[Outcome], vehicle: Vehicle, report: Report) -> str:
     """Return the table name, old, wanted, now, verdict, and a summary in words below it."""
     rows = [("name", "old", "wanted", "now", "verdict")]
     for each in outcomes:
@@ -23,14 +31,25 @@ def upload_table(
     lines = _columns(rows)
     counts = Counter(each.verdict for each in outcomes)
     words = ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict])
-    lines += ["", f"{file} -> vehicle {vehicle.system} ({vehicle.firmware}): {words}"]
-    if not finished:
+    lines += ["", f"{report.file} -> vehicle {vehicle.system} ({vehicle.firmware}): {words or 'nothing'}"]
+    if report.left_out:
+        lines.append(sentence_of(report.left_out))
+    if not report.finished:
         lines.append("NOT FINISHED: the vehicle may hold old and new values.")
     if reboot := _reboot_names(outcomes):
         lines.append(f"takes effect after a reboot of the vehicle: {', '.join(reboot)}")
-    if backup:
-        lines.append(f"old values: {backup}")
+    if report.backup:
+        lines.append(f"old values: {report.backup}")
     return "\n".join(lines)
+
+
+def settled_table(changes: Sequence[Change], held: Mapping[str, Any]) -> str:
+    """Return the table name, old, new, now of an upload that was cut off; `held` is what the vehicle holds now."""
+    rows = [("name", "old", "new", "now")]
+    rows += [
+        (each.name, value_text(each.old), value_text(each.new), value_text(held.get(each.name))) for each in changes
+    ]
+    return "\n".join(_columns(rows))
 
 
 def difference_table(found: Sequence[Difference], left: str, right: str) -> str:
@@ -50,18 +69,19 @@ def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     return lines
 
 
-def upload_json(outcomes: Sequence[Outcome], file: str, vehicle: Vehicle, backup: str | None, *, finished: bool) -> str:
+def upload_json(outcomes: Sequence[Outcome], vehicle: Vehicle, report: Report) -> str:
     """Return the same as a JSON object."""
-    report = {
-        "file": file,
+    document = {
+        "file": report.file,
         "vehicle": {"system": vehicle.system, "firmware": vehicle.firmware, "armed": vehicle.armed},
-        "finished": finished,
-        "backup": backup,
+        "finished": report.finished,
+        "backup": report.backup,
         "counts": Counter(str(each.verdict) for each in outcomes),
         "reboot": _reboot_names(outcomes),
+        "left_out": [{"name": each.name, "why": str(each.why)} for each in report.left_out],
         "parameters": [each._asdict() for each in outcomes],
     }
-    return json.dumps(report, indent=2)
+    return json.dumps(document, indent=2)
 
 
 def _reboot_names(outcomes: Sequence[Outcome]) -> list[str]:

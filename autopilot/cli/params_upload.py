@@ -8,48 +8,69 @@ import time
 from pathlib import Path
 
 from autopilot.cli.params_reading import refuse_other_firmware
-from autopilot.cli.params_report import upload_json, upload_table
+from autopilot.cli.params_report import Report, settled_table, upload_json, upload_table
 from autopilot.cli.progress import ProgressBar
 from autopilot.cli.signing import signing_of
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.links.base import LinkError
-from autopilot.params.any_file import ParameterFile, load_parameters
+from autopilot.params.any_file import load_parameters
+from autopilot.params.download import NamedDownload
 from autopilot.params.firmware_dump import Heading, TypedValue, dump_firmware
-from autopilot.params.journal import Journal, discard_journal, journal_path, read_journal, write_journal
+from autopilot.params.firmware_file import Wanted
+from autopilot.params.firmware_owned import settings_of
+from autopilot.params.journal import (
+    Journal,
+    continued,
+    discard_journal,
+    journal_path,
+    of_settings,
+    read_journal,
+    write_journal,
+)
 from autopilot.params.outcome import Change, Outcome, Verdict
 from autopilot.params.saving import save_unused
 from autopilot.params.session import ParameterSession, Vehicle
 from autopilot.params.transaction import Holds, carry_out, look, put
 from autopilot.params.upload import Upload
+from autopilot.params.value_coding import Number
 
 INTERRUPTED = 130
 OWN_ID = ("SYSID_THISMAV", "MAV_SYSID")
 """ArduPilot takes a new system id within a second (Rover.cpp, one_second_loop), and is another vehicle from then on."""
 
 
-def upload(arguments: argparse.Namespace) -> int:
-    """Write a file to a vehicle, read every value back, and go back where that fails."""
+def upload(arguments: argparse.Namespace, *, settles: bool = False) -> int:
+    """Write a file to a vehicle, read every value back, and go back where that fails.
+
+    settles: a file that holds all that an upload which was cut off has changed settles that.
+    """
     file = load_parameters(arguments.file, vessel_too=True)
     with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
         refuse_other_firmware(arguments.file, file, session.vehicle)
+        wanted, left = settings_of(file.wanted, session.vehicle.firmware, calibration=arguments.with_calibration)
+        earlier = None
         if not arguments.dry_run:
-            _refuse_unfinished(session.vehicle, arguments.link)
-        attempt = Upload(session.vehicle.target, file.wanted)
+            earlier = _unfinished(session, arguments, wanted if settles else [])
+        attempt = Upload(session.vehicle.target, wanted)
         with ProgressBar("reading") as bar:
             session.run(attempt, bar.show)
+        report = Report(str(arguments.file), left_out=tuple(left))
         if arguments.dry_run or not attempt.differs:
-            return _report(arguments, session.vehicle, attempt.outcomes(), None)
+            code = _report(arguments, session.vehicle, attempt.outcomes(), report)
+            if earlier is not None and code == ExitCode.OK:
+                _settle(session.vehicle, earlier)
+            return code
         _refuse_armed(arguments, session.vehicle)
         _refuse_new_id(arguments.file, attempt)
         if not _may_begin(arguments, attempt):
-            code = _report(arguments, session.vehicle, attempt.outcomes(), None)
+            code = _report(arguments, session.vehicle, attempt.outcomes(), report)
             print(
                 "NOTHING WAS SET: not every parameter can be; correct the file, or set the others with "
                 "--on-failure keep.",
                 file=sys.stderr,
             )
             return code
-        return _Writing(arguments, session, file).carry_out(attempt)
+        return _Writing(arguments, session, file.frame, report, earlier).carry_out(attempt)
 
 
 def _may_begin(arguments: argparse.Namespace, attempt: Upload) -> bool:
@@ -63,21 +84,32 @@ def _may_begin(arguments: argparse.Namespace, attempt: Upload) -> bool:
 class _Writing:
     """One upload from its first change to its end, good or bad."""
 
-    def __init__(self, arguments: argparse.Namespace, session: ParameterSession, file: ParameterFile) -> None:
+    def __init__(
+        self,
+        arguments: argparse.Namespace,
+        session: ParameterSession,
+        frame: str,
+        report: Report,
+        earlier: Journal | None,
+    ) -> None:
         self._arguments = arguments
         self._session = session
-        self._file = file
+        self._frame = frame
+        self._earlier = earlier
         self._path = journal_path(session.vehicle)
         self._uid = session.identify().uid
         self._date = time.strftime("%Y-%m-%d %H:%M:%S %z")
         stamp = time.strftime("%Y%m%dT%H%M%S")
         default = f"{Path(arguments.file).stem}.before-{stamp}-sys{session.vehicle.system}.yaml"
         self._backup = None if arguments.no_backup else str(arguments.backup or default)
+        self._report = report._replace(backup=self._backup)
+        self._goal: dict[str, Number] = {}
         self._journal: Journal | None = None
 
     def carry_out(self, attempt: Upload) -> int:
         """Set, read back, and decide what is left standing; return the exit code."""
         code: int | None = None
+        self._goal = {each.name: each.wanted for each in attempt.outcomes()}
         try:
             with ProgressBar("uploading") as bar:
                 carry_out(self._session, attempt, self._keep, bar.show)
@@ -88,11 +120,11 @@ class _Writing:
             self._go_back()
             raise
         except LinkError as error:
-            _report(self._arguments, self._session.vehicle, attempt.outcomes(), self._backup, finished=False)
+            unfinished = self._report._replace(finished=False)
+            _report(self._arguments, self._session.vehicle, attempt.outcomes(), unfinished)
             raise LinkError(f"{error} {_how_to_restore(self._arguments.link)}") from None
-        verdict = _report(
-            self._arguments, self._session.vehicle, attempt.outcomes(), self._backup, finished=attempt.is_over
-        )
+        report = self._report._replace(finished=attempt.is_over)
+        verdict = _report(self._arguments, self._session.vehicle, attempt.outcomes(), report)
         if attempt.is_over and (verdict == ExitCode.OK or self._may_stay()):
             discard_journal(self._path)
         else:
@@ -103,6 +135,9 @@ class _Writing:
         """Save the old values before anything changes: what cannot be saved stops the upload."""
         if self._backup:
             self._save_backup(self._backup, changes)
+        covered = tuple(changes)
+        if self._earlier is not None:
+            covered = continued(self._earlier, covered, self._goal)
         journal = Journal(
             str(self._arguments.file),
             self._date,
@@ -110,7 +145,7 @@ class _Writing:
             self._session.vehicle.firmware,
             self._uid,
             self._backup or "",
-            tuple(changes),
+            covered,
         )
         write_journal(self._path, journal)
         self._journal = journal
@@ -119,7 +154,7 @@ class _Writing:
         vehicle = self._session.vehicle
         heading = Heading(
             vehicle.firmware,
-            self._file.frame,
+            self._frame,
             description=f"Values of vehicle {vehicle.system} before the upload of {self._arguments.file}",
             source=f"read back over {self._arguments.link}",
             date=self._date,
@@ -146,12 +181,11 @@ class _Writing:
 
 
 def restore(arguments: argparse.Namespace) -> int:
-    """Finish an upload that was cut off, or upload a backup file."""
+    """Finish an upload that was cut off, or upload the settings of a backup file."""
     if arguments.file:
         if arguments.to:
             raise InputError("--to chooses a side of an upload that was cut off; with a FILE leave it out.")
-        options = {"dry_run": False, "no_backup": False, "backup": None, "on_failure": "ask"}
-        return upload(argparse.Namespace(**vars(arguments), **options))
+        return upload(argparse.Namespace(**vars(arguments), dry_run=False, no_backup=False, backup=None), settles=True)
     with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
         path = journal_path(session.vehicle)
         journal = read_journal(path)
@@ -159,8 +193,11 @@ def restore(arguments: argparse.Namespace) -> int:
             print(f"vehicle {session.vehicle.system}: no upload was cut off, nothing to restore")
             return int(ExitCode.OK)
         _refuse_other_board(session, journal, path)
+        journal = of_settings(journal)
         with ProgressBar("reading") as bar:
             holds = look(session, journal, bar.show)
+        if arguments.to == "as-is":
+            return _leave(session, journal)
         side = Holds(arguments.to) if arguments.to else (Holds.OLD if holds is Holds.MIXED else holds)
         if holds is side:
             discard_journal(path)
@@ -168,8 +205,43 @@ def restore(arguments: argparse.Namespace) -> int:
             return int(ExitCode.OK)
         _refuse_armed(arguments, session.vehicle)
         outcomes = put_back(session, journal, side)
-        _report(arguments, session.vehicle, outcomes, journal.backup or None)
+        _report(arguments, session.vehicle, outcomes, Report("restore", journal.backup or None))
+        if arguments.to:
+            return _settle_on(outcomes, side, session.vehicle, path, arguments.link)
         return _say_end(outcomes, side, session.vehicle, path, arguments.link)
+
+
+def _leave(session: ParameterSession, journal: Journal) -> int:
+    """Settle an upload that was cut off by what the vehicle holds: say what that is, and forget the rest."""
+    client = NamedDownload(session.vehicle.target, [each.name for each in journal.changes])
+    with ProgressBar("reading") as bar:
+        session.run(client, bar.show)
+    held = {name: each.value for name, each in client.values.items()}
+    print(settled_table(journal.changes, held))
+    kept = f"the old values are in {journal.backup}" if journal.backup else "the old values are kept nowhere else"
+    print(f"vehicle {session.vehicle.system} is left as it is; {kept}")
+    _settle(session.vehicle, journal)
+    return int(ExitCode.OK)
+
+
+def _settle(vehicle: Vehicle, journal: Journal) -> None:
+    """The upload that was cut off is settled, and others may follow."""
+    discard_journal(journal_path(vehicle))
+    print(f"the upload of {journal.file} ({journal.date}) is settled", file=sys.stderr)
+
+
+def _settle_on(outcomes: list[Outcome], side: Holds, vehicle: Vehicle, path: Path, link: str) -> int:
+    """Say what the vehicle holds of the side its owner chose; only what could not be read back keeps the journal."""
+    bad = [each for each in outcomes if not each.is_good]
+    if not bad or any(each.verdict is Verdict.UNCONFIRMED for each in bad):
+        return _say_end(outcomes, side, vehicle, path, link)
+    discard_journal(path)
+    print(
+        f"vehicle {vehicle.system} holds the {side} values but for {', '.join(each.name for each in bad)}, which it "
+        "does not take; the upload that was cut off is settled",
+        file=sys.stderr,
+    )
+    return int(ExitCode.DIFFERENT)
 
 
 def put_back(session: ParameterSession, journal: Journal, side: Holds = Holds.OLD) -> list[Outcome]:
@@ -182,7 +254,8 @@ def _say_end(outcomes: list[Outcome], side: Holds, vehicle: Vehicle, path: Path,
     """Say what the vehicle holds after the way back; the journal stays until it holds exactly that."""
     if bad := [each.name for each in outcomes if not each.is_good]:
         print(
-            f"autopilot: vehicle {vehicle.system} does not take back {', '.join(bad)}. {_how_to_restore(link)}",
+            f"autopilot: vehicle {vehicle.system} does not take back {', '.join(bad)}, so that the upload stays "
+            f"unsettled. {_how_to_settle(link)}",
             file=sys.stderr,
         )
         return int(ExitCode.DIFFERENT)
@@ -195,17 +268,37 @@ def _sentence(vehicle: Vehicle, side: Holds, journal: Journal) -> str:
     return f"vehicle {vehicle.system} holds exactly the {side} values of the upload of {journal.file} ({journal.date})"
 
 
-def _refuse_unfinished(vehicle: Vehicle, link: str) -> None:
-    journal = read_journal(journal_path(vehicle))
-    if journal is not None:
+def _unfinished(session: ParameterSession, arguments: argparse.Namespace, wanted: list[Wanted]) -> Journal | None:
+    """Return the upload to this vehicle that was cut off, None where none was.
+
+    Raises RefusedError where `wanted` does not hold every parameter that it has changed.
+    """
+    vehicle, link = session.vehicle, arguments.link
+    path = journal_path(vehicle)
+    journal = read_journal(path)
+    if journal is None:
+        return None
+    given = {name for each in wanted for name in each.names}
+    journal = of_settings(journal)
+    if not wanted or (missing := [each.name for each in journal.changes if each.name not in given]):
+        lacks = f" {arguments.file} does not hold {', '.join(missing)}, which it has changed." if wanted else ""
         raise RefusedError(
             f"the upload of {journal.file} to vehicle {vehicle.system} ({journal.date}) was cut off, so that it may "
-            f"hold old and new values. {_how_to_restore(link)}"
+            f"hold old and new values.{lacks} {_how_to_restore(link)}"
         )
+    _refuse_other_board(session, journal, path)
+    return journal
 
 
 def _how_to_restore(link: str) -> str:
     return f"First run: autopilot params restore --link {link}"
+
+
+def _how_to_settle(link: str) -> str:
+    return (
+        f"Settle it: autopilot params restore --link {link} --to old, or --to new, as far as the vehicle takes them, "
+        "or --to as-is."
+    )
 
 
 def _refuse_armed(arguments: argparse.Namespace, vehicle: Vehicle) -> None:
@@ -249,15 +342,8 @@ def _agrees(question: str) -> bool:
         return True
 
 
-def _report(
-    arguments: argparse.Namespace,
-    vehicle: Vehicle,
-    outcomes: list[Outcome],
-    backup: str | None,
-    *,
-    finished: bool = True,
-) -> int:
+def _report(arguments: argparse.Namespace, vehicle: Vehicle, outcomes: list[Outcome], report: Report) -> int:
     """Print what became of every parameter and return the exit code."""
     printer = upload_json if arguments.json else upload_table
-    print(printer(outcomes, str(arguments.file or "restore"), vehicle, backup, finished=finished))
+    print(printer(outcomes, vehicle, report))
     return int(ExitCode.OK if all(each.is_good for each in outcomes) else ExitCode.DIFFERENT)

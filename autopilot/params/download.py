@@ -9,8 +9,6 @@ import struct
 import zlib
 from collections.abc import Iterable, Sequence
 
-from pymavlink.dialects.v20 import ardupilotmega as dialect
-
 from autopilot.params.protocol import (
     NO_INDEX,
     Message,
@@ -22,6 +20,7 @@ from autopilot.params.protocol import (
     read_by_index,
     read_by_name,
     refused_name,
+    request_list,
 )
 from autopilot.params.requests import PATIENCE, LinkQuality, Patience, Requests
 from autopilot.params.value_coding import Number, encode
@@ -163,7 +162,7 @@ class Download:
             return []
         self._list_tries += 1
         self._last_news = now
-        return [dialect.MAVLink_param_request_list_message(self._target.system, self._target.component)]
+        return [request_list(self._target)]
 
 
 class NamedDownload:

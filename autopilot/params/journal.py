@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from autopilot.errors import InputError
+from autopilot.params.firmware_owned import Kept, kept_by_firmware
 from autopilot.params.outcome import Change
 from autopilot.params.saving import save_text, sync_folder
 from autopilot.params.session import Vehicle
+from autopilot.params.value_coding import Number
 
 FORMAT = 1
 
@@ -84,6 +87,25 @@ def _change(fields: dict[str, Any]) -> Change:
     if not isinstance(change.name, str) or not all(isinstance(number, int | float) for number in numbers):
         raise ValueError(f"change {fields}")
     return change
+
+
+def of_settings(journal: Journal) -> Journal:
+    """Return the journal without what the firmware moves by itself: it holds neither the old nor the new value."""
+    owned = (Kept.STATE, Kept.DEVICE)
+    kept = [each for each in journal.changes if kept_by_firmware(journal.firmware, each.name) not in owned]
+    return replace(journal, changes=tuple(kept))
+
+
+def continued(earlier: Journal, changes: tuple[Change, ...], goal: Mapping[str, Number]) -> tuple[Change, ...]:
+    """Return `changes` on top of an upload that was cut off: the way back leads to what was before that.
+
+    goal: the value that each parameter of the earlier one is to have now.
+    """
+    before = {each.name: each.old for each in earlier.changes}
+    named = {each.name for each in changes}
+    mine = [each._replace(old=before.get(each.name, each.old)) for each in changes]
+    rest = [each._replace(new=goal.get(each.name, each.new)) for each in earlier.changes if each.name not in named]
+    return (*mine, *rest)
 
 
 def discard_journal(path: Path) -> None:

@@ -91,6 +91,11 @@ def read_by_index(target: Target, index: int) -> Message:
     return dialect.MAVLink_param_request_read_message(target.system, target.component, b"", index)
 
 
+def request_list(target: Target) -> Message:
+    """Return the PARAM_REQUEST_LIST."""
+    return dialect.MAVLink_param_request_list_message(target.system, target.component)
+
+
 class _ParamSet(dialect.MAVLink_param_set_message):
     """PARAM_SET whose param_value is given as its four bytes: as a float, a signalling nan would change on the way."""
 

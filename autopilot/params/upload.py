@@ -17,6 +17,7 @@ from autopilot.params.protocol import (
     read_by_name,
     refused_name,
     refused_value,
+    request_list,
     set_value,
 )
 from autopilot.params.requests import PATIENCE, LinkQuality, Patience, Requests
@@ -25,6 +26,11 @@ from autopilot.params.value_coding import encode, same_value
 MISMATCHES_TO_BELIEVE = 3
 """A different value must come this often before it is the vehicle's last word: single ones may be late answers."""
 
+LIST_FROM = 64
+"""From so many parameters on, the vehicle's whole list is asked for first: it comes quicker than so many answers, one
+by one, and what it leaves out is asked for by name."""
+LIST_QUIET_S = 0.8
+"""A list that has paused this long has ended."""
 ROUNDS_MAX = 3
 """So often is a parameter set again that was read back different: on a lossy link the sets alone may have got
 lost while their reads came through."""
@@ -84,8 +90,10 @@ class Upload:
         self._by_name = {name: item for item in self._items for name in item.wanted.names}
         self._has_read_again = False
         self._rounds = 0
+        self._list_since: float | None = None
         self.phase = Phase.READING
         self._requests = self._reads(self._items)
+        self._wants_list = self._is_long()
 
     @property
     def finished(self) -> bool:
@@ -145,6 +153,8 @@ class Upload:
         item = self._by_name.get(value.name)
         if item is None or item.is_settled or (item.old is not None and item.name != value.name):
             return
+        if self._list_since is not None:
+            self._list_since = now
         item.now = value
         if item.old is None:
             self._take_first(item, value, now)
@@ -176,6 +186,13 @@ class Upload:
         while self._requests.done and not self.finished:
             self._next_phase()
         if self.finished:
+            return []
+        if self._requests.done or (self._list_since is not None and now - self._list_since > LIST_QUIET_S):
+            self._list_since = None
+        if self._wants_list:
+            self._wants_list, self._list_since = False, now
+            return [request_list(self._target)]
+        if self._list_since is not None:
             return []
         names = self._requests.due(now)
         is_reading = self.phase in (Phase.READING, Phase.READING_AGAIN)
@@ -227,6 +244,10 @@ class Upload:
         sent = any(item.was_sent for item in self._items)
         known = [item for item in self._items if item.old is not None and not item.reason and not item.is_settled]
         self._requests = Requests([item.name for item in known if sent], self._patience, self._quality)
+        self._wants_list = self._is_long()
+
+    def _is_long(self) -> bool:
+        return not self._requests.done and len(self._items) >= LIST_FROM
 
     def _find_doubtful(self) -> bool:
         """Mark what was read back different to be set once more; return whether there is any.

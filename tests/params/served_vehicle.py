@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 
@@ -30,11 +31,10 @@ class ServedVehicle(threading.Thread):
                 heartbeat = dialect.MAVLink_heartbeat_message(
                     dialect.MAV_TYPE_SURFACE_BOAT, self.autopilot, self.base_mode, 0, 4, 3
                 )
-                try:
+                with contextlib.suppress(ConnectionRefusedError):
                     line.sendto(codec.encode(heartbeat), self.address)
-                    for message in codec.decode(line.recv(2000)):
-                        self.vehicle.handle(message)
+                    with contextlib.suppress(TimeoutError):
+                        for message in codec.decode(line.recv(2000)):
+                            self.vehicle.handle(message)
                     for packet in self.vehicle.transmit(10):
                         line.sendto(packet, self.address)
-                except (TimeoutError, ConnectionRefusedError):
-                    continue

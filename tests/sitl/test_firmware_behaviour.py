@@ -243,9 +243,9 @@ def test_integers_are_cast_and_read_only_values_stay() -> None:
     assert single is not None
     assert single.value == pytest.approx(0.1, rel=1e-7)
     assert single.value != 0.1
-    fixed = table.set("FORMAT_VERSION", 3.0)
+    fixed = table.set("BARO1_GND_PRESS", 3.0)
     assert fixed is not None
-    assert fixed.value == 16.0
+    assert fixed.value == 101325.0
     assert table.set("NO_SUCH_NAME", 1.0) is None
     not_a_number = table.set("FS_TIMEOUT", math.nan)
     assert not_a_number is not None
@@ -405,3 +405,34 @@ def test_servo_end_points_scale_the_rudder_of_a_linkage_that_reads_500_us(bench:
     boat.parameter_set("SERVO1_MAX", 1900)
     over(boat, 2.5, 2000)
     assert math.degrees(boat.world.boat.state.rudder) == pytest.approx(0.8 * 30.0, abs=0.02)
+
+
+def test_parameters_that_move_by_themselves(bench: MakeBench) -> None:
+    """Ground pressure while disarmed, run time, boots and the gyros' zero; none of them costs a new setup."""
+    boat = bench()
+    boat.firmware.set_armed(False)
+    table = boat.firmware.parameters
+    names = ("BARO1_GND_PRESS", "BARO2_GND_PRESS", "STAT_RUNTIME", "STAT_BOOTCNT", "INS_GYROFFS_X", "CRUISE_SPEED")
+    before = {name: table[name] for name in names}
+    changes = table.changes
+    boat.run(22.0)
+    assert {name for name in names if table[name] != before[name]} == {
+        "BARO1_GND_PRESS",
+        "BARO2_GND_PRESS",
+        "STAT_RUNTIME",
+    }
+    assert table.changes == changes
+    boat.firmware.reboot(boat.world.time)
+    assert table["STAT_BOOTCNT"] == before["STAT_BOOTCNT"] + 1
+    assert table["INS_GYROFFS_X"] != before["INS_GYROFFS_X"]
+
+
+def test_another_format_version_erases_the_board_at_the_next_boot(bench: MakeBench) -> None:
+    boat = bench()
+    boat.parameter_set("SERVO1_REVERSED", 1)
+    boat.parameter_set("FORMAT_VERSION", 0)
+    boat.run(0.5)
+    assert boat.firmware.parameters["SERVO1_REVERSED"] == 1
+    boat.firmware.reboot(boat.world.time)
+    assert boat.firmware.parameters["SERVO1_REVERSED"] == 0
+    assert boat.firmware.parameters["FORMAT_VERSION"] == 16
