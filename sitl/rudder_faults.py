@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from autopilot.models.steering_gear import SteeringGear, clip
 from sitl.boat import Disturbance
@@ -18,10 +19,15 @@ class RudderFaults:
     def __init__(self, faults: FaultBoard, gear: SteeringGear) -> None:
         self._faults = faults
         self._gear = gear
+        self._on_their_way: deque[tuple[float, float]] = deque()
 
     def order(self, time: float, order: float, rudder: float) -> float:
         """Return what the gear makes of the `order` [rad], the rudder being at `rudder` [rad]."""
         faults = self._faults
+        if (late := faults.size("rudder_late", time)) is None:
+            self._on_their_way.clear()
+        else:
+            order = delayed(self._on_their_way, time, order, late)
         if faults.is_on("rudder_reversed", time):
             order = -order
         if (offset := faults.size("rudder_offset", time)) is not None:
@@ -57,11 +63,36 @@ def thrust_left(faults: FaultBoard, time: float, thrust_speed: float, cruise_spe
     return thrust_speed if astern is None else -astern * cruise_speed
 
 
-def pushed(faults: FaultBoard, time: float, disturbance: Disturbance) -> Disturbance:
-    """Return what acts on the boat, with the pushes that are injected."""
-    push, heel = faults.size("yaw_push", time), faults.size("heel", time)
-    if push is not None:
-        disturbance = disturbance._replace(rudder=disturbance.rudder + math.radians(push))
-    if heel is not None:
-        disturbance = disturbance._replace(roll_slope=disturbance.roll_slope + math.radians(heel))
-    return disturbance
+class Pushes:
+    """What acts on the boat from outside, with what is injected. Memory: where a stream sets to."""
+
+    def __init__(self, faults: FaultBoard) -> None:
+        self._faults = faults
+        self._towards: float | None = None
+
+    def on(self, time: float, heading: float, disturbance: Disturbance) -> Disturbance:
+        """Return the `disturbance` of a boat that heads for `heading` [rad], and the pushes on top of it."""
+        faults = self._faults
+        if (push := faults.size("yaw_push", time)) is not None:
+            disturbance = disturbance._replace(rudder=disturbance.rudder + math.radians(push))
+        if (heel := faults.size("heel", time)) is not None:
+            disturbance = disturbance._replace(roll_slope=disturbance.roll_slope + math.radians(heel))
+        if (stream := faults.size("stream", time)) is None:
+            self._towards = None
+            return disturbance
+        self._towards = towards = heading if self._towards is None else self._towards
+        return disturbance._replace(
+            current_north=disturbance.current_north + stream * math.cos(towards),
+            current_east=disturbance.current_east + stream * math.sin(towards),
+        )
+
+
+def delayed(waiting: deque[tuple[float, float]], time: float, value: float, delay: float) -> float:
+    """Return the value that was `delay` [s] ago, the first of all where `waiting` does not go back so far.
+
+    `waiting` holds (time [s], value), the oldest first; `value` is added to it.
+    """
+    waiting.append((time, value))
+    while len(waiting) > 1 and waiting[1][0] <= time - delay + 1.0e-9:
+        waiting.popleft()
+    return waiting[0][1]

@@ -58,11 +58,11 @@ PLOTTER = ("APB", "RMB", "XTE", "HTD")
 """What a chart plotter says; it needs a route in the scenario."""
 """Bytes of a sentence with its line end, for sharing out a slow line."""
 
-SILENCED_BY: Mapping[str, FaultKind] = {
-    "VHW": "speed_lost",
-    "VTG": "speed_lost",
-    "RMC": "position_lost",
-    "RSA": "feedback_lost",
+SILENCED_BY: Mapping[str, tuple[FaultKind, ...]] = {
+    "VHW": ("speed_lost", "log_lost"),
+    "VTG": ("speed_lost",),
+    "RMC": ("position_lost",),
+    "RSA": ("feedback_lost",),
 }
 """Faults that keep a sentence from being said."""
 FULLEST_LINE = 0.8
@@ -227,7 +227,7 @@ class NmeaInstruments:
             self._plotter.update(reading)
         if name in ("HDG", "HDM", "HDT") and not sensors.has_heading(time, "second"):
             return
-        if (fault := SILENCED_BY.get(name)) and self.world.faults.is_on(fault, time):
+        if any(self.world.faults.is_on(fault, time) for fault in SILENCED_BY.get(name, ())):
             return
         if self._to_listener.backlog(time) > BACKLOG_MAX_S:
             self.skipped += 1

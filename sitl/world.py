@@ -13,7 +13,7 @@ from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Vessel
 from sitl.boat import STILL, Boat, BoatState, Hull, Plant
 from sitl.faults import FaultBoard
-from sitl.rudder_faults import RudderFaults, pushed, thrust_left
+from sitl.rudder_faults import Pushes, RudderFaults, thrust_left
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.sensors import Sensors
@@ -75,6 +75,7 @@ class World:
         )
         self._sea = Sea(scenario, plant.hull, sea_seed, felt_every * STEP)
         self._rudder_faults = RudderFaults(self.faults, plant.gear)
+        self._pushes = Pushes(self.faults)
         self.sensors = Sensors(vessel, scenario, sensor_seed, self.faults)
         self.helms: list[Helm] = []
         self.watchers: list[Callable[[float], None]] = []
@@ -114,7 +115,7 @@ class World:
         thrust = thrust_left(self.faults, time, thrust, self.cruise_speed)
         if self._steps % self._felt_every == 0:
             self._felt = self._sea.step(time, state)
-        disturbance = pushed(self.faults, time, self._felt)
+        disturbance = self._pushes.on(time, state.heading, self._felt)
         after = self.boat.step(time, order, thrust, disturbance, STEP)
         rudder = self._rudder_faults.reached(time, state.rudder, after.rudder, STEP)
         if rudder != after.rudder:

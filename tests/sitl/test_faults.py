@@ -117,6 +117,11 @@ def test_rates_and_speeds_are_wrong_as_told() -> None:
     clean, faulty = readings("speed_wrong", 0.5)
     good, bad = between(clean, BEGIN, END)[3], between(faulty, BEGIN, END)[3]
     assert bad.water_speed == pytest.approx(0.5 * good.water_speed)
+    assert bad.ground_speed == pytest.approx(math.hypot(bad.north_speed, bad.east_speed))
+    assert bad.ground_speed == pytest.approx(0.5 * good.ground_speed)
+    _, faulty = readings("speed_frozen")
+    frozen = between(faulty, BEGIN, END)
+    assert len({(each.ground_speed, each.north_speed, each.east_speed) for each in frozen}) == 1
     clean, faulty = readings("position_jump", 100.0)
     good, bad = between(clean, BEGIN, END)[3], between(faulty, BEGIN, END)[3]
     assert math.radians(bad.latitude - good.latitude) * 6371008.8 == pytest.approx(100.0)
@@ -181,6 +186,61 @@ def test_the_boat_stops_backs_heels_and_is_pushed() -> None:
     world = world_with(FaultSection("yaw_push", 0.0, size=5.0))
     world.advance(3.0)
     assert world.boat.state.heading > 0.05
+
+
+@pytest.mark.parametrize("kind", ["heading_lag", "rate_lag"])
+def test_values_of_some_time_ago_come_under_the_time_stamp_of_now(kind: FaultKind) -> None:
+    clean, faulty = readings(kind, 0.3)
+    shown, other = ("heading", "rate") if kind == "heading_lag" else ("rate", "heading")
+    assert [reading.time for reading in faulty] == [reading.time for reading in clean]
+    assert [getattr(reading, other) for reading in faulty] == [getattr(reading, other) for reading in clean]
+    # a sample every 0.1 s: 0.3 s ago is three of them
+    late = [getattr(reading, shown) for reading in between(faulty, BEGIN + 0.35, END)]
+    first = next(index for index, reading in enumerate(clean) if reading.time >= BEGIN + 0.35)
+    assert late == [getattr(reading, shown) for reading in clean[first - 3 : first - 3 + len(late)]]
+    assert between(clean, END + 0.01, 9.0) == between(faulty, END + 0.01, 9.0)
+
+
+def test_orders_reach_the_steering_gear_late_and_soon_again() -> None:
+    ten = math.radians(10.0)
+
+    def hand(time: float) -> float:
+        return ten if 2.5 <= time < 5.0 else 0.0
+
+    late, prompt = rudder_track("rudder_late", 0.8, hand), rudder_track("rudder_late", 0.0, hand)
+    moved, due = (next(step for step, angle in enumerate(track) if angle > 1.0) for track in (late, prompt))
+    assert moved - due == 8
+    assert late[45:] == pytest.approx(prompt[45:], abs=0.01), "the fault ends at 4 s"
+
+
+def test_a_stream_sets_the_boat_along_the_heading_that_was_and_only_the_ground_shows_it() -> None:
+    world = world_with(FaultSection("stream", 2.0, 60.0, -2.0, ramp_s=5.0), hand=lambda time: 0.2)
+    world.advance(1.9)
+    assert world.boat.state.heading > 0.1
+    world.advance(2.0)
+    towards = world.boat.state.heading
+    world.advance(30.0)
+    state, reading = world.boat.state, world.sensors.latest(30.0)
+    assert reading is not None
+    assert abs(wrap(state.heading - towards)) > 0.5
+    through_water = complex(state.speed, state.sway) * complex(math.cos(state.heading), math.sin(state.heading))
+    stream = complex(state.north_speed, state.east_speed) - through_water
+    assert abs(stream - -2.0 * complex(math.cos(towards), math.sin(towards))) < 0.01
+    assert reading.water_speed == pytest.approx(state.speed, abs=0.3)
+    assert reading.ground_speed == pytest.approx(abs(stream + through_water), abs=0.3)
+
+
+def test_a_log_that_is_lost_leaves_the_speed_over_the_ground() -> None:
+    world = world_with(FaultSection("log_lost", 1.0, 2.0))
+    instruments = NmeaInstruments(world, {"VHW": 10.0, "RMC": 5.0}, 38400)
+    said: dict[str, list[float]] = {"VHW": [], "RMC": []}
+    for step in range(1, 31):
+        for line in b"".join(instruments.transmit(0.1 * step)).splitlines():
+            said[line.split(b",")[0].decode()[3:]].append(0.1 * step)
+    assert not [time for time in said["VHW"] if 1.15 < time < 2.0]
+    assert [time for time in said["VHW"] if time < 1.0]
+    assert [time for time in said["VHW"] if time > 2.1]
+    assert len([time for time in said["RMC"] if 1.1 < time < 2.0]) >= 3
 
 
 class Wire:
