@@ -34,6 +34,7 @@ from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import Mode, Order, OrderKind, SupervisorState, Tick
 from sitl.chaos import ChaosPort
+from sitl.fault_kinds import KINDS, FaultKind, Source
 from sitl.faults import Fault
 from sitl.firmware import Firmware
 from sitl.scenario import SecondOrderSection, load_scenario
@@ -67,6 +68,18 @@ class Clock:
         raise AssertionError("lockstep never waits")
 
 
+class Injected(NamedTuple):
+    """One fault of the simulator, `begin` [s] after the moment of injection to `end`, its size growing over `ramp` [s];
+    of one of two compasses, or of both."""
+
+    kind: FaultKind
+    size: float | None = None
+    begin: float = 0.0
+    end: float = math.inf
+    source: Source = "both"
+    ramp: float = 0.0
+
+
 class Moment(NamedTuple):
     """What one tick shows of the whole, and where the boat really heads [rad, not wrapped]."""
 
@@ -89,6 +102,7 @@ class FaultBoat:
         self.stalled_until = -math.inf
         self.hooks: list[Callable[[], None]] = []
         self._lines: list[tuple[LoopbackTransport, Endpoint]] = []
+        self._seed = seed
         track = TrackGuide(track_settings_of(vessel))
         self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), Mission(track))
         links: list[Link] = []
@@ -127,7 +141,7 @@ class FaultBoat:
     def _line(self, endpoint: Endpoint, is_stream: bool = False) -> LoopbackTransport:
         near, far = loopback_pair(f"line {len(self._lines)}")
         near.is_stream = is_stream
-        seed = np.random.SeedSequence((7, len(self._lines)))
+        seed = np.random.SeedSequence((7, len(self._lines), self._seed))
         self._lines.append((far, ChaosPort(endpoint, self.world, is_stream, seed)))
         return near
 
@@ -160,16 +174,12 @@ class FaultBoat:
                     return True
         return False
 
-    def add(
-        self, kind: str, size: float | None = None, begin: float = 0.0, end: float = math.inf, source: str = "both"
-    ) -> None:
-        """Inject a fault `begin` [s] from now, until `end` [s] from now, of one of two compasses or of both."""
-        from sitl.fault_kinds import KINDS
-
-        whole = KINDS[kind]  # type: ignore[index]
+    def add(self, fault: Injected) -> None:
+        """Inject a fault, its times counted from now."""
         time = self.world.time
-        size = whole.size if size is None else size
-        self.world.faults.add(Fault(kind, time + begin, time + end, size, 0.0, source))  # type: ignore[arg-type]
+        size = KINDS[fault.kind].size if fault.size is None else fault.size
+        begin, end = time + fault.begin, time + fault.end
+        self.world.faults.add(Fault(fault.kind, begin, end, size, fault.ramp, fault.source))
 
     def type_line(self, line: str) -> None:
         """Type a line at the helm; what is refused is the pilot's answer, not a mistake here."""
@@ -251,7 +261,7 @@ def _trial(boat: FaultBoat) -> None:
 def _degraded(boat: FaultBoat) -> None:
     """Engaged with a rate gyro that is off by 10 deg/s, which has been noticed."""
     _heading(boat)
-    boat.add("rate_bias", 10.0)
+    boat.add(Injected("rate_bias", 10.0))
     boat.run(12.0)
     assert boat.tick.supervisor is SupervisorState.DEGRADED, boat.tick.alarms
 
@@ -259,7 +269,7 @@ def _degraded(boat: FaultBoat) -> None:
 def _override(boat: FaultBoat) -> None:
     """Somebody has put the vehicle into HOLD."""
     _heading(boat)
-    boat.add("mode", 4.0)
+    boat.add(Injected("mode", 4.0))
     boat.run(5.0)
     assert boat.tick.mode is Mode.OVERRIDE, (boat.tick.mode, boat.tick.alarms)
 
@@ -267,7 +277,7 @@ def _override(boat: FaultBoat) -> None:
 def _failsafe(boat: FaultBoat) -> None:
     """The heading has been lost three seconds ago; the rudder is amidships and not yet released."""
     _heading(boat)
-    boat.add("heading_dropout")
+    boat.add(Injected("heading_dropout"))
     boat.run(4.0)
     assert boat.tick.mode is Mode.FAILSAFE, boat.tick.alarms
 

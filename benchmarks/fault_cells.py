@@ -16,8 +16,6 @@ from fault_rows import Row
 
 from autopilot.signals import Mode, Tick
 
-WINDOW_S = 16.0
-"""So long the fault is watched."""
 LATE_LIMIT_S = 15.0
 """So long after the fault is over an order may take to engage again."""
 
@@ -27,7 +25,8 @@ class Cell(NamedTuple):
 
     detected: the first new alarm or change of state. left: when the pilot left off steering. ends: the state at the
     end, and what the rudder does then. alarms: the new ones, in order. off_deg: how far the boat had gone from where
-    she would have been, while the pilot steered. again: whether she could be engaged when all was well again.
+    she would have been, while the pilot steered; unnoticed_deg: the same before it was detected. again: whether she
+    could be engaged when all was well again.
     """
 
     row: str
@@ -39,6 +38,7 @@ class Cell(NamedTuple):
     rudder: str
     alarms: tuple[str, ...]
     off_deg: float
+    unnoticed_deg: float
     broken: tuple[str, ...]
     again: bool | None
 
@@ -48,22 +48,26 @@ def state_name(tick: Tick) -> str:
     return tick.supervisor.name.lower()
 
 
+def has_cell(row: Row, state: str) -> bool:
+    """Return whether there is such a state: where there is no flight controller, nobody but the skipper takes over."""
+    return not (state == "override" and row.method == "instruments")
+
+
 def run_cells(rows: Iterable[Row], states: Iterable[str], workers: int, seed: int = 1) -> Iterator[Cell]:
     """Yield the cell of every row and state, in the sea and with the noise of a seed. Each state is reached once for
     each kind of links, then forked."""
     by_method = sorted(rows, key=lambda row: row.method)
     for method, group in itertools.groupby(by_method, key=lambda row: row.method):
-        chosen = list(group)
+        every = list(group)
         for state in states:
-            if state == "override" and method == "instruments":
-                continue  # nobody but the skipper can take the helm where there is no flight controller
-            yield from _cells_of(method, state, chosen, workers, seed)
+            if chosen := [row for row in every if has_cell(row, state)]:
+                yield from _cells_of(method, state, chosen, workers, seed)
 
 
 def _cells_of(method: str, state: str, rows: list[Row], workers: int, seed: int) -> Iterator[Cell]:
     boat = FaultBoat(method, seed)
     bring_into(boat, state)
-    clean: Any = in_child(lambda: _run(boat, None))()
+    clean: Any = in_child(lambda: _run(boat, None, max(row.window_s for row in rows)))()
     jobs = [functools.partial(cell, boat, row, state, clean) for row in rows]
     for first in range(0, len(jobs), workers):
         # all of these children run at once
@@ -97,11 +101,11 @@ def in_child(work: Callable[[], object]) -> Callable[[], object]:
     return result
 
 
-def _run(boat: FaultBoat, row: Row | None) -> list[Moment]:
+def _run(boat: FaultBoat, row: Row | None, window_s: float) -> list[Moment]:
     first = len(boat.moments)
     if row is not None:
         row.inject(boat)
-    boat.run(WINDOW_S)
+    boat.run(window_s)
     return boat.moments[first:]
 
 
@@ -111,7 +115,8 @@ def cell(boat: FaultBoat, row: Row, state: str, clean: list[Moment]) -> Cell:
     before = boat.moments[-40:]
     known = {alarm for moment in before for alarm in moment.tick.alarms}
     was = boat.tick
-    moments = _run(boat, row)
+    moments = _run(boat, row, row.window_s)
+    clean = [moment for moment in clean if moment.tick.now <= moments[-1].tick.now]
     # what would have been said and done without the fault is not its doing
     known |= {alarm for moment in clean for alarm in moment.tick.alarms}
     usual = {state_name(moment.tick) for moment in clean} | {state_name(was)}
@@ -119,21 +124,24 @@ def cell(boat: FaultBoat, row: Row, state: str, clean: list[Moment]) -> Cell:
     changed = [moment.tick for moment in moments if state_name(moment.tick) not in usual]
     left = next((m.tick.now - begin for m in moments if is_engaged(was) and not is_engaged(m.tick)), None)
     signs = [ticks[0].now - begin for ticks in (news, changed) if ticks]
-    steered_until = begin + (WINDOW_S if left is None else left)
-    off = [degrees for time, degrees in deviation_deg(moments, clean) if time <= steered_until]
+    detected = min(signs, default=None)
+    steered_until = begin + (math.inf if left is None else left)
+    off = [(time, degrees) for time, degrees in deviation_deg(moments, clean) if time <= steered_until]
+    unnoticed_until = begin + (math.inf if detected is None else detected)
     last = moments[-1].tick
     broken = tuple(_broken(moments, state, boat))
     again = _engages_again(boat) if state == "heading" else None
     return Cell(
         row=row.name,
         state=state,
-        detected=min(signs, default=None),
+        detected=detected,
         left=left,
         passed=tuple(name for name, _ in itertools.groupby(state_name(moment.tick) for moment in moments)),
         ends=state_name(last),
         rudder=_rudder(moments),
         alarms=tuple(dict.fromkeys(alarm for tick in news for alarm in tick.alarms if alarm not in known)),
-        off_deg=max(off, default=0.0),
+        off_deg=max((degrees for _, degrees in off), default=0.0),
+        unnoticed_deg=max((degrees for time, degrees in off if time <= unnoticed_until), default=0.0),
         broken=broken,
         again=again,
     )

@@ -1,88 +1,132 @@
 """The fault matrix: every fault in every state, what the pilot did about it, and whether that is what it must do.
 
-    python benchmarks/fault_matrix.py --out docs/fault_matrix.md
+    python benchmarks/fault_matrix.py                                  # seas and noises of today's date
     python benchmarks/fault_matrix.py --rows "rudder" --states heading,turn --seeds 2
+    python benchmarks/fault_matrix.py --date 2026-11-22 --out docs/fault_matrix.md
 
-The real links carry real bytes over in-memory lines, on one simulated clock; the same every time. Each cell is run with
-several seeds of sea and noise, all of which are judged. Exit code 1 where one is not as `fault_expectations` wants it.
+The real links carry real bytes over in-memory lines, on one simulated clock; the same every time for a date. Each cell
+is run with several seeds of sea and noise, all of which are judged. Exit code 1 where one is not as
+`fault_expectations` wants it.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
+import json
+import math
 import os
 import pickle
 import re
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from fault_boat import STATES
-from fault_cells import Cell, run_cells
-from fault_expectations import complaints, expected
+from fault_cells import Cell, has_cell, run_cells
+from fault_expectations import ENGAGED, Expect, complaints, expected
 from fault_rows import ROWS
+
+from autopilot.cli.progress import ProgressBar
 
 BEGIN, END = "<!-- matrix: begin -->", "<!-- matrix: end -->"
 WORDS = {"failsafe": "fail-safe", "heading": "steers", "track": "steers", "trial": "steers", "turn": "steers"}
 
+Runs = dict[tuple[str, str], dict[int, Cell]]
+"""The cells by row and state, then by seed."""
+
 
 def main() -> int:
-    """Run the cells asked for; print those that are wrong, or write the page."""
-    options = argparse.ArgumentParser()
+    """Run the cells asked for; print those that have failed, or write the page."""
+    options = argparse.ArgumentParser(description="Judge what the pilot does about every fault in every state.")
     options.add_argument("--rows", default="", help="only faults whose name holds this regular expression")
     options.add_argument("--states", default=",".join(STATES), help=f"only these of {','.join(STATES)}")
-    options.add_argument("--seeds", type=int, default=5, help="so many seas and noises for every cell")
-    options.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    options.add_argument("--seeds", type=int, default=5, help="so many seas and noises for every cell (default 5)")
+    today = datetime.datetime.now(datetime.UTC).date()
     options.add_argument(
-        "--cells", type=Path, help="keep the cells here, and take those that are not asked for from it"
+        "--date",
+        type=datetime.date.fromisoformat,
+        default=today,
+        help="the day from which the seeds are drawn, such as 2026-11-22 (default today, UTC)",
     )
+    options.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    options.add_argument("--cells", type=Path, help="keep the cells here, and take from it what is not asked for")
     options.add_argument("--out", type=Path, help="put the tables into this page, between its marks")
+    options.add_argument("--json", action="store_true", help="print JSON, with every run of every cell")
     arguments = options.parse_args()
     states = arguments.states.split(",")
     if unknown := set(states) - set(STATES):
         options.error(f"--states {', '.join(sorted(unknown))}: allowed are {', '.join(STATES)}")
+    if arguments.seeds < 1:
+        options.error(f"--seeds {arguments.seeds}: allowed are 1 and more")
+    day = arguments.date.isoformat()
+    runs = kept(arguments.cells, day)
     rows = [row for row in ROWS if re.search(arguments.rows, row.name)]
-    cells = kept(arguments.cells)
-    for seed in range(1, arguments.seeds + 1):
-        for cell in run_cells(rows, states, arguments.workers, seed):
-            cells.setdefault((cell.row, cell.state), {})[seed] = cell
-            complaint = "; ".join(complaints(cell))
-            verdict = "WRONG" if complaint else "ok"
-            print(f"{verdict:5} {seed} {cell.row} | {cell.state} | {short([cell])} | {complaint}", flush=True)
-        if arguments.cells is not None:
-            arguments.cells.write_bytes(pickle.dumps(cells))
-    found = {key: list(runs.values()) for key, runs in cells.items()}
-    wrong = sum(map(is_wrong, found.values()))
-    print(f"{len(found)} cells with {arguments.seeds} seeds, {wrong} not as expected")
+    total = arguments.seeds * sum(has_cell(row, state) for row in rows for state in states)
+    done = 0
+    with ProgressBar(f"fault matrix of {day}") as bar:
+        for seed in seeds_of(arguments.date, arguments.seeds):
+            bar.show(done, total)
+            for cell in run_cells(rows, states, arguments.workers, seed):
+                runs.setdefault((cell.row, cell.state), {})[seed] = cell
+                done += 1
+                bar.show(done, total)
+            if arguments.cells is not None:
+                arguments.cells.write_bytes(pickle.dumps((day, runs)))
+    found = {key: list(by_seed.values()) for key, by_seed in runs.items()}
+    failed = {key: cells for key, cells in found.items() if has_failed(cells)}
+    if arguments.json:
+        print(json.dumps(report(day, runs), indent=1))
+    else:
+        for (row, state), cells in failed.items():
+            print(f"FAILED {row} | {state} | {short(cells)} | {verdict(cells)}")
+        print(summary(day, found))
     if arguments.out is not None:
         names = [row.name for row in ROWS if any((row.name, state) in found for state in STATES)]
         states = [state for state in STATES if any((name, state) in found for name in names)]
-        parts = (summary(found, wrong), first_table(names, found), second_table(names, states, found))
-        put(arguments.out, "\n\n".join(parts))
-    return int(wrong > 0)
+        parts = (summary(day, found), failed_table(failed), first_table(names, found))
+        put(arguments.out, "\n\n".join((*parts, second_table(names, states, found))))
+    return int(bool(failed))
 
 
-def kept(place: Path | None) -> dict[tuple[str, str], dict[int, Cell]]:
-    """Return the cells of runs before, by row, state and seed."""
+def seeds_of(day: datetime.date, count: int) -> list[int]:
+    """Return so many seeds drawn from a date: the same for the same date, and those of fewer are the first of more."""
+    return [int(seed) for seed in np.random.SeedSequence(int(f"{day:%Y%m%d}")).generate_state(count)]
+
+
+def kept(place: Path | None, day: str) -> Runs:
+    """Return the cells of runs before, of the same date."""
     if place is None or not place.exists():
         return {}
-    cells: dict[tuple[str, str], dict[int, Cell]] = pickle.loads(place.read_bytes())
-    return cells
+    before: str
+    runs: Runs
+    before, runs = pickle.loads(place.read_bytes())
+    return runs if before == day else {}
 
 
-def is_wrong(runs: list[Cell]) -> bool:
-    """Return whether a run of the cell is not as expected."""
+def has_failed(runs: list[Cell]) -> bool:
+    """Return whether a run of the cell is not as wanted."""
     return any(list(complaints(cell)) for cell in runs)
 
 
+def verdict(runs: list[Cell]) -> str:
+    """Return in how many runs a cell has failed, and the figures of the worst of them."""
+    failed = [(list(complaints(cell)), cell) for cell in runs]
+    failed = [(said, cell) for said, cell in failed if said]
+    worst, _ = max(failed, key=lambda each: (each[1].off_deg, len(each[0])))
+    return f"{len(failed)} of {len(runs)}: {'; '.join(worst)}"
+
+
 def short(runs: list[Cell]) -> str:
-    """Return a cell in a few words: when it was seen, what was done, how far she was off."""
+    """Return a cell in a few words: when it was noticed, what was done, how far the boat was off."""
     seen = f"{when(runs)}: " if when(runs) else ""
     return f"{seen}{action(runs)}, {off(runs):.0f}°" if steered(runs[0]) else f"{seen}{action(runs)}"
 
 
 def when(runs: list[Cell]) -> str:
-    """Return after how long it was seen, from the soonest to the latest, and whether always."""
+    """Return after how long it was noticed, from the soonest to the latest, and whether always."""
     times = sorted(cell.detected for cell in runs if cell.detected is not None)
     if not times:
         return ""
@@ -92,13 +136,13 @@ def when(runs: list[Cell]) -> str:
 
 
 def off(runs: list[Cell]) -> float:
-    """Return how far she was off at most [deg]."""
+    """Return how far the boat was off at most [deg]."""
     return max(cell.off_deg for cell in runs)
 
 
 def steered(cell: Cell) -> bool:
     """Return whether the pilot steered when the fault began."""
-    return cell.state not in ("standby", "override", "fail-safe")
+    return cell.state in ENGAGED
 
 
 def action(runs: list[Cell]) -> str:
@@ -116,12 +160,27 @@ def deed(cell: Cell) -> str:
     return last if last in ("steers", "degraded", "standby") else f"{last}, rudder {cell.rudder}"
 
 
-def summary(cells: dict[tuple[str, str], list[Cell]], wrong: int) -> str:
+def summary(day: str, cells: dict[tuple[str, str], list[Cell]]) -> str:
     """Return the sentence on top."""
     faults, states = len({row for row, _ in cells}), len({state for _, state in cells})
-    seeds = max(map(len, cells.values()))
-    verdict = f"{wrong} not as expected, marked **!**" if wrong else "each as expected with each seed"
-    return f"{faults} rows in {states} states, {len(cells)} cells with {seeds} seeds: {verdict}."
+    seeds = max(map(len, cells.values()), default=0)
+    failed = sum(map(has_failed, cells.values()))
+    return (
+        f"{faults} faults in {states} states, {len(cells)} cells with {seeds} seeds drawn from {day}: "
+        f"{failed or 'none'} failed."
+    )
+
+
+def failed_table(failed: dict[tuple[str, str], list[Cell]]) -> str:
+    """Return the list of the cells that have failed."""
+    head = "## Failed cells"
+    if not failed:
+        return f"{head}\n\nNone."
+    lines = [head, "", "| Fault | State | Runs that failed, and the worst of them |", "|---|---|---|"]
+    order = {row.name: number for number, row in enumerate(ROWS)}
+    for row, state in sorted(failed, key=lambda key: (order[key[0]], list(STATES).index(key[1]))):
+        lines.append(f"| {row} | {state} | {verdict(failed[row, state])} |")
+    return "\n".join(lines)
 
 
 def first_table(names: list[str], cells: dict[tuple[str, str], list[Cell]]) -> str:
@@ -129,21 +188,30 @@ def first_table(names: list[str], cells: dict[tuple[str, str], list[Cell]]) -> s
     lines = [
         "## While a heading is held",
         "",
-        "| Fault | Seen after | Limit | What the pilot does | Alarm | Off her course | Limit | Engages again |",
-        "|---|---|---|---|---|---|---|---|",
+        "| Fault | Noticed after | Off by then | Limit | What the pilot does | Alarm | Most off | Limit | Engages |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for name in names:
         runs = cells.get((name, "heading"))
         if runs is None:
             continue
         wanted = expected(runs[0])
-        limit = f"{wanted.within:g} s" if wanted.within < 1e6 else ""
         alarm = next((cell.alarms[0].split(":")[0] for cell in runs if cell.alarms), "")
-        mark = " **!**" if is_wrong(runs) else ""
-        turned = (f"{off(runs):.1f}°", f"{wanted.off_deg:g}°")
+        mark = " **failed**" if has_failed(runs) else ""
+        unnoticed = f"{max(cell.unnoticed_deg for cell in runs):.1f}°"
+        most = "" if wanted.off_until_noticed else f"{wanted.off_deg:g}°"
         again = "yes" if all(cell.again for cell in runs) else "no"
-        lines.append(f"| {' | '.join((name + mark, when(runs), limit, action(runs), alarm, *turned, again))} |")
+        texts = (name + mark, when(runs), unnoticed, limit(wanted), action(runs), alarm, f"{off(runs):.1f}°", most)
+        lines.append(f"| {' | '.join((*texts, again))} |")
     return "\n".join(lines)
+
+
+def limit(wanted: Expect) -> str:
+    """Return by when it must be noticed, in words."""
+    if wanted.soon:
+        return f"{wanted.soon:g} s or {wanted.unnoticed_deg:g}°"
+    seconds = f"{wanted.within:g} s, " if wanted.within < math.inf else ""
+    return f"{seconds}{wanted.unnoticed_deg:g}°"
 
 
 def second_table(names: list[str], states: list[str], cells: dict[tuple[str, str], list[Cell]]) -> str:
@@ -152,9 +220,20 @@ def second_table(names: list[str], states: list[str], cells: dict[tuple[str, str
     lines = ["## In the other states", "", f"| Fault | {' | '.join(others)} |", "|---" * (len(others) + 1) + "|"]
     for name in names:
         found = [cells.get((name, state), []) for state in others]
-        texts = [short(runs) + " **!**" * is_wrong(runs) if runs else "" for runs in found]
+        texts = [short(runs) + " **failed**" * has_failed(runs) if runs else "" for runs in found]
         lines.append(f"| {name} | {' | '.join(texts)} |")
     return "\n".join(lines)
+
+
+def report(day: str, runs: Runs) -> dict[str, Any]:
+    """Return every run of every cell for `--json`: times in seconds, headings in degrees."""
+    cells = [
+        {"seed": seed, **cell._asdict(), "complaints": list(complaints(cell))}
+        for by_seed in runs.values()
+        for seed, cell in by_seed.items()
+    ]
+    failed = sum(any(list(complaints(cell)) for cell in by_seed.values()) for by_seed in runs.values())
+    return {"date": day, "cells": len(runs), "failed": failed, "runs": cells}
 
 
 def put(page: Path, tables: str) -> None:

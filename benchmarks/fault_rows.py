@@ -1,4 +1,4 @@
-"""The faults of the matrix and what the pilot must do about each."""
+"""The faults of the matrix: what is injected, over which links, and how long it is watched."""
 
 from __future__ import annotations
 
@@ -6,24 +6,23 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from fault_boat import FaultBoat
+from fault_boat import FaultBoat, Injected
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, Reference
+from sitl.fault_kinds import FaultKind, Source
 
 STALL_S = 2.0
-
-
-class Injected(NamedTuple):
-    """One fault of the simulator, `begin` [s] after the moment of injection to `end`."""
-
-    kind: str
-    size: float | None = None
-    begin: float = 0.0
-    end: float = math.inf
-    source: str = "both"
+WINDOW_S = 16.0
+"""So long a fault is watched."""
+DRIFT_S = 25.0
+"""One that grows by 1 deg/s is watched for so long: it is 20 deg after 20 s."""
+STREAM_M_S = 3.2
+"""0.7 of the boat's speed; it is met within `EDGE_S` [s]."""
+EDGE_S = 3.0
+LATE_S = 0.3
 
 
 class Row(NamedTuple):
@@ -33,23 +32,36 @@ class Row(NamedTuple):
     faults: tuple[Injected, ...] = ()
     method: str = "companion"
     do: Callable[[FaultBoat], None] | None = None
+    window_s: float = WINDOW_S
 
     def inject(self, boat: FaultBoat) -> None:
         """Begin the fault now."""
         for fault in self.faults:
-            boat.add(*fault)
+            boat.add(fault)
         if self.do is not None:
             self.do(boat)
 
 
-def simple(name: str, kind: str, size: float | None = None, method: str = "companion", end: float = math.inf) -> Row:
-    """Return the row of one fault of the simulator."""
+def simple(
+    name: str, kind: FaultKind, size: float | None = None, method: str = "companion", end: float = math.inf
+) -> Row:
+    """Return the row of one fault of the simulator, until `end` [s] after it began."""
     return Row(name, (Injected(kind, size, 0.0, end),), method)
 
 
-def of_two(name: str, kind: str, size: float | None = None, source: str = "first") -> Row:
+def of_two(name: str, kind: FaultKind, size: float | None = None, source: Source = "first") -> Row:
     """Return the row of a fault that one of two compasses has."""
     return Row(name, (Injected(kind, size, 0.0, math.inf, source),), "both")
+
+
+def late(name: str, *kinds: FaultKind) -> Row:
+    """Return the row of what is late without its time stamps telling so; the delay sets in within a second."""
+    return Row(name, tuple(Injected(kind, LATE_S, ramp=1.0) for kind in kinds))
+
+
+def stream(speed_m_s: float) -> Injected:
+    """Return the edge of a stream that sets the boat ahead, or astern for a negative speed."""
+    return Injected("stream", speed_m_s, ramp=EDGE_S)
 
 
 class LawOfNoNumbers:
@@ -103,18 +115,21 @@ ROWS: tuple[Row, ...] = (
     simple("heading frozen, compass without rate", "heading_frozen", method="instruments"),
     simple("heading jumps by 40 deg", "heading_jump", 40.0),
     simple("heading jumps by 40 deg and back", "heading_jump", 40.0, end=2.0),
-    simple("heading drifts by 1 deg/s", "heading_drift", 1.0),
+    simple("heading drifts by 1 deg/s", "heading_drift", 1.0)._replace(window_s=DRIFT_S),
     simple("heading noise of 10 deg", "heading_noise", 10.0),
     simple("every tenth heading wild", "heading_spikes", 0.1),
     simple("heading is no number", "heading_nan"),
     simple("readings 1 s late", "heading_late", 1.0),
+    late("compass 0.3 s late", "heading_lag"),
+    late("gyro 0.3 s late", "rate_lag"),
+    late("compass and gyro 0.3 s late", "heading_lag", "rate_lag"),
     of_two("second compass off by 30 deg", "heading_jump", 30.0, "second"),
-    of_two("second compass drifts by 1 deg/s", "heading_drift", 1.0, "second"),
+    of_two("second compass drifts by 1 deg/s", "heading_drift", 1.0, "second")._replace(window_s=DRIFT_S),
     of_two("first of two compasses lost", "heading_dropout"),
     of_two("first of two compasses frozen", "heading_frozen"),
     of_two("first of two compasses jumps by 40 deg", "heading_jump", 40.0),
     of_two("first of two compasses noisy, 10 deg", "heading_noise", 10.0),
-    of_two("first of two compasses drifts by 1 deg/s", "heading_drift", 1.0),
+    of_two("first of two compasses drifts by 1 deg/s", "heading_drift", 1.0)._replace(window_s=DRIFT_S),
     of_two("second of two compasses lost", "heading_dropout", None, "second"),
     of_two("second of two compasses frozen", "heading_frozen", None, "second"),
     simple("both compasses lost", "heading_dropout", None, "both"),
@@ -125,7 +140,13 @@ ROWS: tuple[Row, ...] = (
     simple("rate noise of 5 deg/s", "rate_noise", 5.0),
     simple("speed lost", "speed_lost"),
     simple("speed frozen", "speed_frozen"),
+    Row("speed frozen, and the engine stops", (Injected("speed_frozen"), Injected("engine_stopped"))),
     simple("speed three times too high", "speed_wrong", 3.0),
+    simple("speed a third of the true one", "speed_wrong", 0.33),
+    simple("speed 0.15 of the true one", "speed_wrong", 0.15),
+    Row("head stream, speed over the ground alone", (stream(-STREAM_M_S),)),
+    Row("following stream, speed over the ground alone", (stream(STREAM_M_S),)),
+    Row("log lost in a head stream", (Injected("log_lost"), stream(-STREAM_M_S)), "instruments"),
     simple("position lost", "position_lost"),
     simple("position jumps by 200 m", "position_jump", 200.0),
     simple("rudder stuck", "rudder_stuck"),
@@ -133,10 +154,14 @@ ROWS: tuple[Row, ...] = (
     simple("rudder reversed", "rudder_reversed"),
     simple("rudder reversed, with a rudder sensor", "rudder_reversed", None, "instruments"),
     simple("rudder at a tenth of its rate", "rudder_slow", 0.1),
+    simple("rudder at a quarter of its rate", "rudder_slow", 0.25),
+    simple("rudder at a quarter of its rate, with a rudder sensor", "rudder_slow", 0.25, "instruments"),
+    late("rudder 0.3 s late", "rudder_late"),
     simple("rudder linkage slipped by 8 deg", "rudder_offset", 8.0),
     simple("rudder runs hard over", "rudder_hard_over", 1.0),
     simple("rudder stops at 5 deg", "rudder_limited", 5.0),
-    simple("rudder play of 3 deg", "rudder_play", 3.0),
+    simple("backlash of 2 deg", "rudder_play", 1.0),
+    simple("backlash of 6 deg", "rudder_play", 3.0),
     simple("rudder linkage broken", "rudder_free"),
     simple("rudder sensor lost", "feedback_lost", None, "instruments"),
     simple("rudder sensor frozen", "feedback_frozen", None, "instruments"),

@@ -16,7 +16,7 @@ from sitl.sea import Deviates
 
 
 class SensorFaults:
-    """Spoils the readings of one source, one after the other. Memory: the values that have frozen, and those on their way."""
+    """Spoils the readings of one source, one after the other. Memory: values that have frozen or are on their way."""
 
     def __init__(self, faults: FaultBoard, seed: np.random.SeedSequence, source: Source = "first") -> None:
         self._faults = faults
