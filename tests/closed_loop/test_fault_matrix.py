@@ -110,6 +110,30 @@ def test_a_cell_that_is_not_as_wanted_fails(
     assert any(said in each for each in complaints), complaints
 
 
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_cell_that_fails_is_in_the_exit_code_and_first_on_the_page(
+    expectations: Any, fails: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import fault_matrix
+
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- matrix: begin -->\n<!-- matrix: end -->\nafter\n", encoding="utf-8")
+    nothing = a_cell(row="nothing", detected=None, left=None, ends="heading", alarms=())
+    cells = [a_cell(), nothing._replace(off_deg=0.0, unnoticed_deg=0.0)]
+    if fails:
+        cells[0] = a_cell(detected=9.0, off_deg=33.0, unnoticed_deg=33.0)
+    monkeypatch.setattr(fault_matrix, "run_cells", lambda *_: iter(cells))
+    monkeypatch.setattr(sys, "argv", ["fault_matrix", "--date", DAY, "--seeds", "1", "--out", str(page)])
+    assert fault_matrix.main() == int(fails)
+    text, printed = page.read_text(encoding="utf-8"), capsys.readouterr().out
+    assert ("FAILED rudder reversed | heading | " in printed) == fails
+    said = "| rudder reversed | heading | 1 of 1: noticed after 9.0 s, limit 5 s; "
+    assert (said in text) == fails
+    assert ("| rudder reversed **failed** |" in text) == fails
+    assert f"2 cells with 1 seeds drawn from {DAY}: {'1' if fails else 'none'} failed." in text
+    assert text.index("## Failed cells") < text.index("## While a heading is held")
+
+
 def test_the_page_holds_the_whole_matrix_and_lists_the_cells_that_failed() -> None:
     page = (ROOT / "docs" / "fault_matrix.md").read_text(encoding="utf-8")
     found = re.search(
