@@ -10,12 +10,14 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.links.signing import LinkSigning, Signing
+from autopilot.links.transports import TcpServerTransport
 from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
 from autopilot.links.url_options import UrlOptions
 from autopilot.params.vessel_file import load_vessel
 from sitl.chaos import ChaosPort, chaos_faults
 from sitl.drive_line import DriveLine
 from sitl.firmware import Firmware
+from sitl.firmware_tcp import FirmwareTcpServer
 from sitl.pty_line import PtyTransport
 from sitl.scenario import Scenario, load_scenario
 from sitl.serve import Port
@@ -97,7 +99,10 @@ def mavlink_port(firmware: Firmware, url: str, signing: LinkSigning | None = Non
     if link.protocol != "mavlink":
         raise InputError(f"--mavlink {url}: an NMEA link; the instruments are served by --nmea PATH:BAUD.")
     is_stream = link.medium in ("tcp", "tcpin", "serial")
-    return Port(open_transport(link), MavlinkVehicle(firmware, is_stream, signing))
+    transport = open_transport(link)
+    if isinstance(transport, TcpServerTransport):
+        transport = FirmwareTcpServer(transport, lambda: firmware.world.time)
+    return Port(transport, MavlinkVehicle(firmware, is_stream, signing))
 
 
 def nmea_port(world: World, text: str, sentences: str) -> tuple[str, Port]:

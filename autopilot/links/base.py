@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+from autopilot.links.release import Release
 from autopilot.signals import Mode, RudderCommand, Sample, Tick
 
 
@@ -51,6 +52,17 @@ class Shows(Protocol):
 
     def show(self, tick: Tick) -> None:
         """Send on what falls due with `tick`; called after the command has left."""
+
+
+@runtime_checkable
+class ConfirmsRelease(Protocol):
+    """A link to a rudder, which knows what became of it after `release`, beside what every `Link` does."""
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder, None while reports may still show it.
+
+        Called after `release` and each `receive` until it answers; sends what it takes to find out. Never raises.
+        """
 
 
 class Link(Protocol):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from autopilot.estimation.source_priority import SourcePriority
-from autopilot.links.base import Link, Shows
+from autopilot.links.base import ConfirmsRelease, Link, Shows
+from autopilot.links.release import Release, not_held
 from autopilot.signals import Mode, RudderCommand, Sample, Tick
 
 
@@ -43,6 +44,11 @@ class BelievedLink:
     def release(self, now: float) -> None:
         """Pass on."""
         self.inside.release(now)
+
+    def release_result(self, now: float) -> Release | None:
+        """Pass on where the link inside moves a rudder."""
+        inside = self.inside
+        return inside.release_result(now) if isinstance(inside, ConfirmsRelease) else not_held(self.name)
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Pass on."""

@@ -117,6 +117,18 @@ class SteeringOutput:
         self._releases_left, self._touched = RELEASES, True
         return (self._override(value) if self._by_pulse else self._manual(value)), asked(value)
 
+    def amidships(self) -> tuple[Message, int] | None:
+        """Return the message, and its input [us], that leave the servo at its trim; None for an unknown vehicle."""
+        channel = self.channel
+        if channel is None or self._table is None:
+            return None
+        value = self._table.nearest(0.0)
+        return (
+            (self._override(value), value)
+            if self._by_pulse
+            else (self._manual(value), pulse_from_manual(channel, value))
+        )
+
     def release(self, now: float) -> Message | None:
         """Return the next of `RELEASES` releases after steering, `RELEASE_SPACING_S` apart; None when done."""
         if self._last is not None:

@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import compass_deg, shortest_turn
 from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.mavlink_codec import Message
+from autopilot.links.release import Release, ReleaseState, not_held
 from autopilot.safety import waits_to_engage
 from autopilot.signals import Mode, OrderKind, Tick
 
@@ -48,6 +49,13 @@ PROGRESS = math.radians(2.0)
 PROGRESS_S = 15.0
 """A boat that is far off her ordered heading comes nearer by this much in this time."""
 
+TIMEOUT_S = 3.0
+"""A target older than this ends (GUID_TIMEOUT on newer firmware)."""
+GOES_ON = (
+    "no more headings are sent; in GUIDED the flight controller goes on with the last one for 3 s, then stops and "
+    "loiters"
+)
+
 UNPROVEN = "checking that the vehicle takes heading targets"
 UNFIT = "the firmware steers (guided): only headings can be ordered, no rudder angles"
 NOT_REPORTED = "waiting for the vehicle to report the bearing it steers (NAV_CONTROLLER_OUTPUT)"
@@ -76,6 +84,7 @@ class GuidedTargets:
         self._start: float | None = None
         self._bearing: tuple[float, float] | None = None
         self._unfit = ""
+        self._last_target: float | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -130,6 +139,12 @@ class GuidedTargets:
             self._watch.commanded(now, None)
         return self._message(now, heading)
 
+    def release(self, now: float, link: str) -> Release:
+        """Return what becomes of the rudder when no more targets are sent: there is no message that takes one back."""
+        if self._last_target is None or now - self._last_target > TIMEOUT_S:
+            return not_held(link)
+        return Release(link, ReleaseState.UNSHOWN, lapse=GOES_ON)
+
     def _wish(self, tick: Tick, may_prove: bool) -> float | None:
         """Return the heading [rad] that the vehicle shall steer now, None for none."""
         is_heading = tick.order.kind is OrderKind.HEADING
@@ -181,6 +196,7 @@ class GuidedTargets:
             self.alarm = LAGGING
 
     def _message(self, now: float, heading: float) -> Message:
+        self._last_target = now
         if self._start is None:
             self._start = now
         elapsed_ms = int((now - self._start) * 1000.0) & 0xFFFFFFFF

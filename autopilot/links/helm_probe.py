@@ -43,6 +43,11 @@ class HelmProbe:
         self._seen = 0
 
     @property
+    def pulse(self) -> int:
+        """The input [us] that the proof asks for."""
+        return self._pulse
+
+    @property
     def passed(self) -> bool:
         """Whether the vehicle has shown that it takes our steering."""
         return not self.reason

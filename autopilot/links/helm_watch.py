@@ -120,6 +120,11 @@ class HelmWatch:
         self._sent.clear()
 
     @property
+    def steers_by_hand(self) -> bool:
+        """Whether the vehicle is in the mode, and armed, in which the steering input moves the rudder."""
+        return self.armed and self.mode == MANUAL_MODE
+
+    @property
     def recent_pulses(self) -> tuple[int, int] | None:
         """Lowest and highest input pulse [us] commanded in the last `HISTORY_S`; None while we command none."""
         pulses = [pulse for _, pulse in self._sent if pulse is not None]

@@ -12,7 +12,8 @@ import math
 import threading
 from collections.abc import Callable
 
-from autopilot.links.base import Link, LinkError, Shows
+from autopilot.links.base import ConfirmsRelease, Link, LinkError, Shows
+from autopilot.links.release import Release, ReleaseState, not_held
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 
 RETRY_S = 1.0
@@ -55,6 +56,7 @@ class KeptLink:
         self._news: list[Sample] = []
         self._packets: list[tuple[float, bytes]] = []
         self.trouble = ""
+        self._left_behind = not_held(name)
         try:
             self._link = opener()
         except LinkError as error:
@@ -99,6 +101,12 @@ class KeptLink:
         if self._link is not None:
             self._link.release(now)
 
+    def release_result(self, now: float) -> Release | None:
+        """Pass on; while the line is gone nothing that was ordered over it can be taken back."""
+        if isinstance(self._link, ConfirmsRelease):
+            return self._link.release_result(now)
+        return not_held(self.name) if self._link is not None else self._left_behind
+
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return the packets of the link inside, and of those before it."""
         packets, self._packets = self._packets, []
@@ -133,6 +141,9 @@ class KeptLink:
         self._next = now + RETRY_S
         link, self._link = self._link, None
         if link is not None:
+            if isinstance(link, ConfirmsRelease):
+                link.release(now)
+                self._left_behind = link.release_result(now) or Release(self.name, ReleaseState.LOST)
             self._packets += link.take_packets()
             with contextlib.suppress(LinkError):
                 link.close()

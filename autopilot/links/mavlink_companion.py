@@ -26,10 +26,12 @@ from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.hand_back import HandBack
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
+from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import let_in
 from autopilot.links.vehicle_health import VehicleHealth
+from autopilot.links.vehicle_parameters import OVERRIDE_TIME
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 
@@ -42,6 +44,13 @@ SILENT_PEER_S = 5.0
 JUDGE_S = 0.05
 """Silence is judged this often; all else when the message comes that may change our right to steer."""
 PACKETS_KEPT = 20000
+RELEASE_AGAIN_S = 0.2
+OVERRIDE_TIME_S = 3.0
+"""RC_OVERRIDE_TIME where the vehicle has not told it."""
+WITHOUT_RECEIVER = (
+    "the rudder was ordered amidships first, where it stays: without a radio receiver the flight controller keeps "
+    "the last input"
+)
 STATES = {
     Mode.STANDBY: dialect.MAV_STATE_STANDBY,
     Mode.ENGAGED: dialect.MAV_STATE_ACTIVE,
@@ -138,6 +147,11 @@ class CompanionLink:
         self._alarms: tuple[str, ...] = ()
         self._noted: dict[str, str] = {}
         self._start: float | None = None
+        self._release = self._reader.release
+        self._leaving: float | None = None
+        self._next_release, self._released_at = -math.inf, math.inf
+        self._is_gone = self._has_steered = False
+        self._marking: Message | None = None
 
     @property
     def vehicle_system(self) -> int | None:
@@ -162,7 +176,7 @@ class CompanionLink:
         samples: list[Sample] = []
         heard, beat = self._watch.heard_time, self._watch.heartbeat_time
         news = now >= self._judge_at
-        for data in self._transport.receive():
+        for data in self._arrived():
             for message in self._codec.decode(data):
                 self._packets.append((now, bytes(message._msgbuf)))
                 header = message._header
@@ -200,8 +214,11 @@ class CompanionLink:
             message = self._output.steer(now, command.angle)
         if message is not None:
             self._watch.commanded(now, self._output.commanded_pulse)
+            self._release.ordered(now, self._output.commanded_pulse)
+            self._has_steered = True
         else:
             self._watch.released()
+            self._release.asked(now)
             message = self._output.release(now)
         if message is not None:
             self._transmit(now, message, self._steering_codec)
@@ -225,7 +242,9 @@ class CompanionLink:
             self._send_heartbeats(now)
         if self._vehicle:
             due = self._probe.due(now) if self._may_prove and self._guided is None else None
-            if due is None and not self._probe.under_way:
+            if due is not None:
+                self._release.ordered(now, self._probe.pulse)
+            elif not self._probe.under_way:
                 due = self._output.repeat(now, self._settings.command_rate_hz)
             if due is not None:
                 self._transmit(now, due, self._steering_codec)
@@ -243,11 +262,78 @@ class CompanionLink:
     def release(self, now: float) -> None:
         """Give the rudder back, several times over; never raises."""
         self._watch.released()
+        self._leaving, self._released_at = now, math.inf
         try:
-            for message in self._output.release_burst():
-                self._transmit(now, message, self._steering_codec)
+            amidships = self._output.amidships() if self._is_held(now) and self._reader.lacks_receiver else None
+            if amidships is not None:
+                self._release.asked(now)
+                self._marking, pulse = amidships
+                self._release.mark(now, pulse)
+                self._release_again(now)
+            else:
+                self._send_releases(now)
         except LinkError:
-            pass  # the line is gone: the vehicle drops our override by its own timeout
+            self._is_gone = True  # the vehicle drops our override by its own timeout
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder after `release`, None while the vehicle's reports may still show it."""
+        shown_by = self._release.shown_by
+        self._leaving = now if self._leaving is None else self._leaving
+        if self._guided is not None:
+            return self._guided.release(now, self.name)
+        if shown_by and self._has_steered:
+            return Release(self.name, ReleaseState.CONFIRMED, shown_by)
+        if not self._is_held(now):
+            return not_held(self.name)
+        if self._is_gone:
+            return Release(self.name, ReleaseState.LOST, lapse=self._lapse())
+        waited = now - self._leaving
+        if self._reader.lacks_receiver and now - self._released_at > LEAVING_S:
+            return Release(self.name, ReleaseState.UNSHOWN, lapse=WITHOUT_RECEIVER)
+        if waited > self._release.patience:
+            return Release(self.name, ReleaseState.UNCONFIRMED, waited=waited, lapse=self._lapse())
+        try:
+            self._release_again(now)
+        except LinkError:
+            self._is_gone = True
+        return None
+
+    def _release_again(self, now: float) -> None:
+        """Repeat what a bad line may have lost; where no report can tell a release, mark the input and release it."""
+        beside = self._release.wants_mark(now)
+        found = self._output.unmoving(beside) if beside is not None and self._watch.steers_by_hand else None
+        if found is not None:
+            self._marking, pulse = found
+            self._release.mark(now, pulse)
+        if self._marking is not None and self._release.mark_due(now):
+            self._transmit(now, self._marking, self._steering_codec)
+        elif now >= self._next_release and not self._release.is_marking(now):
+            self._send_releases(now)
+
+    def _send_releases(self, now: float) -> None:
+        self._next_release = now + RELEASE_AGAIN_S
+        self._released_at = min(self._released_at, now)
+        self._release.asked(now)
+        for message in self._output.release_burst():
+            self._transmit(now, message, self._steering_codec)
+
+    def _is_held(self, now: float) -> bool:
+        override_time = self._reader.parameters.get(OVERRIDE_TIME)
+        return self._release.is_held(now, OVERRIDE_TIME_S if override_time is None else override_time)
+
+    def _lapse(self) -> str:
+        override_time = self._reader.parameters.get(OVERRIDE_TIME)
+        if override_time is not None and override_time < 0.0:
+            return f"{OVERRIDE_TIME} is {override_time:g}, so the flight controller keeps it; switch the vehicle's mode"
+        seconds = OVERRIDE_TIME_S if override_time is None else override_time
+        return f"the flight controller lets go by itself after {OVERRIDE_TIME} {seconds:g} s"
+
+    def _arrived(self) -> list[bytes]:
+        try:
+            return self._transport.receive()
+        except LinkError:
+            self._is_gone = True
+            raise
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return and forget (time [s], raw packet) of all received and sent since the last call."""

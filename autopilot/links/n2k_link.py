@@ -24,6 +24,7 @@ from autopilot.links.n2k_messages import (
     own_variation,
     sample_of,
 )
+from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import StandingOrder
 from autopilot.signals import HeadingSample, HelmSample, Mode, OrderKind, RudderCommand, RudderSample, Sample, Tick
@@ -32,6 +33,7 @@ FRAMES_MOST = 500
 """Frames taken in one `receive`, so that a busy bus cannot hold the loop."""
 ORDER_PERIOD_S = 0.1
 CONTROL_PERIOD_S = 0.25
+LAPSE = "nothing on the bus confirms it; the drive lets go by itself when no more orders come"
 EXTRA = "install Norrbin with its extra n2k: pip install 'norrbin[n2k]'"
 
 
@@ -93,6 +95,7 @@ class N2kLink:
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._next_control = -math.inf
         self._is_claimed = False
+        self._release = UnshownRelease(name, LAPSE)
 
     def fileno(self) -> int:
         """Return the bus's descriptor, or -1 where it has none (virtual)."""
@@ -153,6 +156,7 @@ class N2kLink:
             self._follow.released()
         else:
             self._follow.ordered(now, angle)
+            self._release.has_ordered = self._release.has_ordered or self._settings.steers
         self._push(now)
 
     def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
@@ -187,6 +191,11 @@ class N2kLink:
         """Give the rudder back, several times over; never raises."""
         for _ in range(self._order.end()):
             self._send_order(None)
+        self._release.asked(now, is_gone=False)
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder after `release`, None while it is on its way."""
+        return self._release.result(now)
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return []: NMEA 2000 carries no MAVLink packets."""

@@ -18,6 +18,7 @@ from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence
 from autopilot.links.nmea_encoders import encode_ror
 from autopilot.links.nmea_repeater import NmeaRepeater
 from autopilot.links.nmea_samples import OWN_TALKER, Deviation, NmeaReader
+from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 from autopilot.signals import (
@@ -40,6 +41,7 @@ REPEATED_WAITING = 12
 ORDERS_IN_ROW = 3
 """On a line that cannot carry all, a repeated sentence leaves after so many orders."""
 PLOTTER = "chart plotter"
+LAPSE = "no NMEA 0183 sentence confirms it; the drive lets go by itself when no more orders come"
 
 
 class NmeaSettings(NamedTuple):
@@ -95,6 +97,7 @@ class NmeaLink:
         self._orders_in_row = 0
         self._follow = RudderFollow(settings.follow)
         self._helm_reason: str | None = None
+        self._release = UnshownRelease(self.name, LAPSE)
 
     @property
     def counts(self) -> Counts:
@@ -164,6 +167,7 @@ class NmeaLink:
             if self._pending:
                 self.replaced += 1
             self._command, self._pending, self._given = command, True, now
+            self._release.has_ordered = True
             self._releases_left = RELEASES
         else:
             self._command, self._pending = None, False
@@ -187,12 +191,19 @@ class NmeaLink:
         """Give the rudder back, several times over; never raises."""
         if self._settings.steers and (self._command is not None or self._releases_left):
             self._command, self._pending = None, False
+            is_gone = False
             for _ in range(max(self._releases_left, 1)):
                 try:
                     self._transport.send(encode_ror(0.0, False))
                 except LinkError:
-                    break  # the line is gone; the drive releases by its own timeout
+                    is_gone = True  # the drive releases by its own timeout
+                    break
             self._releases_left = 0
+            self._release.asked(now, is_gone)
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder after `release`, None while it is on its way."""
+        return self._release.result(now)
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return []: NMEA carries no MAVLink packets."""

@@ -12,6 +12,7 @@ from autopilot.links.helm_probe import HelmProbe
 from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.mavlink_codec import Message, message_id
 from autopilot.links.message_streams import MessageStreams
+from autopilot.links.release import OverrideRelease
 from autopilot.links.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
 from autopilot.links.vehicle_clock import VehicleClock
 from autopilot.links.vehicle_health import HEARD, SYSTEM, VehicleHealth
@@ -22,6 +23,8 @@ SPEED_PREFERENCE_S = 2.0
 """A lesser source of speed is used only when the better one has been silent this long."""
 LONG_SILENCE_S = 10.0
 """A vehicle back after this much silence may be another one, or have other parameters: it is asked anew."""
+CHANNELS_TIMEOUT_S = 1.0
+"""Without RC_CHANNELS for this long the servo must show whether a release arrived."""
 FIX_2D = 2
 SWITCH_LOW_US = 1200
 """Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
@@ -51,6 +54,8 @@ class VehicleReader:
 
     Attributes:
         guided: who hears the bearing that such a vehicle reports to steer.
+        release: learns from the reports whether a release arrived.
+        lacks_receiver: whether no radio has ever put a pulse on the steering input.
     """
 
     def __init__(
@@ -60,6 +65,8 @@ class VehicleReader:
         self.probe = HelmProbe(output)
         self.guided: GuidedTargets | None = None
         self.health = VehicleHealth()
+        self.release = OverrideRelease()
+        self.lacks_receiver = False
         self.parameters = VehicleParameters()
         rates_hz = {
             ATTITUDE: attitude_rate_hz,
@@ -76,7 +83,7 @@ class VehicleReader:
         self._output = output
         self._latency = heading_latency
         self._clock = VehicleClock()
-        self._position_time = -math.inf
+        self._position_time = self._channels_time = -math.inf
         self._has_fix = True
         self._handlers = {
             ATTITUDE: self._attitude,
@@ -148,6 +155,9 @@ class VehicleReader:
         pulse = getattr(message, f"servo{servo}_raw")
         if pulse == 0:
             return
+        if now - self._channels_time > CHANNELS_TIMEOUT_S:
+            servo_of = lambda sent: servo_from_steering(channel, steering_from_pulse(channel, sent))  # noqa: E731
+            self.release.report(now, pulse, "SERVO_OUTPUT_RAW", servo_of)
         recent = self.watch.recent_pulses
         if recent is not None:
             low, high = (servo_from_steering(channel, steering_from_pulse(channel, sent)) for sent in recent)
@@ -169,6 +179,10 @@ class VehicleReader:
         if self.guided is not None:
             self.watch.stick(number, pulse)  # nobody overrides it: it shows the hand
             return
+        # once overridden, a vehicle without a radio goes on to show the last override
+        self.lacks_receiver = pulse == 0 or (self.lacks_receiver and self.release.has_ordered)
+        self._channels_time = now
+        self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
         if recent is not None:
             self.watch.seen(now, f"RC channel {number}", pulse, recent)

@@ -6,10 +6,12 @@ is noticed and fail-safes act.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
-from autopilot.links.base import Link, Shows
+from autopilot.links.base import ConfirmsRelease, Link, Shows
+from autopilot.links.release import LONGEST_S, Release, ReleaseState
 from autopilot.loop.clock import Clock
 from autopilot.loop.record import Recorder
 from autopilot.loop.tick_codec import MOST_SAMPLES
@@ -29,6 +31,8 @@ SHORTEST_PERIOD = 0.4
 """Headings that come quicker than this share of the control period wait for the next tick."""
 PATIENCE = 1.5
 """After a tick that a heading caused, the timer waits this many control periods for the next heading."""
+RELEASE_TURN_S = 0.02
+"""How often the links are looked at while they wait for the rudder to be shown free."""
 SPARE = 1 << 20
 """Memory [bytes] that is given up to give the rudder back in, where there is no other left."""
 NEVER_DROPPED = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
@@ -79,6 +83,8 @@ class Session:
         self._driven = False
         self._spare = bytes(SPARE)
         self.tick: Tick | None = None
+        self.releases: tuple[Release, ...] = ()
+        """What became of the rudder on each link that moves one; known when the session is closed."""
 
     def __enter__(self) -> Session:
         return self
@@ -87,7 +93,7 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """Release the rudder on every link, then close links and log."""
+        """Release the rudder on every link, wait a moment until that is shown, then close links and log."""
         self._spare = b""
         now = self._clock.now()
         with ExitStack() as leaving:
@@ -98,8 +104,36 @@ class Session:
                 leaving.callback(link.close)
             if self._recorder is not None and self.tick is not None:
                 leaving.callback(self._keep_last_packets, self._recorder)
+            leaving.callback(self._await_releases)
             for link in reversed(self._links):
                 leaving.callback(link.release, now)
+
+    def _await_releases(self) -> None:
+        """Keep the links open until each has shown what became of its rudder, or time is over."""
+        found: dict[int, Release] = {}
+        waiting = {number: link for number, link in enumerate(self._links) if isinstance(link, ConfirmsRelease)}
+        begun = now = self._clock.now()
+        while waiting:
+            for number, link in list(waiting.items()):
+                release = self._release_of(link, now)
+                if release is None and now - begun > LONGEST_S:
+                    release = Release(link.name, ReleaseState.UNCONFIRMED, waited=now - begun)
+                if release is not None:
+                    found[number] = release
+                    del waiting[number]
+            if waiting:
+                # a descriptor of a broken line can be read for ever: only the sound ones wake the loop
+                descriptors = [fd for fd in (link.fileno() for link in waiting.values()) if fd >= 0]
+                self._clock.wait(descriptors, now + RELEASE_TURN_S)
+                now = self._clock.now()
+        self.releases = tuple(found[number] for number in sorted(found))
+
+    def _release_of(self, link: Link, now: float) -> Release | None:
+        """Return what became of the rudder of one link; a line that is gone keeps no other from being looked at."""
+        assert isinstance(link, ConfirmsRelease)
+        with contextlib.suppress(Exception):
+            link.receive(now)
+        return link.release_result(now)
 
     def run(self, until: float, watch: Callable[[Tick], bool] | None = None) -> None:
         """Run to `until` [s], or until `watch`, called after every tick, returns True. Raises LinkError."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import struct
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
@@ -17,10 +18,13 @@ from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor, crc8, packet
+from autopilot.links.release import Release, ReleaseState
 from autopilot.links.transports import loopback_pair
+from autopilot.loop.clock import ManualClock
+from autopilot.loop.session import Session
 from autopilot.params.vessel import Drive, Vessel
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import AlarmSample, HelmSample, RudderCommand, RudderSample
+from autopilot.signals import AlarmSample, HelmSample, Order, RudderCommand, RudderSample
 from sitl.assembly import DRIVES as TWINS
 from sitl.scenario import FaultSection, load_scenario
 from sitl.world import World
@@ -267,3 +271,47 @@ def test_the_way_out_releases_and_never_raises() -> None:
     far.close()
     link.release(0.3)
     link.close()
+
+
+@pytest.mark.parametrize("kind", ["pypilot", "jrk", "maestro"])
+def test_a_drive_confirms_by_what_it_reports(kind: str) -> None:
+    bench = Bench(kind)
+    bench.sail(1.0, None)
+    bench.sail(2.0, 15.0)
+    assert _left(bench, deaf=False).sentence == f"rudder released, confirmed by the {bench.link.drive.name}"
+
+
+@pytest.mark.parametrize("kind", ["pypilot", "jrk", "maestro"])
+def test_a_drive_that_does_not_hear_is_not_called_released(kind: str) -> None:
+    bench = Bench(kind)
+    bench.sail(1.0, None)
+    bench.sail(2.0, 15.0)
+    release = _left(bench, deaf=True)
+    assert release.state is ReleaseState.UNCONFIRMED
+    assert release.sentence.endswith(bench.link.drive.lapse)
+
+
+class _Sailing(ManualClock):
+    """Waiting lets the drive work; deaf, it neither hears nor speaks."""
+
+    def __init__(self, bench: Bench, deaf: bool) -> None:
+        super().__init__(bench.now)
+        self._bench, self._deaf = bench, deaf
+
+    def wait(self, descriptors: Sequence[int], until: float) -> None:
+        super().wait(descriptors, until)
+        bench = self._bench
+        for data in bench.far.receive():
+            if not self._deaf:
+                bench.twin.receive(until, data)
+        for data in bench.twin.transmit(until):
+            if not self._deaf:
+                bench.far.send(data)
+
+
+def _left(bench: Bench, deaf: bool) -> Release:
+    link: DriveLink = bench.link
+    session = Session(None, [link], _Sailing(bench, deaf), 20.0, lambda *_: Order())  # type: ignore[arg-type]
+    session.close()
+    (release,) = session.releases
+    return release

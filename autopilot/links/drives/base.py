@@ -74,11 +74,13 @@ class Drive(Protocol):
     """Speaks to one kind of drive. Time is an argument, nothing here waits or raises.
 
     Attributes:
-        name: for messages.  measures: whether the angles it returns are those of the rudder, or only what the
-        drive was told.  rejected: packets and answers dropped because they could not be right.
+        name: for messages.  lapse: what ends the last order without us, a clause.  measures: whether the angles it
+        returns are those of the rudder, or only what the drive was told.  rejected: packets and answers dropped because
+        they could not be right.
     """
 
     name: str
+    lapse: str
     measures: bool
     rejected: int
 
@@ -90,6 +92,9 @@ class Drive(Protocol):
 
     def release(self, now: float) -> bytes:
         """Return the bytes that give the rudder back."""
+
+    def has_released(self) -> bool:
+        """Return whether the drive has reported, since the last `release`, that it has let the rudder go."""
 
     def ask(self, now: float) -> bytes:
         """Return the request that falls due at `now` [s]; nothing where none does."""

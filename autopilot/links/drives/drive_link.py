@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.drives.base import Drive
+from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import RELEASE_SPACING_S, StandingOrder
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
@@ -36,6 +37,8 @@ class DriveLink:
         self._line_free = -math.inf
         self._helm_reason: str | None = None
         self._warning = ""
+        self._leaving = -math.inf
+        self._has_ordered = self._is_gone = False
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
@@ -44,7 +47,7 @@ class DriveLink:
     def receive(self, now: float) -> list[Sample]:
         """Return what the drive reports; LinkError when the transport is gone."""
         samples: list[Sample] = []
-        for chunk in self._transport.receive():
+        for chunk in self._arrived():
             for angle in self.drive.feed(now, chunk):
                 samples.append(RudderSample(now, angle, not self.drive.measures, self.drive.name))
                 if self.drive.measures:
@@ -65,6 +68,7 @@ class DriveLink:
         if angle is None:
             self._follow.released()
         else:
+            self._has_ordered = True
             self._follow.ordered(now, angle)
         self._push(now)
 
@@ -79,11 +83,31 @@ class DriveLink:
 
     def release(self, now: float) -> None:
         """Give the rudder back, several times over; never raises."""
+        self._leaving = now
         for _ in range(self._order.end()):
             try:
                 self._transport.send(self.drive.release(now))
             except LinkError:
-                break  # the line is gone; the drive stops by its own timeout
+                self._is_gone = True  # the drive stops by its own timeout
+                break
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder after `release`, None while the drive may still show it."""
+        if not self._has_ordered:
+            return not_held(self.name)
+        if self._is_gone:
+            return Release(self.name, ReleaseState.LOST, lapse=self.drive.lapse)
+        if self.drive.has_released():
+            return Release(self.name, ReleaseState.CONFIRMED, f"the {self.drive.name}")
+        waited = now - self._leaving
+        if waited > PATIENCE_S:
+            return Release(self.name, ReleaseState.UNCONFIRMED, waited=waited, lapse=self.drive.lapse)
+        if now >= self._line_free:
+            try:
+                self._write(now, self.drive.ask(now))
+            except LinkError:
+                self._is_gone = True
+        return None
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return []: a drive speaks no MAVLink."""
@@ -92,6 +116,13 @@ class DriveLink:
     def close(self) -> None:
         """Close the transport; call `release` first."""
         self._transport.close()
+
+    def _arrived(self) -> list[bytes]:
+        try:
+            return self._transport.receive()
+        except LinkError:
+            self._is_gone = True
+            raise
 
     def _push(self, now: float) -> None:
         if now >= self._line_free:

@@ -57,6 +57,7 @@ class JrkG2:
     """A `Drive`."""
 
     name = "Jrk motor controller"
+    lapse = "it holds the last target, or lets go after the serial timeout in its settings"
     measures = True
 
     def __init__(self, settings: DriveSettings) -> None:
@@ -71,6 +72,7 @@ class JrkG2:
         self._turn = 0
         self._heard = -math.inf
         self._engaged_since = math.inf
+        self._has_released = False
         self._stall = StallWatch(settings.current_max)
         self._gate = JumpGate(settings)
 
@@ -104,6 +106,7 @@ class JrkG2:
             self.rejected += 1
             return []
         self.errors = values[0]
+        self._has_released = self._engaged_since == math.inf and bool(values[0] & AWAITING_COMMAND)
         self.supply = values[3] / 1000.0
         self._stall.take(now, values[4] / 1000.0)
         return []
@@ -126,8 +129,12 @@ class JrkG2:
 
     def release(self, now: float) -> bytes:
         """Return the command that switches the motor off."""
-        self._engaged_since = math.inf
+        self._engaged_since, self._has_released = math.inf, False
         return self._command(MOTOR_OFF)
+
+    def has_released(self) -> bool:
+        """Return whether the controller has reported since the release that it waits for a command, its motor off."""
+        return self._has_released
 
     def ask(self, now: float) -> bytes:
         """Return the next request once the last was answered or is overdue."""

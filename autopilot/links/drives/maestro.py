@@ -41,6 +41,7 @@ class Maestro:
     """A `Drive` that cannot see the rudder: what it returns is the pulse that it gives."""
 
     name = "Maestro servo controller"
+    lapse = "it holds the last pulse, or stops it after the serial timeout in its settings"
     measures = False
 
     def __init__(self, settings: DriveSettings) -> None:
@@ -53,7 +54,7 @@ class Maestro:
         self._turn = 0
         self._heard = -math.inf
         self._warning = ""
-        self._engaged = False
+        self._engaged = self._has_released = False
         self._position = 0
 
     def feed(self, now: float, data: bytes) -> list[float]:
@@ -74,6 +75,7 @@ class Maestro:
         self._heard = now
         if asked == GET_POSITION:
             self._position = value
+            self._has_released = not self._engaged and value == 0
         if asked == GET_ERRORS:
             bit = (value & -value).bit_length() - 1
             self._warning = f"{self.name}: {ERRORS[bit]}" if value else ""
@@ -100,9 +102,13 @@ class Maestro:
 
     def release(self, now: float) -> bytes:
         """Return the command that stops the pulses: the servo goes limp."""
-        self._engaged = False
+        self._engaged = self._has_released = False
         self._targets.clear()
         return self._command(SET_TARGET, self._settings.channel, 0, 0)
+
+    def has_released(self) -> bool:
+        """Return whether the controller has answered since the release that it gives no pulse."""
+        return self._has_released
 
     def ask(self, now: float) -> bytes:
         """Return the next request once the last was answered or is overdue."""

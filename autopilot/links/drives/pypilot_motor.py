@@ -21,7 +21,7 @@ CURRENT, VOLTAGE, CONTROLLER_TEMPERATURE, MOTOR_TEMPERATURE = 0x1C, 0xB3, 0xF9, 
 RUDDER, FLAGS, EEPROM_VALUE = 0xA7, 0x8F, 0x9A
 REPORTS = (CURRENT, VOLTAGE, CONTROLLER_TEMPERATURE, MOTOR_TEMPERATURE, RUDDER, FLAGS, EEPROM_VALUE)
 
-OVERTEMPERATURE, OVERCURRENT, BAD_VOLTAGE = 0x0002, 0x0004, 0x0080
+OVERTEMPERATURE, OVERCURRENT, CLUTCHED, BAD_VOLTAGE = 0x0002, 0x0004, 0x0008, 0x0080
 PORT_SWITCH, STARBOARD_SWITCH = 0x0020, 0x0040
 RUDDER_AT_MIN, RUDDER_AT_MAX = 0x0100, 0x0200
 FAULTS = {
@@ -68,6 +68,7 @@ class PypilotMotor:
     """A `Drive`. Needs the controller's rudder sensor: without one there is nothing to position the rudder by."""
 
     name = "pypilot motor controller"
+    lapse = "the controller lets go by itself when no more orders come"
     measures = True
 
     def __init__(self, settings: DriveSettings) -> None:
@@ -83,6 +84,7 @@ class PypilotMotor:
         self._stall = StallWatch(settings.current_max)
         self._gate = JumpGate(settings)
         self._engaged = False
+        self._has_released = False
         self._orders = 0
 
     def feed(self, now: float, data: bytes) -> list[float]:
@@ -109,6 +111,7 @@ class PypilotMotor:
         self._heard = now
         if code == FLAGS:
             self.flags = value
+            self._has_released = not self._engaged and not value & CLUTCHED
         elif code == CURRENT:
             self._stall.take(now, value / 100.0)
         elif code == VOLTAGE:
@@ -158,8 +161,12 @@ class PypilotMotor:
 
     def release(self, now: float) -> bytes:
         """Return the packet that lets clutch and motor go."""
-        self._engaged = False
+        self._engaged = self._has_released = False
         return packet(DISENGAGE, 0)
+
+    def has_released(self) -> bool:
+        """Return whether the controller has shown its clutch open since the release."""
+        return self._has_released
 
     def ask(self, now: float) -> bytes:
         """Return a disengage while the rudder is not ours: the controller reports only as often as it is spoken to."""

@@ -145,6 +145,11 @@ class TcpServerTransport:
         """The local port, of use where 0 was asked for."""
         return int(self._listener.getsockname()[1])
 
+    @property
+    def connected(self) -> bool:
+        """Whether a client is there."""
+        return self._client is not None
+
     def fileno(self) -> int:
         """Return the client's descriptor, the listener's while there is no client, -1 when closed."""
         return self._listener.fileno() if self._client is None else self._client.socket.fileno()

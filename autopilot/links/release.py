@@ -1,0 +1,221 @@
+"""What became of the rudder when it was given back: the result as a value, its sentence, and how an override shows it.
+
+A release that was sent is not yet one that arrived: a socket that closes at once loses what the other side has not
+worked off. So the way out keeps each link open until the vehicle or drive shows that it has let go, or time is over.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+from enum import Enum
+from typing import NamedTuple
+
+PATIENCE_S = 1.0
+"""What is shown at all is shown within this time, and a few reports more."""
+REPORTS = 5
+LONGEST_PERIOD_S = 0.5
+"""Reports that come more seldom are not waited for."""
+LONGEST_S = PATIENCE_S + REPORTS * LONGEST_PERIOD_S
+HISTORY_S = 1.0
+"""A report may show any pulse sent within this time."""
+TOLERANCE_US = 3
+DIFFERENT_REPORTS = 2
+"""A stick that a hand moves passes by: so many reports in a row must differ from what was ordered."""
+SAME_S = 0.4
+"""When reports still show the last order after this, the stick may stand there: a mark tells the two apart."""
+MARK_PERIOD_S = 0.1
+MARK_S = 0.6
+OVERRIDE_MARGIN_S = 0.5
+LEAVING_S = 0.3
+"""What was sent has left, and was worked off at the other end, after this."""
+
+
+class ReleaseState(Enum):
+    """How far it is known that the rudder is free."""
+
+    NOT_HELD = "not held"
+    CONFIRMED = "confirmed"
+    UNCONFIRMED = "unconfirmed"
+    UNSHOWN = "nothing on this link shows it"
+    LOST = "the line is gone"
+
+
+class Release(NamedTuple):
+    """What became of the rudder of one link.
+
+    link: its URL.  shown_by: the report that confirmed it.  waited [s]: for a report that did not come.
+    lapse: what ends the last order without us, a clause such as "the flight controller lets go by itself ...".
+    """
+
+    link: str
+    state: ReleaseState
+    shown_by: str = ""
+    waited: float = 0.0
+    lapse: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Return what a person is told, without a full stop."""
+        behind = f": {self.lapse}" if self.lapse else ""
+        if self.state is ReleaseState.NOT_HELD:
+            return "rudder not held"
+        if self.state is ReleaseState.CONFIRMED:
+            return f"rudder released, confirmed by {self.shown_by}"
+        if self.state is ReleaseState.UNCONFIRMED:
+            return f"rudder released, not confirmed in {self.waited:.1f} s{behind}"
+        if self.state is ReleaseState.UNSHOWN:
+            return f"rudder released{behind}"
+        return f"rudder not released, the line is gone{behind}"
+
+
+def release_sentence(releases: Iterable[Release]) -> str:
+    """Return one sentence for all links of a run; each is named where more than one held a rudder."""
+    held = [release for release in releases if release.state is not ReleaseState.NOT_HELD]
+    if len(held) == 1:
+        return held[0].sentence
+    return "; ".join(f"{release.link}: {release.sentence}" for release in held) or "rudder not held"
+
+
+class UnshownRelease:
+    """The release of a rudder that no report on the link shows, only that it left. Times in seconds.
+
+    lapse: what ends the last order without us, a clause.
+    """
+
+    def __init__(self, link: str, lapse: str) -> None:
+        self._link, self._lapse = link, lapse
+        self._leaving = -math.inf
+        self._is_gone = False
+        self.has_ordered = False
+
+    def asked(self, now: float, is_gone: bool) -> None:
+        """Take the releases as they were sent; `is_gone`: they could not be."""
+        self._leaving, self._is_gone = now, is_gone
+
+    def result(self, now: float) -> Release | None:
+        """Return what became of the rudder, None while what was sent is still on its way."""
+        if not self.has_ordered:
+            return not_held(self._link)
+        if self._is_gone:
+            return Release(self._link, ReleaseState.LOST, lapse=self._lapse)
+        if now - self._leaving < LEAVING_S:
+            return None
+        return Release(self._link, ReleaseState.UNSHOWN, lapse=self._lapse)
+
+
+def not_held(link: str) -> Release:
+    """Return what a link says that had no rudder in its hand."""
+    return Release(link, ReleaseState.NOT_HELD)
+
+
+class OverrideRelease:
+    """Watches the reports of a steering input that was overridden. Pure; times in seconds.
+
+    The override is gone when the input differs from all that was ordered of late. Where the stick stands as the last
+    order did, nothing differs: then a `mark`, an input that moves nothing, is overridden, seen, and released again.
+
+    Attributes:
+        is_asked: whether the release has been sent and no order since.
+    """
+
+    def __init__(self) -> None:
+        self.is_asked = False
+        self._sent: deque[tuple[float, int]] = deque()
+        self._asked_time = -math.inf
+        self._last_order = -math.inf
+        self._report_time = -math.inf
+        self._period = 0.1
+        self._different = 0
+        self._same: int | None = None
+        self._mark: int | None = None
+        self._mark_sent = self._mark_next = -math.inf
+        self._is_mark_seen = False
+        self._is_mark_tried = False
+        self.shown_by = ""
+
+    def ordered(self, now: float, pulse: int) -> None:
+        """Take an override as it was sent, of `pulse` [us]."""
+        self.is_asked, self.shown_by = False, ""
+        self._keep(now, pulse)
+
+    def asked(self, now: float) -> None:
+        """Take a release as it was sent."""
+        if not self.is_asked:
+            self.is_asked, self._asked_time = True, now
+            self._different, self._same, self._mark = 0, None, None
+            self._is_mark_seen = self._is_mark_tried = False
+
+    @property
+    def has_ordered(self) -> bool:
+        """Whether an override has ever been sent."""
+        return bool(self._sent)
+
+    def report(self, now: float, pulse: int, name: str, servo_of: Callable[[int], int] | None = None) -> None:
+        """Take what the report `name` shows of the steering input [us], or of the servo: `servo_of` an input [us]."""
+        if math.isfinite(self._report_time):
+            self._period += 0.2 * (min(now - self._report_time, LONGEST_PERIOD_S) - self._period)
+        self._report_time = now
+        if not self._sent or not self.is_asked or self.shown_by or now <= self._asked_time:
+            return
+        if self._mark is not None and servo_of is None:
+            is_marked = abs(pulse - self._mark) <= TOLERANCE_US
+            if self._is_mark_seen and not is_marked and not self.is_marking(now):
+                self.shown_by = name
+            self._is_mark_seen = self._is_mark_seen or is_marked
+            return
+        ordered = [sent for when, sent in self._sent if self._asked_time - when <= HISTORY_S]
+        if servo_of is not None:
+            ordered = [servo_of(sent) for sent in ordered]
+        if any(abs(pulse - sent) <= TOLERANCE_US for sent in ordered):
+            self._different = 0
+            self._same = pulse if servo_of is None else None
+        else:
+            self._different += 1
+            self._same = None
+            if self._different >= DIFFERENT_REPORTS:
+                self.shown_by = name
+
+    def is_held(self, now: float, override_time: float) -> bool:
+        """Return whether an override of ours may be in force; `override_time` [s]: RC_OVERRIDE_TIME, < 0 for ever."""
+        if not self._sent or self.shown_by:
+            return False
+        return override_time < 0.0 or now - self._last_order <= override_time + OVERRIDE_MARGIN_S
+
+    @property
+    def patience(self) -> float:
+        """Seconds to wait for a report after the release."""
+        return PATIENCE_S + REPORTS * self._period
+
+    def wants_mark(self, now: float) -> int | None:
+        """Return the input [us] to find a mark beside, once, where the reports show what was ordered last."""
+        if self._is_mark_tried or self.shown_by or self._same is None or now - self._asked_time < SAME_S:
+            return None
+        return self._same
+
+    def mark(self, now: float, pulse: int) -> None:
+        """Take the mark [us] that is to be sent when `is_marking` says so."""
+        self._mark, self._is_mark_tried, self._is_mark_seen = pulse, True, False
+        self._mark_sent, self._mark_next = now, now
+
+    def mark_due(self, now: float) -> bool:
+        """Return whether the mark is to be sent (again) at `now`."""
+        if self._mark is None or not self.is_marking(now) or now < self._mark_next:
+            return False
+        self._mark_next = now + MARK_PERIOD_S
+        self._keep(now, self._mark)
+        return True
+
+    def is_marking(self, now: float) -> bool:
+        """Return whether a mark is under way that has not been seen yet."""
+        return self._mark is not None and not self._is_mark_seen and now - self._mark_sent < MARK_S
+
+    def _keep(self, now: float, pulse: int) -> None:
+        self._last_order = now
+        if not self._sent or self._sent[-1][1] != pulse:
+            self._sent.append((now, pulse))
+        else:
+            self._sent[-1] = (now, pulse)
+        while len(self._sent) > 1 and now - self._sent[0][0] > HISTORY_S:
+            self._sent.popleft()
