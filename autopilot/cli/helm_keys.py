@@ -7,6 +7,7 @@ from typing import Any
 
 from autopilot.cli.pattern_order import KINDS, PATTERN_HELP
 from autopilot.errors import InputError
+from autopilot.order_values import typed_number
 from autopilot.web.requests import asked_of
 from autopilot.web.station import Station
 
@@ -114,6 +115,6 @@ def wish_of(line: str) -> dict[str, Any]:
 
 def _number(text: str) -> float:
     try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{text!r} is no number; {LINE_HELP}") from None
+        return typed_number(text)
+    except InputError as error:
+        raise InputError(f"{error}; {LINE_HELP}") from None

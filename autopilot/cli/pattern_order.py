@@ -9,6 +9,8 @@ from typing import NamedTuple
 from autopilot.errors import InputError
 from autopilot.guidance import patterns
 from autopilot.guidance.patterns import Pattern
+from autopilot.order_values import SHOWN, typed_number
+from autopilot.printable import printable
 
 PATTERN_HELP = (
     "p u +: U turn to starboard (-: port)  p circle + M  p spiral + M M  p zigzag + DEG M  p square + M  p s + DEG M"
@@ -43,7 +45,7 @@ KINDS: dict[str, tuple[tuple[Size, ...], Callable[..., Pattern]]] = {
 def pattern_of(kind: str, side: float, sizes: Sequence[float]) -> Pattern:
     """Return a pattern to one side (1 starboard, -1 port) with its sizes in metres and degrees. Raises InputError."""
     if kind not in KINDS:
-        raise InputError(f"pattern {kind!r}: allowed are {', '.join(KINDS)}")
+        raise InputError(f"pattern {printable(repr(kind), SHOWN)}: allowed are {', '.join(KINDS)}")
     if side not in (1.0, -1.0):
         raise InputError(f"pattern {kind}: the side is + (starboard) or - (port)")
     takes, make = KINDS[kind]
@@ -63,9 +65,9 @@ def pattern_typed(text: str) -> Pattern:
     kind, *rest = text.split() or [""]
     side = {"+": 1.0, "-": -1.0}.get(rest[0], 0.0) if rest else 0.0
     try:
-        sizes = [float(word) for word in rest[1:]]
-    except ValueError:
-        raise InputError(f"pattern {text!r}: {PATTERN_HELP}") from None
+        sizes = [typed_number(word) for word in rest[1:]]
+    except InputError as error:
+        raise InputError(f"pattern: {error}; {PATTERN_HELP}") from None
     if kind in KINDS and len(sizes) > len(KINDS[kind][0]):
-        raise InputError(f"pattern {text!r}: {PATTERN_HELP}")
+        raise InputError(f"pattern {kind}: too many numbers; {PATTERN_HELP}")
     return pattern_of(kind, side, sizes)

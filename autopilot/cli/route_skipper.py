@@ -17,6 +17,8 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.trial_limits import TrialLimits
 from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.boat.mission import Mission
+from autopilot.order_values import SHOWN
+from autopilot.printable import printable
 from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick, WindSample
 
 ROUTE_HELP = "t [N]: follow the route"
@@ -25,6 +27,7 @@ BEGIN_PATIENCE_S = 5.0
 """A trial that has not begun after this time [s] is not sailed: the pilot cannot engage."""
 ANGLE_LEAST, CHANGE_MOST = math.radians(1.0), math.radians(90.0)
 DURATION_MOST_S = 3600.0
+NUMBER_DIGITS = 5
 
 
 class RouteSkipper(PlotterSkipper):
@@ -116,8 +119,8 @@ class RouteSkipper(PlotterSkipper):
     def _follow_route(self, number: str) -> str:
         """Follow the route from a waypoint on, or from the current one. Raises InputError."""
         mission = self.mission
-        if number and not number.isdecimal():
-            raise InputError(f"t {number}: give the number of a waypoint, from 0")
+        if number and not (number.isascii() and number.isdecimal() and len(number) <= NUMBER_DIGITS):
+            raise InputError(f"t {printable(number, SHOWN)}: give the number of a waypoint, from 0")
         target = int(number) if number else None
         obstacle = mission.obstacle(self._tick.now if self._tick is not None else math.inf, target)
         if obstacle:

@@ -6,6 +6,8 @@ import math
 
 from autopilot.angles import compass_deg, wrap
 from autopilot.errors import InputError
+from autopilot.order_values import SHOWN, typed_number
+from autopilot.printable import printable
 from autopilot.signals import Mode, Order, OrderKind, Tick
 
 HELP = (
@@ -81,7 +83,7 @@ class Skipper:
             return f"rudder {rest} deg"
         if word[0] in "+-":
             return self._change(math.radians(_number(line.strip().replace(" ", ""))))
-        raise InputError(f"{word!r} is no command; {HELP}")
+        raise InputError(f"{printable(repr(word), SHOWN)} is no command; {HELP}")
 
     def _change(self, turn: float) -> str:
         if self._order.kind is not OrderKind.HEADING or not math.isfinite(self._order.heading):
@@ -105,9 +107,6 @@ def heading_of(text: str) -> float:
 
 def _number(text: str) -> float:
     try:
-        value = float(text)
-    except ValueError:
-        raise InputError(f"{text!r} is not a number of degrees") from None
-    if not math.isfinite(value):
-        raise InputError(f"{text!r} is not a number of degrees")
-    return value
+        return typed_number(text)
+    except InputError as error:
+        raise InputError(f"{error} of degrees") from None

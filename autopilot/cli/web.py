@@ -64,16 +64,21 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def listening_address(text: str) -> tuple[str, int]:
-    """Return address and port of `127.0.0.1:8080` or `[::1]:8080`. Raises InputError."""
+    """Return address and port of `127.0.0.1:8080`, `[::1]:8080` or `wlan0:8080`, an interface. Raises InputError."""
+    from autopilot.links.transports.sockets import interface_address
+
     place, _, digits = text.rpartition(":")
-    host = place[1:-1] if place.startswith("[") and place.endswith("]") else place
+    host = place[1:-1] if place.startswith("[") and place.endswith("]") else interface_address(place) or place
     is_port = digits.isascii() and digits.isdecimal() and len(digits) <= 5 and int(digits) <= 65535
     try:
         ipaddress.ip_address(host)
     except ValueError:
         is_port = False
     if not is_port:
-        raise InputError(f"--listen {text}: write an address and a port, like 127.0.0.1:8080 or 0.0.0.0:8080")
+        raise InputError(
+            f"--listen {text}: write an address of this machine or an interface, and a port, like 127.0.0.1:8080 or "
+            "wlan0:8080"
+        )
     return host, int(digits)
 
 

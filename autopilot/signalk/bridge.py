@@ -10,18 +10,21 @@ from autopilot.signalk.clients import LineClients
 from autopilot.signalk.deltas import Deltas, delta_of, notifications_of, values_of
 from autopilot.signalk.requests import BadRequestError, answer, line_of, parse
 from autopilot.web.line import BoatLine
+from autopilot.web.orders import NO_ANSWER
 from autopilot.web.requests import asked_of
 from autopilot.web.station import Station
 
 PERIOD_S = 0.2
 REASON_S = 1.2
 """Why the boat refuses an order comes as a text of its own, after the refusal."""
-NOT_ALLOWED = "the request carries no valid token; give the plugin the token that `autopilot signalk` keeps in its file"
+REFUSED, SILENT = 409, 504
+"""Status of an order that the boat refuses as things stand, and of one that it does not answer."""
 
 
 class _Refused(NamedTuple):
     client: int
     id: str
+    status: int
     words: str
     said: int
     until: float
@@ -75,8 +78,9 @@ class Bridge:
         except BadRequestError as error:
             self._clients.say(answer(error.id, error.status, str(error)), client)
             return
-        if not request.is_allowed:
-            self._clients.say(answer(request.id, 401, NOT_ALLOWED), client)
+        self._clients.trust(client)
+        if request.wish is None:
+            self._clients.say(answer(request.id, 200), client)
             return
         if self._station.target is None:
             self._clients.say(answer(request.id, 503, "no pilot is heard"), client)
@@ -88,7 +92,8 @@ class Bridge:
                 self._clients.say(answer(request.id, 200, words), client)
             else:
                 until = now + REASON_S if words.startswith("refused") else -math.inf
-                self._refused.append(_Refused(client, request.id, words, said, until))
+                status = SILENT if words == NO_ANSWER else REFUSED
+                self._refused.append(_Refused(client, request.id, status, words, said, until))
 
         asked_of(self._station, request.wish)(now, told)
 
@@ -97,7 +102,7 @@ class Bridge:
             reasons = [text.words for text in self._station.view.texts.kept if text.number > refused.said]
             if reasons or now >= refused.until:
                 self._refused.remove(refused)
-                self._clients.say(answer(refused.id, 502, (reasons or [refused.words])[-1]), refused.client)
+                self._clients.say(answer(refused.id, refused.status, (reasons or [refused.words])[-1]), refused.client)
 
     def _tell(self) -> None:
         for news in self._clients.news:

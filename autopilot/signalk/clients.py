@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import socket
+from collections import Counter
 from typing import NamedTuple
 
 from autopilot.links.transports.sockets import open_error, resolve
 
 CLIENTS_MOST = 8
+"""Places. A newcomer gets the place of one who has not shown the token; where all have, it is hung up on."""
 BEHIND_MOST = 65536
 """Bytes that may wait for one client; who does not keep up is hung up on, and comes back by itself."""
 CHUNK = 4096
@@ -49,6 +51,8 @@ class LineClients:
         self._clients: dict[int, socket.socket] = {}
         self._received: dict[int, bytes] = {}
         self._unsent: dict[int, bytes] = {}
+        self._addresses: dict[int, str] = {}
+        self._trusted: set[int] = set()
         self._count = 0
 
     @property
@@ -68,6 +72,11 @@ class LineClients:
             if number in self._clients:
                 self._push(number, line)
 
+    def trust(self, client: int) -> None:
+        """Keep the place of a client that has shown the token, however long it says nothing."""
+        if client in self._clients:
+            self._trusted.add(client)
+
     def close(self) -> None:
         """Hang up on all and stop listening."""
         for number in list(self._clients):
@@ -81,15 +90,27 @@ class LineClients:
                 client, sender = self._listener.accept()
             except OSError:
                 return new
-            if len(self._clients) >= CLIENTS_MOST:
+            if len(self._clients) >= CLIENTS_MOST and not self._make_room():
                 client.close()
                 continue
             client.setblocking(False)
             self._count += 1
             self._clients[self._count] = client
             self._received[self._count] = self._unsent[self._count] = b""
+            self._addresses[self._count] = str(sender[0])
             self.news.append(f"Signal K: {sender[0]} has connected")
             new.append(self._count)
+
+    def _make_room(self) -> bool:
+        """Hang up on the oldest client without the token, of the address from which most come; False for none."""
+        strangers = [number for number in self._clients if number not in self._trusted]
+        if not strangers:
+            return False
+        crowd = Counter(self._addresses[number] for number in strangers)
+        self._drop(
+            max(strangers, key=lambda number: (crowd[self._addresses[number]], -number)), "made room for another"
+        )
+        return True
 
     def _lines_of(self, number: int) -> list[bytes]:
         try:
@@ -123,6 +144,7 @@ class LineClients:
 
     def _drop(self, number: int, why: str) -> None:
         self._clients.pop(number).close()
-        del self._received[number], self._unsent[number]
+        del self._received[number], self._unsent[number], self._addresses[number]
+        self._trusted.discard(number)
         if why:
             self.news.append(f"Signal K: a client {why}")

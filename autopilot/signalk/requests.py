@@ -2,16 +2,18 @@
 
 A request is one line of JSON, as https://signalk.org/specification/1.7.0/doc/put.html has it, with the token:
 {"requestId": "1", "token": "...", "put": {"path": "steering.autopilot.state", "value": "auto"}}
+Without `put` it is a greeting, which orders nothing. The token is looked at before all else.
 """
 
 from __future__ import annotations
 
-import hmac
 import json
 import math
 from typing import Any, NamedTuple
 
 from autopilot.errors import InputError
+from autopilot.order_values import SHOWN, is_same_token, number_from, order_object
+from autopilot.printable import printable
 
 LINE_MOST = 4096
 ID_MOST = 64
@@ -24,14 +26,14 @@ PATHS = (STATE, HEADING, ADJUST, DODGE, ACKNOWLEDGE)
 STATES = {"auto": "engage", "standby": "standby", "route": "route"}
 TURN_MOST_DEG = 180.0
 DODGE_MOST_DEG = 90.0
+NOT_ALLOWED = "the request carries no valid token; give the plugin the token that `autopilot signalk` keeps in its file"
 
 
 class Request(NamedTuple):
-    """A request: its id, whether it carried the right token, and what is wanted as a helm display would say it."""
+    """A request: its id, and what is wanted as a helm display would say it; None: nothing, it is a greeting."""
 
     id: str
-    is_allowed: bool
-    wish: dict[str, Any]
+    wish: dict[str, Any] | None
 
 
 class BadRequestError(InputError):
@@ -43,21 +45,22 @@ class BadRequestError(InputError):
 
 
 def parse(line: bytes, token: str) -> Request:
-    """Return the request on a line. Raises BadRequestError; never for a wrong token, which the caller must look at."""
+    """Return the request on a line that carries the token. Raises BadRequestError: 401 without it, 400, 405."""
     try:
-        found = json.loads(line)
-    except (ValueError, RecursionError):
-        raise BadRequestError("", 400, "not a line of JSON") from None
-    if not isinstance(found, dict):
-        raise BadRequestError("", 400, "not a JSON object")
+        found = order_object(line)
+    except InputError as error:
+        raise BadRequestError("", 400, str(error)) from None
     id = found.get("requestId")
     if not isinstance(id, str) or not 0 < len(id) <= ID_MOST:
         raise BadRequestError("", 400, f"requestId: a text of 1 to {ID_MOST} characters is needed")
-    put, given = found.get("put"), found.get("token")
+    if not is_same_token(found.get("token"), token):
+        raise BadRequestError(id, 401, NOT_ALLOWED)
+    if "put" not in found:
+        return Request(id, None)
+    put = found["put"]
     if not isinstance(put, dict):
         raise BadRequestError(id, 400, "put: an object with path and value is needed")
-    is_allowed = isinstance(given, str) and bool(token) and hmac.compare_digest(given.encode(), token.encode())
-    return Request(id, is_allowed, wish_of(id, put.get("path"), put.get("value")))
+    return Request(id, wish_of(id, put.get("path"), put.get("value")))
 
 
 def wish_of(id: str, path: Any, value: Any) -> dict[str, Any]:
@@ -76,7 +79,7 @@ def wish_of(id: str, path: Any, value: Any) -> dict[str, Any]:
         return {"do": "dodge", "degrees": _number(id, path, value, -DODGE_MOST_DEG, DODGE_MOST_DEG)}
     if path == ACKNOWLEDGE:
         return {"do": "acknowledge"}
-    raise BadRequestError(id, 405, f"{path!r}: allowed are {', '.join(PATHS)}")
+    raise BadRequestError(id, 405, f"{printable(repr(path), SHOWN)}: allowed are {', '.join(PATHS)}")
 
 
 def answer(id: str, status: int, message: str = "") -> bytes:
@@ -91,7 +94,7 @@ def line_of(content: dict[str, Any]) -> bytes:
 
 
 def _number(id: str, path: str, value: Any, low: float, high: float) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not low <= value <= high:
-        raise BadRequestError(id, 400, f"{path}: a number from {low:g} to {high:g} is allowed")
-    return float(value)
+    try:
+        return number_from(value, path, low, high)
+    except InputError as error:
+        raise BadRequestError(id, 400, str(error)) from None

@@ -9,6 +9,7 @@ import stat
 from pathlib import Path
 
 from autopilot.errors import InputError
+from autopilot.order_values import is_same_token
 from autopilot.params.saving import replace_file
 
 TOKEN_BYTES = 18
@@ -27,7 +28,7 @@ class Access:
     def allows(self, authorization: str) -> bool:
         """Return whether a request's Authorization header carries the token."""
         scheme, _, given = authorization.partition(" ")
-        return scheme.lower() == "bearer" and hmac.compare_digest(given.strip().encode(), self.token.encode())
+        return scheme.lower() == "bearer" and is_same_token(given.strip(), self.token)
 
     def ticket(self, name: str, now: float) -> str:
         """Return a ticket for the file `name`, good for two minutes from `now` [s]."""
@@ -39,7 +40,7 @@ class Access:
         until, _, signature = ticket.partition(".")
         if not (until.isascii() and until.isdecimal() and len(until) < 16) or now > float(until):
             return False
-        return hmac.compare_digest(signature.encode(), self._sign(name, until).encode())
+        return is_same_token(signature, self._sign(name, until))
 
     def _sign(self, name: str, until: str) -> str:
         return hmac.new(self.token.encode(), f"{until}\n{name}".encode(), hashlib.sha256).hexdigest()

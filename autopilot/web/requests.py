@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 from autopilot.errors import InputError
+from autopilot.order_values import SHOWN, number_from
+from autopilot.printable import printable
 from autopilot.web import orders
 from autopilot.web.hub import Asked
 from autopilot.web.station import Station
@@ -20,7 +21,7 @@ def asked_of(station: Station, wish: Any) -> Asked:
     kind = wish.get("do") if isinstance(wish, dict) else None
     make = _WISHES.get(kind) if isinstance(kind, str) else None
     if make is None:
-        raise InputError(f"order {kind!r}: allowed are {', '.join(_WISHES)}")
+        raise InputError(f"order {printable(repr(kind), SHOWN)}: allowed are {', '.join(_WISHES)}")
     return make(station, wish)
 
 
@@ -93,7 +94,7 @@ def _pattern(wish: dict[str, Any]) -> tuple[orders.Command, ...]:
     sizes = wish.get("sizes", [])
     if not isinstance(sizes, list) or len(sizes) > SIZES_MOST:
         raise InputError(f"pattern: sizes is a list of at most {SIZES_MOST} numbers")
-    return orders.pattern(int(number), side, [_finite(size, "size", -1.0e6, 1.0e6) for size in sizes])
+    return orders.pattern(int(number), side, [number_from(size, "size", -1.0e6, 1.0e6) for size in sizes])
 
 
 _WISHES: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
@@ -126,11 +127,4 @@ _WISHES: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
 
 
 def _number(wish: dict[str, Any], key: str, low: float, high: float) -> float:
-    return _finite(wish.get(key), f"{wish['do']}: {key}", low, high)
-
-
-def _finite(value: Any, what: str, low: float, high: float) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not low <= value <= high:
-        raise InputError(f"{what} {value!r}: a number from {low:g} to {high:g} is allowed")
-    return float(value)
+    return number_from(wish.get(key), f"{wish['do']}: {key}", low, high)

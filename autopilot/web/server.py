@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import signal
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
@@ -15,12 +14,13 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from autopilot.errors import InputError
+from autopilot.order_values import order_object
 from autopilot.web import page_files
 from autopilot.web.access import Access
 from autopilot.web.hub import Hub
@@ -35,6 +35,10 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 ORDER_MOST_BYTES = 4096
+ORDER_S = 5.0
+"""Within this time an order has come whole."""
+CLOSING = {"connection": "close"}
+"""Sent with the refusal of a body that is not read to its end."""
 HEADERS = {
     "content-security-policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; "
     "frame-ancestors 'none'; base-uri 'none'",
@@ -115,15 +119,19 @@ class Page:
         """An order for the boat, from who may."""
         if not self._may(request):
             return _refusal(403, "only looking: open the page with the address that `autopilot web` has printed")
-        body = await request.body()
-        if len(body) > ORDER_MOST_BYTES:
-            return _refusal(413, "an order is short")
         try:
-            asked = asked_of(self._hub.station, json.loads(body))
+            async with asyncio.timeout(ORDER_S):
+                body = await _short_body(request)
+        except TimeoutError:
+            return _refusal(408, "the order did not come to its end", CLOSING)
+        except ClientDisconnect:
+            return _refusal(400, "the order did not come to its end", CLOSING)
+        if body is None:
+            return _refusal(413, f"an order is at most {ORDER_MOST_BYTES} bytes long", CLOSING)
+        try:
+            asked = asked_of(self._hub.station, order_object(body))
         except InputError as error:
             return _refusal(422, str(error))
-        except ValueError:
-            return _refusal(422, "an order is JSON")
         if self._hub.station.target is None:
             return _refusal(503, "no boat that runs this pilot is heard")
         taken, words = await self._hub.ask(asked)
@@ -213,6 +221,19 @@ def build_app(hub: Hub, access: Access, shelf: LogShelf) -> ASGIApp:
     return SafeHeaders(Starlette(routes=Page(hub, access, shelf).routes(), lifespan=lifespan))
 
 
-def _refusal(status: int, words: str) -> Response:
+async def _short_body(request: Request) -> bytes | None:
+    """Return the body of a request; None, and no more of it is read, where it is longer than an order may be."""
+    length = request.headers.get("content-length", "0")
+    if not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= ORDER_MOST_BYTES):
+        return None
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > ORDER_MOST_BYTES:
+            return None
+    return body
+
+
+def _refusal(status: int, words: str, headers: dict[str, str] | None = None) -> Response:
     content: dict[str, Any] = {"taken": False, "words": words}
-    return JSONResponse(content, status_code=status)
+    return JSONResponse(content, status_code=status, headers=headers)

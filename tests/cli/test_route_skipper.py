@@ -170,7 +170,11 @@ def test_patterns_are_sailed_by_the_whole_pilot(line: str, seconds: float, turne
         ("p circle +", r"give radius \[m\]"),
         ("p circle + x", "p circle \\+ M"),
         ("p circle + 60 5", "p circle \\+ M"),
-        ("p circle + nan", "radius nan, allowed is 1 to 10000 m"),
+        ("p circle + nan", "'nan' is not a number"),
+        ("p circle + 1_0", "'1_0' is not a number"),
+        ("p circle + 20000", "radius 20000, allowed is 1 to 10000 m"),
+        ("t " + "9" * 5000, "give the number of a waypoint"),
+        ("t \u0663", "give the number of a waypoint"),
         ("p zigzag + 120 100", "angle 120, allowed is 1 to 90 deg"),
     ],
 )

@@ -149,7 +149,7 @@ def test_signal_k_programs_steer_the_boat_and_strangers_do_not(tmp_path: Path) -
             assert near(server.ask(f"{pilots}/norrbin/target")[1]["value"], GOAL_DEG - 10)
             assert server.ask(f"{pilots}/norrbin/target", 80, "PUT")[0] == 200
             until("the heading ordered", lambda: near(server.value("navigation/headingTrue"), 80))
-            assert server.ask(f"{pilots}/norrbin/tack/port", None, "POST")[0] == 501
+            assert server.ask(f"{pilots}/norrbin/tack/port", None, "POST")[0] == 400
             assert server.ask(f"{pilots}/norrbin/state", "wind", "PUT")[0] == 400
             assert server.ask(f"{pilots}/norrbin/disengage", None, "POST")[0] == 200
             until("standby", lambda: server.value("steering/autopilot/state") == "standby")

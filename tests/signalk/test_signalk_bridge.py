@@ -17,7 +17,7 @@ from autopilot.links.boat.modes import HEADING, MANUAL
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports.memory import LoopbackTransport, loopback_pair
 from autopilot.signalk.bridge import Bridge
-from autopilot.signalk.clients import BEHIND_MOST, LineClients
+from autopilot.signalk.clients import BEHIND_MOST, CLIENTS_MOST, LineClients
 from autopilot.signalk.deltas import NOTIFICATIONS, OURS_ALONE, OVER, Deltas, path_of, state_of, values_of
 from autopilot.signalk.requests import LINE_MOST, BadRequestError, answer, parse
 from autopilot.web.line import BoatLine
@@ -205,7 +205,7 @@ def test_a_refusal_comes_with_the_boats_own_words(rig: Rig) -> None:
     line = rig.connect()
     rig.boat.result = dialect.MAV_RESULT_TEMPORARILY_REJECTED
     refused = rig.ask(line, "steering.autopilot.state", "auto")
-    assert (refused["statusCode"], refused["message"]) == (502, "refused for now")
+    assert (refused["statusCode"], refused["message"]) == (409, "refused for now")
     line.close()
 
 
@@ -232,33 +232,72 @@ def test_clients_that_go_come_back_and_flood_trouble_nobody(rig: Rig) -> None:
         line.close()
 
 
+NINES = b"9" * 400
+
+
 @pytest.mark.parametrize(
     ("line", "status", "words"),
     [
-        (b"GET / HTTP/1.1", 400, "not a line of JSON"),
-        (b"[1]", 400, "not a JSON object"),
+        (b"GET / HTTP/1.1", 400, "one object of JSON"),
+        (b"[1]", 400, "one object of JSON"),
         (b'{"put":{}}', 400, "requestId"),
-        (b'{"requestId":"1"}', 400, "put: an object"),
-        (b'{"requestId":"1","put":{"path":"steering.autopilot.state","value":"wind"}}', 400, "auto, standby, route"),
-        (b'{"requestId":"1","put":{"path":"steering.autopilot.target.headingTrue","value":"90"}}', 400, "a number"),
-        (b'{"requestId":"1","put":{"path":"steering.autopilot.target.headingTrue","value":NaN}}', 400, "a number"),
-        (b'{"requestId":"1","put":{"path":"steering.autopilot.actions.adjustHeading","value":true}}', 400, "a number"),
-        (b'{"requestId":"1","put":{"path":"steering.autopilot.actions.tack","value":1}}', 405, "allowed are"),
-        (b'{"requestId":"1","put":{"path":["x"],"value":1}}', 405, "allowed are"),
-        (b"[" * 100000, 400, "not a line of JSON"),
+        (b'{"requestId":"1"}', 401, "no valid token"),
+        (b'{"requestId":"1","put":{"path":"~state","value":"wind"}}', 401, "no valid token"),
+        (b'{"requestId":"1","token":"\\ud800","put":{"path":"x"}}', 401, "no valid token"),
+        (b'{"requestId":"1","token":["x"],"put":{"path":"x"}}', 401, "no valid token"),
+        (b'{"requestId":"1","put":{"path":"~actions.dodge","value":' + NINES + b"}}", 401, "token"),
+        (b'{"requestId":"1",TOKEN,"put":3}', 400, "put: an object"),
+        (
+            b'{"requestId":"1",TOKEN,"put":{"path":"~state","value":"wind"}}',
+            400,
+            "auto, standby, route",
+        ),
+        (b'{"requestId":"1",TOKEN,"put":{"path":"~state","value":"\\ud800"}}', 400, "auto, standby"),
+        (
+            b'{"requestId":"1",TOKEN,"put":{"path":"~target.headingTrue","value":"90"}}',
+            400,
+            "a number",
+        ),
+        (
+            b'{"requestId":"1",TOKEN,"put":{"path":"~target.headingTrue","value":1e999}}',
+            400,
+            "a number",
+        ),
+        (
+            b'{"requestId":"1",TOKEN,"put":{"path":"~actions.dodge","value":' + NINES + b"}}",
+            400,
+            "a number",
+        ),
+        (b'{"requestId":"1",TOKEN,"put":{"path":"~target.headingTrue","value":NaN}}', 400, "of JSON"),
+        (
+            b'{"requestId":"1",TOKEN,"put":{"path":"~actions.adjustHeading","value":true}}',
+            400,
+            "a number",
+        ),
+        (b'{"requestId":"1",TOKEN,"put":{"path":"~actions.tack","value":1}}', 405, "allowed are"),
+        (b'{"requestId":"1",TOKEN,"put":{"path":["x"],"value":1}}', 405, "allowed are"),
+        (
+            b'{"requestId":"1",TOKEN,"put":{"path":"\\u001b[31m\\ud800' + b"x" * 3000 + b'","value":1}}',
+            405,
+            "allowed are",
+        ),
+        (b"[" * 100000, 400, "one object of JSON"),
+        (b'{"requestId":' + b"[" * 4000, 400, "one object of JSON"),
+        (b"\xed\xa0\x80", 400, "one object of JSON"),
     ],
 )
 def test_malformed_requests_are_one_sentence(line: bytes, status: int, words: str) -> None:
     with pytest.raises(BadRequestError) as caught:
-        parse(line, TOKEN)
+        parse(line.replace(b"TOKEN", b'"token":"%b"' % TOKEN.encode()).replace(b"~", b"steering.autopilot."), TOKEN)
     assert caught.value.status == status and words in str(caught.value)
+    assert len(str(caught.value)) < 400 and str(caught.value).isprintable()
     assert json.loads(answer(caught.value.id, status, str(caught.value)))["statusCode"] == status
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_request_or_refused(line: bytes) -> None:
     with contextlib.suppress(BadRequestError):
-        assert parse(line, TOKEN).wish
+        assert parse(line, TOKEN).id
 
 
 json_values = st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=5), st.lists, max_leaves=4)
@@ -271,4 +310,59 @@ def test_any_value_is_an_order_in_range_or_refused(path: str, value: Any) -> Non
         request = parse(line, TOKEN)
     except BadRequestError:
         return
-    assert request.is_allowed and abs(request.wish.get("degrees", 0.0)) <= 360.0
+    assert request.wish is not None and abs(request.wish.get("degrees", 0.0)) <= 360.0
+
+
+STRANGE = [
+    b"9" * 400,
+    b"-" + b"9" * 5000,
+    b"1e999",
+    b"1e-999",
+    b'"\\ud800"',
+    b"[" * 2000,
+    b'{"a":' * 900,
+    b"NaN",
+    b"-0",
+]
+
+
+@pytest.mark.parametrize("strange", STRANGE, ids=range(len(STRANGE)))
+@pytest.mark.parametrize("place", ["requestId", "token", "put", "path", "value"])
+def test_a_line_of_a_stranger_ends_nothing_and_is_answered(rig: Rig, place: str, strange: bytes) -> None:
+    rig.turn(5)
+    line, friend = rig.connect(), rig.connect()
+    parts = {"requestId": b'"7"', "token": b'"wrong"', "path": b'"steering.autopilot.actions.dodge"', "value": b"1"}
+    parts["put"] = b'{"path":%b,"value":%b}' % (parts["path"], parts["value"])
+    if place in ("path", "value"):
+        parts[place] = strange
+        parts["put"] = b'{"path":%b,"value":%b}' % (parts["path"], parts["value"])
+    parts[place] = strange
+    line.sendall(b'{"requestId":%b,"token":%b,"put":%b}\n' % (parts["requestId"], parts["token"], parts["put"]))
+    with contextlib.suppress(AssertionError):  # a line longer than LINE_MOST is hung up on
+        assert rig.reply(line)["statusCode"] in (400, 401)
+    assert rig.boat.commands == []
+    assert rig.ask(friend, "steering.autopilot.actions.adjustHeading", 10)["statusCode"] == 200
+    line.close(), friend.close()
+
+
+def test_a_boat_that_does_not_answer_is_a_time_out(rig: Rig) -> None:
+    rig.turn(5)
+    line = rig.connect()
+    rig.boat.answer = lambda: rig.boat._line.receive()  # type: ignore[method-assign,func-returns-value]
+    refused = rig.ask(line, "steering.autopilot.state", "auto")
+    assert (refused["statusCode"], refused["message"]) == (504, "the boat does not answer")
+    line.close()
+
+
+def test_idle_clients_keep_nobody_out_and_who_has_the_token_keeps_its_place(rig: Rig) -> None:
+    rig.turn(5)
+    plugin = rig.connect()
+    plugin.sendall(json.dumps({"requestId": "greeting", "token": TOKEN}).encode() + b"\n")
+    assert rig.reply(plugin)["statusCode"] == 200
+    idle = [rig.connect() for _ in range(3 * CLIENTS_MOST)]
+    newcomer = rig.connect()
+    assert rig.ask(newcomer, "steering.autopilot.actions.adjustHeading", 10)["statusCode"] == 200
+    assert rig.ask(plugin, "steering.autopilot.actions.adjustHeading", 10)["statusCode"] == 200
+    assert len(rig.clients.descriptors) == CLIENTS_MOST + 1
+    for line in (plugin, newcomer, *idle):
+        line.close()

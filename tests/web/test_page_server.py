@@ -16,6 +16,7 @@ from typing import Any
 import httpx2
 import pytest
 from page_server import TOKEN, SailingHub
+from starlette.requests import Request
 from starlette.testclient import TestClient
 from watched_boat import Watched
 
@@ -26,7 +27,7 @@ from autopilot.web import page_files
 from autopilot.web.access import Access, token_of
 from autopilot.web.hub import BEHIND_MOST
 from autopilot.web.log_shelf import LogShelf
-from autopilot.web.server import HEADERS, build_app, known_hosts
+from autopilot.web.server import HEADERS, _short_body, build_app, known_hosts
 
 BEARER = {"authorization": f"Bearer {TOKEN}"}
 
@@ -84,6 +85,51 @@ def test_orders_with_the_token_are_carried_out_and_refusals_say_why(client: Any,
     assert client.post("/api/order", content=b"{", headers=BEARER).status_code == 422
     assert client.post("/api/order", content=b" " * 5000, headers=BEARER).status_code == 413
     assert order(do="release")["taken"] and not sea.commands.armed
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"do":"turn","degrees":' + b"9" * 400 + b"}",
+        b'{"do":"turn","degrees":-' + b"9" * 4000 + b"}",
+        b'{"do":"turn","degrees":1e999}',
+        b'{"do":"turn","degrees":NaN}',
+        b'{"do":"turn","degrees":"\\ud800"}',
+        b'{"do":"\\ud800"}',
+        b'{"do":"set","name":"\\ud800","value":1}',
+        b'{"do":"pattern","number":1,"side":1,"sizes":[' + b"9" * 400 + b"]}",
+        b"[" * 4000,
+        b'{"do":' * 600,
+        b"\xed\xa0\x80",
+        b"\xff\xfe{",
+        b"",
+    ],
+)
+def test_a_strange_order_is_refused_in_a_short_sentence(client: Any, sea: Watched, body: bytes) -> None:
+    answer = client.post("/api/order", content=body, headers=BEARER)
+    assert answer.status_code == 422 and len(answer.json()["words"]) < 300
+    assert not sea.commands.armed
+    assert client.post("/api/order", content=body, headers={"authorization": "Bearer wrong"}).status_code == 403
+
+
+def test_a_large_body_is_refused_before_it_is_read() -> None:
+    def request(*chunks: bytes, **headers: str) -> tuple[Any, list[bytes]]:
+        read: list[bytes] = []
+
+        async def receive() -> Any:
+            read.append(chunks[len(read)])
+            return {"type": "http.request", "body": read[-1], "more_body": len(read) < len(chunks)}
+
+        fields = [(name.replace("_", "-").encode(), value.encode()) for name, value in headers.items()]
+        scope = {"type": "http", "method": "POST", "path": "/", "headers": fields, "query_string": b""}
+        return asyncio.run(_short_body(Request(scope, receive))), read
+
+    assert request(b"{", b"}", content_length="2") == (b"{}", [b"{", b"}"])
+    assert request(b"x" * 65536, content_length="120000000") == (None, [])
+    for length in ("-1", "9" * 5000, "\u00b2", ""):
+        assert request(b"x", content_length=length) == (None, [])
+    body, read = request(*[b"x" * 3000] * 1000)
+    assert body is None and len(read) == 2
 
 
 def test_parameters_are_fetched_when_somebody_looks(client: Any, sea: Watched) -> None:
@@ -187,6 +233,7 @@ def test_tokens_are_kept_for_their_owner_alone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["8080", "localhost:8080", "127.0.0.1:", "127.0.0.1:70000", "::1:80", "127.0.0.1:-1"])
 def test_addresses_that_are_none_are_refused(text: str) -> None:
+    assert listening_address("lo:80") == ("127.0.0.1", 80)
     if text == "::1:80":
         assert listening_address("[::1]:80") == ("::1", 80)
         return

@@ -44,10 +44,16 @@ module.exports = function (app) {
     socket = net.createConnection({ host: options.host || '127.0.0.1', port: options.port || 8376 })
     socket.setEncoding('utf8')
     socket.setKeepAlive(true, 5000)
-    socket.on('connect', () => app.setPluginStatus('connected to autopilot signalk'))
+    socket.on('connect', greet)
     socket.on('data', take)
     socket.on('error', (error) => app.setPluginError(`autopilot signalk: ${error.message}; trying again`))
     socket.on('close', gone)
+  }
+
+  // who has shown the token keeps its place while others come
+  function greet() {
+    app.setPluginStatus('connected to autopilot signalk')
+    if (options.token) socket.write(JSON.stringify({ requestId: 'greeting', token: options.token }) + '\n')
   }
 
   function gone() {
@@ -171,7 +177,7 @@ module.exports = function (app) {
 
   const degrees = (radians) => (radians * 180) / Math.PI
   const never = (what) => async () => {
-    throw failure(501, `this pilot knows no ${what}`)
+    throw failure(400, `this pilot knows no ${what}`)
   }
 
   // ---- the autopilot API, version 2
@@ -219,7 +225,7 @@ module.exports = function (app) {
     return (_context, _path, value, done) => {
       order(value).then(
         () => done({ state: 'COMPLETED', statusCode: 200 }),
-        (error) => done({ state: 'COMPLETED', statusCode: error.statusCode || 502, message: error.message })
+        (error) => done({ state: 'COMPLETED', statusCode: error.statusCode || 500, message: error.message })
       )
       return { state: 'PENDING' }
     }

@@ -1,0 +1,75 @@
+"""Text of foreign origin made fit for a terminal: one line, nothing in it that a terminal obeys, and short.
+
+Names in files, STATUSTEXT of a vehicle, NMEA sentences and what strangers send may hold escape sequences (C0, C1),
+marks that turn the direction of writing, and halves of characters that no encoding has. They are shown as Python writes
+them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TextIO
+
+SHORT = 200
+"""Characters of a foreign text that a sentence quotes."""
+KEPT = "\n\t"
+"""What our own lines and tables are made with."""
+
+
+def escaped(text: str, keep: str = "") -> str:
+    """Return `text` with every character that is not printable, but those of `keep`, as an escape: ESC becomes \\x1b.
+
+    Not printable are the categories C (control, format, surrogate, private, unassigned) and Z but the space.
+    """
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() or each in keep else repr(each)[1:-1] for each in text)
+
+
+def shortened(text: str, most: int = SHORT) -> str:
+    """Return at most `most` characters of `text`, and behind them how many there were, where that is more."""
+    return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
+
+
+def printable(value: object, most: int = SHORT) -> str:
+    """Return a foreign value on one short line that a terminal shows and does not obey."""
+    text = value if isinstance(value, str) else repr(value)
+    return escaped(shortened(text, most))
+
+
+class PrintableStream:
+    """A text stream for people, over `inside`: what is written comes out printable, line by line.
+
+    What `inside` cannot encode comes out as escapes too, and ends nothing.
+    """
+
+    def __init__(self, inside: TextIO) -> None:
+        self.inside = inside
+
+    def write(self, text: str) -> int:
+        """Write `text`, line ends and tabs as they are."""
+        shown = escaped(text, KEPT)
+        encoding = getattr(self.inside, "encoding", None) or "utf-8"
+        if not shown.isascii():
+            shown = shown.encode(encoding, "backslashreplace").decode(encoding)
+        self.inside.write(shown)
+        return len(text)
+
+    def writelines(self, lines: Any) -> None:
+        """Write each."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inside, name)
+
+
+def terminal_of(stream: Any) -> Any:
+    """Return the stream that takes our own control characters: the one inside, where foreign text is kept printable."""
+    return stream.inside if isinstance(stream, PrintableStream) else stream
+
+
+def rewrite_line(stream: Any, line: str, end: str = "") -> None:
+    """Write `line` over the present line of a terminal."""
+    terminal = terminal_of(stream)
+    terminal.write(f"\r{escaped(line)}\033[K{end}")
+    terminal.flush()
