@@ -1,180 +1,386 @@
-"""Mutation testing of the limits and the supervisor, printed as a table; exit 1 where a survivor is unexplained.
+"""Mutation testing by a sample drawn afresh every day: exit 1 where the tests notice fewer than 95 % of the mutants.
 
-    python benchmarks/mutation.py [--only autopilot.limits]
+    python benchmarks/mutation.py                        # 500 mutants, drawn from today's date
+    python benchmarks/mutation.py --date 2026-11-22      # those of that day again
+    python benchmarks/mutation.py --rooms limits --count 60
 
-cosmic-ray's operators change one operator, number or condition of the source at a time; each mutant runs in a fork of
-this process, where the tests find it in the place of the module. Tests that still pass have not noticed. Left out are
-annotations, and operators that make no sense on numbers and members of an enumeration, which every test notices. What
-survives is either in EXPLAINED, with the reason why nobody could notice, or a gap in the tests.
+A mutant is the program with one operator, number, condition or constant changed, by the operators of cosmic-ray. The
+places are drawn evenly over all rooms together, then the change. Each mutant runs against the tests that reach its
+line (of a line that only an import reaches, those of its module), the quickest first, in a fork that finds it in the
+place of the module. Which tests reach which line comes from one run of them with coverage, kept in --map until the code
+changes. Tests that live in real time, and those of compiled code, are left out.
+
+What survives is either in EXPLAINED, with the reason why nobody could notice, or a gap in the tests; both are printed.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import datetime
+import hashlib
 import importlib
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import json
+import math
 import os
+import random
 import re
 import signal
+import subprocess
 import sys
-import types
-from collections import Counter
-from collections.abc import Iterator, Sequence
+import time
+import xml.etree.ElementTree as ElementTree
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
+from autopilot.cli.progress import ProgressBar
+
 ROOT = Path(__file__).parents[1]
-TESTS = {
-    "autopilot.limits": (
-        "tests/core/test_dead_band.py",
-        "tests/properties/test_limits_and_gear.py",
+ROOMS = {
+    "supervision": (
+        "safety.py",
+        "supervisor.py",
+        "envelope.py",
+        "alarms.py",
+        "alarm_panel.py",
+        "failsafe_steering.py",
+        "monitors/*.py",
     ),
-    "autopilot.safety": (
-        "tests/core/test_supervisor_returns.py",
-        "tests/core/test_supervisor.py",
-        "tests/core/test_helm_handover.py",
-        "tests/properties/test_limits_and_gear.py",
-        "tests/core/test_envelope.py",
-    ),
+    "limits": ("limits.py",),
+    "links": ("links/**/*.py",),
+    "estimation": ("estimation/*.py",),
+    "control": ("control/*.py",),
 }
-"""What is changed, and the tests that must notice."""
-PRELOADED = (
-    "hypothesis.strategies",
-    "numpy",
-    "_hypothesis_pytestplugin",
-    "autopilot.envelope",
-    "autopilot.models.steering_gear",
-    "autopilot.supervisor",
+"""What is changed, in `autopilot`."""
+TESTS = (
+    "core",
+    "properties",
+    "links",
+    "contract",
+    "closed_loop",
+    "models",
+    "loop",
+    "replay",
+    "filters",
+    "signalk",
+    "cli",
 )
-"""What no mutant is in: loaded once, shared by all forks."""
+"""Folders of tests that must notice; what they leave out lives in real time or tests other things."""
+LEAST_NOTICED = 0.95
+TESTS_S = 30.0
+"""So many seconds of tests, by their own time unchanged, are tried on a mutant."""
 LONGEST_S = 120
+"""Processor time of all its tests; a mutant that takes longer never ends, which is noticed."""
+WAITING_S = 600
+"""Wall time of all its tests: one that waits for ever uses no processor."""
+PRELOADED = ("hypothesis.strategies", "numpy", "scipy.linalg", "pymavlink.dialects.v20.ardupilotmega", "serial")
+"""What no mutant is in: loaded once, shared by all forks."""
 SENSELESS = re.compile(
     r"BitOr_\w+$|_(BitAnd|BitOr|BitXor|LShift|RShift|Mod|Pow|FloorDiv|Invert)$|(Is|IsNot|Eq|NotEq)_(Lt|LtE|Gt|GtE)$"
-    r"|Is_Eq$|IsNot_NotEq$|Eq_Is$|NotEq_IsNot$"
+    r"|Is_Eq$|IsNot_NotEq$|Eq_Is$|NotEq_IsNot$|RemoveDecorator$|ReplaceUnaryOperator_USub_Not$"
 )
-
-FIRST = "set anew by the first change of state, before anybody asks"
-SAME_END = "what comes back and what is ordered lead to the same state, one after the other in the same tick"
-RELEASES = 'lets_go = self._failsafe.action in ("release", "firmware") or self._failsafe.release_after'
-WAITS = "self._fire(now, _order_event(order) if {} self._spent else back, order)"
-LEFT = "return Rest(before.told if band {} 0.0 else limited, wanted, False)"
-EXPLAINED: dict[tuple[str, str], str] = {
-    (
-        "ReplaceComparisonOperator_Gt_NotEq",
-        LEFT.format("!="),
-    ): "no distance is within a band below 0",
-    ("AddNot", WAITS.format("not order.serial !=")): SAME_END,
-    ("ReplaceComparisonOperator_NotEq_Eq", WAITS.format("order.serial ==")): SAME_END,
-    ("ReplaceComparisonOperator_LtE_Eq", f"{RELEASES} == 0.0"): "the vessel file knows no time below 0",
-    ("ReplaceFalseWithTrue", "self._rebooted = True"): "the first tick, standing by, forgets it",
-    ("ReplaceUnaryOperator_Delete_USub", "self._since = math.inf"): FIRST,
-    ("ReplaceUnaryOperator_USub_Not", "self._since = not math.inf"): FIRST,
-    ("ReplaceUnaryOperator_USub_UAdd", "self._since = +math.inf"): FIRST,
-    ("ReplaceUnaryOperator_Delete_USub", "self._reboot_time = math.inf"): FIRST,
-    ("ReplaceUnaryOperator_USub_Not", "self._reboot_time = not math.inf"): FIRST,
-    ("ReplaceUnaryOperator_USub_UAdd", "self._reboot_time = +math.inf"): FIRST,
-}
+"""Changes that make no sense on types, numbers and members of an enumeration: every test notices, or none can."""
+EXPLAINED: dict[tuple[str, str], str] = {}
 """Operator and the line as it became -> why no test can tell the difference."""
 
 
+class Place(NamedTuple):
+    """Where a change may be made: a file below ROOT, the 1-based line, and each operator with its occurrence there."""
+
+    file: str
+    line: int
+    changes: tuple[tuple[str, int], ...]
+
+
 class Mutant(NamedTuple):
-    """One change: the module, the operator that made it, the line as it became, the whole source."""
+    """One change: its room, file, line, the operator that made it, and the occurrence of it in the file."""
 
-    module: str
+    room: str
+    file: str
+    line: int
     operator: str
-    line: str
-    source: str
+    occurrence: int
 
 
-def mutants_of(module: str) -> Iterator[Mutant]:
-    """Yield every mutant of a module."""
-    from cosmic_ray.mutating import mutate_code
+class Judged(NamedTuple):
+    """What became of a mutant: whether a test noticed, how many there were, and the line as it became."""
+
+    mutant: Mutant
+    is_noticed: bool
+    tests: int
+    text: str
+
+
+class Reach(NamedTuple):
+    """Which tests reach which line of a file, and how long [s] each takes."""
+
+    lines: dict[str, dict[int, list[str]]]
+    seconds: dict[str, float]
+
+    def tests_of(self, file: str, line: int) -> list[str]:
+        """Return the tests that reach a line, the quickest first, as many as TESTS_S holds."""
+        reached = self.lines.get(file, {})
+        names = reached.get(line) or sorted({name for names in reached.values() for name in names})
+        chosen, total = [], 0.0
+        for name in sorted(names, key=lambda name: self.seconds.get(name, math.inf)):
+            total += self.seconds.get(name, math.inf)
+            if total > TESTS_S:
+                break
+            chosen.append(name)
+        return chosen
+
+
+def files_of(room: str) -> list[Path]:
+    """Return the modules of a room."""
+    return sorted(path for pattern in ROOMS[room] for path in (ROOT / "autopilot").glob(pattern))
+
+
+def places_of(path: Path) -> list[Place]:
+    """Return every place of a module where some operator changes something that runs."""
+    from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.plugins import get_operator, operator_names
 
-    source = _path(module).read_text(encoding="utf-8")
-    before = source.splitlines()
+    nodes = list(ast_nodes(get_ast(path.read_text(encoding="utf-8"))))
+    found: defaultdict[tuple[int, int], list[tuple[str, int]]] = defaultdict(list)
     for name in sorted(operator_names()):
         operator = get_operator(name)
         if SENSELESS.search(name) or operator.arguments():
             continue
         occurrence = 0
-        while (changed := mutate_code(source, operator(), occurrence)) is not None:
-            after = changed.splitlines()
-            line = next((b.strip() for a, b in zip(before, after, strict=False) if a != b), "")
-            yield Mutant(module, name.removeprefix("core/"), line, changed)
-            occurrence += 1
+        for node in nodes:
+            for start, _ in operator().mutation_positions(node):
+                if not _is_annotation(node):
+                    found[start].append((name, occurrence))
+                occurrence += 1
+    return [Place(str(path.relative_to(ROOT)), line, tuple(found[line, column])) for line, column in sorted(found)]
 
 
-def _path(module: str) -> Path:
-    return ROOT / f"{module.replace('.', '/')}.py"
+def _is_annotation(node: Any) -> bool:
+    """Return whether a syntax node lies in an annotation, which nothing looks at while the program runs."""
+    while node is not None:
+        if node.type in ("annassign", "tfpdef") and node.children[0].type == "operator":
+            return True
+        before = node
+        node = node.parent
+        if node is not None and node.type == "annassign" and node.children[1] is before:
+            return True
+        if node is not None and node.type == "tfpdef":
+            return True
+        if node is not None and node.type == "funcdef" and node.annotation is before:
+            return True
+    return False
 
 
-def is_noticed(module: str, source: str) -> bool:
-    """Return whether any test fails with `source` in the place of `module`."""
+def drawn(rooms: Sequence[str], count: int, seed: str) -> list[Mutant]:
+    """Return `count` mutants, the same for the same seed and code: a place by chance, then one of its changes."""
+    chance = random.Random(seed)
+    places = [(room, place) for room in rooms for path in files_of(room) for place in places_of(path)]
+    chosen = chance.sample(places, min(count, len(places)))
+    return [Mutant(room, place.file, place.line, *chance.choice(place.changes)) for room, place in chosen]
+
+
+def mutated(mutant: Mutant) -> str:
+    """Return the whole source with the change made."""
+    from cosmic_ray.mutating import mutate_code
+    from cosmic_ray.plugins import get_operator
+
+    source = (ROOT / mutant.file).read_text(encoding="utf-8")
+    changed = mutate_code(source, get_operator(mutant.operator)(), mutant.occurrence)
+    assert changed is not None
+    return str(changed)
+
+
+class _Exchanged(importlib.abc.MetaPathFinder):
+    """Finds the mutant where its module is imported."""
+
+    def __init__(self, file: str, source: str) -> None:
+        self._name = file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
+        self._path, self._source = str(ROOT / file), source
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> importlib.machinery.ModuleSpec | None:
+        if name != self._name:
+            return None
+        loader = _Loader(name, self._path, self._source)
+        return importlib.util.spec_from_file_location(name, self._path, loader=loader)
+
+
+class _Loader(importlib.machinery.SourceFileLoader):
+    def __init__(self, name: str, path: str, source: str) -> None:
+        super().__init__(name, path)
+        self._source = source
+
+    def get_code(self, fullname: str) -> Any:
+        return compile(self._source, self.path, "exec")
+
+
+def is_noticed(file: str, source: str, tests: Sequence[str]) -> bool:
+    """Return whether any of `tests` fails with `source` in the place of `file`."""
     child = os.fork()
     if child == 0:
         code = 1
         with contextlib.suppress(BaseException):
             # processor time: on a busy machine a mutant is not noticed by waiting
+            signal.signal(signal.SIGPROF, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
-            code = _run_tests(module, source)
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(WAITING_S)
+            code = _run_tests(file, source, tests)
         os._exit(code)
     return os.waitpid(child, 0)[1] != 0
 
 
-def _run_tests(module: str, source: str) -> int:
-    silence = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(silence, 1)
-    os.dup2(silence, 2)
-    changed = types.ModuleType(module)
-    changed.__file__ = str(_path(module))
-    sys.modules[module] = changed
-    exec(compile(source, changed.__file__, "exec"), changed.__dict__)
-    package, _, name = module.rpartition(".")
-    setattr(sys.modules[package], name, changed)
-    options = ["-x", "-q", "-p", "no:cacheprovider", "--assert=plain"]
-    return int(pytest.main([*options, *(str(ROOT / test) for test in TESTS[module])]))
+def _run_tests(file: str, source: str, tests: Sequence[str]) -> int:
+    silence = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
+        os.dup2(silence, stream)
+    os.chdir(ROOT)
+    sys.meta_path.insert(0, _Exchanged(file, source))
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:cov", "--assert=plain", "-n", "0"]
+    return int(pytest.main([*options, *tests]))
 
 
-def report(modules: Sequence[str], killed: Counter[str], survivors: list[Mutant]) -> int:
-    """Print the table and the survivors; return how many of them nobody has explained."""
-    unexplained = [mutant for mutant in survivors if (mutant.operator, mutant.line) not in EXPLAINED]
-    alive, bare = (Counter(mutant.module for mutant in some) for some in (survivors, unexplained))
-    print("| module | mutants | noticed | survive, explained | unexplained |\n|---|---|---|---|---|")
-    for module in modules:
-        total, explained = killed[module] + alive[module], alive[module] - bare[module]
-        print(f"| {module} | {total} | {killed[module]} | {explained} | {bare[module]} |")
-    print("\n| operator | the line as it became | why nobody notices |\n|---|---|---|")
-    for mutant in survivors:
-        reason = EXPLAINED.get((mutant.operator, mutant.line), "UNEXPLAINED")
-        print(f"| {mutant.operator} | `{mutant.line}` | {reason} |")
-    return len(unexplained)
+def judged(mutant: Mutant, tests: Sequence[str]) -> Judged:
+    """Run a mutant's tests and return what became of it."""
+    changed = mutated(mutant)
+    before = (ROOT / mutant.file).read_text(encoding="utf-8").splitlines()
+    text = next((b.strip() for a, b in zip(before, changed.splitlines(), strict=False) if a != b), "")
+    return Judged(mutant, bool(tests) and is_noticed(mutant.file, changed, tests), len(tests), text)
+
+
+def _prepare() -> None:
+    os.environ.setdefault("NORRBIN_HYPOTHESIS", "gate")
+    for name in PRELOADED:
+        importlib.import_module(name)
+
+
+def reach(folder: Path) -> Reach:
+    """Return which tests reach which line: from `folder` where the code is the same as then, else by running them."""
+    kept = folder / f"reach-{_state_of_code()}.json"
+    if not kept.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in folder.glob("reach-*.json"):
+            old.unlink()
+        kept.write_text(json.dumps(_traced(folder)))
+    document = json.loads(kept.read_text())
+    lines = {file: {int(line): names for line, names in each.items()} for file, each in document["lines"].items()}
+    return Reach(lines, document["seconds"])
+
+
+def _state_of_code() -> str:
+    digest = hashlib.sha256()
+    for folder in ("autopilot", "tests"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _traced(folder: Path) -> dict[str, Any]:
+    """Run the tests once with coverage and return what they reach; only those that pass count."""
+    from coverage import CoverageData
+
+    data, times = (folder / "coverage").absolute(), (folder / "times.xml").absolute()
+    data.unlink(missing_ok=True)
+    print("finding out which tests reach which line; some minutes", file=sys.stderr, flush=True)
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", f"--junitxml={times}"]
+    command += ["--cov=autopilot", "--cov-context=test", "--cov-report=", "-o", "filterwarnings=default"]
+    command += [f"tests/{name}" for name in TESTS]
+    environment = {**os.environ, "COVERAGE_FILE": str(data), "NORRBIN_HYPOTHESIS": "gate"}
+    subprocess.run(command, cwd=ROOT, env=environment, check=False, stdout=sys.stderr)
+    seconds = _passed(ElementTree.parse(times).getroot())
+    coverage = CoverageData(str(data))
+    coverage.read()
+    lines: dict[str, dict[int, list[str]]] = {}
+    for file in coverage.measured_files():
+        by_line = coverage.contexts_by_lineno(file)
+        lines[str(Path(file).relative_to(ROOT))] = {
+            line: sorted(names & seconds.keys())
+            for line, contexts in by_line.items()
+            if (names := {context.partition("|")[0] for context in contexts if context}) & seconds.keys()
+        }
+    return {"lines": lines, "seconds": seconds}
+
+
+def _passed(suites: ElementTree.Element) -> dict[str, float]:
+    """Return the tests that passed, by their node id, with their time [s]."""
+    found = {}
+    for case in suites.iter("testcase"):
+        if len(case) == 0 or all(child.tag not in ("failure", "error", "skipped") for child in case):
+            parts = str(case.get("classname")).split(".")
+            cut = next((n for n in range(len(parts), 0, -1) if (ROOT / f"{'/'.join(parts[:n])}.py").exists()), 0)
+            node = "::".join(["/".join(parts[:cut]) + ".py", *parts[cut:], str(case.get("name"))])
+            found[node] = float(case.get("time", 0.0))
+    return found
+
+
+def interval(noticed: int, total: int) -> tuple[float, float]:
+    """Return Wilson's 95 % interval of a share."""
+    z, share = 1.96, noticed / total
+    middle = (share + z * z / (2 * total)) / (1 + z * z / total)
+    half = z / (1 + z * z / total) * math.sqrt(share * (1 - share) / total + z * z / (4 * total * total))
+    return middle - half, middle + half
+
+
+def report(results: Iterable[Judged]) -> int:
+    """Print the table and the survivors; return the exit code."""
+    results = list(results)
+    survivors = [each for each in results if not each.is_noticed]
+    explained = {each for each in survivors if (each.mutant.operator, each.text) in EXPLAINED}
+    total, noticed, known = (
+        Counter(each.mutant.room for each in some)
+        for some in (results, [e for e in results if e.is_noticed], explained)
+    )
+    print("| room | mutants | noticed | survive, explained | unexplained |\n|---|---|---|---|---|")
+    for room in ROOMS:
+        if total[room]:
+            bare = total[room] - noticed[room] - known[room]
+            print(f"| {room} | {total[room]} | {noticed[room]} | {known[room]} | {bare} |")
+    print("\n| place | operator | the line as it became | tests | why nobody notices |\n|---|---|---|---|---|")
+    for each in survivors:
+        reason = EXPLAINED.get((each.mutant.operator, each.text), "UNEXPLAINED")
+        operator = each.mutant.operator.removeprefix("core/")
+        print(f"| {each.mutant.file}:{each.mutant.line} | {operator} | `{each.text}` | {each.tests} | {reason} |")
+    judged_ = len(results) - len(explained)
+    share = (judged_ - len(survivors) + len(explained)) / max(judged_, 1)
+    low, high = interval(judged_ - len(survivors) + len(explained), max(judged_, 1))
+    print(f"\nNoticed: {100 * share:.1f} % of those that can be ({100 * low:.1f} to {100 * high:.1f} %)")
+    return int(share < LEAST_NOTICED)
+
+
+def judge_all(mutants: Sequence[Mutant], reached: Reach, jobs: int) -> Iterator[Judged]:
+    """Judge every mutant, several at a time."""
+    tests = [reached.tests_of(mutant.file, mutant.line) for mutant in mutants]
+    with ProcessPoolExecutor(jobs, initializer=_prepare) as pool, ProgressBar("mutants") as bar:
+        for number, each in enumerate(pool.map(judged, mutants, tests), 1):
+            bar.show(number, len(mutants))
+            yield each
 
 
 def main() -> int:
-    """Run all mutants and print."""
+    """Draw, run and print."""
     options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    options.add_argument("--only", choices=TESTS)
-    only = options.parse_args().only
-    modules = [only] if only else list(TESTS)
-    os.chdir(ROOT)
-    for name in PRELOADED:
-        importlib.import_module(name)
-    killed: Counter[str] = Counter()
-    survivors: list[Mutant] = []
-    for module in modules:
-        if is_noticed(module, _path(module).read_text(encoding="utf-8")):
-            print(f"{module}: its tests fail as it is; put them right first", file=sys.stderr)
-            return 2
-        for mutant in mutants_of(module):
-            if is_noticed(module, mutant.source):
-                killed[module] += 1
-            else:
-                survivors.append(mutant)
-                print(f"survives: {mutant.operator}: {mutant.line}", file=sys.stderr, flush=True)
-    return int(report(modules, killed, survivors) > 0)
+    options.add_argument("--rooms", default=",".join(ROOMS), help="some of " + ",".join(ROOMS))
+    options.add_argument("--count", type=int, default=500, help="mutants (500)")
+    options.add_argument("--date", default=datetime.date.today().isoformat(), help="the sample's seed (today)")
+    options.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="at a time (the cores)")
+    options.add_argument("--map", type=Path, default=ROOT / "build" / "mutation", help="folder of the tests' reach")
+    given = options.parse_args()
+    rooms = given.rooms.split(",")
+    if unknown := [room for room in rooms if room not in ROOMS]:
+        options.error(f"there is no room {unknown[0]}; allowed are {', '.join(ROOMS)}")
+    mutants = drawn(rooms, given.count, given.date)
+    began = time.monotonic()
+    reached = reach(given.map)
+    code = report(judge_all(mutants, reached, given.jobs))
+    print(f"Sample of {given.date}, {len(mutants)} mutants, {(time.monotonic() - began) / 60:.0f} min.")
+    return code
 
 
 if __name__ == "__main__":

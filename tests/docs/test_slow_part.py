@@ -22,4 +22,4 @@ def test_every_study_named_has_commands_that_exist() -> None:
 def test_a_study_that_there_is_not_is_refused() -> None:
     done = subprocess.run(["bash", str(SLOW), "mutations"], capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 2
-    assert done.stderr.startswith("slow: there is no mutations; allowed are mutation pilot ")
+    assert done.stderr.startswith("slow: there is no mutations; allowed are mutation races pilot ")
