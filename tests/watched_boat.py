@@ -18,7 +18,7 @@ from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.transports import loopback_pair
-from autopilot.loop.vessel_in_force import LATER, VesselInForce
+from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.params.component_metadata import metadata_files
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_parameters import parameters_of
@@ -61,7 +61,7 @@ class Watched(Sea):
         if self.desk is not None:
             self.desk.attach(self.pilot, self.in_force)
         self.tuner = TuningDesk(self.in_force, self.desk, AtOnce())
-        self.files = metadata_files(parameters_of(self.in_force.vessel), LATER, "0.2.0")
+        self.files = metadata_files(parameters_of(self.in_force.running), "0.2.0")
         self.alarms = BothAlarms(self.alarms, Acknowledgements(self.skipper))
         self.commands = Commands(self.skipper, False, self.mission, self.tuner)
         self.is_cut = False

@@ -85,7 +85,7 @@ class LearningDesk:
             raise InputError(f"nothing to adopt yet: {_progress(learner)}")
         if not proposal.is_proved:
             raise InputError(f"not adopted: it must foretell better than the present model first; {_check(proposal)}")
-        return in_force.vessel, with_learnt(in_force.vessel, proposal)
+        return in_force.running, with_learnt(in_force.running, proposal)
 
     def put(self, before: Vessel, after: Vessel) -> str:
         """Put an adopted vessel in force, `before` being what `revert` goes back to. Raises RefusedError."""
@@ -100,7 +100,7 @@ class LearningDesk:
         _, in_force = self._attached()
         if not self._before:
             raise InputError("nothing to revert: no model has been adopted in this run")
-        present, before = in_force.vessel, self._before[-1]
+        present, before = in_force.running, self._before[-1]
         # what was tuned since stays tuned; model and gains go back
         after = replace(present, model=before.model, control=before.control)
         try:

@@ -25,7 +25,7 @@ from autopilot.links.boat.tuning import Tuner
 from autopilot.links.guide_alarms import GuideAlarms
 from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
-from autopilot.loop.vessel_in_force import LATER, VesselInForce
+from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.params.component_metadata import metadata_files
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import Vessel
@@ -117,15 +117,15 @@ def open_boat_links(
     The first are to nobody: they bring the alarms of those who lead.
     """
     mission, path = serving.mission, mission_file(vessel_path)
-    networks, doors = networks_of(in_force.vessel), doors or Doors()
+    networks, doors = networks_of(in_force.running), doors or Doors()
 
     def keep_course_settings(vessel: Vessel) -> None:
         mission.guide.settings = track_settings_of(vessel)
 
     in_force.changed = keep_course_settings
-    keep_course_settings(in_force.vessel)
+    keep_course_settings(in_force.running)
     mission.keep = lambda items: saver(path, dump_items(items))
-    files = metadata_files(parameters_of(in_force.vessel), LATER, __version__)
+    files = metadata_files(parameters_of(in_force.stored), __version__)
     commands = Commands(serving.helmsman, serving.armed, mission, tuner)
     links: list[Link] = [GuideAlarms(mission.guide, "track")]
     if serving.wind is not None:

@@ -8,11 +8,12 @@ import math
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from types import FrameType
 
 from autopilot.angles import compass_deg
 from autopilot.build import build_pilot
-from autopilot.build_links import LinkOptions, admission_of, alarm_outputs_of, build_links
+from autopilot.build_links import LinkOptions, admission_of, alarm_outputs_of, build_links, refuse_failsafe
 from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.log_keeping import add_log_options, alarm_links, gaps_of, open_log
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
@@ -159,7 +160,8 @@ def steer(
     saver = BackgroundSaver()
     resumption = resumption_of(arguments, vessel, saver) if resumes is not None else None
     upkeep = Upkeep(wanted, resumption)
-    in_force = VesselInForce(vessel, pilot, law, tuned_file(arguments.vessel), saver)
+    refuse = partial(refuse_failsafe, urls=arguments.link)
+    in_force = VesselInForce(vessel, pilot, law, tuned_file(arguments.vessel), saver, refuse)
     tuner = TuningDesk(in_force, desk)
     is_tuned = desk is not None or (serving is not None and bool(serving.urls))
     try:

@@ -66,10 +66,10 @@ class TuningDesk:
         """Begin to put a response level in force. Raises InputError."""
         if not 1 <= level <= 9:
             raise InputError(f"response level {level}: allowed is 1 (calm) to 9 (quick)")
-        before = self._in_force.vessel
+        before = self._in_force.running
 
         def finish(vessel: Vessel) -> str:
-            present = self._in_force.vessel
+            present = self._in_force.running
             if present.model != before.model or present.rudder != before.rudder:
                 raise InputError("model or rudder were changed meanwhile; try again")
             ours, new = present.control, vessel.control
@@ -87,7 +87,7 @@ class TuningDesk:
         wish = Wish(int(self.level)) if math.isfinite(self.level) else Wish()
 
         def finish(vessel: Vessel) -> str:
-            if self._in_force.vessel != before:
+            if self._in_force.running != before:
                 raise InputError("the vessel was changed meanwhile; try again")
             return desk.put(before, vessel)
 

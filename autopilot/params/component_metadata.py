@@ -38,14 +38,13 @@ GROUPS = {
 }
 
 
-def metadata_files(parameters: Sequence[VesselParameter], later: tuple[str, ...], version: str) -> dict[str, bytes]:
+def metadata_files(parameters: Sequence[VesselParameter], version: str) -> dict[str, bytes]:
     """Return the metadata files by path.
 
     Args:
-        parameters: what is described.  later: beginnings of the keys that count from the next start on.
-        version: ours, such as "0.2.0".
+        parameters: what is described.  version: ours, such as "0.2.0".
     """
-    table = {"version": 1, "parameters": [_described(parameter, later) for parameter in parameters]}
+    table = {"version": 1, "parameters": [_described(parameter) for parameter in parameters]}
     # a ground station that asks for metadata must be able to expand .xz, and a radio is slow
     packed = lzma.compress(_json(table), format=lzma.FORMAT_XZ, check=lzma.CHECK_CRC32)
     numbers = version.split(".")[:3]
@@ -60,7 +59,7 @@ def metadata_files(parameters: Sequence[VesselParameter], later: tuple[str, ...]
     return {GENERAL: _json(general), PARAMETERS: packed}
 
 
-def _described(parameter: VesselParameter, later: tuple[str, ...]) -> dict[str, Any]:
+def _described(parameter: VesselParameter) -> dict[str, Any]:
     section, _, _ = parameter.path.rpartition(".")
     allowed = f" Allowed: {parameter.allowed}." if parameter.low is not None else ""
     entry: dict[str, Any] = {
@@ -80,7 +79,7 @@ def _described(parameter: VesselParameter, later: tuple[str, ...]) -> dict[str, 
         entry["values"] = [{"value": number, "description": word} for number, word in enumerate(parameter.choices)]
     if parameter.choices or parameter.is_whole:
         entry["decimalPlaces"] = 0
-    if parameter.path.startswith(later):
+    if parameter.waits:
         entry["rebootRequired"] = True
     return entry
 

@@ -52,6 +52,24 @@ NAMES = {
 }
 """Names that the rule would spoil."""
 
+AT_NEXT_START = (
+    "rudder.",
+    "sensors.heading_latency_s",
+    "sensors.variation_deg",
+    "sensors.source_timeout_s",
+    "sensors.heading_monitor_deg",
+    "control.law",
+    "control.rate_hz",
+    "failsafe.heading_timeout_s",
+    "failsafe.action",
+    "failsafe.firmware_mode",
+    "failsafe.reengage_after_restart_s",
+    "helm.",
+    "drive.",
+)
+"""Beginnings of the keys that count from the next start on: what the links were opened with and the loop was begun
+with. All the others count from the next tick on."""
+
 
 class VesselParameter(NamedTuple):
     """One parameter: its name, the key it stands for (`control.pid.kp`), what is allowed, and its meaning.
@@ -67,6 +85,11 @@ class VesselParameter(NamedTuple):
     doc: str
     is_whole: bool = False
     choices: tuple[str, ...] = ()
+
+    @property
+    def waits(self) -> bool:
+        """Whether a change counts from the next start on, not at once."""
+        return self.path.startswith(AT_NEXT_START)
 
     @property
     def allowed(self) -> str:

@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 
 from autopilot.build import build_pilot, pilot_config
 from autopilot.build_laws import law_of
+from autopilot.build_links import refuse_failsafe
 from autopilot.errors import InputError
 from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
-from autopilot.params.vessel_file import load_vessel
+from autopilot.params.vessel import Limits, Vessel
+from autopilot.params.vessel_file import load_vessel, parse_vessel
 from autopilot.pilot import Pilot
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderCommand, RudderSample
 
@@ -77,9 +79,11 @@ class Kept:
         self.texts.append(text)
 
 
-def in_force(pilot: Pilot) -> tuple[VesselInForce, list[tuple[Path, str]]]:
+def in_force(
+    pilot: Pilot, vessel: Vessel = LANXIN, law: str | None = None
+) -> tuple[VesselInForce, list[tuple[Path, str]]]:
     saved: list[tuple[Path, str]] = []
-    store = VesselInForce(LANXIN, pilot, None, Path("x.tuned.yaml"), lambda path, text: saved.append((path, text)))
+    store = VesselInForce(vessel, pilot, law, Path("x.tuned.yaml"), lambda path, text: saved.append((path, text)))
     store.log = Kept()
     return store, saved
 
@@ -117,8 +121,8 @@ def test_what_is_not_allowed_or_would_make_the_loop_unstable_is_refused(name: st
 def test_limits_do_not_close_on_a_rudder_that_is_over() -> None:
     pilot = steered("backstepping", 3.0)
     assert abs(pilot.told.angle) > math.radians(10.0)
-    store, saved = in_force(pilot)
-    assert "the rudder stands further over now" in store.set("RUD_ANGLE_MAX", 5.0)
+    store, saved = in_force(pilot, replace(LANXIN, limits=Limits(angle_max_deg=25.0)))
+    assert "the rudder stands further over now" in store.set("LIM_ANGLE_MAX", 5.0)
     assert not saved
     with pytest.raises(ValueError, match="outside the new limits"):
         narrow = replace(LANXIN, rudder=replace(LANXIN.rudder, angle_max_deg=5.0))
@@ -130,6 +134,52 @@ def test_what_links_were_opened_with_counts_from_the_next_start() -> None:
     assert store.set("CTL_RATE", 10.0) == "CTL_RATE counts from the next start on"
     assert store.get("CTL_RATE") == 10.0 and len(saved) == 1
     assert isinstance(store.log, Kept) and not store.log.texts
+
+
+def test_the_law_that_waits_for_the_next_start_is_not_switched_by_the_next_change() -> None:
+    pilot = steered("backstepping", 3.0)
+    store, saved = in_force(pilot)
+    assert store.set("CTL_LAW", 1.0) == "CTL_LAW counts from the next start on"
+    assert store.set("GUI_RUDDER_SHARE", 0.5) == ""
+    assert pilot.law.name == "backstepping" and pilot.config.rudder_share == 0.5
+    assert store.running.control.law == "backstepping" and store.stored.control.law == "pid"
+    assert "law: pid" in saved[-1][1]
+    assert isinstance(store.log, Kept) and "law: backstepping" in store.log.texts[-1], "a replay goes by what ran"
+
+
+def test_a_law_without_gains_is_refused_at_once_and_not_at_the_next_start() -> None:
+    store, saved = in_force(build_pilot(LANXIN))
+    assert "CTL_LAW not changed: vessel 'Lanxin" in store.set("CTL_LAW", 3.0)
+    assert "no gains for the law 'sliding_roll'" in store.set("CTL_LAW", 3.0)
+    assert store.get("CTL_LAW") == 0.0 and not saved
+
+
+def test_a_run_with_another_law_leaves_the_file_s_own_startable() -> None:
+    store, saved = in_force(build_pilot(LANXIN, "pid"), law="pid")
+    assert "BS_K1 not changed" in store.set("BS_K1", 500.0)
+    assert not saved
+
+
+def test_what_no_link_can_do_is_refused_at_once_and_not_at_the_next_start() -> None:
+    def refuse(vessel: Vessel) -> None:
+        refuse_failsafe(vessel, ["udpin:127.0.0.1:14550"])
+
+    store = VesselInForce(LANXIN, build_pilot(LANXIN), None, Path("x.tuned.yaml"), lambda *_: None, refuse)
+    assert "failsafe.action windward needs a wind vane" in store.set("FS_ACTION", 4.0)
+    assert store.set("FS_ACTION", 0.0) == "FS_ACTION counts from the next start on"
+
+
+def test_gains_that_are_adopted_leave_what_waits_for_the_next_start() -> None:
+    pilot = build_pilot(LANXIN)
+    store, saved = in_force(pilot)
+    store.set("CTL_RATE", 10.0)
+    control = store.running.control
+    assert control.backstepping is not None
+    gains = replace(control.backstepping, k1_1_s=1.25)
+    assert store.adopt(replace(store.running, control=replace(control, backstepping=gains))) == ""
+    assert pilot.law.gains.k1 == 1.25 and store.running.control.rate_hz == LANXIN.control.rate_hz
+    again = parse_vessel(saved[-1][1])
+    assert again.control.rate_hz == 10.0 and again.control.backstepping == gains
 
 
 def test_who_moves_the_rudder_stays_as_the_links_were_opened() -> None:

@@ -182,6 +182,31 @@ def test_parameters_by_list_name_and_index() -> None:
     for name, index in ((b"NONE", -1), (b"", 3)):
         answers = bench.ask(dialect.MAVLink_param_request_read_message(7, 1, name, index))
         assert not [m for m in answers if m.get_type() == "PARAM_VALUE"]
+        errors = [m for m in answers if m.get_type() == "PARAM_ERROR"]
+        assert [(m.param_id, m.param_index, m.error) for m in errors] == [(name.decode(), index, 1)]
+
+
+def test_a_parameter_that_does_not_exist_is_answered_by_an_error_to_whoever_asked_us() -> None:
+    bench = Bench()
+    answers = bench.ask(dialect.MAVLink_param_set_message(7, 1, b"NONE", 5.0, 9))
+    error = next(m for m in answers if m.get_type() == "PARAM_ERROR")
+    assert (error.param_id, error.param_index, error.error) == ("NONE", -1, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+    assert (error.target_system, error.target_component) == (bench.station.system, bench.station.component)
+    for target in ((0, 0), (7, 0), (0, 1)):
+        answers = bench.ask(dialect.MAVLink_param_set_message(*target, b"NONE", 5.0, 9))
+        assert not [m for m in answers if m.get_type() == "PARAM_ERROR"], "it may be another component's"
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [(math.nan, 9), (math.inf, 9), (-math.inf, 9), (7.0, 6), (7.0, 1), (7.0, 10), (7.0, 0), (7.0, 255)],
+)
+def test_a_set_that_is_no_number_or_of_another_type_is_answered_by_the_old_value(value: float, kind: int) -> None:
+    bench = Bench()
+    answers = bench.ask(dialect.MAVLink_param_set_message(7, 1, b"TWO", value, kind))
+    assert [m.param_value for m in answers if m.get_type() == "PARAM_VALUE"] == [2.0]
+    assert any(m.text.startswith("TWO not changed: ") for m in answers if m.get_type() == "STATUSTEXT")
+    assert bench.store.values["TWO"] == 2.0
 
 
 def test_every_set_is_answered_by_the_old_value_where_it_is_refused() -> None:

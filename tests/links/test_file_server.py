@@ -20,7 +20,6 @@ from autopilot.links.boat.file_server import BURST_PACKETS, DATA_MAX, MOST_SESSI
 from autopilot.links.boat.metadata import GENERAL, metadata_messages
 from autopilot.links.extra_messages import ComponentInformation, ComponentMetadata
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.loop.vessel_in_force import LATER
 from autopilot.params.component_metadata import PARAMETERS, metadata_files
 from autopilot.params.vessel_file import load_vessel
 from autopilot.params.vessel_parameters import parameters_of, value_of
@@ -216,7 +215,7 @@ def test_nonsense_is_answered_or_not_but_never_raises(requests: list[bytes]) -> 
 def test_the_metadata_describes_every_parameter_as_the_protocols_schema_asks() -> None:
     vessel = load_vessel("lanxin")
     parameters = parameters_of(vessel)
-    files = metadata_files(parameters, LATER, "0.2.0.dev1")
+    files = metadata_files(parameters, "0.2.0.dev1")
     general = json.loads(files[GENERAL])
     assert general["version"] == 1 and general["firmwareVersion"] == "0.2.0"
     (entry,) = general["metadataTypes"]

@@ -200,13 +200,13 @@ def test_parameters_come_with_range_and_meaning_and_are_set_or_refused(sea: Watc
     rows = {row["name"]: row for row in desk.table()["rows"]}
     assert set(rows) == set(sea.in_force.names)
     lookahead = rows["GUI_LOOKAHEAD"]
-    assert lookahead["value"] == sea.in_force.vessel.guidance.lookahead_s and lookahead["units"] == "s"
+    assert lookahead["value"] == sea.in_force.running.guidance.lookahead_s and lookahead["units"] == "s"
     assert sea.order(do="set", name="GUI_LOOKAHEAD", value=12.5) == (True, "")
-    assert sea.in_force.vessel.guidance.lookahead_s == 12.5
+    assert sea.in_force.running.guidance.lookahead_s == 12.5
     assert {row["name"]: row for row in desk.table()["rows"]}["GUI_LOOKAHEAD"]["value"] == 12.5
     taken, words = sea.order(do="set", name="GUI_LOOKAHEAD", value=-1)
     assert not taken and "old value" in words
-    assert sea.in_force.vessel.guidance.lookahead_s == 12.5
+    assert sea.in_force.running.guidance.lookahead_s == 12.5
 
 
 def test_silence_ages_every_value_and_leaves_a_gap_in_the_plots(sea: Watched) -> None:
