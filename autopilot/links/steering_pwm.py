@@ -113,14 +113,22 @@ class InputTable:
 def pulse_table(channel: SteeringChannel) -> InputTable:
     """Return the table of input pulses [us] for RC_CHANNELS_OVERRIDE; ValueError where the channel cannot steer."""
     channel.check()
-    return InputTable(range(channel.rc_min, channel.rc_max + 1), _share_of_pulse(channel), channel.rc_trim)
+    return InputTable(range(channel.rc_min, channel.rc_max + 1), _share_of_pulse(channel), _neutral(channel))
 
 
 def manual_table(channel: SteeringChannel) -> InputTable:
     """Return the table of MANUAL_CONTROL `y`, -1000..1000; ValueError where the channel cannot steer."""
     channel.check()
     of_pulse = _share_of_pulse(channel)
-    return InputTable(range(-1000, 1001), lambda y: of_pulse(pulse_from_manual(channel, y)), 0)
+    neutral = round(2000.0 * (_neutral(channel) - channel.rc_min) / (channel.rc_max - channel.rc_min)) - 1000
+    return InputTable(range(-1000, 1001), lambda y: of_pulse(pulse_from_manual(channel, y)), neutral)
+
+
+def _neutral(channel: SteeringChannel) -> int:
+    """Amidships, half a dead zone off the trim: the rudder does not move for it, and RC_CHANNELS can tell it from a
+    stick at rest. At the trim itself a vehicle that ignores us would seem to obey for as long as the rudder rests.
+    """
+    return channel.rc_trim + channel.rc_dead_zone // 2
 
 
 def _share_of_pulse(channel: SteeringChannel) -> Callable[[int], float]:

@@ -281,6 +281,18 @@ def test_a_rudder_that_does_not_obey_is_noticed() -> None:
     assert {m.chan1_raw for m in bench.overrides()} <= {0}, "no steering without the helm"
 
 
+def test_a_vehicle_that_ignores_us_is_noticed_while_the_rudder_rests_amidships() -> None:
+    bench = ready()
+    bench.command = RudderCommand(bench.now, 0.0, True)
+    bench.run(2.0)
+    assert bench.helm.available
+    assert steering_of(bench.rover.pulse) == 0, "amidships moves nothing"
+    bench.rover.obeys, bench.rover.pulse = False, bench.rover.stick
+    bench.run(1.5)
+    assert not bench.helm.available
+    assert "does not obey: RC channel 1 is at 1500" in bench.helm.reason
+
+
 @pytest.mark.parametrize(
     ("attribute", "value", "words"), [("mode", 4, "mode HOLD"), ("mode", 15, "GUIDED"), ("armed", False, "disarmed")]
 )
