@@ -302,6 +302,16 @@ _OUTSIDE = [
         "nothing for 3 s, or no heartbeat for 8 s",
     ),
     AlarmKind(
+        "radio_lost",
+        "the radio is lost",
+        "steer by hand or from the ground station, switch the transmitter on; the vehicle acts on the loss by itself",
+        Response.OVERRIDE,
+        _CRITICAL,
+        _LINK,
+        "RC_CHANNELS shows a throttle below FS_THR_VALUE, an rssi fallen to 0 or no channels left; or SYS_STATUS or "
+        "STATUSTEXT (Radio Failsafe) says so; not where FS_THR_ENABLE is 0",
+    ),
+    AlarmKind(
         "firmware_rebooted",
         "the vehicle has rebooted",
         "steer by hand, arm it and order the course again",

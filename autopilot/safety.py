@@ -13,6 +13,7 @@ from typing import NamedTuple
 from autopilot.alarms import CATALOGUE, Response, text_of
 from autopilot.envelope import NOT_FINITE, CommandCheck, Envelope, Picture
 from autopilot.signals import (
+    RADIO_LOST,
     REBOOTED,
     SILENT,
     AlarmSample,
@@ -321,4 +322,6 @@ def _word_of(taken: str) -> tuple[str, str]:
         name = "firmware_rebooted"
     elif taken.startswith(SILENT):
         name = "link_silent"
+    elif taken.startswith(RADIO_LOST):
+        name = "radio_lost"
     return name, f"{OVERRIDDEN}: {taken}; {CATALOGUE[name].remedy}"

@@ -59,6 +59,7 @@ class RollSample(NamedTuple):
 
 REBOOTED = "the vehicle has rebooted"
 SILENT = "no heartbeat from the vehicle"
+RADIO_LOST = "the radio is lost"
 """Beginnings of a HelmSample's reason that no human stands behind."""
 
 

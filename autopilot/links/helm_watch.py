@@ -78,6 +78,8 @@ class HelmWatch:
         self._last_command = -math.inf
         self._disobeyed = ""
         self._sticks: dict[int, int] = {}
+        self.radio = ""
+        """Why the radio counts as lost; empty while it does not."""
         self.switched_off = False
         """Whether the radio's switch for overrides is off."""
         self._rebooted = False
@@ -113,7 +115,7 @@ class HelmWatch:
         self.armed = False
         self.system_state = 0
         self._sent.clear()
-        self.misfit = ""
+        self.misfit = self.radio = ""
 
     def released(self) -> None:
         """Take note that we no longer steer."""
@@ -166,6 +168,13 @@ class HelmWatch:
         elif abs(pulse - self._sticks.setdefault(number, pulse)) > STICK_MOVED_US:
             self._disobeyed = f"the stick on RC channel {number} was moved: the helm is yours"
 
+    def cleared_by_stick(self) -> None:
+        """Take that the firmware has ended our overrides because a stick was moved (RC_OPTIONS bit 14)."""
+        self._disobeyed = (
+            "the stick was moved: the helm is yours; before you engage again centre it and switch radio override off "
+            "and on (RCn_OPTION 46)"
+        )
+
     @property
     def disobeyed(self) -> bool:
         """Whether the rudder did not obey while we steered."""
@@ -186,7 +195,7 @@ class HelmWatch:
         if waiting and self._rebooted:
             return f"{REBOOTED}; {waiting}"
         self._rebooted = False
-        return waiting or self._state_reason() or self._obedience_reason(now)
+        return waiting or self.radio or self._state_reason() or self._obedience_reason(now)
 
     def _state_reason(self) -> str:
         needed, ours = (GUIDED_MODE, "heading targets") if self._guided else (MANUAL_MODE, "rudder commands")

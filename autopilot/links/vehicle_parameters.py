@@ -24,7 +24,17 @@ OVERRIDE_TIME = "RC_OVERRIDE_TIME"
 CHANNEL_COUNT = 16
 STICKS = {"RCMAP_PITCH": 2, "RCMAP_THROTTLE": 3, "RCMAP_YAW": 4}
 """The other sticks' channels, by default as ArduPilot has them (libraries/AP_RCMapper)."""
-WELCOME = (*STICKS, *(f"RC{number}_OPTION" for number in range(1, CHANNEL_COUNT + 1)))
+SETTINGS = (
+    "FS_THR_ENABLE",
+    "FS_THR_VALUE",
+    "FS_GCS_ENABLE",
+    "FS_GCS_TIMEOUT",
+    "FS_ACTION",
+    "ARMING_RUDDER",
+    "RC_OPTIONS",
+)
+"""What the firmware does when somebody falls silent, and what it takes from a stick."""
+WELCOME = (*STICKS, *SETTINGS, *(f"RC{number}_OPTION" for number in range(1, CHANNEL_COUNT + 1)))
 """Asked for too, but steering does not wait for them."""
 OVERRIDE_SWITCH = 46
 """RCn_OPTION of a switch on the radio that allows overrides (libraries/RC_Channel/RC_Channel.h, AUX_FUNC)."""
@@ -135,6 +145,12 @@ class VehicleParameters:
         """Number of the input channel that steers (RCMAP_ROLL), None while unknown or impossible."""
         value = self._values.get("RCMAP_ROLL")
         return round(value) if value is not None and 1.0 <= value <= 16.0 else None
+
+    @property
+    def throttle_input(self) -> int:
+        """Number of the input channel of the throttle (RCMAP_THROTTLE), ArduPilot's default while unknown."""
+        number = round(self._values.get("RCMAP_THROTTLE", STICKS["RCMAP_THROTTLE"]))
+        return number if 1 <= number <= CHANNEL_COUNT else STICKS["RCMAP_THROTTLE"]
 
     @property
     def override_switch(self) -> int | None:

@@ -12,10 +12,11 @@ from autopilot.links.helm_probe import HelmProbe
 from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.mavlink_codec import Message, message_id
 from autopilot.links.message_streams import MessageStreams
+from autopilot.links.radio_watch import RadioWatch
 from autopilot.links.release import OverrideRelease
 from autopilot.links.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
 from autopilot.links.vehicle_clock import VehicleClock
-from autopilot.links.vehicle_health import HEARD, SYSTEM, VehicleHealth
+from autopilot.links.vehicle_health import HEARD, SYSTEM, TEXT, VehicleHealth
 from autopilot.links.vehicle_parameters import VehicleParameters
 from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
 
@@ -28,6 +29,8 @@ CHANNELS_TIMEOUT_S = 1.0
 FIX_2D = 2
 SWITCH_LOW_US = 1200
 """Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
+CLEARED_BY_STICK = "RC overrides cleared by pilot input"
+"""ArduPilot since 4.8, where RC_OPTIONS has bit 14 (libraries/RC_Channel/RC_Channels.cpp)."""
 USEC_WRAP_S = 2.0**32 * 1.0e-6
 ANGLE_LIMIT = 7.0
 RATE_LIMIT = 100.0
@@ -65,6 +68,7 @@ class VehicleReader:
         self.probe = HelmProbe(output)
         self.guided: GuidedTargets | None = None
         self.health = VehicleHealth()
+        self.radio = RadioWatch()
         self.release = OverrideRelease()
         self.lacks_receiver = False
         self.parameters = VehicleParameters()
@@ -103,16 +107,26 @@ class VehicleReader:
         if message_id(message) in HEARD:
             if message_id(message) == SYSTEM:
                 self.streams.count(SYSTEM)
+                self.radio.status(message.onboard_control_sensors_enabled, message.onboard_control_sensors_health)
+            elif message_id(message) == TEXT:
+                self._text(now, message.text)
             samples.extend(self.health.take(now, message))
         handler = self._handlers.get(message_id(message))
         if handler is not None:
             handler(now, message, samples)
+        self.watch.radio = self.radio.reason(self.parameters)
+
+    def _text(self, now: float, words: str) -> None:
+        self.radio.text(now, words)
+        if words.startswith(CLEARED_BY_STICK):
+            self.watch.cleared_by_stick()
 
     def _heartbeat(self, now: float, message: Message, samples: list[Sample]) -> None:
         if now - self.watch.heartbeat_time > LONG_SILENCE_S and self._clock.known:
             self._ask_anew()
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self.watch.heartbeat(now, message.custom_mode, armed, message.system_status)
+        self.radio.heartbeat(now, message.system_status)
 
     def _attitude(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.count(ATTITUDE)
@@ -167,6 +181,7 @@ class VehicleReader:
 
     def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.count(CHANNELS)
+        self.radio.channels(now, message, self.parameters)
         number, recent = self.parameters.steering_input, self.watch.recent_pulses
         if number is None:
             return
@@ -216,7 +231,8 @@ class VehicleReader:
         self.parameters.reset()
         self.streams.reset()
         self._output.forget()
-        self.watch.misfit = ""
+        self.watch.misfit = self.watch.radio = ""
+        self.radio = RadioWatch()
         self.probe.reset()
         if self.guided is not None:
             self.guided.reset()

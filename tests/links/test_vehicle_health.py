@@ -11,8 +11,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.alarms import CATALOGUE
 from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.radio_watch import LASTS_S, RadioWatch
 from autopilot.links.vehicle_health import RECOVERED_PERCENT, TEXT_LASTS_S, VehicleHealth
-from autopilot.signals import ConditionSample
+from autopilot.links.vehicle_parameters import VehicleParameters
+from autopilot.signals import RADIO_LOST, ConditionSample
 
 FENCE = int(dialect.MAV_SYS_STATUS_GEOFENCE)
 
@@ -89,3 +91,75 @@ def test_what_is_said_in_words_lasts_a_minute(words: str, name: str) -> None:
 def test_other_words_mean_nothing(words: str) -> None:
     if not any(word in words.lower() for word in ("fence", "shallow")):
         assert VehicleHealth().take(0.0, text(words.encode("ascii", "replace").decode())) == []
+
+
+RECEIVER = int(dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
+
+
+def channels(throttle: int = 1500, rssi: int = 255, count: int = 16) -> Any:
+    pulses = [1500, 1500, throttle, *[1500] * 13, 0, 0]
+    return sent(dialect.MAVLink_rc_channels_message(0, count, *pulses, rssi))
+
+
+def parameters(**values: float) -> VehicleParameters:
+    known = VehicleParameters()
+    for name, value in {"FS_THR_VALUE": 910.0, **values}.items():
+        assert known.take(name, value)
+    return known
+
+
+@pytest.mark.parametrize(
+    ("well", "lost", "word"),
+    [
+        ({}, {"throttle": 909}, "909 us"),
+        ({"rssi": 200}, {"rssi": 3}, "3 of 254"),
+        ({"count": 8}, {"count": 0}, "no channels"),
+    ],
+)
+def test_a_lost_radio_shows_in_rc_channels(well: dict[str, int], lost: dict[str, int], word: str) -> None:
+    radio, known = RadioWatch(), parameters(FS_THR_ENABLE=1.0)
+    radio.channels(0.0, channels(**well), known)
+    for n in range(4):
+        radio.channels(1.0 + n * LASTS_S / 4, channels(**lost), known)
+    assert radio.reason(known) == "", "not for a moment"
+    radio.channels(1.01 + LASTS_S, channels(**lost), known)
+    assert radio.reason(known).startswith(f"{RADIO_LOST}: ")
+    assert word in radio.reason(known)
+    assert radio.reason(parameters(FS_THR_ENABLE=0.0)) == ""
+    radio.channels(2.0, channels(**well), known)
+    assert radio.reason(known) == ""
+
+
+@pytest.mark.parametrize("never", [{"rssi": 0}, {"rssi": 255}, {"count": 0}, {"throttle": 0}, {"throttle": 910}])
+def test_a_radio_that_never_was_is_not_lost(never: dict[str, int]) -> None:
+    radio, known = RadioWatch(), parameters()
+    for n in range(50):
+        radio.channels(0.1 * n, channels(**never), known)
+        radio.status(0, 0)
+        radio.status(RECEIVER, 0)
+    assert radio.reason(known) == ""
+
+
+def test_a_receiver_that_was_well_and_is_not_is_lost() -> None:
+    radio, known = RadioWatch(), parameters()
+    radio.status(RECEIVER, RECEIVER)
+    radio.status(RECEIVER, 0)
+    assert radio.reason(known)
+    radio.status(RECEIVER, RECEIVER)
+    assert radio.reason(known) == ""
+
+
+def test_the_firmware_s_radio_failsafe_lasts_until_it_says_so_or_is_no_longer_critical() -> None:
+    radio, known = RadioWatch(), parameters()
+    radio.text(0.0, "GCS Failsafe")
+    assert radio.reason(known) == ""
+    radio.text(1.0, "Radio Failsafe")
+    radio.heartbeat(1.1, dialect.MAV_STATE_ACTIVE)
+    assert radio.reason(known), "a heartbeat from before"
+    radio.heartbeat(60.0, dialect.MAV_STATE_CRITICAL)
+    assert radio.reason(known)
+    radio.text(61.0, "Radio Failsafe Cleared")
+    assert radio.reason(known) == ""
+    radio.text(62.0, "Radio Failsafe")
+    radio.heartbeat(64.0, dialect.MAV_STATE_STANDBY)
+    assert radio.reason(known) == "", "the text was lost"

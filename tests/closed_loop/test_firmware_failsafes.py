@@ -1,0 +1,163 @@
+"""Three endings on a flight controller set up by the shipped file: left in good order, killed, radio dead."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from lockstep import STEP, Lockstep
+
+from autopilot.params.firmware_file import load_firmware, wanted_parameters
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import Mode
+
+VESSEL = load_vessel("lanxin")
+SHIPPED = {wanted.name: float(wanted.value) for wanted in wanted_parameters(load_firmware("ardurover-boat"))}
+MANUAL, HOLD = 0, 4
+
+
+def engaged(vehicle: dict[str, Any] | None = None, **parameters: float) -> Lockstep:
+    """Return a boat with the shipped parameters, held on a course for some seconds."""
+    run = Lockstep(VESSEL, parameters={**SHIPPED, **parameters}, vehicle=vehicle)
+    run.engage(20.0)
+    assert run.run(20.0, run.engaged)
+    assert not run.run(12.0, lambda tick: tick.mode is not Mode.ENGAGED)
+    return run
+
+
+def without_us(run: Lockstep, seconds: float) -> None:
+    """Go on with a vehicle to which nobody speaks any more."""
+    for _ in range(round(seconds / STEP)):
+        run.clock.time = round(run.clock.time + STEP, 9)
+        run.far.receive()
+        run.vehicle.advance(run.now)
+        run.vehicle.transmit(run.now)
+
+
+def said(run: Lockstep) -> list[str]:
+    return [text for _, text in run.firmware.notices]
+
+
+def test_left_in_good_order_a_hand_in_manual_goes_on_steering() -> None:
+    run = engaged()
+    before = said(run)
+    run.link.release(run.now)
+    run.carry(run.now)
+    for stick in (1800, 1200):
+        run.firmware.sticks[0] = stick
+        without_us(run, 20.0)
+        assert run.firmware.channels[0] == stick
+    assert (run.firmware.mode, run.firmware.armed, run.firmware.failsafe) == (MANUAL, True, "")
+    assert said(run) == before
+
+
+def test_killed_the_stick_has_the_rudder_after_the_override_s_time_and_keeps_it() -> None:
+    run = engaged()
+    run.firmware.sticks[0] = 1700
+    without_us(run, 0.9)
+    assert run.firmware.channels[0] != 1700
+    without_us(run, 0.3)
+    assert run.firmware.channels[0] == 1700
+    without_us(run, 20.0)
+    assert (run.firmware.mode, run.firmware.armed, run.firmware.channels[0]) == (MANUAL, True, 1700)
+
+
+def test_killed_without_a_receiver_the_boat_stops() -> None:
+    run = Lockstep(VESSEL, parameters=SHIPPED, vehicle={"receiver": False})
+    run.engage(20.0)
+    assert run.run(20.0, run.engaged)
+    without_us(run, 6.0)
+    assert (run.firmware.mode, run.firmware.armed, run.firmware.throttle) == (HOLD, True, 0)
+    assert run.firmware.servos[0] == 1500
+
+
+def test_killed_where_nobody_holds_the_radio_the_station_s_failsafe_stops_the_boat() -> None:
+    run = engaged(FS_GCS_ENABLE=1)
+    without_us(run, 8.0)
+    assert (run.firmware.mode, run.firmware.throttle) == (HOLD, 0)
+
+
+def lost_radio(run: Lockstep, seconds: float) -> bool:
+    ended: bool = run.run(seconds, lambda tick: tick.mode is not Mode.ENGAGED)
+    return ended
+
+
+def test_a_receiver_that_sends_low_throttle_when_the_radio_dies_releases_at_once_and_the_boat_stops() -> None:
+    run = engaged()
+    run.firmware.sticks[2] = 900
+    assert lost_radio(run, 1.0)
+    assert run.tick.mode is Mode.OVERRIDE
+    assert run.tick.alarms[0].startswith("overridden: the radio is lost: ")
+    assert "FS_THR_VALUE" in run.tick.alarms[0]
+    run.run(5.0)
+    assert (run.firmware.mode, run.firmware.throttle) == (HOLD, 0)
+    assert "Radio Failsafe" in said(run)
+    run.engage(40.0)
+    assert not run.run(10.0, run.engaged), "no engaging without a radio"
+    run.firmware.sticks[2] = 1750
+    run.run(3.0)
+    run.firmware.set_mode(MANUAL)
+    run.engage(40.0)
+    assert run.run(20.0, run.engaged), "the radio is back"
+
+
+def test_an_rssi_that_falls_to_nothing_releases_and_the_firmware_stops_the_boat() -> None:
+    run = engaged(RSSI_TYPE=1)
+    run.firmware.receiver = run.firmware.has_receiver = False
+    assert lost_radio(run, 2.5)
+    assert "the radio is lost" in run.tick.alarms[0]
+    run.run(6.0)
+    assert (run.firmware.mode, run.firmware.throttle) == (HOLD, 0)
+
+
+def test_a_receiver_that_just_falls_silent_cannot_be_seen_while_we_steer() -> None:
+    """The page says so: the firmware neither acts nor shows anything."""
+    run = engaged()
+    run.firmware.receiver = run.firmware.has_receiver = False
+    assert not lost_radio(run, 30.0)
+    assert run.firmware.mode == MANUAL
+    run.link.release(run.now)
+    without_us(run, 5.0)
+    assert run.firmware.mode == HOLD, "it acts as soon as nobody steers"
+
+
+def test_with_the_radio_s_failsafe_off_its_loss_is_nobody_s_business() -> None:
+    run = engaged(FS_THR_ENABLE=0, RSSI_TYPE=1)
+    run.firmware.receiver = run.firmware.has_receiver = False
+    assert not lost_radio(run, 10.0)
+
+
+@pytest.mark.parametrize(("version", "options", "ends"), [("4.6", 32, False), ("4.8", 32 + (1 << 14), True)])
+def test_the_steering_stick_takes_the_helm_where_the_firmware_lets_it(version: str, options: int, ends: bool) -> None:
+    run = engaged({"firmware": version}, RC_OPTIONS=options, RC7_OPTION=46)
+    run.firmware.sticks[0] = 2000
+    assert lost_radio(run, 0.5) is ends
+    run.run(3.0)
+    if not ends:
+        assert run.tick.mode is Mode.ENGAGED, "an overridden stick is not seen: the page says so"
+        return
+    assert run.tick.mode is Mode.OVERRIDE
+    assert "the stick was moved" in run.tick.alarms[0]
+    assert "switch" in run.tick.alarms[0]
+    assert run.firmware.channels[0] == 2000
+    run.firmware.sticks[0], run.firmware.sticks[6] = 1500, 1000
+    run.run(1.0)
+    run.firmware.sticks[6] = 2000
+    run.engage(40.0)
+    assert run.run(20.0, run.engaged), "the switch gives the helm back"
+
+
+def test_a_steering_stick_mixed_into_the_yaw_channel_takes_the_helm() -> None:
+    """What the page recommends for firmware before 4.8: the transmitter sends the stick on RCMAP_YAW's channel too."""
+    run = engaged()
+    run.firmware.sticks[0] = run.firmware.sticks[3] = 1800
+    assert lost_radio(run, 0.5)
+    assert "the stick on RC channel 4 was moved" in run.tick.alarms[0]
+
+
+def test_hard_to_port_at_rest_does_not_disarm() -> None:
+    run = engaged()
+    run.firmware.sticks[2] = 1500
+    run.engage(-150.0)
+    run.run(30.0)
+    assert run.firmware.armed
