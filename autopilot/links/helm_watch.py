@@ -127,27 +127,26 @@ class HelmWatch:
         return self.armed and self.mode == MANUAL_MODE
 
     @property
-    def recent_pulses(self) -> tuple[int, int] | None:
-        """Lowest and highest input pulse [us] commanded in the last `HISTORY_S`; None while we command none."""
-        pulses = [pulse for _, pulse in self._sent if pulse is not None]
-        return (min(pulses), max(pulses)) if pulses else None
+    def recent_pulses(self) -> list[int]:
+        """Input pulses [us] commanded in the last `HISTORY_S`, the newest last; none while we command none."""
+        return list(dict.fromkeys(pulse for _, pulse in reversed(self._sent) if pulse is not None))[::-1]
 
     @property
     def steering(self) -> bool:
         """Whether we have commanded something that we have not released."""
         return bool(self._sent)
 
-    def seen(self, now: float, what: str, pulse: int, expected: tuple[int, int]) -> None:
-        """Compare a reported `pulse` [us] with the range that the commands of late ask for.
+    def seen(self, now: float, what: str, pulse: int, expected: list[int]) -> None:
+        """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last.
 
-        `what` names the report in the sentence, such as "RC channel 1" or "servo 1".
+        It is one of them: between two that lie on either side a pulse that stands still would seem to obey for as long
+        as the rudder swings about it. `what` names the report in the sentence, such as "RC channel 1" or "servo 1".
         """
-        low, high = min(expected) - PULSE_TOLERANCE_US, max(expected) + PULSE_TOLERANCE_US
         self.judge(
             now,
             what,
-            low <= pulse <= high,
-            f"the rudder does not obey: {what} is at {pulse} us while {expected[1]} is commanded "
+            any(abs(pulse - each) <= PULSE_TOLERANCE_US for each in expected),
+            f"the rudder does not obey: {what} is at {pulse} us while {expected[-1]} is commanded "
             "(radio override switched off, or another ground station steers)",
         )
 

@@ -173,9 +173,9 @@ class VehicleReader:
             servo_of = lambda sent: servo_from_steering(channel, steering_from_pulse(channel, sent))  # noqa: E731
             self.release.report(now, pulse, "SERVO_OUTPUT_RAW", servo_of)
         recent = self.watch.recent_pulses
-        if recent is not None:
-            low, high = (servo_from_steering(channel, steering_from_pulse(channel, sent)) for sent in recent)
-            self.watch.seen(now, f"servo {servo}", pulse, (low, high))
+        if recent:
+            asked = [servo_from_steering(channel, steering_from_pulse(channel, sent)) for sent in recent]
+            self.watch.seen(now, f"servo {servo}", pulse, asked)
         angle = self._output.angle_from_share(share_from_servo(channel, pulse))
         samples.append(RudderSample(self._servo_time(now, message.time_usec), angle, True, "servo_output_raw"))
 
@@ -199,7 +199,7 @@ class VehicleReader:
         self._channels_time = now
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
-        if recent is not None:
+        if recent:
             self.watch.seen(now, f"RC channel {number}", pulse, recent)
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:

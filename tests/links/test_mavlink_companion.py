@@ -293,6 +293,17 @@ def test_a_vehicle_that_ignores_us_is_noticed_while_the_rudder_rests_amidships()
     assert "does not obey: RC channel 1 is at 1500" in bench.helm.reason
 
 
+def test_a_pulse_that_stands_still_between_two_orders_is_none_of_them() -> None:
+    bench = ready()
+    bench.rover.obeys, bench.rover.pulse = False, bench.rover.stick
+    for swing in (0.1, -0.1) * 4:
+        if bench.helm.available:
+            bench.command = RudderCommand(bench.now, swing, True)
+            bench.run(0.4)
+    assert not bench.helm.available
+    assert "does not obey: RC channel 1 is at 1500" in bench.helm.reason
+
+
 @pytest.mark.parametrize(
     ("attribute", "value", "words"), [("mode", 4, "mode HOLD"), ("mode", 15, "GUIDED"), ("armed", False, "disarmed")]
 )
