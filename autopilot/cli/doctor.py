@@ -17,7 +17,8 @@ RATE_HZ = 20.0
 WORDS = ("go", "warn", "NO GO")
 DESCRIPTION = """\
 Measure this machine: how late it wakes, memory, disk, clock, supply, versions, serial lines. With --link also how often
-and how evenly headings come; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go."""
+and how evenly headings come, whether the helm would be ours, and which parameters of the flight controller stand in the
+way; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go, as where the helm is refused."""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:

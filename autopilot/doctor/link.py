@@ -8,7 +8,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from autopilot.doctor.finding import Finding, Verdict, share_below
+from autopilot.doctor.firmware import firmware_findings
 from autopilot.links.base import Link, LinkError
+from autopilot.links.mavlink_companion import CompanionLink
 from autopilot.loop.clock import Clock
 from autopilot.signals import AlarmSample, HeadingSample, HelmSample
 
@@ -56,7 +58,7 @@ def judged(heard: Heard, timeout: float) -> list[Finding]:
         cure = "check that the compass or vehicle is on, its wiring, and the baud rate"
         findings.append(Finding("heading", Verdict.NO_GO, f"none came in {heard.seconds:.0f} s", cure))
     for source, reason in heard.helm.items():
-        verdict = Verdict.WARN if reason else Verdict.GO
+        verdict = Verdict.NO_GO if reason else Verdict.GO
         findings.append(Finding("helm", verdict, f"{source}: {reason or 'obeys us'}", "as it says; see --as-gcs"))
     findings += [Finding("alarm", Verdict.WARN, text, "as it says") for text in heard.alarms.values() if text]
     return findings
@@ -94,7 +96,11 @@ def examine(open_links: Callable[[], list[Link]], clock: Clock, seconds: float, 
     except LinkError as error:
         return [Finding("link", Verdict.NO_GO, *_parted(str(error)))]
     try:
-        return judged(listen(links, clock, seconds), timeout)
+        findings = judged(listen(links, clock, seconds), timeout)
+        for link in links:
+            if isinstance(link, CompanionLink):
+                findings += firmware_findings(link.vehicle_parameters)
+        return findings
     except LinkError as error:
         return [Finding("link", Verdict.NO_GO, *_parted(str(error)))]
     finally:

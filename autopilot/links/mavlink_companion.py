@@ -31,7 +31,7 @@ from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import let_in
 from autopilot.links.vehicle_health import VehicleHealth
-from autopilot.links.vehicle_parameters import OVERRIDE_TIME
+from autopilot.links.vehicle_parameters import OVERRIDE_TIME, VehicleParameters
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
 from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 
@@ -157,6 +157,11 @@ class CompanionLink:
     def vehicle_system(self) -> int | None:
         """System id of the vehicle latched on to, None before its heartbeat."""
         return self._vehicle or None
+
+    @property
+    def vehicle_parameters(self) -> VehicleParameters:
+        """The vehicle's parameters on the way from steering input to rudder, as far as they have come."""
+        return self._reader.parameters
 
     @property
     def bad_packets(self) -> int:

@@ -8,6 +8,7 @@ import os
 import random
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from lockstep import STEP, BadLine, Lockstep
@@ -17,6 +18,7 @@ from autopilot.doctor import machine, system
 from autopilot.doctor.finding import Finding, Verdict, worst
 from autopilot.doctor.link import Heard, examine, judged
 from autopilot.links.base import Link, LinkError
+from autopilot.params.firmware_file import load_firmware, wanted_parameters
 from autopilot.params.vessel_file import load_vessel
 
 VESSEL = load_vessel("lanxin")
@@ -150,7 +152,7 @@ def test_a_vehicle_that_is_well() -> None:
     assert by_name["heading"].figures["rate_hz"] == pytest.approx(20.0, rel=0.3)
     assert by_name["heading"].figures["longest_gap_ms"] < 300.0
     assert by_name["helm"].found.endswith("obeys us")
-    assert worst(findings) is Verdict.GO
+    assert worst(findings) is Verdict.WARN, "by the firmware's defaults"
     # looked at, never steered
     assert run.world.boat.state.rudder == pytest.approx(0.0, abs=1e-3)
     assert not run.firmware.overrides.active(run.now + 1.0, 3.0)
@@ -166,10 +168,67 @@ def test_a_silent_line_is_no_go() -> None:
     assert (finding.verdict, finding.found) == (Verdict.NO_GO, "none came in 5 s")
 
 
-def test_a_helm_that_is_not_ours_is_a_warning_with_its_reason() -> None:
+def test_a_helm_that_is_refused_is_no_go_with_its_reason() -> None:
     heard = Heard({"a": [0.1 * n for n in range(50)]}, {"a": [0.01] * 50}, {"a": "the vehicle is not armed"}, {}, 5.0)
     helm = judged(heard, 1.0)[1]
-    assert (helm.verdict, helm.found) == (Verdict.WARN, "a: the vehicle is not armed")
+    assert (helm.verdict, helm.found) == (Verdict.NO_GO, "a: the vehicle is not armed")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        ({"vehicle": {"armed": False}}, "disarmed"),
+        ({"vehicle": {"mode": "HOLD"}}, "in mode HOLD"),
+        ({"settings": {"as_gcs": False}}, "--as-gcs"),
+        ({"parameters": {"RC_OVERRIDE_TIME": 0.0}}, "RC_OVERRIDE_TIME"),
+    ],
+)
+def test_a_vehicle_that_refuses_the_helm_is_no_go(wrong: dict[str, Any], reason: str) -> None:
+    run = Lockstep(VESSEL, **wrong)
+    findings = examine(lambda: [run.link], Listening(run), 12.0, VESSEL.failsafe.heading_timeout_s)
+    (helm,) = [finding for finding in findings if finding.name == "helm"]
+    assert helm.verdict is Verdict.NO_GO
+    assert reason in helm.found
+
+
+SHIPPED = {wanted.name: float(wanted.value) for wanted in wanted_parameters(load_firmware("ardurover-boat"))}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "name", "verdict", "word"),
+    [
+        ({}, "arming", Verdict.WARN, "ARMING_RUDDER 2"),
+        ({"ARMING_RUDDER": 1}, "arming", Verdict.GO, "arms a boat"),
+        ({"ARMING_RUDDER": 0}, "arming", Verdict.GO, "neither"),
+        ({"FS_GCS_ENABLE": 1}, "station fail-safe", Verdict.WARN, "5 s"),
+        ({}, "station fail-safe", Verdict.GO, "off"),
+        ({"FS_THR_ENABLE": 0}, "radio fail-safe", Verdict.WARN, "nobody notices"),
+        ({"RC_OPTIONS": 4}, "radio fail-safe", Verdict.WARN, "bit 2"),
+        ({}, "radio fail-safe", Verdict.GO, "910 us"),
+        ({"FS_ACTION": 0}, "fail-safe action", Verdict.WARN, "FS_ACTION 0"),
+        ({}, "taking over", Verdict.WARN, "steering stick does nothing"),
+        ({"RC7_OPTION": 46}, "taking over", Verdict.GO, "channel 7"),
+        ({"RC_OPTIONS": 1 << 14}, "taking over", Verdict.WARN, "only a reboot"),
+        ({"RC_OPTIONS": 1 << 14, "RC7_OPTION": 46}, "taking over", Verdict.GO, "channel 7"),
+        ({"RC_OPTIONS": 1}, "taking over", Verdict.WARN, "bit 0"),
+        ({"RC_OPTIONS": 2}, "taking over", Verdict.NO_GO, "bit 1"),
+    ],
+)
+def test_parameters_of_the_firmware_that_fight_us_are_named(
+    parameters: dict[str, float], name: str, verdict: Verdict, word: str
+) -> None:
+    run = Lockstep(VESSEL, parameters=parameters)
+    findings = examine(lambda: [run.link], Listening(run), 12.0, VESSEL.failsafe.heading_timeout_s)
+    (finding,) = [finding for finding in findings if finding.name == name]
+    assert finding.verdict is verdict, finding
+    assert word in finding.found
+    assert finding.cure or verdict is Verdict.GO
+
+
+def test_with_the_shipped_parameters_only_the_way_to_take_over_is_left_to_choose() -> None:
+    run = Lockstep(VESSEL, parameters=SHIPPED)
+    findings = examine(lambda: [run.link], Listening(run), 12.0, VESSEL.failsafe.heading_timeout_s)
+    assert [finding.name for finding in findings if finding.verdict is not Verdict.GO] == ["taking over"]
 
 
 def test_uneven_headings_are_told_by_their_gaps() -> None:

@@ -1,0 +1,95 @@
+"""The flight controller's parameters that fight the pilot, or the hand that wants the helm back. Pure.
+
+What each means for Norrbin: docs/flight_controllers.md. Source: ArduPilot, Rover/failsafe.cpp, Rover/radio.cpp,
+libraries/RC_Channel/RC_Channels.cpp, libraries/AP_Arming.
+"""
+
+from __future__ import annotations
+
+from autopilot.doctor.finding import Finding, Verdict
+from autopilot.links.vehicle_parameters import VehicleParameters
+
+IGNORE_RECEIVER, IGNORE_OVERRIDES, IGNORE_FAILSAFE, CLEAR_BY_STICK = 1 << 0, 1 << 1, 1 << 2, 1 << 14
+"""RC_OPTIONS."""
+STICK_ARMS, STICK_DISARMS = 1, 2
+"""ARMING_RUDDER."""
+PAGE = "docs/flight_controllers.md"
+
+
+def firmware_findings(parameters: VehicleParameters) -> list[Finding]:
+    """Return what the parameters that have come mean for steering; nothing of those that have not."""
+    looked = [_arming(parameters), _radio(parameters), _station(parameters), _action(parameters), _takeover(parameters)]
+    return [finding for finding in looked if finding is not None]
+
+
+def _arming(parameters: VehicleParameters) -> Finding | None:
+    option = parameters.get("ARMING_RUDDER")
+    if option is None:
+        return None
+    if option == STICK_DISARMS:
+        found = "ARMING_RUDDER 2: some seconds of hard port rudder at neutral throttle, ours too, disarm the boat"
+        return Finding("arming", Verdict.WARN, found, "set ARMING_RUDDER 0, as ardurover-boat does")
+    what = "arms a boat that is disarmed" if option == STICK_ARMS else "neither arms nor disarms"
+    return Finding("arming", Verdict.GO, f"the rudder {what} (ARMING_RUDDER {option:.0f})")
+
+
+def _radio(parameters: VehicleParameters) -> Finding | None:
+    option, limit = parameters.get("FS_THR_ENABLE"), parameters.get("FS_THR_VALUE")
+    if option is None or limit is None:
+        return None
+    if option == 0.0:
+        found = "FS_THR_ENABLE 0: nobody notices a lost radio, the throttle stays where its stick was"
+        return Finding("radio fail-safe", Verdict.WARN, found, "set FS_THR_ENABLE 1 where there is a radio")
+    if int(parameters.get("RC_OPTIONS") or 0) & IGNORE_FAILSAFE:
+        found = "RC_OPTIONS bit 2: what the receiver sends after it has lost the radio counts as the stick"
+        return Finding("radio fail-safe", Verdict.WARN, found, "take bit 2 (4) out of RC_OPTIONS")
+    found = (
+        f"acts on a throttle below {limit:.0f} us; a receiver that falls silent is not noticed while we steer ({PAGE})"
+    )
+    return Finding("radio fail-safe", Verdict.GO, found)
+
+
+def _station(parameters: VehicleParameters) -> Finding | None:
+    option, timeout = parameters.get("FS_GCS_ENABLE"), parameters.get("FS_GCS_TIMEOUT")
+    if option is None:
+        return None
+    if option == 0.0:
+        return Finding("station fail-safe", Verdict.GO, "off: the boat goes on when Norrbin leaves or dies")
+    after = "" if timeout is None else f", {timeout:g} s and FS_TIMEOUT later"
+    found = f"FS_GCS_ENABLE {option:.0f}: the boat stops when Norrbin has left{after}, also where a hand steers by then"
+    return Finding("station fail-safe", Verdict.WARN, found, "set FS_GCS_ENABLE 0 where somebody holds the radio")
+
+
+def _action(parameters: VehicleParameters) -> Finding | None:
+    if parameters.get("FS_ACTION") != 0.0:
+        return None
+    found = "FS_ACTION 0: a fail-safe of the firmware drops our orders and leaves mode and engine as they are"
+    return Finding("fail-safe action", Verdict.WARN, found, "set FS_ACTION 2 (hold)")
+
+
+def _takeover(parameters: VehicleParameters) -> Finding | None:
+    """How a hand on the radio takes the helm, other than by the mode or disarming."""
+    if (known := parameters.get("RC_OPTIONS")) is None:
+        return None
+    options, switch = int(known), parameters.override_switch
+    name = "taking over"
+    if options & IGNORE_OVERRIDES:
+        found = "RC_OPTIONS bit 1: the vehicle ignores every override"
+        return Finding(name, Verdict.NO_GO, found, "take bit 1 (2) out of RC_OPTIONS")
+    if options & IGNORE_RECEIVER:
+        found = "RC_OPTIONS bit 0: the vehicle ignores its radio, nobody can take over by it"
+        return Finding(name, Verdict.WARN, found, "take bit 0 (1) out of RC_OPTIONS")
+    if options & CLEAR_BY_STICK:
+        if switch is not None:
+            return Finding(
+                name, Verdict.GO, f"the stick ends overrides, the switch on channel {switch} allows them again"
+            )
+        found = "the stick ends overrides (RC_OPTIONS bit 14), and only a reboot allows them again"
+        return Finding(name, Verdict.WARN, found, "give a switch of the radio RCn_OPTION 46")
+    if switch is not None:
+        return Finding(
+            name, Verdict.GO, f"by the override switch on channel {switch}; the steering stick alone does nothing"
+        )
+    found = "only another mode or disarming takes the helm: the steering stick does nothing while we steer"
+    cure = f"give a switch RCn_OPTION 46, or from ArduRover 4.8 on add bit 14 (16384) to RC_OPTIONS too ({PAGE})"
+    return Finding(name, Verdict.WARN, found, cure)
