@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from autopilot.printable import brief
+
 
 class ExitCode(IntEnum):
     """Exit codes of the commands; documented in the README."""
@@ -17,7 +19,13 @@ class ExitCode(IntEnum):
 
 
 class InputError(ValueError):
-    """A file, option or record that cannot be used. The message names it, the value, and what is allowed."""
+    """A file, option or record that cannot be used. The message names it, the value, and what is allowed.
+
+    However long what it quotes, the message is short.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(brief(message))
 
     def each(self) -> list[InputError]:
         """Return the mistakes one by one: this one, where it is not a collection."""

@@ -7,10 +7,18 @@ them.
 
 from __future__ import annotations
 
+import contextlib
+import re
+import sys
+from collections.abc import Iterator
 from typing import Any, TextIO
 
 SHORT = 200
 """Characters of a foreign text that a sentence quotes."""
+SENTENCE = 2000
+"""Characters of a sentence that a command ends with."""
+WORD, CUT = 400, 100
+"""A word longer than WORD is cut to its first CUT characters."""
 KEPT = "\n\t"
 """What our own lines and tables are made with."""
 
@@ -30,10 +38,22 @@ def shortened(text: str, most: int = SHORT) -> str:
     return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
 
 
+def brief(sentence: str) -> str:
+    """Return a sentence with what is long in it cut: words of foreign origin, and at last its middle."""
+    if len(sentence) <= WORD:
+        return sentence
+    cut = _LONG_WORD.sub(lambda word: shortened(word[0], CUT), sentence)
+    if len(cut) <= SENTENCE:
+        return cut
+    return f"{cut[: SENTENCE - CUT]} ... ({len(sentence)} characters) ... {cut[-CUT:]}"
+
+
 def printable(value: object, most: int = SHORT) -> str:
     """Return a foreign value on one short line that a terminal shows and does not obey."""
-    text = value if isinstance(value, str) else repr(value)
-    return escaped(shortened(text, most))
+    return escaped(shortened(value if isinstance(value, str) else repr(value), most))
+
+
+_LONG_WORD = re.compile(rf"\S{{{WORD + 1},}}")
 
 
 class PrintableStream:
@@ -63,6 +83,21 @@ class PrintableStream:
         return getattr(self.inside, name)
 
 
+@contextlib.contextmanager
+def printable_output() -> Iterator[None]:
+    """Keep what is printed printable while the block lasts, on the standard output and error output."""
+    out, error = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _wrapped(out), _wrapped(error)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = out, error
+
+
+def _wrapped(stream: Any) -> Any:
+    return stream if stream is None or isinstance(stream, PrintableStream) else PrintableStream(stream)
+
+
 def terminal_of(stream: Any) -> Any:
     """Return the stream that takes our own control characters: the one inside, where foreign text is kept printable."""
     return stream.inside if isinstance(stream, PrintableStream) else stream
@@ -71,5 +106,5 @@ def terminal_of(stream: Any) -> Any:
 def rewrite_line(stream: Any, line: str, end: str = "") -> None:
     """Write `line` over the present line of a terminal."""
     terminal = terminal_of(stream)
-    terminal.write(f"\r{escaped(line)}\033[K{end}")
+    terminal.write(f"\r{escaped(line, KEPT)}\033[K{end}")
     terminal.flush()

@@ -5,9 +5,10 @@
     python benchmarks/fuzz_everything.py --only ULog --engine atheris --inputs 50000     # guided by coverage
 
 For the pilot an input is one tick; for a reader it is one file. Random damage: sound inputs cut, joined, doubled, with
-bytes and bits changed, put in and taken out, and noise. `atheris` (extra `bench`) watches which branches an input
-reaches and builds on those that reach new ones; there inputs are counted as it counts them. Exit code 1 at the first
-input that a target cannot take, which is written to fuzz-failure.bin.
+bytes and bits changed, put in and taken out, numbers of 5000 digits, infinite or next to nought, and noise. `atheris`
+(extra `bench`) watches which branches an input reaches and builds on those that reach new ones; there inputs are
+counted as it counts them. Exit code 1 at the first input that a target cannot take, or does not end with; it
+is written to fuzz-failure.bin.
 
 `--kept` names a file with a line for every part that is done, and a run that was cut goes on from there. The pilot's
 targets need no more than pymavlink and pyyaml, so that PyPy can run them, twice as fast.
@@ -18,7 +19,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import random
+import re
+import signal
+import struct
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -32,9 +37,34 @@ REFUSALS = (InputError, LinkError)
 """How a target refuses its input."""
 FAILURE = Path("fuzz-failure.bin")
 LONGEST = 1 << 16
+HANG_S = 60
+"""An input that takes longer than this, where others take milliseconds, has no end."""
 PART = 50_000
 """Inputs after which a run is kept."""
 INTERESTING = (0, 1, 0x7F, 0x80, 0xFF, 0x0A, 0x2C, 0x2D, 0x3A, 0x22)
+NUMBER = re.compile(rb"[+-]?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?")
+STRANGE_NUMBERS = (
+    *(b"9" * digits for digits in (12, 20, 39, 310, 400, 5000)),
+    *(b"0." + b"0" * digits + b"1" for digits in (20, 330)),
+    *(b"1e308", b"1e309", b"-1e309", b"1e999999999", b"5e-324", b"1e-999", b"2.2250738585072011e-308"),
+    *(b"inf", b"-Infinity", b"nan", b"NaN", b".inf", b"-0", b"--1", b"+-1", b"1_0", b"0x7fffffffffffffff", b"1e", b"."),
+    *(b"18446744073709551616", b"-9223372036854775809", b"2147483648", b"253402300800", b"\xd9\xa3"),
+)
+"""What stands in the place of a number: too many digits, no end, too near nought, signs, other ways to write."""
+STRANGE_TEXTS = (b"\x1b[31m", b"\xe2\x80\xae", b"\xed\xa0\x80", b'"\\ud800"', b"[" * 4000, b"{" * 900, b"\\c:1" * 500)
+"""Escape sequences, marks of writing direction, halves of characters, depth."""
+STRANGE_WORDS = tuple(
+    struct.pack(order + kind, value)
+    for order in "<>"
+    for kind, values in (
+        ("f", (math.nan, math.inf, -math.inf, 1e-45, 3.4e38)),
+        ("d", (math.nan, math.inf, -math.inf, 5e-324, 1.7e308)),
+        ("Q", (0, 1, 2**63, 2**64 - 1, 253402300800000000)),
+        ("i", (-(2**31), 2**31 - 1, -1)),
+    )
+    for value in values
+)
+"""The same in binary."""
 
 
 class Count(NamedTuple):
@@ -61,7 +91,7 @@ def _damage(rng: random.Random, data: bytearray, seeds: Sequence[bytes]) -> None
     """Change one thing."""
     if not data:
         data += rng.randbytes(8)
-    place, kind = rng.randrange(len(data)), rng.randrange(8)
+    place, kind = rng.randrange(len(data)), rng.randrange(11)
     if kind == 0:
         data[place] ^= 1 << rng.randrange(8)
     elif kind == 1:
@@ -78,8 +108,17 @@ def _damage(rng: random.Random, data: bytearray, seeds: Sequence[bytes]) -> None
         other = rng.choice(seeds)
         start = rng.randrange(len(other)) if other else 0
         data[place:place] = other[start : start + rng.randrange(1, 200)]
-    else:
+    elif kind == 7:
         data[place : place + 8] = rng.randbytes(min(8, len(data) - place))
+    elif kind == 8:
+        number = NUMBER.search(data, place)
+        at, end = number.span() if number is not None else (place, place)
+        data[at:end] = rng.choice(STRANGE_NUMBERS)
+    elif kind == 9:
+        data[place:place] = rng.choice(STRANGE_TEXTS)
+    else:
+        word = rng.choice(STRANGE_WORDS)
+        data[place : place + len(word)] = word
 
 
 def names() -> list[str]:
@@ -117,7 +156,8 @@ def run_random(name: str, inputs: int, seed: int, part: int = 0) -> Count:
     for data in damaged(rng, seeds):
         calls += 1
         try:
-            take(data)
+            with must_end(HANG_S):
+                take(data)
             taken += 1
         except REFUSALS:
             pass
@@ -128,6 +168,22 @@ def run_random(name: str, inputs: int, seed: int, part: int = 0) -> Count:
         if (calls if done < 0 else done) >= inputs:
             break
     return Count(calls if counted() < 0 else counted(), taken, remark_of(take))
+
+
+@contextlib.contextmanager
+def must_end(seconds: int) -> Iterator[None]:
+    """Raise TimeoutError where the block has not ended after `seconds`: a reader that hangs is found."""
+
+    def late(number: int, frame: object) -> None:
+        raise TimeoutError(f"not done after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def remark_of(take: Callable[[bytes], None]) -> str:

@@ -12,6 +12,7 @@ from types import FrameType
 from autopilot import __version__
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.links.base import LinkError
+from autopilot.printable import brief, escaped, printable_output
 from sitl.campaign import command as campaign
 from sitl.campaign import tune_command
 from sitl.fault_command import DEFAULT_DESK, add_fault_command
@@ -182,6 +183,11 @@ def _servo(text: str) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `sitl` and return its exit code."""
+    with printable_output():
+        return _run(argv)
+
+
+def _run(argv: Sequence[str] | None) -> int:
     arguments = build_parser().parse_args(argv)
     arguments.typed = ["sitl", *(sys.argv[1:] if argv is None else argv)]  # reports print it, whole
     try:
@@ -197,7 +203,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _complain(error: Exception, code: ExitCode) -> int:
-    print(f"sitl: {error}", file=sys.stderr)
+    print(f"sitl: {escaped(brief(str(error)))}", file=sys.stderr)
     return int(code)
 
 

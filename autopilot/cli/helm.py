@@ -67,6 +67,7 @@ def show(
     window: curses.window, station: Station, line: BoatLine, keys: Any, clock: Callable[[], float], waits: bool = True
 ) -> None:
     """Keep the line, draw five times a second, obey the keys, until one of them quits."""
+    from autopilot.printable import escaped
     from autopilot.web.screen import screen
 
     window.nodelay(True)
@@ -86,7 +87,7 @@ def show(
             lines = screen(station, now, (columns - 1, rows), line.trouble, keys.said, keys.may)
             window.erase()
             for row, each in enumerate(lines):
-                window.addstr(row, 0, each.text, looks.get(each.look, 0))
+                window.addstr(row, 0, escaped(each.text)[: columns - 1], looks.get(each.look, 0))
             window.refresh()
         if waits:
             watched = [0, line.fileno()] if line.fileno() >= 0 else [0]

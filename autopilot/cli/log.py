@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode, InputError
+from autopilot.printable import SENTENCE, escaped, printable
 
 if TYPE_CHECKING:
     from autopilot.loop.logs.info import LogInfo
@@ -119,30 +120,33 @@ def as_json(info: LogInfo) -> str:
 
 def as_text(info: LogInfo) -> str:
     """Return the information as a table for people."""
-    lines = [f"{info.source}: {info.kind}, {info.duration:.1f} s{_date(info.began)}", ""]
+    lines = [f"{escaped(info.source)}: {info.kind}, {info.duration:.1f} s{_date(info.began)}", ""]
     heads = f"{'samples':>8s} {'Hz':>6s} {'from s':>8s} {'to s':>8s} {'gaps':>5s} {'longest s':>9s}  range"
     lines.append(f"{'quantity':18s} {'source':38s} {heads}")
     for series in info.series:
         name, factor = _shown(series.quantity)
         lines.append(
-            f"{name:18s} {series.source:38s} {series.samples:8d} {series.rate_hz:6.1f} {series.begins:8.1f} "
-            f"{series.ends:8.1f} {series.gaps:5d} {series.longest_gap:9.2f}  "
+            f"{name:18s} {printable(series.source, 60):38s} {series.samples:8d} {series.rate_hz:6.1f} "
+            f"{series.begins:8.1f} {series.ends:8.1f} {series.gaps:5d} {series.longest_gap:9.2f}  "
             f"{series.low * factor:.4g} to {series.high * factor:.4g}"
         )
     lines.append("")
     if info.missing:
-        lines.append(f"Identification cannot use it: {info.missing}")
+        lines.append(f"Identification cannot use it: {printable(info.missing, SENTENCE)}")
     else:
         runs = "one stretch" if info.segments == 1 else f"{info.segments} stretches"
         lines.append(f"Identification can use {info.usable:.1f} s in {runs}:")
-    lines += [f"  {_shown(column)[0].rsplit(' ', 1)[0]}: {source}" for column, source in info.uses.items()]
-    return "\n".join(lines + [f"- {note}" for note in info.notes])
+    lines += [f"  {_shown(column)[0].rsplit(' ', 1)[0]}: {printable(source)}" for column, source in info.uses.items()]
+    return "\n".join(lines + [f"- {printable(note, SENTENCE)}" for note in info.notes])
 
 
 def _date(began: float | None) -> str:
     if began is None:
         return ""
-    return f", begun {datetime.fromtimestamp(began, UTC).strftime('%Y-%m-%d %H:%M:%S')} UTC"
+    try:
+        return f", begun {datetime.fromtimestamp(began, UTC).strftime('%Y-%m-%d %H:%M:%S')} UTC"
+    except (ValueError, OverflowError, OSError):
+        return ", begun at no date of the calendar"
 
 
 def _shown(quantity: str) -> tuple[str, float]:

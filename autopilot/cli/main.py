@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from autopilot import __version__
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.printable import brief, escaped, printable_output
 
 SUBCOMMANDS = {
     "run": "steer a boat in real time",
@@ -60,7 +61,12 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one subcommand and return its exit code."""
+    """Run one subcommand and return its exit code. What it prints is made printable, whoever it comes from."""
+    with printable_output():
+        return _run(argv)
+
+
+def _run(argv: Sequence[str] | None) -> int:
     # before numpy comes: its threads spin on cores that others need, and a sum's last digit hangs on their number
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = sys.argv[1:] if argv is None else argv
@@ -85,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _complain(error: Exception, code: ExitCode) -> int:
-    print(f"autopilot: {error}", file=sys.stderr)
+    print(f"autopilot: {escaped(brief(str(error)))}", file=sys.stderr)
     return int(code)
 
 

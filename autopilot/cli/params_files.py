@@ -17,6 +17,7 @@ from autopilot.params.foreign_files import SUFFIXES, dump_foreign, is_foreign
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import dump_vessel
+from autopilot.printable import SENTENCE, escaped, printable
 
 YAML_SUFFIXES = (".yaml", ".yml")
 
@@ -29,7 +30,7 @@ def check(arguments: argparse.Namespace) -> int:
             kind = _kind(file)
         except InputError as error:
             for each in error.each():
-                print(f"autopilot: {each}", file=sys.stderr)
+                print(f"autopilot: {printable(str(each), SENTENCE)}", file=sys.stderr)
             code = ExitCode.USAGE
         else:
             print(f"{file}: {kind}, nothing wrong")
@@ -62,7 +63,7 @@ def _show_values(file: ParameterFile, as_json: bool) -> None:
     if as_json:
         print(json.dumps(values, indent=2))
     else:
-        print("\n".join(f"{name:<16}  {value}" for name, value in values.items()))
+        print("\n".join(f"{escaped(name):<16}  {value}" for name, value in values.items()))
 
 
 def _show_firmware(firmware: FirmwareFile) -> None:

@@ -11,6 +11,7 @@ from autopilot.params.comparison import Difference
 from autopilot.params.firmware_owned import LeftOut, sentence_of
 from autopilot.params.outcome import Change, Outcome, Verdict
 from autopilot.params.session import Vehicle
+from autopilot.printable import escaped
 
 
 class Report(NamedTuple):
@@ -60,7 +61,8 @@ def difference_table(found: Sequence[Difference], left: str, right: str) -> str:
 
 
 def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the rows with the first column flush left, the last as it is and the others flush right."""
+    """Return the rows with the first column flush left, the last as it is and the others flush right; a line each."""
+    rows = [tuple(map(escaped, row)) for row in rows]
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
     lines = []
     for row in rows:

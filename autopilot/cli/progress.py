@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from types import TracebackType
 
+from autopilot.printable import rewrite_line
+
 WIDTH = 30
 
 
@@ -27,10 +29,10 @@ class ProgressBar:
         line = f"{self._label} [{'#' * filled}{' ' * (WIDTH - filled)}] {done}/{total or '?'}"
         if line != self._line:
             self._line = line
-            print(f"\r{line}\033[K", end="", file=sys.stderr, flush=True)
+            rewrite_line(sys.stderr, line)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._line:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+            rewrite_line(sys.stderr, "")

@@ -30,8 +30,10 @@ from autopilot.params.component_metadata import metadata_files
 from autopilot.params.saving import save_text
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_parameters import parameters_of
+from autopilot.regular_file import read_regular
 
 SYSTEM_MAX = 255
+ROUTE_MOST_BYTES = 1 << 20
 LOOKING_ONLY = (
     "other machines can look and give no orders: no signing key is set. Give --signing-key FILE, or "
     "--orders-without-key to obey everybody who reaches it"
@@ -173,7 +175,7 @@ def load_mission(vessel_path: str, route: Path | None) -> Mission:
 
 def _read(path: Path) -> tuple[MissionItem, ...]:
     try:
-        return parse_items(path.read_text(), str(path))
+        return parse_items(read_regular(path, ROUTE_MOST_BYTES).decode(), str(path))
     except OSError as error:
         raise InputError(f"route {path}: {error.strerror}; give a waypoint file that can be read") from error
     except UnicodeDecodeError:

@@ -32,9 +32,11 @@ from autopilot.loop.health import LoopHealth
 from autopilot.loop.session import Orders, Session
 from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
 from autopilot.params.vessel import Vessel
+from autopilot.printable import printable, rewrite_line, terminal_of
 from autopilot.signals import Mode, OrderKind, Tick
 
 STATUS_PERIOD = 0.5
+ALARM_CHARACTERS = 400
 ENGAGE_PATIENCE = 20.0
 """Time [s] after the first heading in which an ordered engagement must come about."""
 
@@ -172,7 +174,7 @@ def steer(
         if desk is not None:
             desk.attach(pilot, in_force)
         in_force.log = recorder = open_log(arguments, vessel, law, clock.now())
-        outputs, _ = alarm_outputs_of(vessel, sys.stderr if sys.stderr.isatty() else None)
+        outputs, _ = alarm_outputs_of(vessel, terminal_of(sys.stderr) if sys.stderr.isatty() else None)
         links = [*links, *alarm_links(recorder), *outputs, LoopHealth(1.0 / vessel.control.rate_hz)]
         if isinstance(orders, Skipper):
             links.append(Acknowledgements(orders))
@@ -266,24 +268,27 @@ class StatusLine:
         """Show the tick where it is time to."""
         if (tick.mode, tick.alarms) != self._said:
             self._said = (tick.mode, tick.alarms)
-            said = "".join(f"  ! {alarm}" for alarm in tick.alarms)
+            said = "".join(f"  ! {printable(alarm, ALARM_CHARACTERS)}" for alarm in tick.alarms)
             self._print_line(f"{tick.now:8.1f} s  {tick.mode.name}{said}")
         elif self._live and tick.now >= self._next:
             self._next = tick.now + STATUS_PERIOD
             ahead = self._describe(tick) if self._describe is not None else ""
-            print(f"\r{ahead}{'  ' if ahead else ''}{status_text(tick)}\033[K", end="", flush=True)
+            rewrite_line(sys.stdout, f"{ahead}{'  ' if ahead else ''}{status_text(tick)}")
 
     def end(self) -> None:
         """Leave the line."""
         if self._live:
-            print("\r\033[K", end="", flush=True)
+            rewrite_line(sys.stdout, "")
 
     def say(self, text: str) -> None:
         """Print a text above the line."""
         self._print_line(text)
 
     def _print_line(self, line: str) -> None:
-        print(f"\r{line}\033[K" if self._live else line, flush=True)
+        if self._live:
+            rewrite_line(sys.stdout, line, "\n")
+        else:
+            print(line, flush=True)
 
 
 def status_text(tick: Tick) -> str:

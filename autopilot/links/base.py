@@ -8,11 +8,15 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 from autopilot.links.release import Release
+from autopilot.printable import brief
 from autopilot.signals import Mode, RudderCommand, Sample, Tick
 
 
 class LinkError(Exception):
-    """A link could not be opened or has been lost. The message names the link, what happened and what to do."""
+    """A link could not be opened or has been lost. The message, which is short, names it, what happened, what to do."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(brief(message))
 
 
 class Transport(Protocol):

@@ -21,6 +21,7 @@ from pathlib import Path
 from autopilot.errors import InputError
 from autopilot.links.signing import FIRST_LINK, KEY_SIZE, MINUTE, OUR_LINKS, TIMESTAMP_MAX, Signing
 from autopilot.params.saving import replace_file
+from autopilot.regular_file import open_regular
 
 EPOCH_S = 1_420_070_400
 """2015-01-01 in seconds since 1970."""
@@ -40,10 +41,8 @@ def read_key(path: str | Path) -> bytes:
     """
     path = Path(path)
     try:
-        with path.open("rb") as file:
+        with open(open_regular(path), "rb") as file:  # noqa: PTH123 - a descriptor, not a path
             mode = os.fstat(file.fileno()).st_mode
-            if not stat.S_ISREG(mode):
-                raise InputError(f"signing key {path}: not a file; give a file with the key, such as signing.key")
             if mode & OTHERS:
                 raise InputError(
                     f"signing key {path}: others may use it (mode {stat.S_IMODE(mode):04o}); run: chmod 600 {path}"

@@ -10,7 +10,6 @@ import csv
 import difflib
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +17,12 @@ from numpy.typing import NDArray
 
 from autopilot.errors import InputError
 from autopilot.params.strict_yaml import read_document
+from autopilot.printable import printable
+from autopilot.regular_file import read_regular
 
 KNOT_M_S = 1852.0 / 3600.0
+NAMED_MOST, NAME_MOST, COMPARED_MOST = 30, 40, 1000
+"""Columns that a refusal names, characters of each, and columns that are compared with a name that is missing."""
 
 
 class Column(NamedTuple):
@@ -110,7 +113,7 @@ def read_csv(
 def _rows(path: str) -> tuple[list[str], list[int], list[list[str]]]:
     """Return the header, and the line number and cells of every row below it."""
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = read_regular(path).decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}; check the name and the rights.") from error
     except UnicodeDecodeError as error:
@@ -145,10 +148,12 @@ def _places(
         if name not in header:
             raise InputError(
                 f"{path}: has no column '{name}' (for {quantity}){_nearest(name, header)}; its columns are "
-                f"{', '.join(header)}."
+                f"{_names(header)}."
             )
         if header.count(name) > 1:
-            raise InputError(f"{path}: has {header.count(name)} columns named '{name}'; give them different names.")
+            raise InputError(
+                f"{path}: has {header.count(name)} columns named '{printable(name)}'; give them different names."
+            )
         column = COLUMNS[quantity]
         if column.si_name in places:
             other = header[places[column.si_name][1]]
@@ -165,18 +170,25 @@ def _missing(path: str, header: Sequence[str], group: Sequence[str], mapped: boo
     if mapped:
         return (
             f"{path}: the column map names none of {', '.join(names)}, and one of them is needed; the columns are "
-            f"{', '.join(header)}."
+            f"{_names(header)}."
         )
     near = next((hint for name in names if (hint := _nearest(name, header))), "")
     return (
-        f"{path}: has no column {' or '.join(names)}{near}; its columns are {', '.join(header)}; name the right one "
+        f"{path}: has no column {' or '.join(names)}{near}; its columns are {_names(header)}; name the right one "
         "in a map given by --columns."
     )
 
 
+def _names(header: Sequence[str]) -> str:
+    """Return the columns' names, the first of them where there are many."""
+    more = f" and {len(header) - NAMED_MOST} more" if len(header) > NAMED_MOST else ""
+    return ", ".join(printable(name, NAME_MOST) for name in header[:NAMED_MOST]) + more
+
+
 def _nearest(name: str, choices: Sequence[str]) -> str:
-    found = difflib.get_close_matches(name, choices, n=1, cutoff=0.5)
-    return f" (nearest: '{found[0]}')" if found else ""
+    likely = [choice for choice in choices[:COMPARED_MOST] if len(choice) <= NAME_MOST]
+    found = difflib.get_close_matches(name[:NAME_MOST], likely, n=1, cutoff=0.5)
+    return f" (nearest: '{printable(found[0])}')" if found else ""
 
 
 def _number(path: str, line: int, column: str, cell: str) -> float:
@@ -187,9 +199,11 @@ def _number(path: str, line: int, column: str, cell: str) -> float:
     try:
         value = float(text)
     except ValueError as error:
-        raise InputError(f"{path}, line {line}: '{text}' in column '{column}' is not a number.") from error
+        said = f"'{printable(text, NAME_MOST)}' in column '{printable(column, NAME_MOST)}'"
+        raise InputError(f"{path}, line {line}: {said} is not a number.") from error
     if math.isinf(value) or "_" in text:
-        raise InputError(f"{path}, line {line}: '{text}' in column '{column}' is not a finite number.")
+        said = f"'{printable(text, NAME_MOST)}' in column '{printable(column, NAME_MOST)}'"
+        raise InputError(f"{path}, line {line}: {said} is not a finite number.")
     return value
 
 

@@ -33,6 +33,7 @@ from autopilot.loop.tick_codec import (
     encode_header,
     encode_tick,
 )
+from autopilot.regular_file import read_regular
 from autopilot.signals import Tick
 
 PAYLOAD_TYPE = 0x8E52
@@ -264,7 +265,7 @@ def _records(path: Path) -> Iterator[bytes]:
 
 def _bytes_of(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        data = read_regular(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; give a log that exists and can be read") from error
     if not data:

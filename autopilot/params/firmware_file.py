@@ -248,7 +248,7 @@ def check_name(node: Node, name: str) -> None:
 def _check_value(node: Node, name: str, entry: ParameterEntry) -> None:
     node = node.at("value")
     try:
-        struct.pack("<f", entry.value)
+        struct.pack("<f", float(entry.value))
     except OverflowError:
         raise node.fault(
             f"{name} is {entry.value}, which is outside what a 32-bit float holds (about 3.4e38)."

@@ -17,6 +17,7 @@ from autopilot.errors import InputError
 from autopilot.params.firmware_dump import Heading, TypedValue, implied_kind
 from autopilot.params.firmware_file import NAME_LENGTH_MAX, Number
 from autopilot.params.value_coding import as_float32, encode, is_integer_type, type_name
+from autopilot.regular_file import read_regular
 
 SIZE_MAX_BYTES = 4_000_000
 SUFFIXES = (".param", ".parm", ".params")
@@ -48,8 +49,7 @@ def read_foreign(path: str | Path) -> ForeignFile:
     """Return the parameters in the file at `path`; raises InputError with file and line for what cannot be used."""
     path = Path(path)
     try:
-        with path.open("rb") as file:
-            data = file.read(SIZE_MAX_BYTES + 1)
+        data = read_regular(path, SIZE_MAX_BYTES + 1)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the name and the folder.") from None
     if len(data) > SIZE_MAX_BYTES:

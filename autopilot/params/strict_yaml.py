@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from autopilot.errors import InputError
+from autopilot.regular_file import read_regular
 
 SIZE_MAX_BYTES = 4_000_000
 DEPTH_MAX = 20
@@ -74,8 +75,7 @@ def read_document(path: str | Path) -> Node:
     """Return the root node of the YAML file at `path`; raises InputError with the one sentence that says why not."""
     path = Path(path)
     try:
-        with path.open("rb") as file:
-            data = file.read(SIZE_MAX_BYTES + 1)
+        data = read_regular(path, SIZE_MAX_BYTES + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; check the name and the folder.") from None
     except IsADirectoryError:

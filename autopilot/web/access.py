@@ -11,9 +11,11 @@ from pathlib import Path
 from autopilot.errors import InputError
 from autopilot.order_values import is_same_token
 from autopilot.params.saving import replace_file
+from autopilot.regular_file import read_regular
 
 TOKEN_BYTES = 18
 SHORTEST = 16
+TOKEN_FILE_MOST = 1024
 TICKET_S = 120.0
 
 
@@ -60,7 +62,7 @@ def token_of(path: Path | None) -> str:
             return token
         if stat.S_IMODE(path.stat().st_mode) & 0o077:
             raise InputError(f"--token-file {path}: others can read it; run chmod 600 {path}")
-        token = path.read_text(encoding="ascii").strip()
+        token = read_regular(path, TOKEN_FILE_MOST).decode("ascii").strip()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a text in ASCII"
         raise InputError(f"--token-file {path}: {reason}; give a file that only you can read and write") from error

@@ -21,6 +21,8 @@ MILLISECONDS_FROM = 1.0e11
 """Numbers beyond this are milliseconds since 1970, and beyond a thousand times this microseconds."""
 EPOCH_FROM = 3.0e8
 """A number of seconds above this is counted from 1970 (1979 on)."""
+PREFIX_MOST = 256
+"""Characters before a sentence that are looked at."""
 UTC_FIELD = {"RMC": 0, "GGA": 0, "GLL": 4, "ZDA": 0}
 
 _TAG = re.compile(r"\\[^\\]*?c:(\d+)[^\\]*\\\s*$")
@@ -31,28 +33,31 @@ _NUMBER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)(?![\w.])")
 
 def stamp_of(prefix: str) -> tuple[float, bool] | None:
     """Return the time [s] in what stands before a sentence, and whether it is a time of day; None where none is."""
+    prefix = prefix[-PREFIX_MOST:]
     tag = _TAG.search(prefix)
     if tag:
-        return _scaled(float(tag[1])), False
+        return _epoch(tag[1])
     iso = _ISO.search(prefix)
     if iso:
         zone = (iso[3] or "Z").replace("Z", "+00:00")
         try:
             moment = datetime.fromisoformat(f"{iso[1]}T{iso[2].replace(',', '.')[:15]}{zone}")
-        except ValueError:
+            return moment.timestamp(), False
+        except (ValueError, OverflowError):
             return None
-        return moment.timestamp(), False
     clock = _OF_DAY.search(prefix)
     if clock:
         return _of_day(clock[1], clock[2], clock[3].replace(",", ".")), True
     number = _NUMBER.search(prefix)
-    return (_scaled(float(number[1])), False) if number else None
+    return _epoch(number[1]) if number else None
 
 
-def _scaled(value: float) -> float:
-    while value > MILLISECONDS_FROM:
-        value *= 1.0e-3
-    return value
+def _epoch(digits: str) -> tuple[float, bool] | None:
+    """Return the seconds that a number of seconds, milliseconds, micro- or nanoseconds is; None where it is no time."""
+    value = float(digits)
+    for _ in range(3):
+        value = value * 1.0e-3 if value > MILLISECONDS_FROM else value
+    return (value, False) if value <= MILLISECONDS_FROM else None
 
 
 def _of_day(hours: str, minutes: str, seconds: str) -> float:

@@ -19,6 +19,7 @@ from autopilot.loop.logs.series import Recording, from_zero, series_of
 from autopilot.loop.logs.servo import Servo
 from autopilot.loop.logs.tlog import read_tlog
 from autopilot.loop.logs.ulog import read_ulog
+from autopilot.regular_file import read_regular
 
 KINDS = "a .tlog, an ArduPilot .BIN, a PX4 .ulg, NMEA sentences in text, a CSV table"
 ULOG = b"ULog\x01\x12\x35"
@@ -113,7 +114,7 @@ def _read_table(path: str, column_map: Mapping[str, str] | None) -> Recording:
 
 def bytes_of(path: str) -> bytes:
     try:
-        data = Path(path).read_bytes()
+        data = read_regular(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; give a log that exists and can be read") from error
     if not data:

@@ -1,0 +1,143 @@
+"""Every reader ends, and refuses in one short sentence, whatever stands where a number should."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from autopilot.cli.main import main
+from autopilot.links.nmea0183 import checksum
+from autopilot.loop.logs.nmea_clock import MILLISECONDS_FROM, stamp_of
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+from fuzz_everything import NUMBER, REFUSALS, STRANGE_NUMBERS, STRANGE_TEXTS, STRANGE_WORDS, must_end  # noqa: E402
+from fuzz_file_targets import targets  # noqa: E402
+
+BINARY = ("telemetry log", "own log", "DataFlash log", "ULog", "MAVLink order")
+PLACES = 12
+
+
+def refused_or_taken(take: Any, data: bytes) -> None:
+    with must_end(60):
+        try:
+            take(data)
+        except REFUSALS as error:
+            assert len(str(error)) < 2500, "a refusal is short"
+
+
+@pytest.mark.parametrize("name", [name for name in targets() if name not in BINARY])
+def test_a_strange_number_in_any_place_of_a_text_is_read_or_refused(name: str) -> None:
+    target, rng = targets()[name], random.Random(name)
+    for strange in (*STRANGE_NUMBERS, *STRANGE_TEXTS):
+        seed = rng.choice(target.seeds)
+        found = list(NUMBER.finditer(seed))
+        for number in rng.sample(found, min(PLACES, len(found))):
+            refused_or_taken(target.take, seed[: number.start()] + strange + seed[number.end() :])
+        every = NUMBER.sub(lambda _, strange=strange: strange, seed[:2000])
+        refused_or_taken(target.take, every)
+
+
+@pytest.mark.parametrize("name", BINARY)
+def test_a_strange_number_in_any_place_of_a_binary_file_is_read_or_refused(name: str) -> None:
+    target, rng = targets()[name], random.Random(name)
+    for word in STRANGE_WORDS:
+        seed = rng.choice(target.seeds)
+        for _ in range(PLACES):
+            place = rng.randrange(max(1, len(seed) - len(word)))
+            refused_or_taken(target.take, seed[:place] + word + seed[place + len(word) :])
+
+
+@given(st.from_regex(rb"[0-9eE+\-.,:\\c* TZ\x1b]{0,400}", fullmatch=True), st.sampled_from(sorted(targets())))
+@settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+def test_digits_and_signs_in_any_order_are_read_or_refused(data: bytes, name: str) -> None:
+    target = targets()[name]
+    refused_or_taken(target.take, data)
+    refused_or_taken(target.take, target.seeds[0][:300] + data + target.seeds[0][300:])
+
+
+def hdt(prefix: bytes, heading: float) -> bytes:
+    body = b"HCHDT,%.1f,T" % heading
+    return prefix + b"$%b*%02X\r\n" % (body, checksum(body))
+
+
+@pytest.mark.parametrize(
+    "stamp", [b"9" * 310, b"9" * 20000, b"1e999", b"-1", b"0", b"\\c:" + b"9" * 400 + b"\\", b"\\c:1" * 20000]
+)
+def test_a_time_without_end_ends(stamp: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "log.txt"
+    path.write_bytes(b"".join(hdt(stamp + b" ", heading) for heading in range(10)))
+    with must_end(60):
+        main(["log", "info", str(path)])
+    shown = capsys.readouterr()
+    assert len(shown.out + shown.err) < 3000
+
+
+@given(st.from_regex(r"[0-9]{1,400}(\.[0-9]{0,40})?", fullmatch=True))
+def test_a_stamp_is_a_time_of_a_calendar_or_none(digits: str) -> None:
+    stamp = stamp_of(f"{digits} ")
+    assert stamp is None or 0.0 <= stamp[0] <= MILLISECONDS_FROM
+
+
+def test_seconds_milliseconds_micro_and_nanoseconds_are_the_same_time() -> None:
+    for digits in ("1780308000", "1780308000000", "1780308000000000", "1780308000000000000"):
+        stamp = stamp_of(f"{digits} ")
+        assert stamp is not None and stamp[0] == pytest.approx(1780308000.0, rel=1e-12)
+
+
+def test_a_table_of_a_million_columns_is_refused_in_a_short_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "wide.csv"
+    header = ",".join(f"column{number}" for number in range(1_000_000))
+    path.write_text(f"{header}\n{'1,' * 999_999}1\n")
+    assert main(["log", "info", str(path)]) == 2
+    refusal = capsys.readouterr().err
+    assert len(refusal) < 1000 and "and 999970 more" in refusal
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["log", "info", "PIPE"],
+        ["log", "info", "PIPE.csv"],
+        ["log", "info", "PIPE.tlog"],
+        ["identify", "PIPE"],
+        ["replay", "PIPE.tlog"],
+        ["params", "check", "PIPE.yaml"],
+        ["params", "check", "PIPE.param"],
+        ["gains", "PIPE.yaml"],
+        ["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--route", "PIPE", "--wait", "1"],
+        ["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--signing-key", "PIPE", "--wait", "1"],
+        ["web", "--link", "udpin:127.0.0.1:0", "--token-file", "PIPE", "--listen", "127.0.0.1:0"],
+    ],
+    ids=" ".join,
+)
+def test_a_pipe_that_nobody_writes_to_is_refused(command: list[str], tmp_path: Path) -> None:
+    given_to = []
+    for word in command:
+        if word.startswith("PIPE"):
+            word = str(tmp_path / word)
+            os.mkfifo(word, 0o600)
+        given_to.append(word)
+    done = subprocess.run(
+        [sys.executable, "-m", "autopilot", *given_to],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode == 2 and re.search("not a file but a pipe", done.stderr, re.I), done.stderr
+    assert "Traceback" not in done.stderr
