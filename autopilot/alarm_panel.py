@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
-from autopilot.alarms import CATALOGUE, Response, Severity, kind_of
+from autopilot.alarms import CATALOGUE, Response, Severity, kind_of, past_of
 from autopilot.signals import AcknowledgeSample, AlarmState, Order, Sample, Siren
 
 ESCALATES_AFTER = 30.0
@@ -20,6 +20,7 @@ class _Entry:
     since: float
     last: float
     is_heard: bool = False
+    past_since: float | None = None
 
 
 class AlarmPanel:
@@ -39,11 +40,17 @@ class AlarmPanel:
         self.states: tuple[AlarmState, ...] = ()
 
     def update(
-        self, now: float, raised: Mapping[str, str], samples: tuple[Sample, ...], order: Order
+        self,
+        now: float,
+        raised: Mapping[str, str],
+        samples: tuple[Sample, ...],
+        order: Order,
+        past: Container[str] = (),
     ) -> tuple[tuple[str, ...], Siren]:
         """Return the texts to be shown at `now` [s], and what is to be heard.
 
         raised: the texts by the alarms' names; names that are not in the catalogue are taken for warnings.
+        past: names of the catalogue that are the case no more: said as past until they are acknowledged, then gone.
         """
         self._forget(now)
         for sample in samples:
@@ -57,6 +64,15 @@ class AlarmPanel:
         for name, text in raised.items():
             entry = self._entries.setdefault(name, _Entry(now, now))
             entry.last = now
+            if name in past:
+                entry.past_since = now if entry.past_since is None else entry.past_since
+                if entry.is_heard:
+                    continue
+                text = past_of(name, text)
+            elif entry.past_since is not None:
+                if now - entry.past_since > REMEMBERED:
+                    entry = self._entries[name] = _Entry(now, now)
+                entry.past_since = None
             heard = AlarmState.ACKNOWLEDGED if entry.is_heard else AlarmState.SOUNDING
             state = heard if _sounds(name, text) else AlarmState.NOTICE
             sounds = state is AlarmState.SOUNDING

@@ -442,6 +442,12 @@ def text_of(name: str, detail: str = "") -> str:
     return f"{kind.text}{f' ({detail})' if detail else ''}: {kind.remedy}"
 
 
+def past_of(name: str, text: str) -> str:
+    """Return what is said of an alarm of the catalogue that is over and that nobody has acknowledged yet."""
+    said = CATALOGUE[name].text
+    return text.replace(said, f"{said} (past)", 1) if said in text else f"past: {text}"
+
+
 def kind_of(text: str) -> AlarmKind | None:
     """Return the alarm that a text shown is of, None where it is of none: what links say in their own words."""
     return next((kind for kind in CATALOGUE.values() if text.startswith(kind.text)), None)

@@ -213,7 +213,8 @@ class Pilot:
             self.estimator.rudder.order(now, command.angle)
         self._told = command
         self._number += 1
-        alarms, siren = self._panel.update(now, self._raised(), samples, order)
+        past = (self.supervisor.name,) if self.supervisor.is_over else ()
+        alarms, siren = self._panel.update(now, self._raised(), samples, order, past)
         return Tick(
             number=self._number,
             now=now,

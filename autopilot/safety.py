@@ -35,6 +35,7 @@ ORDER_WAITS = 30.0
 """An order to engage that is blocked for longer [s] is dropped: nobody expects to be obeyed by then."""
 
 HEADING_LOST = "heading_lost"
+LINK_SILENT = "link_silent"
 STEERING_ACTIONS = ("dead_reckoning", "windward")
 """Fail-safe actions that the law carries out; the others need no more than the rudder's last place."""
 OVERRIDDEN = "overridden"
@@ -86,6 +87,9 @@ class Supervisor:
         self._helm: dict[str, HelmSample] = {}
         self._notes: dict[str, str] = {}
         self._heading_since: float | None = None
+        self._over_since: float | None = None
+        self.is_over = False
+        """Whether what `reason` names is no longer the case: headings, or a vehicle that was silent, are back."""
         self._rebooted = False
         self._reboot_time = -math.inf
 
@@ -133,6 +137,7 @@ class Supervisor:
             self._change(now, order, found)
         else:
             self._wait(now, order, state, taken, against, found)
+        self._watch_reason(now, lost)
         return self.mode
 
     def _is_ended_by(self, against: str) -> bool:
@@ -248,6 +253,16 @@ class Supervisor:
         elif self._heading_since is None:
             self._heading_since = now
 
+    def _watch_reason(self, now: float, lost: str) -> None:
+        """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
+        is_silent = any(not each.available and each.reason.startswith(SILENT) for each in self._helm.values())
+        on = {HEADING_LOST: lost == HEADING_LOST, LINK_SILENT: is_silent}.get(self.name, True)
+        if on or self.state not in ENDED:
+            self._over_since = None
+        elif self._over_since is None:
+            self._over_since = now
+        self.is_over = self._over_since is not None and now - self._over_since >= RESUME_AFTER
+
     def _watch_reboot(self, now: float) -> None:
         """Note a reboot heard of, unless we stand by; when it ends an engagement, that is still on."""
         if self._rebooted and self.state is not SupervisorState.STANDBY:
@@ -256,7 +271,7 @@ class Supervisor:
 
     def _ended_by_reboot(self, now: float) -> bool:
         """Return whether a reboot not long ago, or the silence that went with it, is what ended the engagement."""
-        causes = (HEADING_LOST, "link_silent", "firmware_rebooted")
+        causes = (HEADING_LOST, LINK_SILENT, "firmware_rebooted")
         return now - self._reboot_time < REENGAGE_WITHIN and self._cause in causes
 
     def _returned(self, now: float) -> Event | None:
@@ -321,7 +336,7 @@ def _word_of(taken: str) -> tuple[str, str]:
     if taken.startswith(REBOOTED):
         name = "firmware_rebooted"
     elif taken.startswith(SILENT):
-        name = "link_silent"
+        name = LINK_SILENT
     elif taken.startswith(RADIO_LOST):
         name = "radio_lost"
     return name, f"{OVERRIDDEN}: {taken}; {CATALOGUE[name].remedy}"

@@ -213,9 +213,8 @@ def steer(
         print(gaps)
     last = session.tick
     if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):
-        print(
-            f"ended in {'fault' if last.mode is Mode.FAULT else 'fail-safe'}: {'; '.join(last.alarms)}", file=sys.stderr
-        )
+        why = f": {'; '.join(last.alarms)}" if last.alarms else ""
+        print(f"ended in {'fault' if last.mode is Mode.FAULT else 'fail-safe'}{why}", file=sys.stderr)
         return int(ExitCode.FAILSAFE)
     return int(ExitCode.OK)
 

@@ -49,6 +49,8 @@ def alarms_page() -> str:
         f"Drawn from `autopilot/alarms.py` by `{COMMAND}`. An alarm is shown and\n"
         "logged as long as it lasts, and sounds until it is acknowledged or over; one that ends steering sounds until\n"
         "it is acknowledged. What nobody has acknowledged for 30 s is said again, louder.",
+        "Where a lost heading, or a silent vehicle, has ended steering and is back for 2 s, the alarm says `(past)`;\n"
+        "acknowledged, it goes, while the mode goes on to say that nothing is steered. Lost again, it is a new alarm.",
         "`a` on the terminal acknowledges, and so does any order, and the MAVLink command SPATIAL_USER_5 (31009).\n"
         "`alarms.outputs` in the vessel file says where alarms are heard: `bell` (the terminal's), `tune` (the\n"
         "vehicle's buzzer, PLAY_TUNE), `relay:N` (the vehicle's relay, DO_SET_RELAY), `file:PATH` (1 while an alarm\n"

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from autopilot.alarm_panel import ESCALATES_AFTER, UNHEARD, AlarmPanel
 from autopilot.alarms import CATALOGUE, Severity, kind_of, text_of
+from autopilot.build import build_pilot
 from autopilot.build_links import alarm_outputs_of
 from autopilot.cli.skipper import Skipper
 from autopilot.errors import InputError
@@ -23,6 +24,7 @@ from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmState,
+    HeadingSample,
     Mode,
     NavState,
     Order,
@@ -71,6 +73,54 @@ def test_one_that_comes_and_goes_is_the_same_and_escalates() -> None:
     for second in range(0, 29, 4):
         panel.update(float(second), OFF if second % 8 == 0 else {}, (), COURSE)
     assert panel.update(32.0, OFF, (), COURSE)[1] is Siren.ESCALATED
+
+
+LOST = {"heading_lost": text_of("heading_lost")}
+PAST = LOST["heading_lost"].replace("heading lost", "heading lost (past)")
+
+
+def test_what_is_over_is_said_as_past_until_it_is_acknowledged() -> None:
+    panel = AlarmPanel()
+    over = ("heading_lost",)
+    assert panel.update(0.0, LOST, (), COURSE) == ((LOST["heading_lost"],), Siren.SOUNDING)
+    assert panel.update(5.0, LOST, (), COURSE, over) == ((PAST,), Siren.SOUNDING)
+    kind = kind_of(PAST)
+    assert kind is not None and kind.name == "heading_lost"
+    for second in range(6, 601):
+        shown = panel.update(float(second), LOST, (), COURSE, over)
+    assert shown == ((UNHEARD + PAST,), Siren.ESCALATED)
+    assert panel.update(601.0, LOST, (AcknowledgeSample(601.0, "heading_lost"),), COURSE, over) == ((), Siren.QUIET)
+    assert panel.states == ()
+    for second in range(602, 661):
+        assert panel.update(float(second), LOST, (), COURSE, over) == ((), Siren.QUIET)
+    assert panel.update(661.0, LOST, (), COURSE) == ((LOST["heading_lost"],), Siren.SOUNDING), "lost again"
+
+
+def test_what_was_acknowledged_goes_when_it_is_over_and_a_moment_later_it_is_the_same_one() -> None:
+    panel = AlarmPanel()
+    panel.update(0.0, LOST, (AcknowledgeSample(0.0),), COURSE)
+    assert panel.update(1.0, LOST, (AcknowledgeSample(1.0),), COURSE) == ((LOST["heading_lost"],), Siren.QUIET)
+    assert panel.update(2.0, LOST, (), COURSE, ("heading_lost",)) == ((), Siren.QUIET)
+    assert panel.update(4.0, LOST, (), COURSE) == ((LOST["heading_lost"],), Siren.QUIET)
+
+
+def test_the_alarm_of_a_pilot_follows_the_headings() -> None:
+    """Lost for 5 s and back for ten minutes: the fail-safe stands, and the alarm says how it is."""
+    pilot = build_pilot(load_vessel("lanxin"))
+    said: list[str] = []
+    serial, lost_at, back_at = 1, 10.0, 15.0
+    texts: tuple[str, ...] = ()
+    for step in range(1, 20 * 660):
+        now = 0.05 * step
+        heard: tuple[Any, ...] = () if lost_at < now < back_at else (HeadingSample(now, 0.0, 0.0),)
+        if 640.0 <= now < 640.05:
+            heard = (*heard, AcknowledgeSample(now, "heading_lost"))
+        tick = pilot.step(now, heard, Order(OrderKind.HEADING, 0.0, serial=serial))
+        if tick.alarms != texts:
+            said.append(f"{now:.0f} {'; '.join(tick.alarms).split(':')[0]}")
+            texts = tick.alarms
+    assert tick.mode is Mode.FAILSAFE
+    assert said[-5:] == ["11 heading lost", "17 heading lost (past)", "41 NOT ACKNOWLEDGED", "640 "]
 
 
 def test_whoever_gives_an_order_has_heard() -> None:
