@@ -64,6 +64,11 @@ GROWTH_MOST_MIB = 24.0
 FULL = math.radians(30.0)
 HEADINGS = tuple(round(0.1 * step, 1) for step in range(-30, 31, 3))
 KINDS = tuple(dialect.mavlink_map.values())
+SPECIAL = tuple(
+    bytes.fromhex(word)
+    for word in ("0000c07f", "0000807f", "000080ff", "ffff7f7f", "01000000", "00000080", "01010101", "ffffffff")
+)
+"""Not a number, infinite both ways, the largest float, the smallest, nought with a sign, our own ids, all bits."""
 BOAT_HEARS = ("COMMAND_", "SET_MODE", "TIMESYNC", "MISSION_", "FILE_TRANSFER_PROTOCOL", "PARAM_REQUEST_")
 
 
@@ -76,7 +81,7 @@ def forged(rng: random.Random, identities: tuple[int, ...], systems: tuple[int, 
     if rng.random() < 0.5 and len(payload) >= 8:
         # to us, or what looks like a float at its limits
         place = rng.randrange(len(payload) - 3)
-        special = rng.choice((b"\0\0\xc0\x7f", b"\0\0\x80\x7f", b"\xff\xff\x7f\x7f", b"\1\1\1\1", b"\xff\xff\xff\xff"))
+        special = rng.choice(SPECIAL)
         payload = payload[:place] + special + payload[place + 4 :]
     head = bytes([0xFD, len(payload), 0, 0, rng.randrange(256), rng.choice(systems), component])
     frame = head + kind.id.to_bytes(3, "little") + payload
@@ -328,7 +333,7 @@ def fuzz_boat(rng: random.Random, count: int) -> Result:
         link.take_packets()
         _drain(far)
         if number % 1000 == 0:
-            wrong += len(list(problems(store.vessel)))
+            wrong += len(list(problems(store.stored))) + len(list(problems(store.running)))
         held = max(held, len(link._codec._rest), len(server._listing))
     return Result(accepted, 0, wrong, held)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import math
 import select
 import sys
@@ -109,6 +110,8 @@ def run(arguments: argparse.Namespace) -> int:
     listens = sys.stdin is not None and sys.stdin.isatty()
     desk = LearningDesk() if arguments.learn else None
     if listens:
+        if isinstance(sys.stdin, io.TextIOWrapper):
+            sys.stdin.reconfigure(errors="backslashreplace")  # a key of another character set ends no steering
         typed = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, *([LEARN_HELP] if desk is not None else [])]
         print("  ".join(typed), PATTERN_HELP, sep="\n")
 

@@ -33,6 +33,8 @@ from autopilot.signals import (
 )
 
 BITS_PER_BYTE = 10
+SILENT_PEER_S = 5.0
+"""Time without a sentence after which another peer may take the place on a listening socket."""
 """Start bit, eight data bits, stop bit."""
 REPEAT_S = 0.5
 """A drive releases the rudder when no order has come for 2 s or so: the last one is repeated at least this often."""
@@ -85,6 +87,7 @@ class NmeaLink:
         self._reader = NmeaReader(settings.variation, Deviation(settings.deviation), guide, settings.talker)
         self._guide = guide
         self._guide_alarm = ""
+        self._heard = -math.inf
         self._repeater = NmeaRepeater(settings.sends, settings.variation, settings.talker)
         self._repeated: deque[bytes] = deque(maxlen=REPEATED_WAITING)
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
@@ -124,7 +127,14 @@ class NmeaLink:
         samples: list[Sample] = []
         chunks = self._transport.receive()
         if chunks:
+            known = self._framer.counts
             self._read(now, chunks, samples)
+            if (self._framer.counts.sentences, self._framer.counts.ignored) != (known.sentences, known.ignored):
+                self._heard = now
+        if now - self._heard > SILENT_PEER_S:
+            # an instrument that starts again speaks from another port
+            self._heard = now
+            self._transport.forget_peer()
         reason = self._follow.reason(now)
         if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
             self._helm_reason = reason

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -143,3 +148,17 @@ def test_no_line_gives_an_order_outside_what_is_allowed(line: str) -> None:
 @given(st.floats(0.0, 360.0))
 def test_every_compass_heading_is_one(degrees: float) -> None:
     assert math.cos(heading_of(str(degrees)) - math.radians(degrees)) == pytest.approx(1.0)
+
+
+def test_a_key_of_another_character_set_ends_no_steering(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", "udpin:127.0.0.1:0", "--wait", "0"]
+    run = subprocess.Popen(
+        command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=tmp_path, env={**os.environ}
+    )
+    os.close(theirs)
+    os.write(ours, b"e \xff\xfe90\nr \xed\xa0\x80\n\x1b[31mx\n" + b"t " + b"9" * 3000 + b"\nq\n")
+    out, _ = run.communicate(timeout=120)
+    os.close(ours)
+    assert b"Traceback" not in out and b"\x1b[31m" not in out, out
+    assert out.count(b"is not a number of degrees") == 2 and b"give the number of a waypoint" in out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import select
 import socket
@@ -109,3 +110,24 @@ def test_datagrams_both_ways() -> None:
         display.sendto(encode.encode_hdt(0.5).strip(), address)
         until(lambda: headings(link, 1.1))
         link.close()
+
+
+@pytest.mark.parametrize("scheme", ["nmea-udp", "nmea-tcpin"])
+def test_an_instrument_that_starts_again_from_another_port_is_heard_again(scheme: str) -> None:
+    link = link_of(f"{scheme}:127.0.0.1:0")
+    kind = socket.SOCK_DGRAM if scheme == "nmea-udp" else socket.SOCK_STREAM
+    ends = [socket.socket(socket.AF_INET, kind) for _ in range(2)]
+    counts = []
+    for number, end in enumerate(ends):  # the first one is not closed: it hangs
+        end.connect(("127.0.0.1", link._transport.port))
+        start = 20.0 * number
+        heard = 0
+        for step in range(200):
+            with contextlib.suppress(ConnectionRefusedError):  # while the first one holds the place
+                end.sendall(encode.encode_hdt(1.0))
+            heard += len(headings(link, start + 0.05 * step))
+        counts.append(heard)
+    assert counts[0] >= 190 and counts[1] >= 80, counts
+    for end in ends:
+        end.close()
+    link.close()
