@@ -21,7 +21,7 @@ from autopilot.links.transports import loopback_pair
 from autopilot.loop.session import Session
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import Order, OrderKind
+from autopilot.signals import Mode, Order, OrderKind
 from sitl.firmware import Firmware
 from sitl.scenario import load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
@@ -37,6 +37,9 @@ class Sailed(NamedTuple):
     rows: list[tuple[float, float, float]]
 
 
+GUIDED, GUIDED_AT = 15, 1.5
+
+
 class _Clock:
     time = 0.0
 
@@ -48,13 +51,9 @@ class _Clock:
 
 
 def sail(vessel: Vessel, scenario_name: str, gains: dict[str, float], seconds: float) -> Sailed:
-    """Sail `seconds` on an order of 60 deg from heading 0."""
+    """Sail `seconds` on an order of 60 deg from heading 0; times count from engaging, under way from MANUAL."""
     guided = vessel.helm.method == "guided"
-    scenario = load_scenario(scenario_name)
-    scenario = dataclasses.replace(
-        scenario, vehicle=dataclasses.replace(scenario.vehicle, mode="GUIDED" if guided else "MANUAL")
-    )
-    world = World(vessel, scenario)
+    world = World(vessel, load_scenario(scenario_name))
     firmware = Firmware(world)
     for name, value in gains.items():
         firmware.parameters.set(name, value)
@@ -66,7 +65,7 @@ def sail(vessel: Vessel, scenario_name: str, gains: dict[str, float], seconds: f
     session = Session(
         build_pilot(vessel, TRIAL_LAW if guided else None), [link], clock, vessel.control.rate_hz, lambda _, __: order
     )
-    rows = []
+    rows, engaged_at = [], math.inf
     for number in range(1, round(seconds / STEP) + 1):
         clock.time = now = round(number * STEP, 9)
         for data in far.receive():
@@ -75,7 +74,11 @@ def sail(vessel: Vessel, scenario_name: str, gains: dict[str, float], seconds: f
         for data in vehicle.transmit(now):
             far.send(data)
         session.poll(now)
-        rows.append((now, wrap(TURN - world.boat.state.heading), world.boat.state.rudder))
+        if guided and now == GUIDED_AT:
+            firmware.set_mode(GUIDED)
+        if engaged_at == math.inf and session.tick is not None and session.tick.mode is Mode.ENGAGED:
+            engaged_at = now
+        rows.append((now - engaged_at, wrap(TURN - world.boat.state.heading), world.boat.state.rudder))
     return Sailed(rows)
 
 

@@ -153,7 +153,7 @@ KINDS: Mapping[FaultKind, Kind] = {
     "switch": Kind("the radio's switch for overrides is low"),
     "receiver_lost": Kind("the radio receiver is silent"),
     "heartbeat_lost": Kind("the flight controller sends everything but heartbeats"),
-    "overrides_ignored": Kind("the flight controller ignores overrides without a word"),
+    "overrides_ignored": Kind("the flight controller ignores overrides and headings without a word"),
     "battery_low": Kind("the battery is low, SYS_STATUS and STATUSTEXT say so", "per cent left", 10.0, 0.0, 100.0),
     "geofence": Kind("STATUSTEXT: Polygon fence breached"),
     "shallow": Kind("STATUSTEXT: Shallow water", "m", 1.0, 0.0, 100.0),

@@ -11,7 +11,7 @@ from enum import IntEnum
 
 from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, ParameterTable, default_parameters
 from sitl.firmware_setup import Setup, setup_of
-from sitl.guided import TIMEOUT_S, GuidedHelm, Target
+from sitl.guided import GuidedHelm, Target
 from sitl.radio import (
     CHANNELS,
     STEERING_FULL,
@@ -220,10 +220,12 @@ class Firmware:
         """Steering and throttle of GUIDED mode, with the throttle stick at `stick` in -1..1."""
         guided, gains = self.guided, setup.guided
         if guided.has_expired(time):
-            self.notices.append((4, f"target not received last {TIMEOUT_S:.1f} secs, stopping"))
+            self.notices.append((4, guided.stopping_text(self.version)))
         reading = self.world.sensors.latest(time)
         if reading is None:
             return 0, 0
+        if guided.target is None and guided.loiter is None:
+            guided.loiter = reading.heading
         steering = guided.steering(gains, time, reading.heading, reading.rate, self.world.boat.state.speed)
         full = guided.fastest(gains)
         throttle = guided.speed(gains, stick) / full if full > 0.0 else 0.0

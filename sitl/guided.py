@@ -2,7 +2,8 @@
 
 After ArduPilot's Rover/mode_guided.cpp, Rover/mode.cpp (calc_speed_nudge, calc_speed_max), Rover/GCS_MAVLink_Rover.cpp
 (handle_set_attitude_target), libraries/APM_Control/AR_AttitudeControl.cpp and libraries/AR_Motors/AP_MotorsUGV.cpp.
-Left out: the filters of the rate controller, stick mixing, and the loitering of a boat without a target: it stops.
+Left out: the filters of the rate controller, stick mixing, and the engine of a boat that loiters without a target: it
+stops, and reports the heading at which it began to loiter.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from sitl.firmware_parameters import ParameterTable
 
 TIMEOUT_S = 3.0
 """A target older than this ends."""
+ECHOES_SINCE = (4, 8)
+"""From this version on NAV_CONTROLLER_OUTPUT shows the heading of a target; before, nav_bearing is 0 then."""
 CONTROLLER_TIMEOUT_S = 0.2
 """After a pause this long the rate controller starts anew (AR_ATTCONTROL_TIMEOUT_MS)."""
 SLOWEST = 1.0
@@ -73,7 +76,10 @@ class Target(NamedTuple):
 
 
 class GuidedHelm:
-    """Target and memory of the controller. `target` is None where the boat has none and stops."""
+    """Target and memory of the controller. `target` is None where the boat has none and stops.
+
+    `loiter`: the heading [rad] at which it began to keep its place.
+    """
 
     def __init__(self) -> None:
         self.clear()
@@ -81,6 +87,7 @@ class GuidedHelm:
     def clear(self) -> None:
         """Forget the target, as on entering the mode."""
         self.target: Target | None = None
+        self.loiter: float | None = None
         self._integral = 0.0
         self._rate_wanted: float | None = None
         self._error = 0.0
@@ -98,11 +105,17 @@ class GuidedHelm:
         self.clear()
         return True
 
-    def bearing_deg(self) -> float:
-        """Return the bearing of NAV_CONTROLLER_OUTPUT in (-180, 180]: that of a heading target, otherwise 0."""
-        if self.target is None or self.target.heading is None:
-            return 0.0
-        return math.degrees(wrap(self.target.heading))
+    def stopping_text(self, version: tuple[int, int]) -> str:
+        """Return the STATUSTEXT about a target that has run out."""
+        return f"target not received last {f'{TIMEOUT_S:.1f} ' if version >= ECHOES_SINCE else '3'}secs, stopping"
+
+    def bearings_deg(self, version: tuple[int, int]) -> tuple[int, int]:
+        """Return nav_bearing and target_bearing of NAV_CONTROLLER_OUTPUT, whole degrees cut off towards zero."""
+        if self.target is not None:
+            echoes = self.target.heading is not None and version >= ECHOES_SINCE
+            return (int(math.degrees(wrap(self.target.heading or 0.0))) if echoes else 0), 0
+        loiters_at = int(math.degrees(self.loiter % math.tau)) if self.loiter is not None else 0
+        return loiters_at, loiters_at
 
     def steering(self, gains: GuidedGains, time: float, heading: float, rate: float, speed: float) -> float:
         """Return the steering share -1..1 for a boat at `heading` [rad], `rate` [rad/s], `speed` [m/s]."""

@@ -138,16 +138,17 @@ def local_position(firmware: Firmware, time: float, reading: Reading) -> Any | N
 
 
 def navigation(firmware: Firmware, time: float, reading: Reading) -> Any | None:
-    """NAV_CONTROLLER_OUTPUT: bearing steered in whole degrees, cut off towards zero, speed error in m/s.
+    """NAV_CONTROLLER_OUTPUT: bearings in whole degrees, speed error in m/s.
 
-    Sent in the modes in which the firmware steers by itself.
+    Sent in the modes in which the firmware steers by itself. While it holds a heading and a speed in GUIDED all but the
+    speed error is 0, whatever the target (Rover/mode_guided.cpp up to 4.7); a boat that loiters shows its bearing.
     """
     if firmware.mode is not FirmwareMode.GUIDED:
         return None
     wanted = firmware.throttle / 100.0 * firmware.guided.fastest(firmware.setup.guided)
-    bearing = int(firmware.guided.bearing_deg())
+    bearing, target = firmware.guided.bearings_deg(firmware.version)
     return dialect.MAVLink_nav_controller_output_message(
-        0.0, 0.0, bearing, 0, 0, 0.0, wanted - firmware.world.boat.state.speed, 0.0
+        0.0, 0.0, bearing, target, 0, 0.0, wanted - firmware.world.boat.state.speed, 0.0
     )
 
 

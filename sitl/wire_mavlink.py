@@ -179,6 +179,8 @@ class MavlinkVehicle:
 
     def _on_attitude_target(self, message: Any, time: float) -> None:
         """Obeyed from any system id, in GUIDED mode, with the thrust; a heading, or the turn rate if not masked."""
+        if self.world.faults.is_on("overrides_ignored", time):
+            return
         mask, values = message.type_mask, (*message.q, message.body_yaw_rate, message.thrust)
         if mask & dialect.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or not all(math.isfinite(value) for value in values):
             return

@@ -24,6 +24,7 @@ from sitl.wire_mavlink import MavlinkVehicle
 from sitl.world import World
 
 STEP = 0.025
+GUIDED_AT_S = 1.5
 Hook = Callable[["Lockstep"], None]
 
 
@@ -86,6 +87,18 @@ class _Clock:
         self._carry(self.time)
 
 
+def goes_guided(boat: Lockstep) -> None:
+    """A hook: the hand that drove the boat in MANUAL hands it over to GUIDED under way."""
+    if boat.now >= GUIDED_AT_S and boat.firmware.set_mode(15):
+        boat.hooks.remove(goes_guided)
+
+
+def stick_follows(boat: Lockstep) -> None:
+    """A hook: a hand gives throttle when the pilot has engaged, and takes it away when it has not."""
+    is_engaged = bool(boat.ticks) and boat.tick.mode in (Mode.ENGAGED, Mode.FAILSAFE)
+    boat.firmware.sticks[2] = boat.ahead_us if is_engaged else 1500
+
+
 class Lockstep:
     """`run` moves all on together. `order` may be changed at any time; `ticks` keeps every tick.
 
@@ -112,6 +125,7 @@ class Lockstep:
         self.firmware = Firmware(self.world)
         for name, value in (parameters or {}).items():
             assert self.firmware.parameters.set(name, value) is not None, name
+        self.ahead_us = self.firmware.sticks[2]
         self.vehicle = MavlinkVehicle(self.firmware, is_stream)
         near, self.far = loopback_pair("line")
         near.is_stream = is_stream
@@ -149,7 +163,7 @@ class Lockstep:
         """Move on; return whether `until` came true of a tick."""
         for _ in range(round(seconds / STEP)):
             self.clock.time = now = round(self.clock.time + STEP, 9)
-            for hook in self.hooks:
+            for hook in list(self.hooks):
                 hook(self)
             self.carry(now)
             if self.session.poll(now):

@@ -5,7 +5,8 @@ where that is 0) to go at: a throttle stick that asks for more has its way. Body
 yaw a heading. Without a new target for 3 s (GUID_TIMEOUT on newer firmware) the boat stops and loiters.
 (ArduPilot, Rover/GCS_MAVLink_Rover.cpp, handle_set_attitude_target; Rover/mode_guided.cpp; Rover/mode.cpp.)
 
-Nothing acknowledges a target, so NAV_CONTROLLER_OUTPUT must show its bearing before the pilot may engage, and after.
+Before the pilot may engage the rudder must show that the headings are taken (`guided_proof`); while it steers,
+NAV_CONTROLLER_OUTPUT must not show a place of the vehicle's own, and the boat must not turn away from the headings.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import compass_deg, shortest_turn
+from autopilot.links.guided_proof import RUN_S, STICK, GuidedProof, Shown, Verdict, stray_bearing
 from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.mavlink_codec import Message
 from autopilot.links.release import Release, ReleaseState, not_held
@@ -33,18 +35,16 @@ CHANGE_S = 0.1
 CHANGE = math.radians(0.1)
 HISTORY_S = 1.2
 """A report may show any heading sent within this time."""
-SHOWN_WITHIN = math.radians(1.1)
-"""The report is in whole degrees, cut off."""
 FOLLOWS_WITHIN = math.radians(4.0)
 """A heading in a turn moves on between two targets."""
-TOLD_APART = math.radians(3.0)
-ASIDE = math.radians(6.0)
-"""Where the vehicle steers the present heading already, the proof asks for one this much to starboard."""
-SEEN_REPORTS = 2
-PATIENCE_S = 2.5
 RETRY_S = 4.0
-REPORT_TIMEOUT_S = 3.0
 FAR_OFF = math.radians(20.0)
+AWAY = math.radians(30.0)
+WRONG_SIDE = 0.1
+"""Share of full rudder."""
+AWAY_S = 2.0
+"""A boat far off the heading sent that turns further away, or has its rudder on the wrong side, for this long follows
+somebody else."""
 PROGRESS = math.radians(2.0)
 PROGRESS_S = 15.0
 """A boat that is far off her ordered heading comes nearer by this much in this time."""
@@ -56,9 +56,10 @@ GOES_ON = (
     "loiters"
 )
 
+TRIED = ("the vehicle does not take", "the vehicle reports its steering servo too seldom")
 UNPROVEN = "checking that the vehicle takes heading targets"
 UNFIT = "the firmware steers (guided): only headings can be ordered, no rudder angles"
-NOT_REPORTED = "waiting for the vehicle to report the bearing it steers (NAV_CONTROLLER_OUTPUT)"
+TURNS_AWAY = "the boat turns away from the headings we send: another companion or ground station guides it"
 LAGGING = (
     "the vehicle takes our headings but does not turn: check that it makes way (throttle stick, "
     "helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, ATC_STR_ANG_P)"
@@ -82,21 +83,26 @@ class GuidedTargets:
         self._watch = watch
         self._thrust = speed_share
         self._start: float | None = None
-        self._bearing: tuple[float, float] | None = None
-        self._unfit = ""
+        self._unfit = self._stray = ""
+        self._shown = Shown()
+        self._echoes = False
+        self._share = 0.0
+        self._engaged_time = -math.inf
         self._last_target: float | None = None
         self.reset()
 
     def reset(self) -> None:
         """Ask for the proof anew, as after a reboot, an override, or a pause."""
+        self._watch.released()
         self._refusal = UNPROVEN
         self._passed = False
-        self._proof: float | None = None
-        self._began = self._next_try = -math.inf
-        self._seen = 0
+        self._proof: GuidedProof | None = None
+        self._was_at_rest = True
+        self._next_try = -math.inf
         self._sent: deque[tuple[float, float]] = deque()
         self._last: float | None = None
         self._nearest: tuple[float, float] | None = None
+        self._away_since: float | None = None
         self.alarm = ""
 
     @property
@@ -104,29 +110,56 @@ class GuidedTargets:
         """Why the helm is not ours yet; empty once the vehicle has shown that it takes our headings."""
         return self._unfit or ("" if self._passed else self._refusal)
 
-    def report(self, now: float, bearing: float) -> None:
-        """Take the bearing [rad] that the vehicle reports to steer."""
-        self._bearing = (now, bearing)
+    def report(self, now: float, bearing: float, target_bearing: float = 0.0, distance: float = 0.0) -> None:
+        """Take nav_bearing and target_bearing [rad] and the distance [m] of NAV_CONTROLLER_OUTPUT."""
+        self._stray = stray_bearing(bearing, target_bearing, distance)
         if self._proof is not None and not self._passed:
-            self._judge_proof(now, bearing)
+            if self._sent and not self._stray:
+                self._proof.bearing(now, self._sent[-1][1], bearing)
         elif self._watch.steering:
-            agrees = any(abs(shortest_turn(sent, bearing)) < FOLLOWS_WITHIN for _, sent in self._sent)
-            wanted = compass_deg(self._sent[-1][1]) if self._sent else math.nan
-            sentence = (
-                f"the vehicle does not follow our headings: it steers {compass_deg(bearing):.0f} deg while "
-                f"{wanted:.0f} is sent (another companion or ground station guides it)"
-            )
+            agrees, sentence = not self._stray, self._stray
+            if self._echoes and not self._stray:
+                agrees = any(abs(shortest_turn(sent, bearing)) < FOLLOWS_WITHIN for _, sent in self._sent)
+                wanted = compass_deg(self._sent[-1][1]) if self._sent else math.nan
+                sentence = (
+                    f"the vehicle does not follow our headings: it steers {compass_deg(bearing):.0f} deg while "
+                    f"{wanted:.0f} is sent (another companion or ground station guides it)"
+                )
             self._watch.judge(now, "NAV_CONTROLLER_OUTPUT", agrees, sentence)
+
+    def rudder(self, now: float, share: float) -> None:
+        """Take where the steering servo stands: its share of full rudder, starboard positive."""
+        self._shown = self._shown._replace(servo_time=now)
+        self._share = share
+        if self._proof is not None and self._shown.has_servo:
+            self._proof.take(now, share)
+
+    def outputs(self, has_servo: bool) -> None:
+        """Take whether a servo output steers."""
+        self._shown = self._shown._replace(has_servo=has_servo)
+
+    def stick(self, asks: bool | None) -> None:
+        """Take whether the throttle stick is out of neutral; None: unknown."""
+        self._shown = self._shown._replace(stick_asks=asks)
+
+    def engine(self, now: float, is_running: bool, is_guided: bool) -> None:
+        """Take whether the engine runs, and whether in GUIDED."""
+        if is_running and (not is_guided or now - self._engaged_time <= RUN_S):
+            self._shown = self._shown._replace(ran_time=now, runs=False)
+        else:
+            self._shown = self._shown._replace(runs=is_running and is_guided and not self._stray)
 
     def show(self, tick: Tick, may_prove: bool) -> Message | None:
         """Return the target that is due after `tick`, None where none is; `may_prove`: all else allows to steer."""
         now = tick.now
         heading = self._wish(tick, may_prove)
         self._watch_course(tick)
+        self._watch_side(tick)
         if heading is None:
             if self._sent:
-                self._watch.released()
+                refusal, next_try = self._refusal, self._next_try
                 self.reset()
+                self._refusal, self._next_try = refusal, next_try
             return None
         last_time, last = self._sent[-1] if self._sent else (-math.inf, heading)
         changed = abs(shortest_turn(last, heading)) > CHANGE
@@ -135,9 +168,12 @@ class GuidedTargets:
         self._sent.append((now, heading))
         while now - self._sent[0][0] > HISTORY_S:
             self._sent.popleft()
+        self._shown = self._shown._replace(ours_time=now)
         if tick.command.engaged:
+            self._engaged_time = now
             self._watch.commanded(now, None)
-        return self._message(now, heading)
+        # a proof goes on with what we ran the boat at, and starts none
+        return self._message(now, heading, self._thrust if now - self._engaged_time <= RUN_S else 0.0)
 
     def release(self, now: float, link: str) -> Release:
         """Return what becomes of the rudder when no more targets are sent: there is no message that takes one back."""
@@ -156,34 +192,37 @@ class GuidedTargets:
             return self._last if not self._unfit else None
         if not (may_prove and is_heading and tick.state.valid and waits_to_engage(tick)):
             return None
-        return self._proof_heading(tick.now, tick.state.heading)
+        return self._proof_heading(tick)
 
-    def _proof_heading(self, now: float, heading: float) -> float | None:
-        if self._bearing is None or now - self._bearing[0] > REPORT_TIMEOUT_S:
-            self._refusal = NOT_REPORTED
+    def _proof_heading(self, tick: Tick) -> float | None:
+        now, shown = tick.now, self._shown
+        if not math.isfinite(tick.state.heading):
             return None
         if self._proof is None:
-            if now < self._next_try or not math.isfinite(heading):
+            if now < self._next_try:
                 return None
-            there = abs(shortest_turn(self._bearing[1], heading)) < TOLD_APART
-            self._proof = heading + ASIDE if there else heading
-            self._began, self._seen, self._passed = now, 0, False
+            if obstacle := shown.obstacle(now):
+                self._refusal = obstacle
+                return None
+            self._proof, self._passed = GuidedProof(now, shown.has_servo), False
+            self._was_at_rest = not shown.is_under_way(now)
             # what the last try found stays said while the next is under way
-            self._refusal = UNPROVEN if self._refusal == NOT_REPORTED else self._refusal
-        return self._proof
+            self._refusal = self._refusal if self._refusal.startswith(TRIED) else UNPROVEN
+        elif self._was_at_rest and shown.stick_asks and not self._passed:
+            self._fail(now, STICK)
+            return None
+        elif not self._passed:
+            if not shown.has_servo:
+                self._proof.take(now, tick.state.rate)
+            verdict = self._proof.verdict(now)
+            if verdict is Verdict.FAILED:
+                self._fail(now, self._proof.refusal)
+                return None
+            self._passed, self._echoes = verdict is Verdict.PASSED, self._proof.echoes
+        return self._proof.heading(tick.state.heading) if not self._passed else tick.state.heading
 
-    def _judge_proof(self, now: float, bearing: float) -> None:
-        assert self._proof is not None
-        self._seen = self._seen + 1 if abs(shortest_turn(self._proof, bearing)) < SHOWN_WITHIN else 0
-        if self._seen >= SEEN_REPORTS:
-            self._passed = True
-        elif now - self._began > PATIENCE_S:
-            refusal = (
-                f"the vehicle does not take our heading targets: it steers {compass_deg(bearing):.0f} deg while "
-                f"{compass_deg(self._proof):.0f} is sent; stop what else guides it"
-            )
-            self.reset()
-            self._refusal, self._next_try = refusal, now + RETRY_S
+    def _fail(self, now: float, refusal: str) -> None:
+        self._proof, self._refusal, self._next_try = None, refusal, now + RETRY_S
 
     def _watch_course(self, tick: Tick) -> None:
         """A vehicle without way on takes every target and turns to none."""
@@ -195,12 +234,25 @@ class GuidedTargets:
         elif tick.now - self._nearest[0] > PROGRESS_S:
             self.alarm = LAGGING
 
-    def _message(self, now: float, heading: float) -> Message:
+    def _watch_side(self, tick: Tick) -> None:
+        """Give the helm up where the boat follows another's headings, which no report shows."""
+        error = shortest_turn(tick.state.heading, self._sent[-1][1]) if self._sent else 0.0
+        turns_away = abs(error) > AWAY and error * tick.state.rate < 0.0
+        is_over = abs(error) > FAR_OFF and error * self._share < 0.0 and abs(self._share) > WRONG_SIDE
+        is_away = self._watch.steering and (turns_away or is_over)
+        if not is_away:
+            self._away_since = None
+        elif self._away_since is None:
+            self._away_since = tick.now
+        elif tick.now - self._away_since > AWAY_S:
+            self._watch.refuse(TURNS_AWAY)
+
+    def _message(self, now: float, heading: float, thrust: float) -> Message:
         self._last_target = now
         if self._start is None:
             self._start = now
         elapsed_ms = int((now - self._start) * 1000.0) & 0xFFFFFFFF
         turn = [math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)]
         return dialect.MAVLink_set_attitude_target_message(
-            elapsed_ms, self.target, 1, IGNORED, turn, 0.0, 0.0, 0.0, self._thrust
+            elapsed_ms, self.target, 1, IGNORED, turn, 0.0, 0.0, 0.0, thrust
         )

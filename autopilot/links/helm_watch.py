@@ -160,6 +160,10 @@ class HelmWatch:
         if doubt > DISOBEDIENCE_S:
             self._disobeyed = sentence
 
+    def refuse(self, sentence: str) -> None:
+        """Give the helm up for a reason that was found elsewhere."""
+        self._disobeyed = sentence
+
     def stick(self, number: int, pulse: int) -> None:
         """Take where a stick stands that does not steer: moved while we steer, it takes the helm."""
         if not self._sent or not pulse:

@@ -51,9 +51,10 @@ RELEVANT = frozenset(
 
 
 class VehicleParameters:
-    """What is known of the vehicle's parameters and what has still to be asked."""
+    """What is known of the vehicle's parameters and what has still to be asked; `throttle`: of that stick too."""
 
-    def __init__(self) -> None:
+    def __init__(self, throttle: bool = False) -> None:
+        self._throttle = throttle
         self.revision = 0
         """Counts every change, so that what follows from the parameters is worked out only once."""
         self.reset()
@@ -172,6 +173,15 @@ class VehicleParameters:
         )
 
     @property
+    def throttle_neutral(self) -> tuple[int, int, int] | None:
+        """Channel of the throttle stick, and the pulses [us] between which it asks for nothing; None while unknown."""
+        number = round(self._values.get("RCMAP_THROTTLE", STICKS["RCMAP_THROTTLE"]))
+        trim, dead_zone = (self._values.get(f"RC{number}_{suffix}") for suffix in ("TRIM", "DZ"))
+        if trim is None or dead_zone is None:
+            return None
+        return number, round(trim - dead_zone), round(trim + dead_zone)
+
+    @property
     def steering_servo(self) -> int | None:
         """Number of the first servo output whose function is GroundSteering, None where none is known."""
         for number in range(1, SERVO_COUNT + 1):
@@ -213,6 +223,9 @@ class VehicleParameters:
             names += [f"SERVO{number}_FUNCTION" for number in range(1, SERVO_COUNT + 1)]
         else:
             names += [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
+        if self._throttle:
+            number = round(self._values.get("RCMAP_THROTTLE", STICKS["RCMAP_THROTTLE"]))
+            names += [f"RC{number}_{suffix}" for suffix in ("TRIM", "DZ")]
         # what steering needs goes first
         return [name for name in (*names, *WELCOME) if name not in self._values]
 

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.helm_probe import HelmProbe
-from autopilot.links.helm_watch import HelmWatch
+from autopilot.links.helm_watch import GUIDED_MODE, HelmWatch
 from autopilot.links.mavlink_codec import Message, message_id
 from autopilot.links.message_streams import MessageStreams
 from autopilot.links.radio_watch import RadioWatch
@@ -71,7 +71,7 @@ class VehicleReader:
         self.radio = RadioWatch()
         self.release = OverrideRelease()
         self.lacks_receiver = False
-        self.parameters = VehicleParameters()
+        self.parameters = VehicleParameters(steers_itself)
         rates_hz = {
             ATTITUDE: attitude_rate_hz,
             SERVOS: 10.0,
@@ -82,7 +82,7 @@ class VehicleReader:
             SYSTEM: 1.0,
         }
         if steers_itself:
-            rates_hz[NAVIGATION] = 5.0
+            rates_hz[NAVIGATION] = rates_hz[HUD] = 5.0
         self.streams = MessageStreams(rates_hz)
         self._output = output
         self._latency = heading_latency
@@ -152,6 +152,10 @@ class VehicleReader:
 
     def _hud(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.count(HUD)
+        if self.guided is not None:
+            is_guided = self.watch.mode == GUIDED_MODE
+            self.guided.outputs(self.parameters.steering_servo is not None)
+            self.guided.engine(now, self.watch.armed and message.throttle != 0, is_guided)
         speed = message.groundspeed
         if self._has_fix and now - self._position_time > SPEED_PREFERENCE_S and 0.0 <= speed < SPEED_LIMIT:
             samples.append(SpeedSample(now, speed, True, "vfr_hud"))
@@ -169,6 +173,8 @@ class VehicleReader:
         pulse = getattr(message, f"servo{servo}_raw")
         if pulse == 0:
             return
+        if self.guided is not None:
+            self.guided.rudder(now, share_from_servo(channel, pulse))
         if now - self._channels_time > CHANNELS_TIMEOUT_S:
             servo_of = lambda sent: servo_from_steering(channel, steering_from_pulse(channel, sent))  # noqa: E731
             self.release.report(now, pulse, "SERVO_OUTPUT_RAW", servo_of)
@@ -193,6 +199,7 @@ class VehicleReader:
         pulse = getattr(message, f"chan{number}_raw")
         if self.guided is not None:
             self.watch.stick(number, pulse)  # nobody overrides it: it shows the hand
+            self.guided.stick(self._throttle_asks(message))
             return
         # once overridden, a vehicle without a radio goes on to show the last override
         self.lacks_receiver = pulse == 0 or (self.lacks_receiver and self.release.has_ordered)
@@ -205,7 +212,17 @@ class VehicleReader:
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.guided is not None:
             self.streams.count(NAVIGATION)
-            self.guided.report(now, math.radians(message.nav_bearing))
+            bearing, target = math.radians(message.nav_bearing), math.radians(message.target_bearing)
+            self.guided.report(now, bearing, target, float(message.wp_dist))
+
+    def _throttle_asks(self, message: Message) -> bool | None:
+        """Whether the throttle stick is out of neutral, None where its calibration has not come."""
+        neutral = self.parameters.throttle_neutral
+        if neutral is None:
+            return None
+        number, low, high = neutral
+        pulse = getattr(message, f"chan{number}_raw")
+        return bool(pulse) and not low <= pulse <= high
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.parameters.take(message.param_id, message.param_value):

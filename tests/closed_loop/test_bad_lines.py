@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 import pytest
-from lockstep import BadLine, Lockstep
+from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
@@ -40,7 +40,7 @@ def vessel_for(method: str) -> Vessel:
 
 
 def bench(method: str, lines: Any = (), is_stream: bool = False, **settings: Any) -> Lockstep:
-    return Lockstep(
+    boat = Lockstep(
         vessel_for(method),
         law=TRIAL_LAW if method == "guided" else None,
         vehicle={"mode": "GUIDED" if method == "guided" else "MANUAL"},
@@ -49,6 +49,9 @@ def bench(method: str, lines: Any = (), is_stream: bool = False, **settings: Any
         is_stream=is_stream,
         settings=settings,
     )
+    if method == "guided":
+        boat.hooks.append(stick_follows)
+    return boat
 
 
 class Truth:

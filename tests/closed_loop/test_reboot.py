@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from lockstep import BadLine, Lockstep
+from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot import safety
@@ -34,7 +34,7 @@ def vessel(method: str, reengage: bool = False) -> Vessel:
 
 
 def bench(method: str, reengage: bool = False, lines: Any = (), log: Path | None = None, **vehicle: Any) -> Lockstep:
-    return Lockstep(
+    boat = Lockstep(
         vessel(method, reengage),
         law=TRIAL_LAW if method == "guided" else None,
         vehicle={"mode": MODE_OF[method], **vehicle},
@@ -42,6 +42,9 @@ def bench(method: str, reengage: bool = False, lines: Any = (), log: Path | None
         lines=lines,
         log=log,
     )
+    if method == "guided":
+        boat.hooks.append(stick_follows)
+    return boat
 
 
 class Gap:
@@ -65,7 +68,7 @@ def reboot(boat: Lockstep, gap: Gap, silence: float) -> None:
 def engaged_bench(method: str, gap: Gap, reengage: bool, log: Path | None = None) -> Lockstep:
     boat = bench(method, reengage, gap.lines, log)
     boat.engage(40.0)
-    assert boat.run(5.0, until=boat.engaged)
+    assert boat.run(9.0, until=boat.engaged)
     boat.run(12.0)
     assert math.degrees(boat.world.boat.state.heading) == pytest.approx(40.0, abs=2.0)
     return boat
@@ -87,7 +90,7 @@ def test_after_a_reboot_the_pilot_stands_by_with_fresh_parameters_until_it_is_en
     assert not boat.firmware.overrides.active(boat.now, 3.0)
     assert boat.firmware.guided.target is None
     boat.engage(60.0)
-    assert boat.run(5.0, until=boat.engaged)
+    assert boat.run(9.0, until=boat.engaged)
     boat.run(12.0)
     assert boat.tick.mode is Mode.ENGAGED
     assert math.degrees(boat.world.boat.state.heading) == pytest.approx(60.0, abs=2.0), "with the trim as it is now"
@@ -107,7 +110,7 @@ def test_where_the_vessel_file_says_so_it_engages_again_once_the_vehicle_is_arme
     assert boat.tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE)
     assert any("disarmed; arm it" in alarm for alarm in boat.tick.alarms), boat.tick.alarms
     assert boat.firmware.set_armed(True)
-    assert boat.run(5.0, until=boat.engaged)
+    assert boat.run(9.0, until=boat.engaged)
     boat.run(12.0)
     assert boat.tick.mode is Mode.ENGAGED
     assert boat.tick.alarms == ()
@@ -207,7 +210,7 @@ def test_a_mode_that_the_radio_s_switch_overwrites_after_the_start_is_not_believ
     assert f"the vehicle is in mode {switch}" in boat.tick.alarms[0]
     assert boat.firmware.set_mode(wanted)
     boat.engage(20.0)
-    assert boat.run(6.0, until=boat.engaged), "set once more, now that it is armed"
+    assert boat.run(9.0, until=boat.engaged), "set once more, now that it is armed"
 
 
 def test_the_mode_counts_as_it_is_after_arming() -> None:

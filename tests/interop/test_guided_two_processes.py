@@ -51,6 +51,13 @@ class Station:
     def set_mode(self, number: int) -> None:
         self.line.set_mode(number)
 
+    def hand_over(self, run: subprocess.Popen[str]) -> None:
+        """The boat makes way in MANUAL; as soon as the pilot waits for GUIDED, it gets it."""
+        assert run.stdout is not None
+        while "switch it to GUIDED" not in run.stdout.readline():
+            assert run.poll() is None
+        self.set_mode(15)
+
 
 @pytest.fixture
 def station() -> Iterator[tuple[Station, int]]:
@@ -63,7 +70,7 @@ def station() -> Iterator[tuple[Station, int]]:
 def test_a_heading_is_changed_and_held_by_the_firmware(tmp_path: Path, station: tuple[Station, int]) -> None:
     port, log, truth = free_port(), tmp_path / "run.tlog", tmp_path / "truth.csv"
     with simulator(
-        SPEEDUP, "--mode", "GUIDED", "--mavlink", f"udpout:127.0.0.1:{port}", "--mavlink",
+        SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--mavlink",
         f"udpout:127.0.0.1:{station[1]}", "--truth", str(truth),
     ):  # fmt: skip
         station[0].tune()
@@ -71,6 +78,7 @@ def test_a_heading_is_changed_and_held_by_the_firmware(tmp_path: Path, station: 
             str(patient_vessel(tmp_path)), "--link", f"udpin:127.0.0.1:{port}", "--engage", "60", "--duration", "24",
             "--log", str(log),
         )  # fmt: skip
+        station[0].hand_over(run)
         assert finish(run) == (0, "")
         time.sleep(4.0 / SPEEDUP + 1.0)
     ticks = read_log(log).ticks
@@ -89,7 +97,7 @@ def test_a_heading_is_changed_and_held_by_the_firmware(tmp_path: Path, station: 
 def test_the_human_s_change_of_mode_takes_the_helm(tmp_path: Path, station: tuple[Station, int]) -> None:
     port, log = free_port(), tmp_path / "run.tlog"
     with simulator(
-        SPEEDUP, "--mode", "GUIDED", "--mavlink", f"udpout:127.0.0.1:{port}", "--mavlink",
+        SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--mavlink",
         f"udpout:127.0.0.1:{station[1]}",
     ):  # fmt: skip
         station[0].tune()
@@ -97,6 +105,7 @@ def test_the_human_s_change_of_mode_takes_the_helm(tmp_path: Path, station: tupl
             str(patient_vessel(tmp_path)), "--link", f"udpin:127.0.0.1:{port}", "--engage", "60", "--duration", "15",
             "--log", str(log),
         )  # fmt: skip
+        station[0].hand_over(run)
         wait_until_engaged(run)
         station[0].set_mode(0)
         assert finish(run) == (0, "")
@@ -105,15 +114,18 @@ def test_the_human_s_change_of_mode_takes_the_helm(tmp_path: Path, station: tupl
     assert "mode MANUAL" in last.alarms[0]
 
 
-def test_a_line_that_falls_silent_is_an_override_and_a_link_error(tmp_path: Path) -> None:
+def test_a_line_that_falls_silent_is_an_override_and_a_link_error(tmp_path: Path, station: tuple[Station, int]) -> None:
     port, control, log = free_port(), free_port(), tmp_path / "run.tlog"
     with simulator(
-        SPEEDUP, "--mode", "GUIDED", "--mavlink", f"udpout:127.0.0.1:{port}", "--control", f"127.0.0.1:{control}"
+        SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--mavlink", f"udpout:127.0.0.1:{station[1]}",
+        "--control", f"127.0.0.1:{control}"
     ):  # fmt: skip
         run = pilot(
             str(patient_vessel(tmp_path)), "--link", f"udpin:127.0.0.1:{port}", "--engage", "60", "--duration", "120",
             "--log", str(log),
         )  # fmt: skip
+        assert station[0].line.wait_heartbeat(timeout=20) is not None
+        station[0].hand_over(run)
         wait_until_engaged(run)
         provoke(control, "silence")
         code, err = finish(run)
