@@ -180,3 +180,19 @@ def test_the_integrator_learns_a_standing_wind() -> None:
 def test_pid_gains_are_finite_and_not_negative(bad: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="finite and not negative"):
         PidLaw(PidGains(*bad))
+
+
+@given(heading=small, rate=small, acceleration=small, ratio=st.floats(0.3, 1.4))
+@pytest.mark.parametrize("name", ["backstepping", "sliding"])
+def test_at_another_speed_the_same_path_asks_for_the_same_rudder(
+    name: str, heading: float, rate: float, acceleration: float, ratio: float
+) -> None:
+    """Rates go with U, accelerations with U^2: gains that follow the speed ask for the same angle in the same place."""
+    law = LAWS[name]()
+    reference = Reference(0.0, 0.5 * rate, acceleration)
+    here = demand(law, heading, rate, reference)
+    law.reset(0.0)
+    faster = Reference(0.0, 0.5 * rate * ratio, acceleration * ratio * ratio)
+    model = at_speed(LANXIN, LANXIN.reference_speed * ratio)
+    there = law.update(model, faster, state(heading, rate * ratio), 0.0, DT)
+    assert there == pytest.approx(here, rel=1e-9, abs=1e-9)

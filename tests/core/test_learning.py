@@ -20,6 +20,7 @@ from autopilot.cli.gains import designed
 from autopilot.cli.learning_desk import LearningDesk, with_learnt
 from autopilot.errors import InputError, RefusedError
 from autopilot.identification.foretelling import Foretelling, Outcome
+from autopilot.identification.learning import Proposal
 from autopilot.loop.clock import ManualClock
 from autopilot.loop.record import Recorder, read_log
 from autopilot.loop.replay import replay
@@ -350,3 +351,13 @@ def test_a_run_that_could_not_learn_says_so_before_it_opens_a_link(
     path.write_text(dump_vessel(dataclasses.replace(LANXIN, model=dataclasses.replace(LANXIN.model, n2_s_rad=0.1))))
     assert main(["run", str(path), "--link", "udpin:127.0.0.1:0", "--learn"]) == 4
     assert "--learn knows no model.n2_s_rad" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("stretches", "share", "is_proved"), [(3, 0.94, True), (3, 0.96, False), (3, 1.0, False), (2, 0.5, False)]
+)
+def test_a_proposal_is_proved_by_three_stretches_and_a_twentieth_less_error(
+    stretches: int, share: float, is_proved: bool
+) -> None:
+    proposal = Proposal(Norrbin(0.7, 0.33), {}, 20, 3.0, stretches, 10.0, 0.1, share * 0.1)
+    assert proposal.is_proved is is_proved

@@ -156,6 +156,22 @@ def test_the_recursion_settles_on_a_linear_boat_from_twice_and_half() -> None:
         assert state.model.time_constant == pytest.approx(TRUE.time_constant, rel=0.02)
 
 
+def test_each_parameter_alone_goes_to_where_the_windows_equation_holds() -> None:
+    """One parameter off, the others right: every step brings it nearer, n3 as well as K and T."""
+    for name in ("gain", "time_constant", "n3"):
+        for factor in (0.7, 1.4):
+            first = TRUE._replace(**{name: factor * getattr(TRUE, name)})
+            settings = RecursionSettings(step=0.2, nonlinear=True)
+            nearer = 0
+            for window in windows(TWENTY_SECONDS):
+                state = recursion_step(settings, first, Recursion(first), window)
+                before, after = abs(error(first, window)), abs(error(state.model, window))
+                nearer += after < before
+                moved = getattr(state.model, name) - getattr(first, name)
+                assert moved * (1.0 - factor) >= 0.0, name
+            assert nearer == len(windows(TWENTY_SECONDS)), name
+
+
 def test_the_recursion_keeps_its_bounds_and_stands_still_without_a_window() -> None:
     first = Norrbin(0.7, 0.3, 3.0)
     mad = Integrals(0.0, 50.0, 1.0e-3, 1.0, 1.0e-3, 1.0, 1.0, 1.0)

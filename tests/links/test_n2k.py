@@ -80,6 +80,16 @@ def test_heading_rate_and_rudder_become_samples(bus: Bus) -> None:
     assert got[2] == RudderSample(5.0, pytest.approx(-0.15), False, "N2K127245.35")
 
 
+def test_a_compass_that_is_late_measured_before_its_heading_came() -> None:
+    late = Bus("late compass", heading_latency=0.3)
+    late.put(127250, heading(1.0))
+    late.put(127251, struct.pack("<BihB", 1, 0, -1, 255))
+    first, second = late.samples(5.0)
+    assert (first.time, second.time) == (pytest.approx(4.7), 5.0)
+    late.link.close()
+    late.far.shutdown()
+
+
 def test_a_magnetic_heading_needs_a_variation_and_keeps_the_last_one_heard(bus: Bus) -> None:
     bus.put(127250, heading(1.0, reference=1))
     assert bus.samples(0.0) == []

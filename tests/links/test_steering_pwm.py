@@ -110,3 +110,16 @@ def test_beyond_the_end_stops_is_the_end_stop() -> None:
     assert pulse_table(WIDE).nearest(5.0) == 2000
     assert pulse_table(WIDE).nearest(-5.0) == 1000
     assert math.isclose(share_from_servo(WIDE, 2300), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("rc_reversed", "servo_reversed"), [(False, False), (True, False), (False, True), (True, True)]
+)
+def test_each_reversal_turns_its_own_end_round(rc_reversed: bool, servo_reversed: bool) -> None:
+    """RC1_REVERSED turns the input round and SERVO1_REVERSED the pulse; the rudder's share follows the steering."""
+    channel = SteeringChannel(1100, 1480, 1900, 30, rc_reversed, 1200, 1520, 1850, servo_reversed)
+    stick = -1 if rc_reversed else 1
+    assert [steering_from_pulse(channel, pulse) for pulse in (1100, 1480, 1900)] == [-stick * 4500, 0, stick * 4500]
+    ends = (1850, 1520, 1200) if servo_reversed else (1200, 1520, 1850)
+    assert tuple(servo_from_steering(channel, steering) for steering in (-4500, 0, 4500)) == ends
+    assert [share_from_servo(channel, pulse) for pulse in ends] == [-1.0, 0.0, 1.0]

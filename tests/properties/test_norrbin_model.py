@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from autopilot.models.norrbin import (
     Norrbin,
     at_speed,
+    at_speed_ratio,
     damping,
     rate_step,
     rudder_for,
@@ -106,3 +107,13 @@ def test_the_damping_counts_for_the_rudder_there_is_and_in_full_up_to_its_steady
         # beyond it as at it: no speed that is read too low makes more of it
         at_most = rudder_for(model, math.copysign(reached, rate), acceleration)
         assert needed == pytest.approx(at_most, rel=1e-6, abs=1e-6)
+
+
+@given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(0.3, 3.0))
+@pytest.mark.parametrize("model", [LANXIN, UNSTABLE, Norrbin(0.1, 20.0, 5.0, 0.3, 1.0, 0.01)])
+def test_at_another_speed_the_same_rudder_turns_the_same_circle(
+    model: Norrbin, rate: float, rudder: float, ratio: float
+) -> None:
+    """Per boat's length nothing changes: r goes with U, r' with U^2, whatever the rudder (the SNAME prime system)."""
+    there = yaw_acceleration(at_speed_ratio(model, ratio), ratio * rate, rudder)
+    assert there == pytest.approx(ratio * ratio * yaw_acceleration(model, rate, rudder), rel=1e-9, abs=1e-12)
