@@ -1,7 +1,5 @@
 """`python -m autopilot` is the `autopilot` command."""
 
-import sys
+from autopilot.entry import autopilot
 
-from autopilot.cli.main import main
-
-sys.exit(main())
+autopilot()

@@ -1,7 +1,5 @@
 """`python -m sitl` is the `sitl` command."""
 
-import sys
+from autopilot.entry import sitl
 
-from sitl.cli import main
-
-sys.exit(main())
+sitl()

@@ -198,8 +198,6 @@ def _run(argv: Sequence[str] | None) -> int:
         return _complain(error, ExitCode.LINK)
     except RefusedError as error:
         return _complain(error, ExitCode.REFUSED)
-    except KeyboardInterrupt:
-        return int(ExitCode.OK)
 
 
 def _complain(error: Exception, code: ExitCode) -> int:
@@ -286,7 +284,3 @@ def run_physics(arguments: argparse.Namespace) -> int:
         "that were none"
     )
     return int(ExitCode.OK)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -27,6 +27,7 @@ from autopilot.cli.trial_script import Step, TrialScript, heading, turning, zigz
 from autopilot.errors import RefusedError
 from autopilot.identification.identified import Identified
 from autopilot.identification.identify import identify
+from autopilot.interruption import LEFT
 from autopilot.links.base import LinkError
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
@@ -165,6 +166,7 @@ def _sail_once(leg: Leg, vessel: Vessel, out: Path, seed: int, pace: float) -> S
         command = [sys.executable, "-m", "sitl", "serve", "lanxin", *address, "--scenario", leg.scenario]
         command += ["--speedup", f"{pace}", "--seed", f"{seed}", "--truth", str(truth)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as simulator:
+            LEFT.append(lambda: _leave(simulator, folder))
             try:
                 _await_ready(simulator)
                 ticks, begun = _steer(leg, vessel, url, out / f"{leg.name}.tlog", pace)
@@ -174,6 +176,13 @@ def _sail_once(leg: Leg, vessel: Vessel, out: Path, seed: int, pace: float) -> S
         return Sailed(leg, ticks, begun, _read_truth(truth))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _leave(simulator: subprocess.Popen[str], folder: Path) -> None:
+    """Leave nothing behind where the demo is ended at once."""
+    if simulator.poll() is None:
+        simulator.kill()
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _steer(leg: Leg, vessel: Vessel, url: str, log: Path, pace: float) -> tuple[list[Tick], list[float]]:

@@ -48,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from autopilot.cli.helm_keys import HelmKeys
     from autopilot.cli.signing import signing_of
+    from autopilot.interruption import as_exceptions
     from autopilot.web.line import BoatLine
     from autopilot.web.station import Station
 
@@ -57,7 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     # without this, the release on Esc would wait a second for the rest of a longer key
     os.environ.setdefault("ESCDELAY", "25")
     try:
-        curses.wrapper(lambda window: show(window, station, line, keys, time.monotonic))
+        with as_exceptions():  # the terminal is left as it was found
+            curses.wrapper(lambda window: show(window, station, line, keys, time.monotonic))
     finally:
         line.close()
     return int(ExitCode.OK)

@@ -82,18 +82,8 @@ def _run(argv: Sequence[str] | None) -> int:
         return _complain(error, ExitCode.LINK)
     except RefusedError as error:
         return _complain(error, ExitCode.REFUSED)
-    except BrokenPipeError:
-        # the reader of our output went away (head, less): nothing left to tell anybody
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return int(ExitCode.OK)
-    except KeyboardInterrupt:
-        return 130
 
 
 def _complain(error: Exception, code: ExitCode) -> int:
     print(f"autopilot: {escaped(brief(str(error)))}", file=sys.stderr)
     return int(code)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

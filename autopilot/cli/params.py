@@ -7,6 +7,8 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
+from autopilot.interruption import as_exceptions
+
 SIGNING_HELP = "sign with the key in FILE, and hear only what is signed with it"
 LINK_HELP = "udpin:127.0.0.1:14550, serial:/dev/ttyUSB0:57600"
 CALIBRATION_HELP = "with the calibration of accelerometers, gyros, compasses; without it, it is left as it is"
@@ -33,7 +35,9 @@ def _call(module: str, function: str) -> Callable[[argparse.Namespace], int]:
     """Return a function that imports its module only when called: other commands start without it."""
 
     def run(arguments: argparse.Namespace) -> int:
-        return int(getattr(importlib.import_module(f"autopilot.cli.{module}"), function)(arguments))
+        called = getattr(importlib.import_module(f"autopilot.cli.{module}"), function)
+        with as_exceptions():  # an upload that is under way is taken back
+            return int(called(arguments))
 
     return run
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode, InputError
+from autopilot.interruption import as_exceptions
 
 if TYPE_CHECKING:
     from sitl.campaign.cases import Job
@@ -92,7 +93,7 @@ def _campaign(job: Job, arguments: argparse.Namespace) -> int:
     results = open_results(arguments.out, job) if arguments.out else None
     tally, begun = Tally(job), time.perf_counter()
     try:
-        with ProgressBar("runs") as bar:
+        with as_exceptions(), ProgressBar("runs") as bar:
             bar.show(0, runs)
             for rows in in_order(engine(job, batches_of(job, runs), workers, not arguments.plain)):
                 tally.add(rows)

@@ -6,8 +6,10 @@ that results are the same whoever did them, and however many.
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -22,6 +24,8 @@ from sitl.campaign.work import Row, do_runs, warm
 Batch = tuple[int, int]
 MOST_LOSSES = 5
 """So many times in a row a batch may lose its worker before the study is given up."""
+PR_SET_PDEATHSIG = 1
+"""prctl(2)."""
 AHEAD = 3
 """Batches that wait for each worker."""
 
@@ -81,21 +85,32 @@ def local(
 def _pooled(job: Job, batches: list[Batch], workers: int, is_compiled: bool) -> Iterator[list[Row]]:
     """Yield batches until all are done or a process has died."""
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        coming = iter(batches)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent)
+    coming = iter(batches)
 
-        def more(count: int) -> set[Future[list[Row]]]:
-            return {pool.submit(do_runs, job, *batch, is_compiled) for batch in islice(coming, count)}
+    def more(count: int) -> set[Future[list[Row]]]:
+        return {pool.submit(do_runs, job, *batch, is_compiled) for batch in islice(coming, count)}
 
+    try:
         running = more(AHEAD * workers)
-        try:
-            while running:
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                running |= more(len(done))
-                for future in done:
-                    yield future.result()
-        except BrokenProcessPool:
-            return
+        while running:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            running |= more(len(done))
+            for future in done:
+                yield future.result()
+    except BrokenProcessPool:
+        return
+    except BaseException:
+        # nobody waits for what is no longer wanted: the processes end with this one
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def end_with_parent() -> None:
+    """Let this process of a pool end when the one that made it has ended, however that was (Linux)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def engine_of(name: str, address: str | None = None) -> Engine:

@@ -23,6 +23,7 @@ from autopilot.build_laws import law_of
 from autopilot.errors import InputError, RefusedError
 from autopilot.params.vessel import Vessel
 from sitl.campaign.cases import Job, number_of_runs
+from sitl.campaign.engines import end_with_parent
 from sitl.campaign.study import LawName
 from sitl.campaign.work import REFUSED, do_runs, swift
 
@@ -125,7 +126,7 @@ def tune(
         done += 1
         progress(done, generations)
 
-    with ProcessPoolExecutor(workers) as pool:
+    with ProcessPoolExecutor(workers, initializer=end_with_parent) as pool:
         found = differential_evolution(
             trial,
             Bounds(middle - math.log(SPAN), middle + math.log(SPAN)),

@@ -1,0 +1,49 @@
+"""The programs `autopilot` and `sitl` as they are started: signals first, then all the rest."""
+
+import errno
+import os
+import sys
+
+from autopilot.interruption import Interrupted, end, take_signals
+
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+
+
+def autopilot() -> None:
+    """Run `autopilot` and end with its exit code."""
+    _run("autopilot")
+
+
+def sitl() -> None:
+    """Run `sitl` and end with its exit code."""
+    _run("sitl")
+
+
+def _run(program: str) -> None:
+    take_signals(program, next((word for word in sys.argv[1:] if not word.startswith("-")), ""))
+    try:
+        if program == "autopilot":
+            from autopilot.cli.main import main
+        else:
+            from sitl.cli import main
+        code = main()
+        sys.stdout.flush()
+    except Interrupted as signal:
+        end(signal.number)
+    except BrokenPipeError:
+        # the reader of our output went away (head, less): nothing left to tell anybody
+        _silence()
+        code = 0
+    except OSError as error:
+        if error.errno not in DISK:
+            raise
+        _silence()
+        where = f"{error.filename}: " if error.filename else ""
+        os.write(2, f"{program}: {where}{error.strerror}; free the disk and start again\n".encode())
+        code = 2
+    sys.exit(code)
+
+
+def _silence() -> None:
+    """What still waits to be printed goes nowhere: at the end of the program it would fail again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

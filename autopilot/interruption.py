@@ -1,0 +1,87 @@
+"""Ctrl-C and termination, from the first moment on: one line, one exit code, never a trace.
+
+Imported before all else and importing next to nothing: most of the time from a key to a prompt goes into imports, and
+an exception thrown into one of them comes out as anything. So at first a signal ends the process at once: nothing has
+begun. What has begun and must be brought to an end (a rudder, a transaction, a table) takes the signals itself, or
+asks for them as exceptions with `as_exceptions`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+
+NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "a termination signal", signal.SIGHUP: "the terminal's end"}
+STAYING = ("run", "web", "signalk", "helm", "serve", "ardupilot-physics")
+"""Commands that go on until they are ended: for them a signal is the way it is meant to be."""
+LEFT: list[Callable[[], None]] = []
+"""What ends things outside this process (simulators, folders) when it is ended at once."""
+_owner = 0
+_command = ("", "")
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal, where `as_exceptions` is in force."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+def take_signals(program: str, command: str) -> None:
+    """Let SIGINT, SIGTERM and SIGHUP end this process at once, with one line."""
+    global _owner, _command
+    _owner, _command = os.getpid(), (program, command)
+    for number in NAMES:
+        # who started us may have had a signal ignored: nohup, a shell's background job
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _end)
+
+
+def ended_by(number: int) -> str:
+    """Return the name of a signal as a skipper knows it."""
+    return NAMES.get(signal.Signals(number), signal.Signals(number).name)
+
+
+def end(number: int, because: str = "") -> None:
+    """Say that a signal has ended the program and leave, without waiting for threads. Does not return."""
+    program, command = _command
+    with contextlib.suppress(BaseException):
+        sys.stdout.flush()
+    with contextlib.suppress(OSError):
+        os.write(2, f"\n{program}: ended by {because or ended_by(number)}\n".encode())
+    os._exit(0 if command in STAYING else 128 + number)
+
+
+@contextlib.contextmanager
+def as_exceptions() -> Iterator[None]:
+    """Raise Interrupted for every signal within the block."""
+
+    def throw(number: int, _frame: object) -> None:
+        if os.getpid() != _owner:
+            os._exit(128 + number)
+        raise Interrupted(number)
+
+    before = {number: signal.getsignal(number) for number in NAMES}
+    if not _owner or os.getpid() != _owner:  # called as a function: the signals are the caller's
+        before = {}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, throw)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end(number: int, _frame: object) -> None:
+    if os.getpid() != _owner:  # a process of a pool: its owner speaks
+        os._exit(128 + number)
+    for leave in LEFT:
+        with contextlib.suppress(BaseException):
+            leave()
+    end(number)
