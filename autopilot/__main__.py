@@ -2,4 +2,5 @@
 
 from autopilot.entry import autopilot
 
-autopilot()
+if __name__ == "__main__":
+    autopilot()

@@ -13,8 +13,9 @@ from autopilot.build_laws import radians_or_unlimited
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.admission import Admission, Doors
+from autopilot.links.admission import Admission, Budget, Door, Doors
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
+from autopilot.links.arrivals import HeardTransport
 from autopilot.links.base import Link
 from autopilot.links.believed_link import BelievedLink
 from autopilot.links.drives.base import Drive, DriveSettings
@@ -29,7 +30,7 @@ from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.router import Router
 from autopilot.links.router_links import ForwardLink, RoutedTransport, budget_for
-from autopilot.links.signing import Signing
+from autopilot.links.signing import LinkSigning, Signing
 from autopilot.links.transports.sockets import Network, network_of
 from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.params.vessel import Vessel
@@ -113,12 +114,18 @@ def networks_of(vessel: Vessel) -> tuple[Network, ...]:
     return tuple(network_of(text) for text in vessel.security.allow_addresses)
 
 
+def opened_now(opener: Callable[[], Link]) -> Link:
+    """Return what `opener` opens, at the first try."""
+    return opener()
+
+
 class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
     `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
     `forward`: URLs of ground stations that see the flight controller through us; `doors`: which of them are heard.
     `reconnect`: lines that are lost, or not there yet, are opened again.
+    `opened`: returns what an opener opens, in its own time.  `heard`: takes the lines, to say what came over them.
     """
 
     as_gcs: bool = False
@@ -128,6 +135,8 @@ class LinkOptions(NamedTuple):
     forward: tuple[str, ...] = ()
     doors: Doors | None = None
     reconnect: bool = False
+    opened: Callable[[Callable[[], Link]], Link] = opened_now
+    heard: dict[str, HeardTransport] | None = None
 
 
 def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | None = None) -> Link:
@@ -136,6 +145,9 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
     if parsed.protocol == "n2k":
         return N2kLink(parsed.text, open_bus(parsed.text, parsed.host, parsed.path), n2k_settings_of(vessel, parsed))
     transport = open_transport(parsed, networks_of(vessel))
+    if options.heard is not None:
+        transport = HeardTransport(transport, parsed.protocol)
+        options.heard[url] = transport
     if parsed.protocol == "nmea":
         return NmeaLink(transport, nmea_settings_of(vessel, parsed), options.guide)
     if parsed.protocol in DRIVES:
@@ -184,12 +196,24 @@ def build_forward_links(
                 )
             signing = options.signing.link() if options.signing else None
             door = options.doors.link() if options.doors else None
-            links.append(ForwardLink(open_transport(url, allow), router, budget, signing, door))
+            opener = partial(_forward_link, url, allow, router, budget, signing, door)
+            links.append(options.opened(opener))
     except BaseException:
         for link in links:
             link.close()
         raise
     return links
+
+
+def _forward_link(
+    url: str,
+    allow: Sequence[Network],
+    router: Router,
+    budget: Budget,
+    signing: LinkSigning | None,
+    door: Door | None,
+) -> Link:
+    return ForwardLink(open_transport(url, allow), router, budget, signing, door)
 
 
 def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
@@ -251,7 +275,7 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     try:
         for url in urls:
             opener = partial(build_link, vessel, url, options, router)
-            links.append(_kept(parse_url(url), opener) if options.reconnect else opener())
+            links.append(_kept(parse_url(url), opener) if options.reconnect else options.opened(opener))
         behind = build_forward_links(urls, options, router, networks_of(vessel)) if router is not None else []
     except BaseException:
         for link in links:

@@ -1,8 +1,9 @@
-"""The programs `autopilot` and `sitl` as they are started: signals first, then all the rest."""
+"""A program as it is started: signals first, then all the rest."""
 
 import errno
 import os
 import sys
+from collections.abc import Callable
 
 from autopilot.interruption import Interrupted, end, take_signals
 
@@ -11,22 +12,20 @@ DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 def autopilot() -> None:
     """Run `autopilot` and end with its exit code."""
-    _run("autopilot")
+    start("autopilot", _autopilot)
 
 
-def sitl() -> None:
-    """Run `sitl` and end with its exit code."""
-    _run("sitl")
+def _autopilot() -> int:
+    from autopilot.cli.main import main
+
+    return main()
 
 
-def _run(program: str) -> None:
+def start(program: str, run: Callable[[], int]) -> None:
+    """Run a program, which imports what it needs when it is called, and end with its exit code."""
     take_signals(program, next((word for word in sys.argv[1:] if not word.startswith("-")), ""))
     try:
-        if program == "autopilot":
-            from autopilot.cli.main import main
-        else:
-            from sitl.cli import main
-        code = main()
+        code = run()
         sys.stdout.flush()
     except Interrupted as signal:
         end(signal.number)

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "a termination signal", signal.SIGHUP: "the terminal's end"}
-STAYING = ("run", "web", "signalk", "helm", "serve", "ardupilot-physics")
+STAYING = ("run", "trial", "web", "signalk", "helm", "serve", "ardupilot-physics")
 """Commands that go on until they are ended: for them a signal is the way it is meant to be."""
 LEFT: list[Callable[[], None]] = []
 """What ends things outside this process (simulators, folders) when it is ended at once."""
@@ -46,14 +46,19 @@ def ended_by(number: int) -> str:
     return NAMES.get(signal.Signals(number), signal.Signals(number).name)
 
 
-def end(number: int, because: str = "") -> None:
-    """Say that a signal has ended the program and leave, without waiting for threads. Does not return."""
-    program, command = _command
+def say_end(number: int) -> None:
+    """Say in one line that a signal has ended the program."""
     with contextlib.suppress(BaseException):
         sys.stdout.flush()
+    line_end = "\n" if os.isatty(2) else ""  # behind the ^C that the terminal shows
     with contextlib.suppress(OSError):
-        os.write(2, f"\n{program}: ended by {because or ended_by(number)}\n".encode())
-    os._exit(0 if command in STAYING else 128 + number)
+        os.write(2, f"{line_end}{_command[0] or 'norrbin'}: ended by {ended_by(number)}\n".encode())
+
+
+def end(number: int) -> None:
+    """Say that a signal has ended the program and leave, without waiting for threads. Does not return."""
+    say_end(number)
+    os._exit(0 if _command[1] in STAYING else 128 + number)
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from types import FrameType
 
 from autopilot import __version__
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.interruption import say_end
 from autopilot.links.base import LinkError
 from autopilot.printable import brief, escaped, printable_output
 from sitl.campaign import command as campaign
@@ -215,6 +216,7 @@ class _StopOnSignal:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self._stopped = True
+        say_end(number)
 
     def __call__(self) -> bool:
         return self._stopped

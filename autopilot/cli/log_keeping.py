@@ -64,10 +64,3 @@ def open_log(arguments: argparse.Namespace, vessel: Vessel, law: str | None, now
 def alarm_links(recorder: Recorder | None) -> list[Link]:
     """Return what brings the log's troubles to the pilot, and so to every link and terminal."""
     return [] if recorder is None else [GuideAlarms(recorder, "log")]
-
-
-def gaps_of(recorder: Recorder | None) -> str:
-    """Return what is not in a log that was closed, '' where all is."""
-    if recorder is None or not recorder.dropped:
-        return ""
-    return f"{recorder.dropped} ticks are not in the log: {recorder.failed or 'the disk was full or too slow'}"

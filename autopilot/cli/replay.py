@@ -55,6 +55,7 @@ def _play(arguments: argparse.Namespace) -> int:
     import signal
 
     from autopilot.cli.signing import signing_of
+    from autopilot.interruption import say_end
     from autopilot.loop.clock import MonotonicClock
     from autopilot.loop.replay_onto import replay_onto
 
@@ -65,4 +66,6 @@ def _play(arguments: argparse.Namespace) -> int:
         signal.signal(number, lambda number, _: stopped.append(number))
     clock, signing = MonotonicClock(arguments.speed), signing_of(arguments)
     print(replay_onto(arguments.log, arguments.link, clock, lambda: bool(stopped), signing))
+    if stopped:
+        say_end(stopped[0])
     return int(ExitCode.OK)

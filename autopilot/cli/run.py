@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import io
 import math
-import select
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,8 +81,10 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.serving import load_mission, serving_of
     from autopilot.cli.skipper import HELP, heading_of
     from autopilot.cli.steering import steer
+    from autopilot.cli.terminal import TypedLines
     from autopilot.guidance.plotter import PlotterGuide
     from autopilot.params.vessel_file import load_vessel
+    from autopilot.printable import rewrite_line
     from autopilot.signals import Tick
 
     if arguments.duration is not None and not arguments.duration > 0.0:
@@ -108,21 +108,21 @@ def run(arguments: argparse.Namespace) -> int:
         skipper.follow()
     must_engage = arguments.engage is not None or arguments.follow is not None
     listens = sys.stdin is not None and sys.stdin.isatty()
+    typed = TypedLines() if listens else None
     desk = LearningDesk() if arguments.learn else None
     if listens:
-        if isinstance(sys.stdin, io.TextIOWrapper):
-            sys.stdin.reconfigure(errors="backslashreplace")  # a key of another character set ends no steering
-        typed = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, *([LEARN_HELP] if desk is not None else [])]
-        print("  ".join(typed), PATTERN_HELP, sep="\n")
+        shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, *([LEARN_HELP] if desk is not None else [])]
+        print("  ".join(shown), PATTERN_HELP, sep="\n")
 
     def watch(tick: Tick) -> bool:
-        if listens and select.select([sys.stdin], (), (), 0.0)[0]:
-            line = sys.stdin.readline()
+        for line in typed.poll() if typed is not None else ():
             try:
                 answer = desk.type_line(line) if desk is not None else None
-                print(answer if answer is not None else skipper.type_line(line) if line else "")
+                said = answer if answer is not None else skipper.type_line(line)
             except InputError as error:
-                print(error)
+                said = str(error)
+            rewrite_line(sys.stdout, f"> {line}", "\n")
+            print(said, flush=True)
         return skipper.quit
 
     return steer(
@@ -137,6 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
         serving=serving_of(arguments, skipper, mission, armed=must_engage)._replace(wind=skipper.wind),
         desk=desk,
         resumes=skipper.engage,
+        typed=typed,
     )
 
 

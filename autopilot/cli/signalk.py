@@ -58,6 +58,7 @@ def _serve(arguments: argparse.Namespace) -> int:
 
     from autopilot.cli.signing import signing_of
     from autopilot.cli.web import listening_address
+    from autopilot.interruption import say_end
     from autopilot.signalk.bridge import Bridge
     from autopilot.signalk.clients import LineClients
     from autopilot.signalk.requests import LINE_MOST
@@ -86,4 +87,5 @@ def _serve(arguments: argparse.Namespace) -> int:
             bridge.turn(time.monotonic())
     finally:
         bridge.close()
+    say_end(stopped[0])
     return int(ExitCode.OK)

@@ -3,42 +3,35 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import math
-import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
-from types import FrameType
 
 from autopilot.angles import compass_deg
 from autopilot.build import build_pilot
 from autopilot.build_links import LinkOptions, admission_of, alarm_outputs_of, build_links, refuse_failsafe
+from autopilot.cli.ending import Ending, Held, last_line
 from autopilot.cli.learning_desk import LearningDesk
-from autopilot.cli.log_keeping import add_log_options, alarm_links, gaps_of, open_log
+from autopilot.cli.log_keeping import add_log_options, alarm_links, open_log
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
 from autopilot.cli.skipper import Skipper
+from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
 from autopilot.cli.tuning_desk import TuningDesk
 from autopilot.cli.upkeep import Upkeep, add_upkeep_options, real_time_of, resumption_of
-from autopilot.errors import ExitCode, RefusedError
+from autopilot.cli.waiting import add_waiting_option, patience_of
+from autopilot.errors import ExitCode
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.admission import Admission, Doors
 from autopilot.links.alarm_outputs import Acknowledgements
-from autopilot.links.base import LinkError
-from autopilot.links.signing import Signing, hint_of
+from autopilot.links.signing import Signing
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.health import LoopHealth
 from autopilot.loop.session import Orders, Session
 from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
 from autopilot.params.vessel import Vessel
-from autopilot.printable import printable, rewrite_line, terminal_of
-from autopilot.signals import Mode, OrderKind, Tick
-
-STATUS_PERIOD = 0.5
-ALARM_CHARACTERS = 400
-ENGAGE_PATIENCE = 20.0
-"""Time [s] after the first heading in which an ordered engagement must come about."""
+from autopilot.printable import terminal_of
+from autopilot.signals import Mode, Tick
 
 
 def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = True) -> None:
@@ -53,6 +46,7 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
     )
     add_log_options(parser)
     add_upkeep_options(parser)
+    add_waiting_option(parser)
     parser.add_argument(
         "--reconnect",
         action="store_true",
@@ -78,59 +72,7 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
     )
 
 
-class Ending:
-    """Whether to stop, and the checks that end a run early. Called after every tick."""
-
-    def __init__(
-        self, links: list[str], wait: float, must_engage: bool, heading_timeout: float, signing: Signing | None = None
-    ) -> None:
-        self.stop = False
-        self._heading_timeout = heading_timeout
-        self._signing = signing
-        self._links = ", ".join(links)
-        self._wait = wait
-        self._must_engage = must_engage
-        self._first_heading: float | None = None
-        self.engaged = False
-
-    def __call__(self, tick: Tick) -> bool:
-        """Return whether to stop now. Raises LinkError or RefusedError where going on makes no sense."""
-        if tick.mode is Mode.ENGAGED:
-            self.engaged = True
-        if self._first_heading is None:
-            if tick.state.valid:
-                self._first_heading = tick.now
-            elif 0.0 < self._wait <= tick.now:
-                raise self._silence(self._wait)
-        elif self._must_engage and not self.engaged and tick.now - self._first_heading > ENGAGE_PATIENCE:
-            raise self._refusal(tick)
-        return self.stop
-
-    def final(self, tick: Tick | None) -> None:
-        """Raise LinkError or RefusedError where the time ran out with nothing steered, or with the vehicle gone."""
-        if self.stop or tick is None:
-            return
-        if self._first_heading is None:
-            raise self._silence(tick.now)
-        if self._must_engage and not self.engaged:
-            raise self._refusal(tick)
-        if tick.mode is Mode.OVERRIDE and tick.state.heading_age > self._heading_timeout:
-            raise LinkError(
-                f"no heading has come over {self._links} for {tick.state.heading_age:.0f} s, at the end of the run "
-                f"({'; '.join(tick.alarms)}): check that the vehicle is on and still connected"
-            )
-
-    def _silence(self, seconds: float) -> LinkError:
-        return LinkError(
-            f"no heading came over {self._links} in {seconds:.0f} s: check that the vehicle or compass is on, that it "
-            f"sends to this address, the baud rate, and sensors.variation_deg for a compass that knows no true north"
-            f"{hint_of(self._signing)}"
-        )
-
-    def _refusal(self, tick: Tick) -> RefusedError:
-        return RefusedError("; ".join(tick.alarms) or "the pilot did not engage")
-
-
+@steady_output()
 def steer(
     vessel: Vessel,
     arguments: argparse.Namespace,
@@ -144,8 +86,11 @@ def steer(
     desk: LearningDesk | None = None,
     describe: Callable[[Tick], str] | None = None,
     resumes: Callable[[float], None] | None = None,
+    typed: TypedLines | None = None,
 ) -> int:
     """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released.
+
+    The last line printed says what became of rudder, course and log.
 
     `resumes` is told the heading [rad] that a process which died has held, where the vessel file lets it be held again.
     """
@@ -156,7 +101,7 @@ def steer(
     doors = Doors(_admission(vessel, serving))
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
     options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward), doors)
-    options = options._replace(reconnect=arguments.reconnect)
+    options = options._replace(reconnect=arguments.reconnect, opened=patience_of(arguments), heard=ending.heard)
     links = build_links(vessel, arguments.link, options)
     recorder = None
     saver = BackgroundSaver()
@@ -185,32 +130,32 @@ def steer(
     if resumes is not None and resumption is not None and (heading := resumption.left()) is not None:
         print(f"the process before this one ended while it held {compass_deg(heading):.0f} deg: engaging on it again")
         resumes(heading)
-    status = StatusLine(describe)
+    status, held = StatusLine(describe, typed), Held()
 
     def after(tick: Tick) -> bool:
         status.show(tick)
+        held(tick)
         tuner.turn()
         if desk is not None and (news := desk.news(tick)):
             status.say(news)
         upkeep.ticked(tick)
-        return ending(tick) or watch(tick)
+        return ending(tick) or (watch(tick) and ending.is_wanted())
 
+    session = Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder)
     try:
         # leaving the session, which comes first, gives the rudder back whatever happened
-        with (
-            _signals_end(ending),
-            upkeep,
-            Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder) as session,
-        ):
+        with ending.at_signals(), upkeep, session:
             session.run(clock.now() + duration, after)
         ending.final(session.tick)
+    except Exception as error:
+        ending.failed(error)
+        raise
     finally:
         status.end()
         tuner.close()
         saver.close()
-    _print_refusals(signing, doors)
-    if gaps := gaps_of(recorder):
-        print(gaps)
+        _print_refusals(signing, doors)
+        print(last_line(ending, held, recorder, session.releases), flush=True)
     last = session.tick
     if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):
         why = f": {'; '.join(last.alarms)}" if last.alarms else ""
@@ -231,74 +176,8 @@ def _print_refusals(signing: Signing | None, doors: Doors) -> None:
             print(summary)
 
 
-@contextlib.contextmanager
-def _signals_end(ending: Ending) -> Iterator[None]:
-    """SIGINT and SIGTERM end the run after the tick they come in."""
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        ending.stop = True
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def _which_file(vessel_path: str, in_force: VesselInForce) -> str:
     """Say which file is in force, and where changes go."""
     kept = in_force.saved_as
     older = f"; changes of an earlier run are in {kept}: start with that file to use them" if kept.exists() else ""
     return f"in force: {vessel_path}; what is changed while it runs is kept in {kept}{older}"
-
-
-class StatusLine:
-    """One line that is rewritten on a terminal; elsewhere a line for each change of mode or alarm."""
-
-    def __init__(self, describe: Callable[[Tick], str] | None = None) -> None:
-        """describe: what stands before the status, such as how far a trial has come."""
-        self._describe = describe
-        self._live = sys.stdout.isatty()
-        self._next = -math.inf
-        self._said: tuple[Mode, tuple[str, ...]] | None = None
-
-    def show(self, tick: Tick) -> None:
-        """Show the tick where it is time to."""
-        if (tick.mode, tick.alarms) != self._said:
-            self._said = (tick.mode, tick.alarms)
-            said = "".join(f"  ! {printable(alarm, ALARM_CHARACTERS)}" for alarm in tick.alarms)
-            self._print_line(f"{tick.now:8.1f} s  {tick.mode.name}{said}")
-        elif self._live and tick.now >= self._next:
-            self._next = tick.now + STATUS_PERIOD
-            ahead = self._describe(tick) if self._describe is not None else ""
-            rewrite_line(sys.stdout, f"{ahead}{'  ' if ahead else ''}{status_text(tick)}")
-
-    def end(self) -> None:
-        """Leave the line."""
-        if self._live:
-            rewrite_line(sys.stdout, "")
-
-    def say(self, text: str) -> None:
-        """Print a text above the line."""
-        self._print_line(text)
-
-    def _print_line(self, line: str) -> None:
-        if self._live:
-            rewrite_line(sys.stdout, line, "\n")
-        else:
-            print(line, flush=True)
-
-
-def status_text(tick: Tick) -> str:
-    """Return the status of a tick in one line, in degrees and knots."""
-    state = tick.state
-    if not state.valid:
-        return f"{tick.mode.name:8s}  no heading yet"
-    ordered = f"{compass_deg(tick.reference.heading):5.1f}" if tick.order.kind is OrderKind.HEADING else "  -  "
-    return (
-        f"{tick.mode.name:8s}  heading {compass_deg(state.heading):5.1f}  reference {ordered}  "
-        f"rate {math.degrees(state.rate):+5.1f} deg/s  rudder {math.degrees(state.rudder):+5.1f}  "
-        f"order {math.degrees(tick.command.angle):+5.1f}  bias {math.degrees(state.bias):+4.1f}  "
-        f"{state.speed * 3600.0 / 1852.0:4.1f} kn"
-    )

@@ -57,9 +57,10 @@ def run(arguments: argparse.Namespace) -> int:
     except Exception:
         sock.close()
         raise
-    app = build_app(Hub(station, line), Access(token), shelf)
+    hub = Hub(station, line)
+    app = build_app(hub, Access(token), shelf)
     _announce(host, sock.getsockname()[1], token)
-    serve(known_hosts(app, host), sock)
+    serve(known_hosts(app, host), sock, hub.close)
     return int(ExitCode.OK)
 
 

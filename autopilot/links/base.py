@@ -19,6 +19,15 @@ class LinkError(Exception):
         super().__init__(brief(message))
 
 
+class NotThereError(LinkError):
+    """A device or the other end of a connection is not there, but may come. what: the same without what to do."""
+
+    @property
+    def what(self) -> str:
+        """What is missing."""
+        return str(self).partition(";")[0]
+
+
 class Transport(Protocol):
     """Moves bytes. A new transport writes these methods and passes `tests/contract/test_transports.py`."""
 

@@ -154,7 +154,9 @@ def believe_signed(
 
 def let_in(transport: Transport, accepts: Callable[[bytes], bool]) -> None:
     """Let only the sender of a datagram that `accepts` takes become the peer of a listening transport."""
-    listening = getattr(transport, "inside", transport)
+    listening = transport
+    while (inside := getattr(listening, "inside", None)) is not None:
+        listening = inside
     if isinstance(listening, UdpInTransport):
         listening.accepts = accepts
 

@@ -36,6 +36,7 @@ class Hub:
         self._queues: set[asyncio.Queue[bytes | None]] = set()
         self._told: dict[str, bytes] = {}
         self._texts = 0
+        self._closed = False
 
     async def run(self) -> None:
         """Keep the line and tell the browsers, until cancelled."""
@@ -80,7 +81,7 @@ class Hub:
     async def follow(self) -> AsyncIterator[bytes]:
         """Yield the events for one browser: all that is known at first, then what changes."""
         queue: asyncio.Queue[bytes | None] = asyncio.Queue(BEHIND_MOST)
-        if len(self._queues) >= CLIENTS_MOST:
+        if self._closed or len(self._queues) >= CLIENTS_MOST:
             return
         now = self.clock()
         first = b"retry: 1000\n\n" + event("state", self._state(now))
@@ -115,7 +116,8 @@ class Hub:
         return (True, words) if taken else (False, await self._reason(said, words))
 
     def close(self) -> None:
-        """Let every browser go."""
+        """Let every browser go, and take no more."""
+        self._closed = True
         for queue in list(self._queues):
             self._queues.discard(queue)
             while not queue.empty():

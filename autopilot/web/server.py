@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import signal
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from types import FrameType
 from typing import Any
 from urllib.parse import quote
 
@@ -20,6 +22,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from autopilot.errors import InputError
+from autopilot.interruption import say_end
 from autopilot.order_values import order_object
 from autopilot.web import page_files
 from autopilot.web.access import Access
@@ -177,6 +180,8 @@ class Page:
 class Server(uvicorn.Server):
     """Ends on SIGINT and SIGTERM as asked, where uvicorn would die of the signal once more."""
 
+    leave: Callable[[], None]
+
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         """Take the signals while the block lasts."""
@@ -187,11 +192,24 @@ class Server(uvicorn.Server):
             for number, handler in before.items():
                 signal.signal(number, handler)
 
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """End, and say so."""
+        say_end(sig)
+        super().handle_exit(sig, frame)
 
-def serve(app: ASGIApp, sock: socket.socket) -> None:
-    """Serve on a bound socket until a signal comes."""
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Let every browser go, which would else be waited for; what is cut off now is no mistake to report."""
+        self.leave()
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
+        await super().shutdown(sockets)
+
+
+def serve(app: ASGIApp, sock: socket.socket, leave: Callable[[], None]) -> None:
+    """Serve on a bound socket until a signal comes; `leave` lets go of those who follow the boat."""
     config = uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=2, ws="none")
-    Server(config).run(sockets=[sock])
+    server = Server(config)
+    server.leave = leave
+    server.run(sockets=[sock])
 
 
 def known_hosts(app: ASGIApp, address: str) -> ASGIApp:

@@ -9,7 +9,7 @@ import glob
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, NotThereError
 
 USB = "usb="
 
@@ -32,7 +32,7 @@ def device_of(name: str, path: str, ports: Callable[[], Iterable[Port]] | None =
         return found[0]
     if found:
         raise LinkError(f"{name}: {path} is {len(found)} devices ({', '.join(found)}); write more of the one meant")
-    raise LinkError(f"{name}: there is no device {path}; plug it in, or list the ports with `ls /dev/serial/by-id`")
+    raise NotThereError(f"{name}: there is no device {path}; plug it in, or list the ports with `ls /dev/serial/by-id`")
 
 
 def _by_serial_number(name: str, number: str, ports: Callable[[], Iterable[Port]]) -> str:
@@ -42,7 +42,7 @@ def _by_serial_number(name: str, number: str, ports: Callable[[], Iterable[Port]
     if found:
         return found[0]
     there = ", ".join(sorted({port.serial_number for port in present if port.serial_number})) or "none"
-    raise LinkError(f"{name}: no adapter with USB serial number {number}; plug it in (present are: {there})")
+    raise NotThereError(f"{name}: no adapter with USB serial number {number}; plug it in (present are: {there})")
 
 
 def _ports() -> Iterable[Port]:

@@ -9,7 +9,7 @@ import termios
 
 import serial
 
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, NotThereError
 from autopilot.links.transports.device_names import device_of
 
 CHUNK_LIMIT = 4096
@@ -117,8 +117,8 @@ def _open_error(name: str, path: str, baud: int, error: Exception) -> LinkError:
     if isinstance(error, termios.error):
         code = error.args[0]
     text = str(error)
-    if code == errno.ENOENT:
-        return LinkError(f"{name}: there is no device {path}; plug it in, or list the ports with `ls /dev/tty*`")
+    if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return NotThereError(f"{name}: there is no device {path}; plug it in, or list the ports with `ls /dev/tty*`")
     if code in (errno.EACCES, errno.EPERM):
         return LinkError(
             f"{name}: permission denied on {path}; add your user to the group dialout "

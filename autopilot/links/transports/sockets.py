@@ -11,11 +11,16 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, NotThereError
 
 Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
 Allows: TypeAlias = Callable[[str], bool]
 """Says of an address whether it may come in."""
+MAY_COME = (
+    *(errno.EADDRNOTAVAIL, errno.ECONNREFUSED, errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ETIMEDOUT),
+    *(errno.ENETDOWN, errno.EHOSTDOWN, errno.ECONNRESET),
+)
+"""Errors of an address that is not there yet: a program that is about to start, a network that comes up."""
 SIOCGIFADDR = 0x8915
 """Linux's ioctl for the IPv4 address of an interface (linux/sockios.h)."""
 IFREQ = struct.Struct("16s2s2x4s16x")
@@ -111,4 +116,5 @@ def open_error(name: str, error: OSError, doing: str, host: str, port: int) -> L
     }
     code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno
     reason = advice.get(code or 0, f"{error.strerror or error}; check the address")
-    return LinkError(f"{name}: cannot {doing} {host} port {port}: {reason}")
+    kind = NotThereError if code in MAY_COME else LinkError
+    return kind(f"{name}: cannot {doing} {host} port {port}: {reason}")

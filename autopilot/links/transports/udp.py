@@ -99,6 +99,8 @@ class UdpInTransport(_UdpTransport):
         self._connects = not is_everywhere(str(address[0]))
         self.accepts = accepts
         """May be set anew, by a link that knows better which sender is the right one."""
+        self.refused: tuple[bytes, str] | None = None
+        """The newest datagram that could make nobody our peer, as far as it was looked into, and who sent it."""
         self._allows = allows
         self._peer: tuple[str | int, ...] | None = None
         self._is_held = False
@@ -137,6 +139,8 @@ class UdpInTransport(_UdpTransport):
                     self._latch(sender)
                     self.strangers -= 1
                     chunks.append(bytes(room[:length]))
+                elif self._peer is None:
+                    self.refused = bytes(room[: min(length, STRANGER_LIMIT)]), f"{sender[0]}:{sender[1]}"
         return chunks
 
     def send(self, data: bytes) -> bool:

@@ -1,0 +1,166 @@
+"""How a run ends: when to stop, why, and the one line that says what became of rudder, course and log."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+from collections.abc import Iterator, Sequence
+from types import FrameType
+
+from autopilot.angles import wrap
+from autopilot.cli.terminal import degrees_text
+from autopilot.errors import RefusedError
+from autopilot.interruption import ended_by
+from autopilot.links.arrivals import HeardTransport, came
+from autopilot.links.base import LinkError
+from autopilot.links.release import Release, release_sentence
+from autopilot.links.signing import Signing, hint_of
+from autopilot.loop.record import Recorder
+from autopilot.signals import Mode, OrderKind, Tick
+
+ENGAGE_PATIENCE = 20.0
+"""Time [s] after the first heading in which an ordered engagement must come about."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Ending:
+    """Whether to stop, and the checks that end a run early. Called after every tick."""
+
+    def __init__(
+        self, links: list[str], wait: float, must_engage: bool, heading_timeout: float, signing: Signing | None = None
+    ) -> None:
+        self.heard: dict[str, HeardTransport] = {}
+        """Takes the lines, by which it says what came where no heading came."""
+        self.stop = False
+        self.why = ""
+        self._heading_timeout = heading_timeout
+        self._signing = signing
+        self._links = ", ".join(links)
+        self._wait = wait
+        self._must_engage = must_engage
+        self._first_heading: float | None = None
+        self.engaged = False
+
+    def __call__(self, tick: Tick) -> bool:
+        """Return whether to stop now. Raises LinkError or RefusedError where going on makes no sense."""
+        if tick.mode is Mode.ENGAGED:
+            self.engaged = True
+        if self._first_heading is None:
+            if tick.state.valid:
+                self._first_heading = tick.now
+                for line in self.heard.values():
+                    line.forget()
+            elif 0.0 < self._wait <= tick.now:
+                raise self._silence(self._wait)
+        elif self._must_engage and not self.engaged and tick.now - self._first_heading > ENGAGE_PATIENCE:
+            raise self._refusal(tick)
+        return self.stop
+
+    def is_wanted(self) -> bool:
+        """Note that the skipper, or the script, has come to its end; return True."""
+        self.why = "ended as ordered"
+        return True
+
+    def failed(self, error: Exception) -> None:
+        """Note that something ended the run."""
+        self.why = "ended, refused" if isinstance(error, RefusedError) else "ended by an error"
+        if isinstance(error, LinkError):
+            self.why = "ended, the link does not bring what is needed"
+
+    def final(self, tick: Tick | None) -> None:
+        """Raise LinkError or RefusedError where the time ran out with nothing steered, or with the vehicle gone."""
+        if self.stop or tick is None:
+            return
+        self.why = self.why or f"ended after {tick.now:.0f} s"
+        if tick.mode in (Mode.FAILSAFE, Mode.FAULT):
+            self.why = f"ended in {'fault' if tick.mode is Mode.FAULT else 'fail-safe'}"
+        if self._first_heading is None:
+            raise self._silence(tick.now)
+        if self._must_engage and not self.engaged:
+            raise self._refusal(tick)
+        if tick.mode is Mode.OVERRIDE and tick.state.heading_age > self._heading_timeout:
+            raise LinkError(
+                f"no heading has come over {self._links} for {tick.state.heading_age:.0f} s, at the end of the run "
+                f"({'; '.join(tick.alarms)}): check that the vehicle is on and still connected"
+            )
+
+    @contextlib.contextmanager
+    def at_signals(self) -> Iterator[None]:
+        """SIGINT, SIGTERM and SIGHUP end the run after the tick they come in."""
+
+        def stop(number: int, _frame: FrameType | None) -> None:
+            self.stop = True
+            self.why = f"ended by {ended_by(number)}"
+
+        before = {number: signal.getsignal(number) for number in SIGNALS}
+        before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
+        for number in before:
+            signal.signal(number, stop)
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _silence(self, seconds: float) -> LinkError:
+        return LinkError(
+            f"no heading came over {self._links} in {seconds:.0f} s: "
+            f"{came(self.heard.values()) or 'check that the compass is on and sends here'}{hint_of(self._signing)}"
+        )
+
+    def _refusal(self, tick: Tick) -> RefusedError:
+        return RefusedError("; ".join(tick.alarms) or "the pilot did not engage")
+
+
+class Held:
+    """What was steered and how well. Called after every tick."""
+
+    def __init__(self) -> None:
+        self._seconds = 0.0
+        self._squares = 0.0
+        self._on_course = 0.0
+        self._what = ""
+        self._last: float | None = None
+
+    def __call__(self, tick: Tick) -> None:
+        """Take a tick."""
+        step = 0.0 if self._last is None else tick.now - self._last
+        self._last = tick.now
+        if tick.mode is not Mode.ENGAGED:
+            return
+        self._seconds += step
+        kind = tick.order.kind
+        if kind in (OrderKind.HEADING, OrderKind.ZIGZAG):
+            heading = tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
+            self._what = "zigzag" if kind is OrderKind.ZIGZAG else f"course {degrees_text(heading)}"
+        elif kind is OrderKind.RUDDER:
+            self._what = f"rudder {math.degrees(tick.order.rudder):+.1f}"
+        if kind is OrderKind.HEADING:
+            self._on_course += step
+            self._squares += step * math.degrees(wrap(tick.state.heading - tick.reference.heading)) ** 2
+
+    @property
+    def words(self) -> str:
+        """How long and how well, in few words."""
+        if not self._what:
+            return "nothing was steered"
+        well = f", {math.sqrt(self._squares / self._on_course):.1f} deg rms off" if self._on_course > 0.0 else ""
+        return f"steered {self._seconds:.0f} s, last {self._what}{well}"
+
+
+def log_words(recorder: Recorder | None) -> str:
+    """Return where the log is, and what is missing in it."""
+    if recorder is None:
+        return "no log was kept"
+    try:
+        size = recorder.path.stat().st_size
+    except OSError:
+        size = 0
+    gaps = f", {recorder.dropped} ticks missing: {recorder.failed or 'the disk was full or too slow'}"
+    return f"log {recorder.path} ({size / 1e6:.1f} MB{gaps if recorder.dropped else ''})"
+
+
+def last_line(ending: Ending, held: Held, recorder: Recorder | None, releases: Sequence[Release]) -> str:
+    """Return why the run has ended, and what became of rudder, course and log."""
+    return f"{ending.why or 'ended'}: {release_sentence(releases)}; {held.words}; {log_words(recorder)}"

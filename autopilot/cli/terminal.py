@@ -1,0 +1,261 @@
+"""The terminal of a program that steers: a status line that fits it, lines typed below it, output that never waits.
+
+Nothing here can hold up or end the steering: a terminal that is stopped (Ctrl-S), a pipe that nobody empties and a full
+disk lose what is said to them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+import select
+import shutil
+import sys
+import termios
+from collections.abc import Callable, Iterator
+from typing import Any, TextIO, cast
+
+from autopilot.angles import compass_deg
+from autopilot.printable import PrintableStream, printable, rewrite_line
+from autopilot.signals import Mode, OrderKind, RudderSample, Tick
+
+STATUS_PERIOD = 0.5
+ALARM_CHARACTERS = 400
+CHUNK = 512
+MEASURED_S = 3.0
+"""So long after its last word a rudder sensor counts as one."""
+NARROWEST = 20
+WIDEST_TYPED = 30
+BACKSPACE = "\b\x7f"
+KILL = "\x15"
+"""Ctrl-U: the line is begun anew."""
+
+
+class Steady(io.TextIOBase):
+    """Output to a descriptor that neither waits nor fails: what cannot be written now is lost."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """UTF-8."""
+        return "utf-8"
+
+    def fileno(self) -> int:
+        """Return the descriptor."""
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        """Return whether it is a terminal."""
+        return os.isatty(self._descriptor)
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    def write(self, text: str) -> int:
+        """Write what there is room for."""
+        data = text.encode(errors="replace")
+        with contextlib.suppress(OSError, ValueError):
+            for at in range(0, len(data), CHUNK):
+                if not select.select((), (self._descriptor,), (), 0.0)[1]:
+                    break
+                os.write(self._descriptor, data[at : at + CHUNK])
+        return len(text)
+
+
+@contextlib.contextmanager
+def steady_output() -> Iterator[None]:
+    """Let standard output and error be `Steady` within the block."""
+    before = sys.stdout, sys.stderr
+    try:
+        sys.stdout, sys.stderr = _steady(before[0]), _steady(before[1])
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def _steady(stream: TextIO) -> TextIO:
+    try:
+        stream.flush()
+        descriptor = stream.fileno()
+    except (OSError, ValueError, AttributeError):  # a test's, or none
+        return stream
+    steady: Any = Steady(descriptor)
+    kept: Any = PrintableStream(steady) if isinstance(stream, PrintableStream) else steady
+    return cast("TextIO", kept)
+
+
+class TypedLines:
+    """Lines typed on standard input, key by key, so that the status line and what is typed do not overwrite each other.
+
+    In the background nothing is read: a process that tries is stopped by the system, with the rudder where it is.
+    """
+
+    def __init__(self) -> None:
+        self.text = ""
+        """What has been typed of the next line."""
+        self._input = sys.stdin.fileno()
+        self._before: list[object] | None = None
+
+    def poll(self) -> list[str]:
+        """Return the lines that are complete; never waits."""
+        if self._input < 0 or not self._is_ours():
+            return []
+        if self._before is None:
+            self._take_keys()
+        lines: list[str] = []
+        for key in self._keys():
+            if key in "\r\n":
+                lines.append(self.text)
+                self.text = ""
+            elif key in BACKSPACE:
+                self.text = self.text[:-1]
+            elif key == KILL:
+                self.text = ""
+            elif key.isprintable():
+                self.text += key
+        return lines
+
+    def close(self) -> None:
+        """Give the terminal back as it was."""
+        if self._before is not None and self._is_ours():
+            with contextlib.suppress(termios.error):
+                termios.tcsetattr(self._input, termios.TCSANOW, self._before)  # type: ignore[arg-type]
+        self._before = None
+        self._input = -1
+
+    def _is_ours(self) -> bool:
+        try:
+            return os.tcgetpgrp(self._input) == os.getpgrp()
+        except OSError:
+            return False
+
+    def _take_keys(self) -> None:
+        with contextlib.suppress(termios.error):
+            self._before = termios.tcgetattr(self._input)
+            after = termios.tcgetattr(self._input)
+            after[3] &= ~(termios.ICANON | termios.ECHO)
+            after[6][termios.VMIN], after[6][termios.VTIME] = 1, 0
+            termios.tcsetattr(self._input, termios.TCSANOW, after)
+
+    def _keys(self) -> str:
+        try:
+            if not select.select((self._input,), (), (), 0.0)[0]:
+                return ""
+            data = os.read(self._input, CHUNK)
+        except OSError:
+            data = b""
+        if not data:  # the terminal is gone
+            self._input = -1
+        return data.decode(errors="replace")
+
+
+class StatusLine:
+    """One line that is rewritten on a terminal; elsewhere a line for each change of mode or alarm."""
+
+    def __init__(self, describe: Callable[[Tick], str] | None = None, typed: TypedLines | None = None) -> None:
+        """describe: what stands before the status, such as how far a trial has come."""
+        self._describe = describe
+        self._typed = typed
+        self._live = sys.stdout.isatty()
+        self._next = -math.inf
+        self._said: tuple[Mode, tuple[str, ...]] | None = None
+        self._shown_text = ""
+        self._measured = -math.inf
+
+    def show(self, tick: Tick) -> None:
+        """Show the tick where it is time to."""
+        if any(isinstance(sample, RudderSample) and not sample.ordered for sample in tick.samples):
+            self._measured = tick.now
+        text = self._typed.text if self._typed is not None else ""
+        if (tick.mode, tick.alarms) != self._said:
+            self._said = (tick.mode, tick.alarms)
+            said = "".join(f"  ! {printable(alarm, ALARM_CHARACTERS)}" for alarm in tick.alarms)
+            self.say(f"{tick.now:8.1f} s  {tick.mode.name}{said}")
+        elif self._live and (tick.now >= self._next or text != self._shown_text):
+            self._next = tick.now + STATUS_PERIOD
+            self._shown_text = text
+            ahead = self._describe(tick) if self._describe is not None else ""
+            is_measured = tick.now - self._measured <= MEASURED_S
+            rewrite_line(sys.stdout, line_of(tick, is_measured, ahead, text, columns()))
+
+    def end(self) -> None:
+        """Leave the line, and give the keys back."""
+        if self._typed is not None:
+            self._typed.close()
+        if self._live:
+            rewrite_line(sys.stdout, "")
+
+    def say(self, text: str) -> None:
+        """Print a text above the line."""
+        if self._live:
+            rewrite_line(sys.stdout, text, "\n")
+        else:
+            print(text, flush=True)
+        self._next = -math.inf
+
+
+def columns() -> int:
+    """Return the width of the terminal."""
+    try:
+        width = os.get_terminal_size(sys.stdout.fileno()).columns
+    except (OSError, ValueError):
+        width = 0
+    return width or shutil.get_terminal_size().columns
+
+
+def line_of(tick: Tick, is_measured: bool, ahead: str, typed: str, width: int) -> str:
+    """Return the status and what is typed in one line that leaves the terminal's last column free."""
+    entry = f"  > {typed[-WIDEST_TYPED:]}" if typed else ""
+    return f"{status_text(tick, is_measured, max(width - 1 - len(entry), NARROWEST), ahead)}{entry}"[
+        -max(width - 1, 1) :
+    ]
+
+
+def status_text(tick: Tick, is_measured: bool, width: int, ahead: str = "") -> str:
+    """Return the status of a tick within `width` characters: what matters less is left out where it does not fit.
+
+    Course ordered and heading are shown as on a compass, 000 to 359; the rudder as measured where a sensor shows it
+    (`is_measured`), else as ordered.
+    """
+    state, mode = tick.state, tick.mode.name
+    if not state.valid:
+        return f"{mode}  no heading yet"[:width]
+    rudder = math.degrees(state.rudder if is_measured else tick.command.angle)
+    shown = (
+        f"{rudder:+.1f} {'measured' if is_measured else 'ordered'}" if is_measured or tick.command.engaged else "free"
+    )
+    parts = [
+        (3, ahead),
+        (0, mode),
+        (0, f"course {course_text(tick)}"),
+        (0, f"heading {degrees_text(state.heading)}"),
+        (0, f"rudder {shown}"),
+        (1, f"{math.degrees(state.rate):+.1f} deg/s"),
+        (2, f"{state.speed * 3600.0 / 1852.0:.1f} kn"),
+        (4, f"bias {math.degrees(state.bias):+.1f}"),
+    ]
+    parts = [part for part in parts if part[1]]
+    while len(text := "  ".join(words for _, words in parts)) > width:
+        least = max(parts)
+        if least[0] == 0:
+            return text[:width]
+        parts.remove(least)
+    return text
+
+
+def course_text(tick: Tick) -> str:
+    """Return the course ordered, --- where none is."""
+    order = tick.order
+    if order.kind is OrderKind.HEADING and tick.mode is Mode.ENGAGED:
+        return degrees_text(order.heading if math.isfinite(order.heading) else tick.reference.heading)
+    return degrees_text(order.heading) if order.kind is OrderKind.HEADING and math.isfinite(order.heading) else "---"
+
+
+def degrees_text(heading: float) -> str:
+    """Return a heading [rad] as a compass shows it, 000 to 359."""
+    return f"{round(compass_deg(heading)) % 360:03d}"
