@@ -195,8 +195,8 @@ def test_silence_is_a_link_error() -> None:
     [
         (["nowhere.yaml", "--link", "udpin:127.0.0.1:0"], 2, ["nowhere.yaml"]),
         (["lanxin", "--link", "carrier-pigeon:7"], 3, ["carrier-pigeon"]),
-        (["lanxin", "--link", "serial:/dev/not-there:115200"], 3, ["/dev/not-there"]),
-        (["lanxin", "--link", "tcp:127.0.0.1:1"], 3, ["tcp:127.0.0.1:1"]),
+        (["lanxin", "--link-wait", "0", "--link", "serial:/dev/not-there:115200"], 3, ["/dev/not-there"]),
+        (["lanxin", "--link-wait", "0", "--link", "tcp:127.0.0.1:1"], 3, ["tcp:127.0.0.1:1"]),
         (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "400"], 2, ["400", "0 to 360"]),
         (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "north"], 2, ["north"]),
         (["lanxin", "--link", "udpin:127.0.0.1:0", "--duration", "-1"], 2, ["--duration"]),
