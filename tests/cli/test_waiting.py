@@ -50,7 +50,7 @@ def test_a_program_that_begins_to_listen_is_connected_to(capsys: pytest.CaptureF
 
 
 def test_what_does_not_come_is_an_error_with_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(NotThereError, match="there is no device .*; plug it in"):
+    with pytest.raises(NotThereError, match=r"there is no device .*; plug it in"):
         Patience(0.3)(lambda: open_transport(f"nmea:{tmp_path}/boat:4800"))
 
 
