@@ -27,6 +27,7 @@ from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.norrbin import at_speed_ratio, steady_rate
 from autopilot.monitors import AlarmLimits
+from autopilot.monitors.watched import LATE_PERIODS
 from autopilot.params.vessel import Vessel
 from autopilot.pilot import INTEGRATING_LAW, Pilot, PilotConfig
 from autopilot.safety import FailsafeAction
@@ -230,6 +231,7 @@ def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
         follow.delay,
         vessel.failsafe.action == "windward",
         math.radians(max(vessel.sensors.heading_noise_deg, HEADING_NOISE_LEAST_DEG)) ** 2,
+        LATE_PERIODS / vessel.control.rate_hz,
     )
 
 

@@ -179,8 +179,8 @@ class Pilot:
 
     def step(self, now: float, samples: tuple[Sample, ...], order: Order) -> Tick:
         """Return the tick at `now` [s]: what the samples say, what the order asks, what the rudder is told."""
-        dt = 0.0 if self._now is None else clip(now - self._now, 0.0, LONGEST_STEP)
-        self._now = now
+        gap = 0.0 if self._now is None else now - self._now
+        dt, self._now = clip(gap, 0.0, LONGEST_STEP), now
         self._listen(now, samples)
         self.estimator.take_rates(not self.monitors.doubts_rate)
         model = self.estimator.model
@@ -189,7 +189,7 @@ class Pilot:
         )
         state = self.estimator.update(now, samples)
         was = self.supervisor.mode
-        self.monitors.look(self.estimator.model, self._watched(now, state))
+        self.monitors.look(self.estimator.model, self._watched(now, state, gap))
         found = {**self.monitors.findings, **doubts_of(self.supervisor.noted.values())}
         mode = self.supervisor.decide(now, order, state, found)
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
@@ -263,8 +263,11 @@ class Pilot:
         error = error_of(state, reference) if follows else math.nan
         return Picture(state.time, state.heading_age, error, state.rate, state.bias)
 
-    def _watched(self, now: float, state: NavState) -> Watched:
-        """Return what the monitors look at: the course that was being held until this tick, and how."""
+    def _watched(self, now: float, state: NavState, gap: float) -> Watched:
+        """Return what the monitors look at: the course that was being held until this tick, and how.
+
+        `gap` [s] is the time since the tick before.
+        """
         is_engaged = self.supervisor.mode is Mode.ENGAGED
         ours = is_engaged and self.config.rudder_is_ours
         is_turned = self._guide.is_late(now) and not self._waits
@@ -282,6 +285,7 @@ class Pilot:
             self._waits,
             self._guide.astray(state.heading) if is_engaged else 0.0,
             self.estimator.push,
+            gap > self.config.alarms.late,
         )
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:

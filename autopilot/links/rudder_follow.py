@@ -6,7 +6,9 @@ time in which it is right, or on its way, empties it. A full bucket is a rudder 
     bucket' = 1 while |order - angle| > tolerance and the rudder moves slower towards it than a third of its rate
     bucket' = -1 otherwise, never below 0;  disobeyed at bucket > PATIENCE + delay
 
-A bucket, not a timer: a stuck rudder is right for an instant whenever a swinging order crosses it.
+A bucket, not a timer: a stuck rudder is right for an instant whenever a swinging order crosses it. An order may reach
+the gear at any time until the next one is sent, so an angle is held against that of the last two which explains it
+better; of a burst of angles that was read at once, and has one time, the last counts.
 """
 
 from __future__ import annotations
@@ -40,13 +42,18 @@ class RudderFollow:
         rate = settings.rate if math.isfinite(settings.rate) else ASSUMED_RATE
         self._progress = PROGRESS_SHARE * min(rate, ASSUMED_RATE)
         self._order: float | None = None
+        self._before_it = 0.0
         self._order_time = -math.inf
         self._seen: tuple[float, float] | None = None
         self._bucket = 0.0
+        self._earlier: tuple[tuple[float, float] | None, float] = None, 0.0
+        """What was seen, and in the bucket, before the newest time."""
+        self._shown = ""
         self._disobeyed = ""
 
     def ordered(self, now: float, angle: float) -> None:
         """Take an order [rad] as it was sent at `now` [s]."""
+        self._before_it = angle if self._order is None else self._order
         self._order, self._order_time = angle, now
 
     def released(self) -> None:
@@ -54,25 +61,29 @@ class RudderFollow:
         self._order, self._seen, self._bucket = None, None, 0.0
 
     def measured(self, now: float, angle: float, source: str) -> None:
-        """Compare a measured `angle` [rad] of `source` with the order in force."""
-        before, self._seen = self._seen, (now, angle)
+        """Compare an `angle` [rad] of `source`, measured at `now` [s], with the order in force."""
+        if self._seen is None or now != self._seen[0]:
+            self._earlier = self._seen, self._bucket
+        before, self._bucket = self._earlier
+        self._seen = (now, angle)
         if self._order is None or before is None:
             return
         elapsed = now - before[0]
         if not 0.0 < elapsed <= LONGEST_GAP_S:
             return
-        error = self._order - angle
-        moved = math.copysign(1.0, error) * (angle - before[1])
-        is_right = abs(error) <= self._settings.tolerance or moved >= self._progress * elapsed
+        is_right = False
+        for each in (self._before_it, self._order):
+            moved = math.copysign(1.0, each - angle) * (angle - before[1])
+            is_right = is_right or abs(each - angle) <= self._settings.tolerance or moved >= self._progress * elapsed
         self._bucket = max(self._bucket + (-elapsed if is_right else elapsed), 0.0)
-        if self._bucket > PATIENCE_S + self._settings.delay and not self._disobeyed:
-            self._disobeyed = (
-                f"the rudder does not follow: {source} shows {math.degrees(angle):.1f} deg while "
-                f"{math.degrees(self._order):.1f} deg is ordered; check drive, clutch, fuse and rudder sensor"
-            )
+        self._shown = f"{source} shows {math.degrees(angle):.1f} deg while {math.degrees(self._order):.1f} deg is ordered"
 
     def reason(self, now: float) -> str:
         """Return why the rudder cannot be steered at `now` [s]; empty where it obeys or nobody shows its angle."""
+        if self._bucket > PATIENCE_S + self._settings.delay and not self._disobeyed:
+            self._disobeyed = (
+                f"the rudder does not follow: {self._shown}; check drive, clutch, fuse and rudder sensor"
+            )
         if self._disobeyed and self._order is None and now - self._order_time > FORGIVEN_S:
             self._disobeyed = ""
         return self._disobeyed

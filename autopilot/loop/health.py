@@ -7,10 +7,9 @@ from collections import deque
 from collections.abc import Callable
 
 from autopilot.links.alarm_outputs import SilentLink
+from autopilot.monitors.watched import LATE_PERIODS
 from autopilot.signals import ConditionSample, Sample, Tick
 
-LATE_PERIODS = 3.0
-"""A tick this many control periods after the one before it is late: a heading that is waited for may take half that."""
 LATE_COUNT = 3
 LATE_WITHIN_S = 10.0
 """So many late ticks within this time are an alarm, until so long passes without one."""

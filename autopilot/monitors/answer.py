@@ -46,6 +46,9 @@ MOST_AT_ONCE = 0.8
 LATE_S = 0.4
 """An answer that comes this much later [s] than the model's is one, too: links and gears are slow at times."""
 LONGEST_GAP_S = 1.0
+LATE_LASTS = 1.0
+"""So long [s] after a tick that came late nothing is evidence against her: what was ordered then has left some time
+between the two ticks, and what she did until then hangs after it."""
 WILD = 6.0
 WILD_MOST = 4
 """A heading so many standard deviations away is left out, but no more than so many in a row."""
@@ -189,6 +192,16 @@ def _evidence(gains: Gains, off: float, least: float, other: float, most: float)
     return min(max(more, -MOST_AT_ONCE), most)
 
 
+def without_evidence(before: Memory, after: Memory) -> Memory:
+    """Return `after` with no more evidence against the rudder than `before`; what speaks for it counts."""
+    return after._replace(
+        silent=min(before.silent, after.silent),
+        silent_late=min(before.silent_late, after.silent_late),
+        opposite=min(before.opposite, after.opposite),
+        opposite_late=min(before.opposite_late, after.opposite_late),
+    )
+
+
 def verdict(memory: Memory) -> int:
     """Return 0 where she answers or nothing tells, 1 where she does not answer, -1 where she does to the opposite."""
     if min(memory.opposite, memory.opposite_late) >= SURE:
@@ -214,6 +227,7 @@ class RudderAnswer:
         self._heard: list[HeadingSample] = []
         self._last: HeadingSample | None = None
         self._same = 0
+        self._late_until = -math.inf
 
     def hear(self, sample: HeadingSample) -> None:
         """Take a heading as it was measured."""
@@ -227,10 +241,13 @@ class RudderAnswer:
         if not (watched.steers and watched.has_way and math.isfinite(state.rate) and math.isfinite(state.rudder)):
             self.reset()
             return "", ""
+        if watched.is_late:
+            self._late_until = watched.now + LATE_LASTS
         self._rudders.append((watched.now, state.rudder))
         while self._rudders[0][0] < watched.now - LATE_S - 2.0 * LONGEST_GAP_S:
             self._rudders.popleft()
-        for sample in sorted(heard, key=lambda each: each.time):
+        # of a burst that was read at once, and has one time, the last is the newest
+        for sample in sorted({each.time: each for each in heard}.values(), key=lambda each: each.time):
             self._take(model, watched, noise, sample)
         return self._found()
 
@@ -255,7 +272,7 @@ class RudderAnswer:
         middle = 0.5 * (memory.time + sample.time)
         fastest = 2.0 * model.gain * watched.angle_max
         rate = min(max(state.rate, -fastest), fastest)
-        self._memory = answer_step(
+        after = answer_step(
             memory,
             model,
             noise,
@@ -264,6 +281,7 @@ class RudderAnswer:
             self._rudder_at(middle),
             self._rudder_at(middle - LATE_S),
         )
+        self._memory = after if sample.time > self._late_until else without_evidence(memory, after)
 
     def _rudder_at(self, time: float) -> float:
         """Return the rudder at `time` [s]: each is that of the end of its tick."""

@@ -205,12 +205,16 @@ class RateAgainstHeading:
         if isinstance(sample, RateSample):
             self._rate = sample
             return
-        last, self._heading = self._heading, sample
+        last = self._heading
+        if last is not None and last.source == sample.source and sample.time < last.time:
+            return
+        self._heading = sample
         rate = sample.rate if sample.rate is not None else self._fresh_rate(sample.time)
         if last is None or rate is None or last.source != sample.source or not math.isfinite(sample.heading):
             return
+        # a burst that was read at once has one time: its turn happened since the heading before
         step = sample.time - last.time
-        if not 0.0 < step <= JUMP_GAP or not math.isfinite(last.heading):
+        if not 0.0 <= step <= JUMP_GAP or not math.isfinite(last.heading):
             return
         self._turns = turns_told(self._turns, shortest_turn(last.heading, sample.heading), rate * step, step)
         if math.isfinite(most):

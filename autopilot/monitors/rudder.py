@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from autopilot.monitors.watched import AlarmLimits, Watched
 from autopilot.signals import RudderSample
@@ -26,6 +27,9 @@ class RudderFollows:
     Time in which the rudder is off its order by more than the tolerance and not on its way to it fills a bucket, other
     time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that has gone
     away from its order further than the gear's delay explains is reversed.
+
+    An order may leave at any time until the next tick begins: an angle that was measured between two ticks is judged by
+    that one of the two orders, the one before and the one of that tick, which explains it better.
     """
 
     def __init__(self) -> None:
@@ -33,25 +37,51 @@ class RudderFollows:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._order: float | None = None
+        self._orders: deque[tuple[float, float]] = deque()
+        self._ticked: float | None = None
+        self._heard: list[RudderSample] = []
         self._seen: RudderSample | None = None
         self._bucket = 0.0
         self._away = 0.0
         self._low, self._high = math.inf, -math.inf
         self.found: tuple[str, str] = ("", "")
 
-    def hear(self, sample: RudderSample, limits: AlarmLimits) -> None:
+    def hear(self, sample: RudderSample) -> None:
         """Take a measured angle."""
-        before, self._seen = self._seen, sample
-        if self._order is None or before is None or before.source != sample.source:
+        if math.isfinite(sample.angle) and math.isfinite(sample.time):
+            self._heard.append(sample)
+
+    def look(self, watched: Watched, limits: AlarmLimits) -> None:
+        """Judge what was heard; what was found is forgotten when the rudder is ours no more."""
+        heard, self._heard = self._heard, []
+        if not watched.steers:
+            self.reset()
+            return
+        # the rudder was told this in the tick before
+        if self._ticked is not None:
+            self._orders.append((self._ticked, watched.rudder))
+        self._ticked = watched.now
+        while len(self._orders) > 2 and self._orders[2][0] < watched.now - LONGEST_GAP_S:
+            self._orders.popleft()
+        # of a burst that was read at once, and has one time, the last is the newest
+        for sample in sorted({(each.time, each.source): each for each in heard}.values(), key=lambda each: each.time):
+            self._compare(sample, limits)
+
+    def _compare(self, sample: RudderSample, limits: AlarmLimits) -> None:
+        before = self._seen
+        if before is not None and before.source == sample.source and sample.time <= before.time:
+            return
+        self._seen = sample
+        orders = self._orders_at(sample.time)
+        if not orders or before is None or before.source != sample.source:
             return
         elapsed = sample.time - before.time
-        if not 0.0 < elapsed <= LONGEST_GAP_S or not math.isfinite(sample.angle):
+        if elapsed > LONGEST_GAP_S:
             return
-        error = self._order - sample.angle
-        moved = math.copysign(1.0, error) * (sample.angle - before.angle)
+        order = min(orders, key=lambda each: abs(each - sample.angle))
+        moved = max(math.copysign(1.0, each - before.angle) * (sample.angle - before.angle) for each in orders)
         rate = min(limits.rudder_rate, ASSUMED_RATE)
-        is_off = abs(error) > limits.rudder_tolerance
+        is_off = abs(order - sample.angle) > limits.rudder_tolerance
         if is_off and moved < PROGRESS_SHARE * rate * elapsed:
             self._bucket += elapsed
             self._low, self._high = min(self._low, sample.angle), max(self._high, sample.angle)
@@ -60,25 +90,22 @@ class RudderFollows:
         if self._bucket == 0.0:
             self._low, self._high = math.inf, -math.inf
         self._away = max(self._away - moved, 0.0) if is_off else 0.0
-        self._judge(sample, limits)
+        self._judge(sample, order, limits)
 
-    def _judge(self, sample: RudderSample, limits: AlarmLimits) -> None:
-        if self._order is None or self.found[0]:
+    def _orders_at(self, time: float) -> list[float]:
+        """Return the orders [rad] of which one was in force at `time` [s]: the last two that were given by then."""
+        return [angle for given, angle in self._orders if given <= time][-2:]
+
+    def _judge(self, sample: RudderSample, order: float, limits: AlarmLimits) -> None:
+        if self.found[0]:
             return
-        shown = f"{math.degrees(sample.angle):.1f} deg where {math.degrees(self._order):.1f} deg is ordered"
+        shown = f"{math.degrees(sample.angle):.1f} deg where {math.degrees(order):.1f} deg is ordered"
         lag = limits.rudder_delay * min(limits.rudder_rate, 4.0 * ASSUMED_RATE)
         if self._away > limits.rudder_tolerance + lag:
             self.found = ("rudder_reversed", shown)
         elif self._bucket > PATIENCE_S + limits.rudder_delay:
             stands = self._high - self._low < STANDS
             self.found = ("rudder_stuck" if stands else "rudder_not_following", shown)
-
-    def look(self, watched: Watched) -> None:
-        """Take what the rudder is told; what was found is forgotten when it is ours no more."""
-        if watched.steers:
-            self._order = watched.rudder
-        else:
-            self.reset()
 
 
 class AtTheStop:

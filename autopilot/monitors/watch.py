@@ -104,7 +104,7 @@ class Monitors:
                 if sample.ordered:
                     self._shown.hear(sample)
                 else:
-                    self._follows.hear(sample, limits)
+                    self._follows.hear(sample)
             elif isinstance(sample, RollSample):
                 self._hear_roll(sample)
             elif isinstance(sample, WindSample):
@@ -146,10 +146,10 @@ class Monitors:
             found["innovation"] = text_of("innovation", self._surprise)
 
     def _look_at_rudder(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
+        self._follows.look(watched, self.limits)
         name, shown = self._follows.found
         if name:
             found[name] = text_of(name, shown)
-        self._follows.look(watched)
         if watched.steers and self._shown.is_anothers(watched.now, watched.rudder):
             # a boat that follows somebody else proves nothing; the link finds out who has the helm
             self._answer.reset()

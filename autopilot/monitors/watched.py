@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 from autopilot.signals import NavState
 
+LATE_PERIODS = 3.0
+"""A tick this many control periods after the one before it is late: a heading that is waited for may take half that."""
 NEWS = math.radians(10.0)
 """An alarm is said anew when its angle has changed by more than this [rad]: each degree would be a new text."""
 
@@ -31,6 +33,7 @@ class AlarmLimits(NamedTuple):
     rudder_delay: float = 0.0
     wind_wanted: bool = False
     heading_noise: float = math.radians(0.5) ** 2
+    late: float = math.inf
 
 
 class Watched(NamedTuple):
@@ -38,7 +41,7 @@ class Watched(NamedTuple):
     being over; the heading ordered [rad], the rudder that was told [rad] and its end stop [rad]; whether there is
     way enough for the rudder to count; how far measurements have lain to one side of late [standard deviations];
     whether the rudder waits for way; how far a zigzag is off to the wrong side [rad]; and what wind, current and trim
-    are worth [rad of rudder], however much that is."""
+    are worth [rad of rudder], however much that is; and whether this tick came late."""
 
     now: float
     state: NavState
@@ -52,3 +55,4 @@ class Watched(NamedTuple):
     waits: bool = False
     astray: float = 0.0
     push: float = 0.0
+    is_late: bool = False
