@@ -76,14 +76,14 @@ class RudderFollow:
             moved = math.copysign(1.0, each - angle) * (angle - before[1])
             is_right = is_right or abs(each - angle) <= self._settings.tolerance or moved >= self._progress * elapsed
         self._bucket = max(self._bucket + (-elapsed if is_right else elapsed), 0.0)
-        self._shown = f"{source} shows {math.degrees(angle):.1f} deg while {math.degrees(self._order):.1f} deg is ordered"
+        self._shown = (
+            f"{source} shows {math.degrees(angle):.1f} deg while {math.degrees(self._order):.1f} deg is ordered"
+        )
 
     def reason(self, now: float) -> str:
         """Return why the rudder cannot be steered at `now` [s]; empty where it obeys or nobody shows its angle."""
         if self._bucket > PATIENCE_S + self._settings.delay and not self._disobeyed:
-            self._disobeyed = (
-                f"the rudder does not follow: {self._shown}; check drive, clutch, fuse and rudder sensor"
-            )
+            self._disobeyed = f"the rudder does not follow: {self._shown}; check drive, clutch, fuse and rudder sensor"
         if self._disobeyed and self._order is None and now - self._order_time > FORGIVEN_S:
             self._disobeyed = ""
         return self._disobeyed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from boats import BOATS, Boat, vessel_of
 from plant import Plant
@@ -13,7 +14,8 @@ from autopilot.angles import wrap
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
 from autopilot.params.vessel import Vessel
-from autopilot.signals import HeadingSample, Mode, Order, OrderKind
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderSample, Sample
 
 STEP = 0.1
 SHIP = vessel_of(Boat(0.03, 100.0, 1.0e4, 1.0, 8.0, 2.5))
@@ -68,3 +70,70 @@ def test_a_gust_that_the_rudder_holds_is_none(vessel: Vessel) -> None:
     begins = 200.0
     found, _ = sailed(vessel, lambda now: math.radians(20.0) if now >= begins else 0.0, begins + 300.0)
     assert "overpowered" not in found
+
+
+class LateLoop:
+    """A loop of 20 Hz of which a third of the ticks stalls by 0.1 to 0.7 s, several in a row at times.
+
+    stalls_reading: before it reads what has come, or else before its order leaves. stamped_on_arrival: samples have the
+    time at which they were read, a burst one and the same, as from an instrument that sends no time of its own.
+    """
+
+    def __init__(self, vessel: Vessel, stalls_reading: bool, stamped_on_arrival: bool, seed: int) -> None:
+        self.pilot = build_pilot(vessel)
+        self.plant = Plant(
+            model_of(vessel),
+            gear_of(vessel),
+            disturbance=lambda now: math.radians(6.0 * math.sin(0.8 * now) + 4.0 * math.sin(1.05 * now + 1.0)),
+            heading_noise=math.radians(0.3),
+            rate_noise=math.radians(0.2),
+            seed=seed,
+        )
+        self.stalls_reading, self.stamped_on_arrival = stalls_reading, stamped_on_arrival
+        self.random = np.random.default_rng(seed)
+        self.order = 0.0
+        self.queue: list[Sample] = []
+        self.findings: set[str] = set()
+
+    def tick(self, now: float, course: float) -> float:
+        """Return what the rudder is told."""
+        samples = [sample._replace(time=now) if self.stamped_on_arrival else sample for sample in self.queue]
+        self.queue = []
+        tick = self.pilot.step(now, tuple(samples), Order(OrderKind.HEADING, course, serial=1))
+        assert tick.mode is Mode.ENGAGED, tick.alarms
+        self.findings |= set(self.pilot.monitors.findings)
+        return tick.command.angle
+
+    def sail(self, seconds: float) -> None:
+        """Turn every 20 s."""
+        self.wait(0.05)
+        while self.plant.time < seconds:
+            course = (0.0, 1.0, 0.5, 2.0, 1.7, -1.0)[int(self.plant.time / 20.0) % 6]
+            stall = self.random.uniform(0.1, 0.7) if self.random.random() < 0.33 else 0.05
+            if self.stalls_reading:
+                self.wait(stall)
+                self.order = self.tick(self.plant.time, course)
+            else:
+                told = self.tick(self.plant.time, course)
+                self.wait(stall)
+                self.order = told
+
+    def wait(self, seconds: float) -> None:
+        """Let the boat go on, measured at 20 Hz."""
+        for _ in range(round(seconds / 0.05)):
+            self.plant.step(self.order, 0.05)
+            rudder = self.plant.rudder + math.radians(0.1) * self.random.standard_normal()
+            self.queue += [*self.plant.sense(), RudderSample(self.plant.time, rudder, False, "sensor")]
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("stalls_reading", [True, False])
+@pytest.mark.parametrize("stamped_on_arrival", [True, False])
+@pytest.mark.parametrize("name", ["lanxin", "middle"])
+def test_a_loop_that_stalls_accuses_no_instrument_and_no_rudder(
+    name: str, stamped_on_arrival: bool, stalls_reading: bool, seed: int
+) -> None:
+    vessel = load_vessel("lanxin") if name == "lanxin" else QUICK
+    loop = LateLoop(vessel, stalls_reading, stamped_on_arrival, seed)
+    loop.sail(120.0)
+    assert loop.findings == set()

@@ -71,6 +71,41 @@ class Helm:
                 return found
         return "", ""
 
+    def steer_late(self, seconds: float, courses: tuple[float, ...], latest: float, share: float) -> tuple[str, str]:
+        """The same with ticks of which a `share` sends its order up to `latest` [s] late, the next one coming then."""
+        random, queue, next_tick, last, leaving = np.random.default_rng(self.seed), [], 0.0, 0.0, 0.0
+        for _ in range(round(seconds / DT)):
+            self.now += DT
+            seen = wrap(self.heading + NOISE * self.random.standard_normal())
+            queue.append(HeadingSample(self.now, seen, None, "compass"))
+            if self.now >= next_tick:
+                gap, last, leaving = self.now - last, self.now, self.told
+                course = courses[int(self.now / 20.0) % len(courses)]
+                reach = 0.3 * min(gap, 0.5)
+                wanted = -1.5 * wrap(seen - course) - 1.0 * self.rate
+                self.told += max(-reach, min(reach, wanted - self.told))
+                self.told = max(-STOP, min(STOP, self.told))
+                state = NavState(self.now, seen, self.rate, 4.0, leaving, 0.0, 0.0, True, 0.0, 0.0, *self.wave)
+                for sample in queue:
+                    self.watch.hear(sample)
+                queue = []
+                is_late = gap > 0.15
+                watched = Watched(self.now, state, True, True, course, leaving, STOP, True, is_late=is_late)
+                found = self.watch.look(MODEL, watched, NOISE**2)
+                if found[0]:
+                    return found
+                if random.random() < share:
+                    next_tick = self.now + random.uniform(0.1, latest)
+                else:
+                    leaving = self.told
+            self.rudder = self.gear(leaving, self.rudder)
+            self.rate = rate_step(self.boat, self.rate, self.rudder + self.push(self.now), DT)
+            self.heading += self.rate * DT
+        return "", ""
+
+
+COURSES = (0.0, 0.5, 0.2, 1.5, 1.2, -1.0, 0.0, 1.0)
+
 
 def stuck(_: float, before: float) -> float:
     return before
@@ -121,6 +156,31 @@ def test_a_boat_that_answers_more_or_less_or_later_is_none(gain: float, late: fl
     helm = Helm(boat=MODEL._replace(gain=gain * MODEL.gain), push=seaway, late=late)
     for course in (0.0, 0.5, 0.2, 1.5, 1.2, -1.0):
         assert helm.steer(20.0, course) == ("", "")
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("latest", [0.7, 4.2])
+@pytest.mark.parametrize("seed", [2, 4])
+def test_orders_that_leave_late_accuse_no_rudder(latest: float, share: float, seed: int) -> None:
+    """0.7 s, and as much at six times real time."""
+    assert Helm(push=seaway, seed=seed).steer_late(300.0, COURSES, latest, share) == ("", "")
+
+
+def test_a_loop_that_is_late_all_the_time_has_no_evidence_and_one_in_time_has() -> None:
+    for is_late in (True, False):
+        helm = Helm(push=seaway, gear=reversed_gear)
+        look = helm.watch.look
+        helm.watch.look = lambda model, seen, noise, look=look, is_late=is_late: look(  # type: ignore[method-assign]
+            model, seen._replace(is_late=is_late), noise
+        )
+        assert helm.steer(60.0, 0.5)[0] == ("" if is_late else "rudder_reversed")
+
+
+def test_a_rudder_that_fails_is_seen_though_ticks_are_late_at_times() -> None:
+    helm = Helm(push=seaway)
+    assert helm.steer_late(60.0, COURSES, 0.7, 0.01) == ("", "")
+    helm.gear = reversed_gear
+    assert helm.steer_late(60.0, COURSES, 0.7, 0.01)[0] == "rudder_reversed"
 
 
 @pytest.mark.parametrize("gust_deg", [15.0, -25.0, 45.0])
