@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_it
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.boat.tuning import Tuner
 from autopilot.links.guide_alarms import GuideAlarms
+from autopilot.links.kept_link import KeptLink
 from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
 from autopilot.loop.vessel_in_force import VesselInForce
@@ -45,6 +47,7 @@ class Serving(NamedTuple):
 
     `mission` is the route, whose guide leads the helmsman; so does `wind`.
     `orders_without_key`: whether orders are taken from other machines without a signing key, whatever the file says.
+    `reconnect`: lines that are lost, or not there yet, are opened again.
     """
 
     urls: tuple[str, ...]
@@ -54,6 +57,7 @@ class Serving(NamedTuple):
     armed: bool
     wind: WindGuide | None = None
     orders_without_key: bool = False
+    reconnect: bool = False
 
 
 def add_serving_options(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +85,7 @@ def serving_of(arguments: argparse.Namespace, helmsman: Helmsman, mission: Missi
         if parse_url(url).protocol != "mavlink":
             raise InputError(f"--serve {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")
     serving = Serving(tuple(arguments.serve), arguments.system, helmsman, mission, armed)
-    return serving._replace(orders_without_key=arguments.orders_without_key)
+    return serving._replace(orders_without_key=arguments.orders_without_key, reconnect=arguments.reconnect)
 
 
 class BackgroundSaver:
@@ -132,15 +136,20 @@ def open_boat_links(
     links: list[Link] = [GuideAlarms(mission.guide, "track")]
     if serving.wind is not None:
         links.append(GuideAlarms(serving.wind, "wind"))
+
+    def opened(url: str) -> BoatLink:
+        transport = open_transport(url, networks)
+        ours = signing.link() if signing is not None else None
+        server = ParameterServer(in_force)
+        served = BoatLink(transport, commands, server, serving.system, ours, files, doors.link())
+        if not served.takes_orders:
+            print(f"--serve {url}: {LOOKING_ONLY}", file=sys.stderr)
+        return served
+
     try:
         for url in serving.urls:
-            transport = open_transport(url, networks)
-            ours = signing.link() if signing is not None else None
-            server = ParameterServer(in_force)
-            served = BoatLink(transport, commands, server, serving.system, ours, files, doors.link())
-            links.append(served)
-            if not served.takes_orders:
-                print(f"--serve {url}: {LOOKING_ONLY}", file=sys.stderr)
+            opener = partial(opened, url)
+            links.append(KeptLink(url, False, opener) if serving.reconnect else opener())
     except BaseException:
         for link in links:
             link.close()

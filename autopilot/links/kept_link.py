@@ -73,6 +73,8 @@ class KeptLink:
         if self._link is not None:
             try:
                 self._note(self._link.receive(now))
+                if lost := str(getattr(self._link, "lost", "")):
+                    raise LinkError(lost)
             except LinkError as error:
                 self._lost(now, error)
         # what was said at an unknown time, when the link was made, is said now

@@ -91,6 +91,7 @@ class ForwardLink:
     budget: shared by all such links of a flight controller.  door: which system ids are heard; None: all.
 
     Attributes:
+        lost: why the line is gone, '' while it is there; steering goes on without it.
         dropped: frames beyond what a turn or the budget allows.
     """
 
@@ -112,25 +113,25 @@ class ForwardLink:
         self._framer = Framer(transport.is_stream)
         self._number = router.join(self._sent)
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
-        self._lost = ""
+        self.lost = ""
         self._presence = Presence(transport)
         believe_signed(transport, signing, self._door.hears)
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
-        return -1 if self._lost or self._door.crowded else self._transport.fileno()
+        return -1 if self.lost or self._door.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a station that is lost or silent."""
         self._router.now = now
-        if self._lost or self._door.crowded:
+        if self.lost or self._door.crowded:
             return []
         strangers = strangers_of(self._transport)
         try:
             chunks = self._transport.receive()
         except LinkError as error:
-            self._lost = f"forwarding to a ground station ended, steering goes on: {error}"
-            return [AlarmSample(now, self._lost, self.name)]
+            self.lost = f"forwarding to a ground station ended, steering goes on: {error}"
+            return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
         taken, room = 0, BYTES_PER_TURN
         for chunk in chunks:
             frames = self._framer.frames(chunk[:room])
@@ -178,6 +179,6 @@ class ForwardLink:
 
     def _sent(self, frame: bytes) -> bool:
         try:
-            return not self._lost and self._transport.send(frame)
+            return not self.lost and self._transport.send(frame)
         except LinkError:
             return False

@@ -12,14 +12,21 @@ from typing import Any
 
 import pytest
 from lockstep import Lockstep
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.build import build_pilot
 from autopilot.build_links import LinkOptions, build_links
+from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import Link, LinkError
+from autopilot.links.boat.boat_link import BoatLink
+from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.mission import Mission
+from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.drives.base import DriveSettings
 from autopilot.links.drives.drive_link import DriveLink
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.kept_link import RETRY_S, KeptLink
+from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink
 from autopilot.links.transports import SerialTransport, loopback_pair
 from autopilot.links.transports.device_names import device_of
@@ -290,3 +297,35 @@ def test_a_run_waits_for_what_is_not_plugged_in() -> None:
     said = link.receive(0.0)
     assert any(isinstance(each, HelmSample) and not each.available for each in said)
     link.close()
+
+
+def test_a_ground_station_s_line_that_is_lost_is_opened_again_and_steering_goes_on() -> None:
+    ends: list[Any] = []
+
+    class Silent:
+        """Takes no orders: none are given here."""
+
+        names = ()
+
+    def open_it() -> Link:
+        near, far = loopback_pair("radio")
+        ends.append(far)
+        mission = Mission(TrackGuide())
+        return BoatLink(near, Commands(Silent(), False, mission), ParameterServer(Silent()))  # type: ignore[arg-type]
+
+    kept, station, samples = KeptLink("radio", False, open_it, at_once), MavlinkCodec(255, 190), []
+    beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    for step in range(400):
+        now = 0.05 * step
+        if step == 100:
+            ends[0].close()
+        if step % 10 == 0 and not 100 <= step < 300:
+            ends[-1].send(station.encode(beat))
+        samples += kept.receive(now)
+        kept.keep(now)
+    assert not [sample for sample in samples if isinstance(sample, HelmSample)], "it never had the helm"
+    alarms = [(sample.text, sample.source) for sample in samples if isinstance(sample, AlarmSample)]
+    assert [text for text, source in alarms if source == "radio line"][-1] == "" and len(ends) == 2
+    assert "opened again" in next(text for text, source in alarms if source == "radio line")
+    heard = [message.get_type() for data in ends[1].receive() for message in MavlinkCodec().decode(data)]
+    assert heard.count("HEARTBEAT") >= 10

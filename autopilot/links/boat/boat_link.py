@@ -51,6 +51,7 @@ class BoatLink:
 
     Attributes:
         takes_orders: whether orders are carried out; else a station on this link only looks.
+        lost: why the line is gone, '' while it is there; steering goes on without it.
         dropped: packets that the transport could not take, and messages beyond what a turn heeds.
     """
 
@@ -82,13 +83,13 @@ class BoatLink:
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[str, ...] = ()
-        self._lost = ""
+        self.lost = ""
         self._flooded = -math.inf
         self._says_flooded = False
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
-        return -1 if self._lost or self._door.crowded else self._transport.fileno()
+        return -1 if self.lost or self._door.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Answer what has arrived by `now` [s]. Nothing comes from a station but word of its loss, and of a flood."""
@@ -99,10 +100,10 @@ class BoatLink:
             return []  # looked at after the next command has left
         strangers = strangers_of(self._transport)
         try:
-            chunks = self._transport.receive() if not self._lost else []
+            chunks = self._transport.receive() if not self.lost else []
         except LinkError as error:
-            chunks, self._lost = [], f"ground station lost, steering goes on: {error}"
-            return [AlarmSample(now, self._lost, self.name)]
+            chunks, self.lost = [], f"ground station lost, steering goes on: {error}"
+            return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
         for data in self._door.taken(now, chunks):
             for message in self._codec.decode(data):
                 heeded += 1
@@ -119,7 +120,7 @@ class BoatLink:
         self._door.count_strangers(strangers_of(self._transport) - strangers)
         if self._codec.refused > refused:
             self._refuse(now, REFUSAL)
-        return [*self._flood(now), *(self._presence.update(now) if not self._lost else [])]
+        return [*self._flood(now), *(self._presence.update(now) if not self.lost else [])]
 
     def _flood(self, now: float) -> list[Sample]:
         """Return word of a flood that has begun, or is over for some seconds."""
@@ -222,6 +223,6 @@ class BoatLink:
     def _sent(self, packet: bytes) -> bool:
         """A ground station that is gone is no reason to stop steering: `receive` tells of it."""
         try:
-            return not self._lost and self._transport.send(packet)
+            return not self.lost and self._transport.send(packet)
         except LinkError:
             return False
