@@ -163,9 +163,9 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "rudder hard over, the boat turning to the other side as fast, for off_course_s and three time constants; "
-        "or a zigzag turning against its rudder, 45 deg beyond",
-        "alarms.off_course_s",
+        "rudder hard over for three time constants, the boat turning to the other side as fast, by 20 deg and twice "
+        "the waves' yaw since the rudder came over; or a zigzag turning against its rudder, 45 deg beyond",
+        "",
     ),
     AlarmKind(
         "rudder_at_stop",
@@ -197,7 +197,8 @@ _MOTION = [
         _TELL,
         _ERROR,
         _PILOT,
-        "what turns the boat beside rudder and waves, by the model, is worth more than the rudder's limit for 2 s",
+        "what turns the boat beside rudder and waves, by the model, is worth more than the rudder's limit for 2 s; or, "
+        "rudder hard over for a time constant, it turns to the other side by 20 deg and twice the waves' yaw",
         "alarms.reversed_rudder",
     ),
     AlarmKind(

@@ -15,8 +15,13 @@ AGAINST_SHARE = 0.8
 """A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
 ASTRAY = math.radians(45.0)
 """No zigzag overshoots by as much: IMO MSC.137(76) allows 40 deg at most for the second of 10/10, 25 deg for 20/20."""
+TAKES_HOLD = 1.0
 SETTLED = 3.0
-"""Time constants after which what the rudder did before is forgotten."""
+"""Time constants after which a rudder hard over has stopped what it can stop, and what was before it is forgotten."""
+FAR = math.radians(20.0)
+WAVES_REACH = 2.0
+"""So far [rad], and so many standard deviations of what the waves turn it, has a boat turned against its rudder that is
+pushed harder than it can hold."""
 
 
 def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, error: float) -> tuple[float, bool]:
@@ -66,10 +71,12 @@ def _text(error: float, watched: Watched) -> str:
 
 
 class Runaway:
-    """Rudder hard over, and the boat turns to the other side nearly as it would for a rudder hard over there.
+    """Rudder hard over, and the boat goes on to turn to the other side: pushed harder than it can hold, or run away.
 
-    A gust heavier than the rudder turns it more slowly, or not for long: that is fought, not given up. A zigzag orders
-    its rudder without looking back: there it is enough that she goes on turning against it, far on the wrong side.
+    It has run away where it turns nearly as for a rudder hard over there: one that is at its other stop, or a push of
+    nearly twice what the rudder can do. Sea and gust turn it so for less than the time in which the rudder takes hold,
+    or not so far. A zigzag orders its rudder without looking back: there it is enough that it goes on turning against
+    it, far on the wrong side.
     """
 
     def __init__(self) -> None:
@@ -77,18 +84,41 @@ class Runaway:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._since: float | None = None
+        self._hard_since: float | None = None
+        self._heading = math.nan
+        self._side, self._turned = 0.0, 0.0
+        self.has_run = False
+        self.overpowered = ""
 
-    def runs(self, model: Norrbin, limits: AlarmLimits, watched: Watched) -> bool:
-        """Return whether the boat has run away for long, or a zigzag far."""
-        if watched.astray > ASTRAY and watched.state.rate * watched.rudder < 0.0:
-            return True
-        if not is_hard_over(watched) or not _turns_against(model, watched):
-            self._since = None
-            return False
-        if self._since is None:
-            self._since = watched.now
-        return watched.now - self._since >= limits.off_course_time + SETTLED * model.time_constant
+    def look(self, model: Norrbin, watched: Watched) -> None:
+        """Judge a tick: `has_run`, or `overpowered`, which says to where, '' where neither."""
+        if not watched.steers:
+            self.reset()
+            return
+        state, last = watched.state, self._heading
+        self._heading = state.heading
+        if watched.astray > ASTRAY and state.rate * watched.rudder < 0.0:
+            self.has_run = True
+            return
+        self.has_run = False
+        step = shortest_turn(last, state.heading) if math.isfinite(last) and math.isfinite(state.heading) else 0.0
+        # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
+        side = math.copysign(1.0, watched.rudder)
+        self._turned = max(self._turned - side * step, 0.0) if side == self._side else 0.0
+        self._side = side
+        if self._turned == 0.0:
+            self.overpowered = ""
+        if not is_hard_over(watched):
+            self._hard_since = None
+            return
+        if self._hard_since is None:
+            self._hard_since = watched.now
+        far = FAR + WAVES_REACH * state.wave_deviation
+        lasted = watched.now - self._hard_since
+        if lasted < TAKES_HOLD * model.time_constant or self._turned < far:
+            return
+        self.has_run = lasted >= SETTLED * model.time_constant and _turns_against(model, watched)
+        self.overpowered = self.overpowered or f"to {'port' if watched.rudder > 0.0 else 'starboard'}"
 
 
 def _turns_against(model: Norrbin, watched: Watched) -> bool:

@@ -161,8 +161,11 @@ class Monitors:
             self._overpowered.look(watched)
             if self._overpowered.found:
                 found["overpowered"] = text_of("overpowered", self._overpowered.found)
-        if self._runaway.runs(model, self.limits, watched):
+        self._runaway.look(model, watched)
+        if self._runaway.has_run:
             found["runaway"] = RUNAWAY
+        if self._runaway.overpowered:
+            found["overpowered"] = text_of("overpowered", self._runaway.overpowered)
         if self._stop.is_there(watched):
             found["rudder_at_stop"] = text_of("rudder_at_stop")
 

@@ -17,6 +17,7 @@ BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
 LIMITS = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0, roll=math.radians(40.0))
 STOP = math.radians(30.0)
 DT = 0.1
+RUDDER_RATE = math.radians(10.0)
 
 
 def watched(
@@ -164,6 +165,38 @@ def test_a_boat_that_turns_against_its_rudder_is_given_up() -> None:
     monitors = Monitors(LIMITS)
     helmed(monitors, 120.0, -1.0)
     assert monitors.trouble == RUNAWAY
+
+
+def pushed(push: float, *, jammed: bool = False) -> tuple[Monitors, float, float]:
+    """Hold a course in a sudden `push` [rad of rudder], or with the rudder jammed there; return, of when steering ends
+    or a minute is over, the monitors, and how far off [rad] the boat was when anything was first found, and is."""
+    monitors, heading, rate, rudder, now, first = Monitors(LIMITS), 0.0, 0.0, 0.0, 0.0, math.inf
+    while not monitors.trouble and now < 60.0:
+        now += DT
+        order = max(-STOP, min(STOP, -2.0 * heading - 2.0 * rate))
+        rudder += max(-RUDDER_RATE * DT, min(RUDDER_RATE * DT, order - rudder))
+        rate = rate_step(BOAT, rate, push if jammed else rudder + push, DT)
+        heading += rate * DT
+        monitors.look(BOAT, watched(now, wrap(heading), rudder, rate=rate))
+        first = min(first, abs(heading)) if monitors.findings else first
+    return monitors, first, abs(heading)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_rudder_at_the_other_stop_is_noticed_and_given_up(side: float) -> None:
+    monitors, first, last = pushed(side * STOP, jammed=True)
+    assert monitors.trouble == RUNAWAY
+    assert first < math.radians(45.0)
+    # three time constants of 5 s, and the time in which the rudder comes over
+    assert last < math.radians(110.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_push_heavier_than_the_rudder_is_said_before_the_boat_has_come_round(side: float) -> None:
+    monitors, first, _ = pushed(1.5 * side * STOP)
+    assert monitors.trouble == ""
+    assert ("starboard" if side > 0.0 else "port") in monitors.findings["overpowered"]
+    assert first < math.radians(45.0)
 
 
 @pytest.mark.parametrize("gust", [0.5, 0.7, 0.85])

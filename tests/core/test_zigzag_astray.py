@@ -10,7 +10,7 @@ from autopilot.guidance.heading_guide import HeadingGuide
 from autopilot.guidance.turn import turn_limits
 from autopilot.models.norrbin import Norrbin
 from autopilot.monitors.course import ASTRAY, Runaway
-from autopilot.monitors.watched import AlarmLimits, Watched
+from autopilot.monitors.watched import Watched
 from autopilot.signals import NavState, Order, OrderKind
 
 MODEL = Norrbin(0.3, 2.0, reference_speed=4.0)
@@ -54,4 +54,6 @@ def test_only_a_boat_that_goes_on_turning_against_her_rudder_has_run_away(
     astray: float, rate: float, runs: bool
 ) -> None:
     watched = Watched(0.0, state(0.0, rate), True, False, 0.0, SWING, 0.5, True, astray=astray)
-    assert Runaway().runs(MODEL, AlarmLimits(), watched) is runs
+    runaway = Runaway()
+    runaway.look(MODEL, watched)
+    assert runaway.has_run is runs
