@@ -360,6 +360,8 @@ def judge_all(mutants: Sequence[Mutant], reached: Reach, jobs: int) -> Iterator[
     with ProcessPoolExecutor(jobs, initializer=_prepare) as pool, ProgressBar("mutants") as bar:
         for number, each in enumerate(pool.map(judged, mutants, tests), 1):
             bar.show(number, len(mutants))
+            if not each.is_noticed:
+                print(f"survives: {each.mutant.file}:{each.mutant.line}: {each.text}", file=sys.stderr, flush=True)
             yield each
 
 
