@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -24,6 +25,7 @@ from autopilot.errors import ExitCode
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.admission import Admission, Doors
 from autopilot.links.alarm_outputs import Acknowledgements
+from autopilot.links.base import close_all
 from autopilot.links.signing import Signing
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.health import LoopHealth
@@ -102,8 +104,6 @@ def steer(
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
     options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward), doors)
     options = options._replace(reconnect=arguments.reconnect, opened=patience_of(arguments), heard=ending.heard)
-    links = build_links(vessel, arguments.link, options)
-    recorder = None
     saver = BackgroundSaver()
     resumption = resumption_of(arguments, vessel, saver) if resumes is not None else None
     upkeep = Upkeep(wanted, resumption)
@@ -111,51 +111,54 @@ def steer(
     in_force = VesselInForce(vessel, pilot, law, tuned_file(arguments.vessel), saver, refuse)
     tuner = TuningDesk(in_force, desk)
     is_tuned = desk is not None or (serving is not None and bool(serving.urls))
-    try:
+    # closes what is open until the session has taken it over, whatever happens in between
+    with contextlib.ExitStack() as opened:
+        links = build_links(vessel, arguments.link, options)
+        opened.callback(close_all, links)
         if serving is not None:
-            links = [*links, *open_boat_links(serving, in_force, arguments.vessel, saver, signing, doors, tuner)]
+            links += open_boat_links(serving, in_force, arguments.vessel, saver, signing, doors, tuner)
         if is_tuned:
             print(_which_file(arguments.vessel, in_force))
         if desk is not None:
             desk.attach(pilot, in_force)
         in_force.log = recorder = open_log(arguments, vessel, law, clock.now())
+        if recorder is not None:
+            opened.callback(recorder.close)
         outputs, _ = alarm_outputs_of(vessel, terminal_of(sys.stderr) if sys.stderr.isatty() else None)
-        links = [*links, *alarm_links(recorder), *outputs, LoopHealth(1.0 / vessel.control.rate_hz)]
+        links += [*alarm_links(recorder), *outputs, LoopHealth(1.0 / vessel.control.rate_hz)]
         if isinstance(orders, Skipper):
             links.append(Acknowledgements(orders))
-    except Exception:
-        for link in links:
-            link.close()
-        raise
-    if resumes is not None and resumption is not None and (heading := resumption.left()) is not None:
-        print(f"the process before this one ended while it held {compass_deg(heading):.0f} deg: engaging on it again")
-        resumes(heading)
-    status, held = StatusLine(describe, typed), Held()
+        if resumes is not None and resumption is not None and (heading := resumption.left()) is not None:
+            held_before = f"{compass_deg(heading):.0f} deg"
+            print(f"the process before this one ended while it held {held_before}: engaging on it again")
+            resumes(heading)
+        status, held = StatusLine(describe, typed), Held()
 
-    def after(tick: Tick) -> bool:
-        status.show(tick)
-        held(tick)
-        tuner.turn()
-        if desk is not None and (news := desk.news(tick)):
-            status.say(news)
-        upkeep.ticked(tick)
-        return ending(tick) or (watch(tick) and ending.is_wanted())
+        def after(tick: Tick) -> bool:
+            status.show(tick)
+            held(tick)
+            tuner.turn()
+            if desk is not None and (news := desk.news(tick)):
+                status.say(news)
+            upkeep.ticked(tick)
+            return ending(tick) or (watch(tick) and ending.is_wanted())
 
-    session = Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder)
-    try:
-        # leaving the session, which comes first, gives the rudder back whatever happened
-        with ending.at_signals(), upkeep, session:
-            session.run(clock.now() + duration, after)
-        ending.final(session.tick)
-    except Exception as error:
-        ending.failed(error)
-        raise
-    finally:
-        status.end()
-        tuner.close()
-        saver.close()
-        _print_refusals(signing, doors)
-        print(last_line(ending, held, recorder, session.releases), flush=True)
+        session = Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder)
+        try:
+            # leaving the session, which comes first, gives the rudder back whatever happened
+            with ending.at_signals(), upkeep, session:
+                opened.pop_all()
+                session.run(clock.now() + duration, after)
+            ending.final(session.tick)
+        except Exception as error:
+            ending.failed(error)
+            raise
+        finally:
+            status.end()
+            tuner.close()
+            saver.close()
+            _print_refusals(signing, doors)
+            print(last_line(ending, held, recorder, session.releases), flush=True)
     last = session.tick
     if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):
         why = f": {'; '.join(last.alarms)}" if last.alarms else ""

@@ -5,6 +5,8 @@ Nothing here or below blocks, sleeps or reads a clock: time is an argument.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from contextlib import ExitStack
 from typing import Protocol, runtime_checkable
 
 from autopilot.links.release import Release
@@ -109,3 +111,10 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Release and close the transport."""
+
+
+def close_all(links: Iterable[Link]) -> None:
+    """Close every link, each even if another fails."""
+    with ExitStack() as closing:
+        for link in links:
+            closing.callback(link.close)

@@ -166,15 +166,20 @@ class KeptLink:
         elif not self._opening and now >= self._next:
             self._opening = True
             self._next = now + RETRY_S
-            self._start(self._open)
+            try:
+                self._start(self._open)
+            except RuntimeError:
+                self._opening = False  # no thread to be had at this moment
 
     def _open(self) -> None:
+        """Open the link; whatever goes wrong here ends this try alone, and is asked for again."""
+        link = None
         try:
-            link = self._opener()
-        except LinkError:
-            link = None
-        if self._closed and link is not None:
-            link.close()
-        else:
-            self._opened = link
-        self._opening = False
+            with contextlib.suppress(Exception):
+                link = self._opener()
+            if self._closed and link is not None:
+                link.close()
+            else:
+                self._opened = link
+        finally:
+            self._opening = False

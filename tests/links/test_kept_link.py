@@ -329,3 +329,49 @@ def test_a_ground_station_s_line_that_is_lost_is_opened_again_and_steering_goes_
     assert "opened again" in next(text for text, source in alarms if source == "radio line")
     heard = [message.get_type() for data in ends[1].receive() for message in MavlinkCodec().decode(data)]
     assert heard.count("HEARTBEAT") >= 10
+
+
+@pytest.mark.parametrize("wrong", [ValueError("odd"), MemoryError(), RuntimeError("driver")])
+def test_whatever_goes_wrong_while_opening_the_line_is_opened_again(wrong: Exception) -> None:
+    tries: list[Exception | None] = [LinkError("line: gone; look"), wrong, wrong, None]
+
+    def opener() -> Link:
+        error = tries.pop(0)
+        if error is not None:
+            raise error
+        return loopback_link()
+
+    kept = KeptLink("line", True, opener, at_once)
+    for turn in range(1, 6):
+        kept.receive(turn * (RETRY_S + 0.1))
+    assert not tries
+    assert kept.trouble == ""
+
+
+def test_a_machine_without_a_thread_to_spare_is_asked_again() -> None:
+    starts = 0
+
+    def start(work: Callable[[], None]) -> None:
+        nonlocal starts
+        starts += 1
+        if starts < 3:
+            raise RuntimeError("can't start new thread")
+        work()
+
+    tries: list[LinkError] = [LinkError("line: gone; look")]
+
+    def opener() -> Link:
+        if tries:
+            raise tries.pop()
+        return loopback_link()
+
+    kept = KeptLink("line", True, opener, start)
+    for turn in range(1, 6):
+        kept.receive(turn * (RETRY_S + 0.1))
+    assert starts == 3
+    assert kept.trouble == ""
+
+
+def loopback_link() -> Link:
+    near, _ = loopback_pair("line")
+    return DriveLink(near, Maestro(DriveSettings(1.0)))
