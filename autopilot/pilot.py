@@ -25,7 +25,9 @@ from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.monitors import AlarmLimits, Monitors, Watched
 from autopilot.safety import STEERING_ACTIONS, FailsafeAction, Supervisor
 from autopilot.signals import (
+    AcknowledgeSample,
     AlarmSample,
+    ConditionSample,
     HelmSample,
     Mode,
     NavState,
@@ -52,12 +54,24 @@ SPEED_CHANGE = 0.02
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
 NO_STEERAGE = text_of("low_speed")
+EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
+"""Samples of what happened: nothing depends on when."""
 
 
 def _envelope_of(config: PilotConfig) -> Envelope:
     failsafe = config.failsafe
     reckoned = failsafe.release_after + LONGEST_STEP if failsafe.action in STEERING_ACTIONS else 0.0
     return Envelope(*config.limits, failsafe.heading_timeout + reckoned)
+
+
+def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
+    """Return what may be believed at `now` [s]: a measurement without a finite time is none, and one from a clock ahead
+    of ours is of now. What is no measurement counts whenever it happened."""
+    return tuple(
+        sample if isinstance(sample, EVENTS) or sample.time <= now else sample._replace(time=now)
+        for sample in samples
+        if isinstance(sample, EVENTS) or math.isfinite(sample.time)
+    )
 
 
 class HeadingLaw(Protocol):
@@ -181,13 +195,14 @@ class Pilot:
         """Return the tick at `now` [s]: what the samples say, what the order asks, what the rudder is told."""
         gap = 0.0 if self._now is None else now - self._now
         dt, self._now = clip(gap, 0.0, LONGEST_STEP), now
-        self._listen(now, samples)
+        timely = timely_of(now, samples)
+        self._listen(now, timely)
         self.estimator.take_rates(not self.monitors.doubts_rate)
         model = self.estimator.model
         self.estimator.holds_bias = not self._guide.is_late(now) and self._guide.is_turning(
             model, self._limits_at(model)
         )
-        state = self.estimator.update(now, samples)
+        state = self.estimator.update(now, timely)
         was = self.supervisor.mode
         self.monitors.look(self.estimator.model, self._watched(now, state, gap))
         found = {**self.monitors.findings, **doubts_of(self.supervisor.noted.values())}
@@ -202,7 +217,6 @@ class Pilot:
             self._is_reckoned = False
             reference = self._lead(mode, order, steady, dt)
             demand = self._demand(mode, order, reference, steady, dt) + self._against_roll(now, dt, mode, order)
-        self._undoing = self._met.rudder
         previous = self._told.angle if self._told.engaged else state.rudder
         limited = limit(self.config.limits, previous, demand, dt)
         rest = self._rested(mode, order, previous, demand, limited)
@@ -242,6 +256,8 @@ class Pilot:
 
     def _steer_blindly(self, now: float, state: NavState, dt: float) -> tuple[NavState, Reference, float]:
         """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts."""
+        self._against_roll(now, dt, Mode.FAILSAFE, self._guide.order)
+        self._undoing = 0.0
         if not self._is_reckoned:
             self._is_reckoned = True
             self._failsafe.begin(state)
@@ -392,6 +408,7 @@ class Pilot:
         return rested(self.config.limits, self.config.dead_band, self._rest._replace(told=previous), demand, limited)
 
     def _demand(self, mode: Mode, order: Order, reference: Reference, state: NavState, dt: float) -> float:
+        undoing, self._undoing = self._undoing, 0.0
         if mode is not Mode.ENGAGED:
             return 0.0
         if order.kind is OrderKind.RUDDER:
@@ -401,5 +418,5 @@ class Pilot:
         if self._waits:
             return 0.0
         # the law's memory is of its own rudder, not of what was set against waves and roll on top of it
-        own = self._rest.allowed - self._roll_rudder - self._undoing
+        own, self._undoing = self._rest.allowed - self._roll_rudder - undoing, self._met.rudder
         return self.law.update(self.estimator.model, reference, state, own, dt) + self._met.rudder

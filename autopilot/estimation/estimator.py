@@ -23,7 +23,7 @@ from autopilot.estimation.fusion import (
     mean_at,
     noises_of,
 )
-from autopilot.estimation.heading_filter import FilterNoise, FilterState
+from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.heading_update import is_sound
 from autopilot.estimation.rudder_track import RudderTrack
 from autopilot.estimation.scheduled_speed import ScheduledSpeed
@@ -57,8 +57,10 @@ class Counters:
 HEADINGS = (HeadingSample, RateSample)
 
 
-class _Fused(NamedTuple):
-    before: FilterState
+class _Taken(NamedTuple):
+    """A sample that was fused, or was a spike, and what the measurements before it had left."""
+
+    before: Fusion
     sample: HeadingSample | RateSample
 
 
@@ -92,7 +94,7 @@ class Estimator:
         self.counters = Counters()
         self.rudder.reset()
         self._fusion: Fusion | None = None
-        self._fused: deque[_Fused] = deque(maxlen=KEPT_SAMPLES)
+        self._taken: deque[_Taken] = deque(maxlen=KEPT_SAMPLES)
         self._begun: HeadingSample | None = None
         self._heading_time = -math.inf
         self._speeds = ScheduledSpeed()
@@ -145,7 +147,7 @@ class Estimator:
         """Hold the bias for unknown: the rudder has been moved by somebody who did not tell us."""
         if self._fusion is not None:
             self._fusion = self._fusion._replace(state=ekf.without_bias(self._fusion.state))
-            self._fused.clear()
+            self._taken.clear()
 
     def _take_rudder(self, now: float, sample: RudderSample) -> None:
         if not is_rudder(sample.angle) or not math.isfinite(sample.time):
@@ -189,7 +191,7 @@ class Estimator:
             if isinstance(sample, HeadingSample):
                 self._begin(sample)
             return
-        if sample == self._begun or self._has_fused(sample):
+        if sample == self._begun or self._has_taken(sample):
             self.counters.repeated += 1
             return
         if sample.time < self._fusion.state.time:
@@ -199,11 +201,11 @@ class Estimator:
         else:
             self._fuse(sample)
 
-    def _has_fused(self, sample: HeadingSample | RateSample) -> bool:
+    def _has_taken(self, sample: HeadingSample | RateSample) -> bool:
         # the memory is in order of time: what is newer than its end cannot be in it
-        if not self._fused or sample.time > self._fused[-1].sample.time:
+        if not self._taken or sample.time > self._taken[-1].sample.time:
             return False
-        return any(entry.sample == sample for entry in self._fused)
+        return any(entry.sample == sample for entry in self._taken)
 
     def _begin(self, sample: HeadingSample) -> None:
         before = self._fusion
@@ -212,32 +214,33 @@ class Estimator:
         )
         self._fusion, self._is_spoilt = Fusion(state, before.surprise if before else 0.0), False
         self._begun = sample
-        self._fused.clear()
+        self._taken.clear()
         self._heading_time = sample.time
         self.counters.fused += 1
 
     def _fuse_late(self, sample: HeadingSample | RateSample) -> None:
         assert self._fusion is not None
-        index = next((i for i, entry in enumerate(self._fused) if entry.sample.time > sample.time), len(self._fused))
-        if index == len(self._fused) or self._fused[index].before.time > sample.time:
+        index = next((i for i, entry in enumerate(self._taken) if entry.sample.time > sample.time), len(self._taken))
+        if index == len(self._taken) or self._taken[index].before.state.time > sample.time:
             self.counters.too_late += 1
             return
         self.counters.late += 1
-        after = [entry.sample for entry in list(self._fused)[index:]]
-        self._fusion = self._fusion._replace(state=self._fused[index].before)
-        while len(self._fused) > index:
-            self._fused.pop()
+        after = [entry.sample for entry in list(self._taken)[index:]]
+        self._fusion = self._taken[index].before
+        while len(self._taken) > index:
+            self._taken.pop()
         self._fuse(sample)
         for later in after:
             self._fuse(later)
 
     def _fuse(self, sample: HeadingSample | RateSample) -> None:
         assert self._fusion is not None
-        before = self._fusion.state
+        before = self._fusion
         heading = sample.heading if isinstance(sample, HeadingSample) else math.nan
         rate = math.nan if sample.rate is None else sample.rate
+        self._taken.append(_Taken(before, sample))
         self._fusion, is_fused = fuse_measured(
-            self.model, self._noises, self._fusion, self.rudder.past, sample.time, heading, rate
+            self.model, self._noises, before, self.rudder.past, sample.time, heading, rate
         )
         if not is_fused:
             self.counters.spikes += 1
@@ -245,10 +248,9 @@ class Estimator:
                 self._begin(sample)
             return
         if self.holds_bias or (self._speed is not None and self._speed < self._steerage):
-            self._fusion = self._fusion._replace(state=ekf.with_bias_of(before, self._fusion.state))
+            self._fusion = self._fusion._replace(state=ekf.with_bias_of(before.state, self._fusion.state))
         if isinstance(sample, HeadingSample):
             self._heading_time = max(self._heading_time, sample.time)
-        self._fused.append(_Fused(before, sample))
         self.counters.fused += 1
 
     def _nav_state(self, now: float) -> NavState:

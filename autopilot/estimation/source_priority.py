@@ -79,6 +79,9 @@ class SourcePriority:
         self._believed: dict[str, str] = {}
         self._apart_since: float | None = None
         self._alarm = ""
+        self._disagree = ""
+        """The sentence about two headings that disagree, as it was first said: one that changes with every reading is a
+        new alarm each time."""
         self._left: tuple[str, float] | None = None
         """The compass that fell silent last, and when another took its place [s]."""
 
@@ -177,14 +180,14 @@ class SourcePriority:
             if entry.heading is not None and abs(shortest_turn(best.heading, entry.heading)) > self._settings.disagree
         ]
         if not far or now - best.last > best.stale:
-            self._apart_since = None
+            self._apart_since, self._disagree = None, ""
             return ""
         if self._apart_since is None:
             self._apart_since = now
         if now - self._apart_since < MONITOR_S:
             return ""
-        # the sentence stays as it was first said: one that changes with every reading is a new alarm each time
-        return self._alarm or self._sentence(best.heading, *far[0])
+        self._disagree = self._disagree or self._sentence(best.heading, *far[0])
+        return self._disagree
 
     def _sentence(self, heading: float, other: str, other_heading: float) -> str:
         apart = abs(math.degrees(shortest_turn(heading, other_heading)))

@@ -327,3 +327,22 @@ def test_late_rudder_feedback_sets_the_level_and_the_model_adds_the_motion() -> 
         truth = 0.03 + tested.rudder._modelled
     assert state.rudder == pytest.approx(truth, abs=1e-9)
     assert state.rudder == pytest.approx(0.23, abs=1e-3)
+
+
+@pytest.mark.parametrize("late", [1, 2, 5])
+def test_a_late_sample_leaves_what_it_would_have_left_in_its_turn(late: int) -> None:
+    """Innovation mean and count of spikes too: what is fused again does not count again."""
+    in_turn, shuffled = estimator(), estimator()
+    samples = [
+        sample._replace(heading=sample.heading + (1.0 if index in (20, 34, 35) else 0.1 * math.sin(index)))
+        for index, sample in enumerate(swing(36))
+    ]
+    for index, sample in enumerate(samples):
+        in_turn.update(sample.time, (sample,))
+        if index not in (22, 25):
+            shuffled.update(sample.time, (sample,))
+        if index in (22 + late, 25 + late):
+            shuffled.update(sample.time, (samples[index - late],))
+    assert shuffled.counters.late == 2
+    assert shuffled.surprise == pytest.approx(in_turn.surprise, rel=1.0e-12)
+    assert shuffled._fusion == in_turn._fusion

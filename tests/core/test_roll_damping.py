@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from autopilot.build import build_pilot
 from autopilot.control.roll_damping import FADE, OLD, PERIOD, SETTLE, Phase, RollDamper, RollDamping
 from autopilot.params.vessel import Roll
-from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, SpeedSample
+from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RollSample, SpeedSample
 
 DT = 0.1
 DAMPING = RollDamping(rate_gain=0.5, most=0.1, lowest=0.6)
@@ -45,6 +45,7 @@ def sailed(boat: RollingBoat, seconds: float, damper: RollDamper) -> list[Phase]
     return phases
 
 
+NORTH = Order(OrderKind.HEADING, 0.0, serial=1)
 LONG = 2.0 * (PERIOD + SETTLE) + 30.0
 
 
@@ -141,3 +142,27 @@ def test_without_steerage_the_rudder_waits_for_roll_too() -> None:
 
 def test_trials_keep_the_rudder_they_order() -> None:
     assert commands(Roll(0.5, 5.0, 0.6), OrderKind.RUDDER)[-1] == pytest.approx(0.05)
+
+
+def test_a_fail_safe_that_steers_ends_it_and_it_begins_anew_after() -> None:
+    """Roll rudder that nobody gives any more must not be taken off the law's, nor come back at once."""
+    vessel = vessel_of(BOATS["lanxin"])
+    failsafe = replace(vessel.failsafe, action="dead_reckoning", release_after_s=60.0, resume=True)
+    with_roll = replace(vessel.control, roll=Roll(0.5, 5.0, 0.6))
+    pilot = build_pilot(replace(vessel, control=with_roll, failsafe=failsafe))
+    demands: dict[Mode, list[float]] = {}
+    lost = 2.0 * (PERIOD + SETTLE) + FADE
+    for index in range(round((lost + 30.0) / 0.1)):
+        now = 0.1 * index
+        size = 0.1 if now < PERIOD + SETTLE else 0.06
+        roll = RollSample(now, size / 1.1 * math.sin(1.1 * now), size * math.cos(1.1 * now))
+        is_silent = lost <= now < lost + 7.3
+        tick = pilot.step(now, (roll,) if is_silent else (HeadingSample(now, 0.0, 0.0), roll), NORTH)
+        if now > lost + 2.0:
+            demands.setdefault(tick.mode, []).append(tick.demand)
+        elif now < lost:
+            assert pilot.damper is not None
+            phase = pilot.damper.phase
+    assert phase is Phase.KEPT_ON
+    for mode in (Mode.FAILSAFE, Mode.ENGAGED):
+        assert max(map(abs, demands[mode])) < math.radians(0.2)

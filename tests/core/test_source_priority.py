@@ -150,3 +150,19 @@ def test_links_share_one_choice_and_a_lone_vehicle_none() -> None:
     (link,) = build_links(vessel, ["udpin:127.0.0.1:0"])
     assert isinstance(link, CompanionLink)
     link.close()
+
+
+def test_a_compass_that_jumped_and_is_well_again_is_not_said_to_jump_any_more() -> None:
+    settings = PrioritySettings(disagree=math.radians(5.0), jump=math.radians(15.0))
+    priority, said = SourcePriority(settings), {}
+    for step in range(600):
+        now = step * 0.1
+        # 8 deg off is near enough to be well and too far to agree; for a while it jumps to 30
+        off = 30.0 if 200 <= step < 250 else 8.0 if step < 400 else 1.0
+        for source, value in (("HEHDT", 0.0), ("HCHDG", math.radians(off) + 1.0e-4 * (step % 3))):
+            for sample in priority.admit(now, heading(now, source, value), LINK):
+                if isinstance(sample, AlarmSample):
+                    said[now] = sample.text
+    texts = [text.partition(";")[0] for text in said.values()]
+    apart = "two compasses disagree by 8 deg: HEHDT 000.0, HCHDG 008.0"
+    assert texts == [apart, "two compasses disagree: HCHDG jumps, HEHDT steers", apart, ""]
