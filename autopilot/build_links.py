@@ -166,6 +166,8 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
         as_gcs=options.as_gcs,
         guided_speed_share=helm.guided_speed_share,
         hand_back_mode=MODES[vessel.failsafe.firmware_mode] if vessel.failsafe.action == "firmware" else None,
+        servo_us=helm.servo_us,
+        angle_max=math.radians(vessel.rudder.angle_max_deg),
         battery_percent=-math.inf if vessel.alarms.battery_percent is None else vessel.alarms.battery_percent,
     )
     signing = options.signing.link() if options.signing else None

@@ -14,6 +14,7 @@ from sitl.firmware_setup import Setup, setup_of
 from sitl.guided import GuidedHelm, Target
 from sitl.radio import (
     CHANNELS,
+    SERVO_US,
     STEERING_FULL,
     THROTTLE_FULL,
     OverridePermit,
@@ -21,6 +22,7 @@ from sitl.radio import (
     StickArming,
     input_angle,
     output_pulse,
+    travel,
 )
 from sitl.vehicle_faults import VehicleFaults
 from sitl.world import Orders, World
@@ -62,7 +64,8 @@ class Firmware:
         self.parameters.set("CRUISE_SPEED", world.cruise_speed)
         full_deg = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
         # how the servo is linked to the rudder does not change with the parameters
-        self._linkage = math.radians(-full_deg if vessel.helm.reversed else full_deg) / 500.0
+        self._full_rudder = math.radians(-full_deg if vessel.helm.reversed else full_deg)
+        self._full_pulses = vessel.helm.servo_us or SERVO_US
         self._setup = setup_of(self.parameters, self.version)
         self._setup_changes = self.parameters.changes
         self._housekeeping_time = self._statistics_time = -math.inf
@@ -305,9 +308,8 @@ class Firmware:
         self.servos = servos
 
     def _rudder_of_servo(self) -> float:
-        """The servo that is fitted stands on output 1, amidships at 1500 us; without pulses it stays amidships."""
-        pulse = self.servos[0]
-        return (pulse - 1500) * self._linkage if pulse else 0.0
+        """The servo that is fitted stands on output 1; without pulses it stays amidships."""
+        return travel(self._full_pulses, self.servos[0]) * self._full_rudder
 
     def _resting_sticks(self) -> list[int]:
         """Steering centred, throttle where the boat runs at its cruise speed, mode switch in its first position."""

@@ -21,6 +21,8 @@ LEFT_ALONE = 65535
 LEFT_ALONE_HIGH = (0, 65535)
 """Channels 9 and up: zero leaves alone too, and 65534 releases."""
 RELEASED_HIGH = 65534
+SERVO_US = (1000.0, 1500.0, 2000.0)
+"""Pulses at full rudder to port, amidships and to starboard of a linkage of which the vessel file says nothing."""
 SWITCH_LOW_US, SWITCH_HIGH_US = 1200, 1800
 """Below and above these an auxiliary switch is in its low and high position; between, it changes nothing."""
 STICK_ARMS, STICK_ARMS_AND_DISARMS = 1, 2
@@ -60,6 +62,13 @@ def output_pulse(servo: Calibration, position: float, full: int) -> int:
     else:
         pulse = servo.trim - int(-held * (servo.trim - servo.low) / full)
     return _sent(min(max(pulse, servo.low), servo.high))
+
+
+def travel(full: tuple[float, float, float], pulse: int) -> float:
+    """Return the share of full travel that a linkage makes of a pulse [us]; amidships without pulses (0)."""
+    low, middle, high = full
+    away = pulse - middle
+    return away / (high - middle if away > 0 else middle - low) if pulse else 0.0
 
 
 def manual_control_pulse(channel: Calibration, value: int) -> int:

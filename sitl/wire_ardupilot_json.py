@@ -18,6 +18,7 @@ from autopilot.angles import wrap
 from autopilot.models.waves import GRAVITY
 from autopilot.params.vessel import Vessel
 from sitl.boat import STILL, Boat, BoatState
+from sitl.radio import SERVO_US, travel
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.world import STEP, plant_of
@@ -27,7 +28,6 @@ HEAD = struct.Struct("<HHI")
 RATE_MAX_HZ = 20000
 FINEST_STEP = 0.01
 """Slower frames than this [s] are taken in several steps of the physics."""
-NEUTRAL_US, SPAN_US = 1500, 500
 CRUISE_SHARE = 0.5
 """Throttle at which the boat runs at its cruise speed."""
 
@@ -73,6 +73,7 @@ class ArdupilotPhysics:
         self._outputs = outputs or Outputs()
         full_deg = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
         self._rudder_at_full = math.radians(-full_deg if vessel.helm.reversed else full_deg)
+        self._full_pulses = vessel.helm.servo_us or SERVO_US
         self._cruise_speed = vessel.model.reference_speed_m_s
         self.frames = self.repeated = self.restarts = self.bad = 0
         self._last: ServoPacket | None = None
@@ -125,16 +126,16 @@ class ArdupilotPhysics:
         while self._sea_steps * STEP <= self.time + 1.0e-9:
             self._disturbance = self._sea.step(self._sea_steps * STEP, self._boat.state)
             self._sea_steps += 1
-        rudder = _share(packet, self._outputs.steering) * self._rudder_at_full
-        speed = _share(packet, self._outputs.throttle) / CRUISE_SHARE * self._cruise_speed
+        rudder = _share(packet, self._outputs.steering, self._full_pulses) * self._rudder_at_full
+        speed = _share(packet, self._outputs.throttle, SERVO_US) / CRUISE_SHARE * self._cruise_speed
         self._boat.step(self.time, rudder, speed, self._disturbance, dt)
         self.time += dt
 
 
-def _share(packet: ServoPacket, output: int) -> float:
+def _share(packet: ServoPacket, output: int, full: tuple[float, float, float]) -> float:
     """Return the share -1..1 of full travel that an output asks for; without pulses it rests."""
     pulse = packet.pulses[output - 1] if output <= len(packet.pulses) else 0
-    return min(max((pulse - NEUTRAL_US) / SPAN_US, -1.0), 1.0) if pulse else 0.0
+    return min(max(travel(full, pulse), -1.0), 1.0)
 
 
 def _reply(time: float, before: BoatState, state: BoatState, period: float) -> bytes:

@@ -132,7 +132,8 @@ class Lockstep:
         self.near: LoopbackTransport = near
         self.up, self.down = lines or (BadLine(), BadLine())
         full = math.radians(vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg)
-        chosen = {"method": vessel.helm.method, "as_gcs": vessel.helm.method != "guided", **(settings or {})}
+        scale = {"servo_us": vessel.helm.servo_us, "angle_max": math.radians(vessel.rudder.angle_max_deg)}
+        chosen = {**scale, "method": vessel.helm.method, "as_gcs": vessel.helm.method != "guided", **(settings or {})}
         self.link = CompanionLink(near, CompanionSettings(full, **chosen))
         self.order = Order()
         self.clock = _Clock(lambda now: self.carry(now))

@@ -101,7 +101,7 @@ def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
             raise
         return links
 
-    return examine(opened, MonotonicClock(), arguments.seconds, vessel.failsafe.heading_timeout_s)
+    return examine(opened, MonotonicClock(), arguments.seconds, vessel.failsafe.heading_timeout_s, vessel)
 
 
 def _show(findings: list[Finding]) -> None:

@@ -47,7 +47,7 @@ def log_options(arguments: argparse.Namespace) -> LogOptions:
     from autopilot.loop.csv_log import load_column_map
     from autopilot.loop.logs.reading import ReadOptions
     from autopilot.loop.logs.rudder import RudderSettings
-    from autopilot.loop.logs.servo import servo_from_text
+    from autopilot.loop.logs.servo import Servo, ServoScale, servo_from_text
     from autopilot.loop.recordings import LogOptions
     from autopilot.params.vessel_file import load_vessel
 
@@ -61,10 +61,13 @@ def log_options(arguments: argparse.Namespace) -> LogOptions:
     if full is None and vessel is not None:
         full = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
         full = -full if vessel.helm.reversed else full
+    servo: Servo | ServoScale | None = servo_from_text(arguments.servo) if arguments.servo else None
+    if servo is None and vessel is not None and vessel.helm.servo_us is not None:
+        servo = ServoScale(*vessel.helm.servo_us)
     reading = ReadOptions(
         load_column_map(arguments.columns) if arguments.columns else None,
         arguments.system,
-        servo_from_text(arguments.servo) if arguments.servo else None,
+        servo,
         None if variation is None else math.radians(variation),
     )
     gear = None if vessel is None else gear_of(vessel)

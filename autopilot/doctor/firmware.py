@@ -7,18 +7,25 @@ libraries/RC_Channel/RC_Channels.cpp, libraries/AP_Arming.
 from __future__ import annotations
 
 from autopilot.doctor.finding import Finding, Verdict
+from autopilot.links.companion_output import REACH_TOLERANCE_DEG
+from autopilot.links.steering_pwm import share_from_servo
 from autopilot.links.vehicle_parameters import VehicleParameters
+from autopilot.params.vessel import Vessel
 
 IGNORE_RECEIVER, IGNORE_OVERRIDES, IGNORE_FAILSAFE, CLEAR_BY_STICK = 1 << 0, 1 << 1, 1 << 2, 1 << 14
 """RC_OPTIONS."""
 STICK_ARMS, STICK_DISARMS = 1, 2
 """ARMING_RUDDER."""
+UNEVEN = 0.05
+"""A servo that goes further to one side by more than this share."""
 PAGE = "docs/flight_controllers.md"
 
 
-def firmware_findings(parameters: VehicleParameters) -> list[Finding]:
-    """Return what the parameters that have come mean for steering; nothing of those that have not."""
+def firmware_findings(parameters: VehicleParameters, vessel: Vessel | None = None) -> list[Finding]:
+    """Return what the parameters that have come mean for steering this vessel; nothing of those that have not."""
     looked = [_arming(parameters), _radio(parameters), _station(parameters), _action(parameters), _takeover(parameters)]
+    if vessel is not None and vessel.helm.method != "guided":
+        looked.append(_servo(parameters, vessel))
     return [finding for finding in looked if finding is not None]
 
 
@@ -93,3 +100,26 @@ def _takeover(parameters: VehicleParameters) -> Finding | None:
     found = "only another mode or disarming takes the helm: the steering stick does nothing while we steer"
     cure = f"give a switch RCn_OPTION 46, or from ArduRover 4.8 on add bit 14 (16384) to RC_OPTIONS too ({PAGE})"
     return Finding(name, Verdict.WARN, found, cure)
+
+
+def _servo(parameters: VehicleParameters, vessel: Vessel) -> Finding | None:
+    """What the end points of the steering servo are in degrees of rudder, by the vessel file."""
+    channel, number, helm = parameters.steering_channel(), parameters.steering_servo, vessel.helm
+    if channel is None:
+        return None
+    full = helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
+    low, middle, high = channel.servo_min, channel.servo_trim, channel.servo_max
+    ends = f"SERVO{number} goes from {low} over {middle} to {high} us"
+    if helm.servo_us is not None:
+        scaled = channel._replace(scale=helm.servo_us)
+        least, most = sorted(full * share_from_servo(scaled, end) for end in (low, high))
+        found = f"{ends}, {-least:.0f} and {most:.0f} deg of rudder by helm.servo_us"
+        able = vessel.rudder.angle_max_deg
+        if min(-least, most) < able - REACH_TOLERANCE_DEG:
+            cure = f"rudder.angle_max_deg is {able:g}: widen SERVO{number}_MIN and _MAX, lower rudder.angle_max_deg"
+            return Finding("servo", Verdict.NO_GO, found, f"{cure}, or measure helm.servo_us anew")
+        return Finding("servo", Verdict.GO, found)
+    if abs(high - 2 * middle + low) > UNEVEN * max(middle - low, high - middle):
+        found = f"{ends}: {middle - low} us to one side and {high - middle} to the other both count as {full:g} deg"
+        return Finding("servo", Verdict.WARN, found, "measure the angle at two pulses and write helm.servo_us")
+    return Finding("servo", Verdict.GO, f"{ends}, taken for {full:g} deg to each side; helm.servo_us would pin it")

@@ -12,6 +12,7 @@ from autopilot.doctor.firmware import firmware_findings
 from autopilot.links.base import Link, LinkError
 from autopilot.links.mavlink_companion import CompanionLink
 from autopilot.loop.clock import Clock
+from autopilot.params.vessel import Vessel
 from autopilot.signals import AlarmSample, HeadingSample, HelmSample
 
 SLOW_HZ = 4.0
@@ -89,8 +90,10 @@ def _heading(source: str, heard: Heard, timeout: float) -> Finding:
     return Finding(name, verdict, found, "a quicker compass, a higher baud rate, or fewer other sentences", figures)
 
 
-def examine(open_links: Callable[[], list[Link]], clock: Clock, seconds: float, timeout: float) -> list[Finding]:
-    """Open links, listen, close them again, and return the findings."""
+def examine(
+    open_links: Callable[[], list[Link]], clock: Clock, seconds: float, timeout: float, vessel: Vessel | None = None
+) -> list[Finding]:
+    """Open links, listen, close them again, and return the findings; of the servo's scale where `vessel` is given."""
     try:
         links = open_links()
     except LinkError as error:
@@ -99,7 +102,7 @@ def examine(open_links: Callable[[], list[Link]], clock: Clock, seconds: float, 
         findings = judged(listen(links, clock, seconds), timeout)
         for link in links:
             if isinstance(link, CompanionLink):
-                findings += firmware_findings(link.vehicle_parameters)
+                findings += firmware_findings(link.vehicle_parameters, vessel)
         return findings
     except LinkError as error:
         return [Finding("link", Verdict.NO_GO, *_parted(str(error)))]

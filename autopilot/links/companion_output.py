@@ -20,6 +20,7 @@ from autopilot.links.steering_pwm import (
     manual_table,
     pulse_from_manual,
     pulse_table,
+    reach,
     servo_from_steering,
     steering_from_pulse,
 )
@@ -28,6 +29,7 @@ from autopilot.links.vehicle_parameters import VehicleParameters
 LEAVE_ALONE = 65535
 RELEASE_HIGH_CHANNEL = 65534
 NOT_THIS_AXIS = 32767
+REACH_TOLERANCE_DEG = 0.5
 TOLD_APART_US = 3
 """A radio's own noise; further apart than this two pulses are different."""
 
@@ -42,7 +44,12 @@ class SteeringOutput:
     """
 
     def __init__(
-        self, method: Literal["rc_override", "manual_control", "guided"], rudder_at_full: float, reversed_: bool
+        self,
+        method: Literal["rc_override", "manual_control", "guided"],
+        rudder_at_full: float,
+        reversed_: bool,
+        servo_us: tuple[float, float, float] | None = None,
+        angle_max: float = 0.0,
     ) -> None:
         if not 0.0 < rudder_at_full < math.inf:
             raise ValueError(f"rudder_at_full must be a positive angle in radians, got {rudder_at_full}")
@@ -51,6 +58,7 @@ class SteeringOutput:
         self.commanded_pulse = 0
         self._by_pulse = method != "manual_control"
         self._share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
+        self._scale, self._angle_max = servo_us, angle_max
         self._number = 0
         self._table: InputTable | None = None
         self._last: Message | None = None
@@ -62,8 +70,10 @@ class SteeringOutput:
     def use(self, parameters: VehicleParameters) -> str:
         """Take the vehicle's parameters as known so far; return what makes steering impossible, or ''."""
         number, channel = parameters.steering_input, parameters.steering_channel()
+        if channel is not None:
+            channel = channel._replace(scale=self._scale)
         if channel == self.channel and number == self._number:
-            return ""
+            return "" if channel is None else self._short_of_angle(channel, parameters.steering_servo)
         self.forget()
         if number is None or channel is None:
             return ""
@@ -72,7 +82,20 @@ class SteeringOutput:
         except ValueError as error:
             return f"the vehicle's parameters leave no room to steer ({error}); correct them"
         self._number, self.channel = number, channel
-        return ""
+        return self._short_of_angle(channel, parameters.steering_servo)
+
+    def _short_of_angle(self, channel: SteeringChannel, servo: int | None) -> str:
+        """A rudder that stops short of what may be ordered would look as if it did not follow."""
+        degrees = math.degrees(abs(self.angle_from_share(reach(channel))))
+        ordered = math.degrees(self._angle_max)
+        if channel.scale is None or degrees > ordered - REACH_TOLERANCE_DEG:
+            return ""
+        low, middle, high = (round(pulse) for pulse in channel.scale)
+        return (
+            f"SERVO{servo}_MIN to _MAX, {channel.servo_min} to {channel.servo_max} us, is {degrees:.0f} deg of rudder "
+            f"by helm.servo_us [{low}, {middle}, {high}], and rudder.angle_max_deg is {ordered:.0f}; widen them, lower "
+            "rudder.angle_max_deg, or correct helm.servo_us"
+        )
 
     def forget(self) -> None:
         """Forget the vehicle's parameters and the last command, as after a reboot."""

@@ -80,6 +80,8 @@ class CompanionSettings(NamedTuple):
     parameter says (255 until it is known).
     hand_back_mode: the vehicle's mode number that a fail-safe orders it into; None: none. battery_percent: a charge
     below it is an alarm.
+    servo_us: servo pulses at full rudder to one side, amidships, to the other, where they are not the vehicle's end
+    points and trim.  angle_max [rad]: what the rudder can do.
     """
 
     rudder_at_full: float
@@ -94,6 +96,8 @@ class CompanionSettings(NamedTuple):
     guided_speed_share: float = 0.0
     hand_back_mode: int | None = None
     battery_percent: float = -math.inf
+    servo_us: tuple[float, float, float] | None = None
+    angle_max: float = 0.0
 
 
 class CompanionLink:
@@ -126,7 +130,9 @@ class CompanionLink:
         )
         self._steering_codec = self._gcs_codec if settings.as_gcs else self._codec
         guided = settings.method == "guided"
-        self._output = SteeringOutput(settings.method, settings.rudder_at_full, settings.reversed)
+        self._output = SteeringOutput(
+            settings.method, settings.rudder_at_full, settings.reversed, settings.servo_us, settings.angle_max
+        )
         self._reader = VehicleReader(self._output, settings.attitude_rate_hz, settings.heading_latency, guided)
         self._watch, self._probe = self._reader.watch, self._reader.probe
         self._guided = GuidedTargets(self._watch, settings.guided_speed_share) if guided else None

@@ -36,6 +36,8 @@ class SteeringChannel(NamedTuple):
     servo_max: int = 1900
     servo_reversed: bool = False
     expo: float = 0.0
+    scale: tuple[float, float, float] | None = None
+    """Pulses [us] at -1, 0 and 1 of full rudder; None: the servo's own end points and trim."""
 
     def check(self) -> None:
         """Raise ValueError where the end points are no pulse widths, or leave no room to steer."""
@@ -45,6 +47,7 @@ class SteeringChannel(NamedTuple):
         for name, low, trim, high in (
             ("steering input", self.rc_min + self.rc_dead_zone, self.rc_trim, self.rc_max - self.rc_dead_zone),
             ("steering servo", self.servo_min, self.servo_trim, self.servo_max),
+            ("helm.servo_us", *(self.scale or (SHORTEST_US, SHORTEST_US + 1, LONGEST_US))),
         ):
             if not low < trim < high:
                 raise ValueError(f"{name}: minimum, trim and maximum must rise with room for the dead zone: {self}")
@@ -75,11 +78,21 @@ def servo_from_steering(channel: SteeringChannel, steering: int) -> int:
 
 
 def share_from_servo(channel: SteeringChannel, pulse: int) -> float:
-    """Return the share of full rudder, -1..1 and starboard positive, that a servo `pulse` [us] stands for."""
-    away = pulse - channel.servo_trim
-    span = channel.servo_max - channel.servo_trim if away > 0 else channel.servo_trim - channel.servo_min
-    share = min(max(away / span, -1.0), 1.0)
+    """Return the share of full rudder, starboard positive, that a servo `pulse` [us] stands for.
+
+    It is held to -1..1, unless the channel has a scale of its own: a servo may go beyond it.
+    """
+    low, trim, high = channel.scale or (channel.servo_min, channel.servo_trim, channel.servo_max)
+    away = pulse - trim
+    share = away / (high - trim if away > 0 else trim - low)
+    if channel.scale is None:
+        share = min(max(share, -1.0), 1.0)
     return -share if channel.servo_reversed else share
+
+
+def reach(channel: SteeringChannel) -> float:
+    """Return the share of full rudder that the servo's end points let it reach to both sides."""
+    return min(abs(share_from_servo(channel, pulse)) for pulse in (channel.servo_min, channel.servo_max))
 
 
 def pulse_from_manual(channel: SteeringChannel, y: int) -> int:

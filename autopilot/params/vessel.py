@@ -256,6 +256,9 @@ class Alarms:
     battery_percent: Annotated[float, Bounds(1.0, 90.0, "alarm below this charge of the vehicle")] | None = 20.0
 
 
+Pulse = Annotated[float, Bounds(500.0, 2500.0, "pulse of the steering servo in us")]
+
+
 @dataclass(frozen=True)
 class Helm:
     """How rudder commands reach a MAVLink flight controller."""
@@ -264,6 +267,9 @@ class Helm:
     """guided: the firmware steers by itself to the headings it is given; the other two move the rudder."""
     rate_hz: Annotated[float, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
     rudder_at_full_pwm_deg: Annotated[float, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None = None
+    servo_us: tuple[Pulse, Pulse, Pulse] | None = None
+    """Pulses at full rudder to one side, amidships and to the other, for which that angle was measured; null: whatever
+    SERVOn_MIN, _TRIM and _MAX of the flight controller are."""
     reversed: bool = False
     guided_speed_share: Annotated[float, Bounds(0.0, 1.0, "guided: thrust as a share of WP_SPEED; 0: the stick's")] = (
         0.0

@@ -91,6 +91,13 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
             f"failsafe.heading_timeout_s is {vessel.failsafe.heading_timeout_s:g}, it must be larger than "
             f"sensors.heading_latency_s ({vessel.sensors.heading_latency_s:g}), or every heading is stale on arrival.",
         )
+    pulses = vessel.helm.servo_us
+    if pulses is not None and not pulses[0] < pulses[1] < pulses[2]:
+        yield (
+            "helm.servo_us",
+            f"helm.servo_us is [{pulses[0]:g}, {pulses[1]:g}, {pulses[2]:g}]; the three pulses must rise, such as "
+            "[1000, 1500, 2000].",
+        )
     yield from _deviation_problems(vessel.sensors.deviation_deg)
     yield from _address_problems(vessel.security.allow_addresses)
     for pattern, stale_s in vessel.sensors.priority:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -161,3 +163,25 @@ def test_hard_to_port_at_rest_does_not_disarm() -> None:
     run.engage(-150.0)
     run.run(30.0)
     assert run.firmware.armed
+
+
+@pytest.mark.parametrize("ends", [(1000, 2000), (1100, 1900), (1200, 2000)])
+def test_the_rudder_is_what_is_believed_whatever_the_servo_s_end_points_are(ends: tuple[int, int]) -> None:
+    boat = replace(VESSEL, rudder=replace(VESSEL.rudder, angle_max_deg=15.0))
+    servo = {"SERVO1_MIN": float(ends[0]), "SERVO1_MAX": float(ends[1])}
+    run = Lockstep(boat, parameters={**SHIPPED, **servo})
+    run.engage(60.0)
+    apart: list[float] = []
+    run.hooks.append(lambda it: apart.append(it.world.boat.state.rudder - it.ticks[-1].state.rudder if it.ticks else 0))
+    assert run.run(20.0, run.engaged)
+    run.run(10.0)
+    orders = [tick.command.angle for tick in run.ticks]
+    assert max(orders) > math.radians(10.0), "it turned"
+    assert max(map(abs, apart)) < math.radians(2.0)
+
+
+def test_a_servo_that_stops_short_of_what_may_be_ordered_is_not_steered() -> None:
+    run = Lockstep(VESSEL, parameters={**SHIPPED, "SERVO1_MIN": 1100.0, "SERVO1_MAX": 1900.0})
+    run.engage(20.0)
+    assert not run.run(20.0, run.engaged)
+    assert any("is 24 deg of rudder" in alarm for alarm in run.tick.alarms), run.tick.alarms

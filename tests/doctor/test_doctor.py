@@ -7,6 +7,7 @@ import math
 import os
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -223,6 +224,31 @@ def test_parameters_of_the_firmware_that_fight_us_are_named(
     assert finding.verdict is verdict, finding
     assert word in finding.found
     assert finding.cure or verdict is Verdict.GO
+
+
+@pytest.mark.parametrize(
+    ("servo_us", "ends", "verdict", "word"),
+    [
+        ((1000.0, 1500.0, 2000.0), (1000, 1500, 2000), Verdict.GO, "30 and 30 deg"),
+        ((1000.0, 1500.0, 2000.0), (1100, 1500, 1900), Verdict.NO_GO, "24 and 24 deg"),
+        ((1000.0, 1500.0, 2000.0), (1000, 1500, 1900), Verdict.NO_GO, "30 and 24 deg"),
+        ((1100.0, 1500.0, 1900.0), (1100, 1500, 1900), Verdict.GO, "30 and 30 deg"),
+        (None, (1100, 1500, 1900), Verdict.GO, "taken for 30 deg"),
+        (None, (1100, 1450, 1900), Verdict.WARN, "350 us to one side and 450"),
+    ],
+)
+def test_the_servo_s_end_points_are_held_against_the_vessel_file(
+    servo_us: tuple[float, float, float] | None, ends: tuple[int, int, int], verdict: Verdict, word: str
+) -> None:
+    vessel = replace(VESSEL, helm=replace(VESSEL.helm, servo_us=servo_us))
+    names = ("SERVO1_MIN", "SERVO1_TRIM", "SERVO1_MAX")
+    run = Lockstep(vessel, parameters=dict(zip(names, ends, strict=True)))
+    findings = examine(lambda: [run.link], Listening(run), 12.0, 1.0, vessel)
+    (servo,) = [finding for finding in findings if finding.name == "servo"]
+    (helm,) = [finding for finding in findings if finding.name == "helm"]
+    assert servo.verdict is verdict, servo
+    assert word in servo.found
+    assert (helm.verdict is Verdict.NO_GO) is (verdict is Verdict.NO_GO), helm
 
 
 def test_with_the_shipped_parameters_only_the_way_to_take_over_is_left_to_choose() -> None:

@@ -13,6 +13,7 @@ from autopilot.links.steering_pwm import (
     manual_table,
     pulse_from_manual,
     pulse_table,
+    reach,
     servo_from_steering,
     share_from_servo,
     steering_from_pulse,
@@ -123,3 +124,18 @@ def test_each_reversal_turns_its_own_end_round(rc_reversed: bool, servo_reversed
     ends = (1850, 1520, 1200) if servo_reversed else (1200, 1520, 1850)
     assert tuple(servo_from_steering(channel, steering) for steering in (-4500, 0, 4500)) == ends
     assert [share_from_servo(channel, pulse) for pulse in ends] == [-1.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(("low", "high"), [(1100, 1900), (1000, 2000), (1200, 2100)])
+@pytest.mark.parametrize("is_reversed", [False, True])
+def test_a_scale_of_its_own_keeps_the_rudder_right_whatever_the_servo_s_end_points_are(
+    low: int, high: int, is_reversed: bool
+) -> None:
+    scale = (1000.0, 1500.0, 2000.0)
+    channel = SteeringChannel(servo_min=low, servo_max=high, servo_reversed=is_reversed, scale=scale)
+    for share in (-0.5, -0.1, 0.0, 0.2, 0.55):
+        pulse = servo_from_steering(channel, steering_from_pulse(channel, pulse_table(channel).nearest(share)))
+        assert pulse == pytest.approx(1500 + (-500 if is_reversed else 500) * share, abs=2)
+        assert share_from_servo(channel, pulse) == pytest.approx(share, abs=0.004)
+    assert reach(channel) == pytest.approx(min(1500 - low, high - 1500) / 500)
+    assert reach(channel._replace(scale=None)) == 1.0

@@ -8,6 +8,7 @@ import socket
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -64,6 +65,15 @@ def test_full_starboard_turns_to_starboard_at_the_model_s_rate() -> None:
     assert last["imu"]["gyro"][2] == pytest.approx(boat.state.rate, rel=0.05)
     # heeling outwards in the turn, and pressed outwards: to port
     assert last["attitude"][0] < 0.0
+
+
+@pytest.mark.parametrize(("pulses", "share"), [((1000.0, 1500.0, 2000.0), 0.8), ((1100.0, 1500.0, 1900.0), 1.0)])
+def test_a_pulse_is_as_much_rudder_as_the_vessel_file_says(pulses: tuple[float, float, float], share: float) -> None:
+    vessel = replace(LANXIN, helm=replace(LANXIN.helm, servo_us=pulses))
+    boat = ArdupilotPhysics(vessel, load_scenario("calm"))
+    for frame in range(3 * 100):
+        boat.answer(packet(frame, 1900, 1750, rate_hz=100))
+    assert math.degrees(boat.state.rudder) == pytest.approx(share * 30.0, abs=0.1)
 
 
 def test_at_rest_only_gravity_is_felt() -> None:

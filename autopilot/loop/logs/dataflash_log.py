@@ -32,7 +32,7 @@ from autopilot.loop.logs.series import (
     from_zero,
     series_of,
 )
-from autopilot.loop.logs.servo import Servo, servo_from_parameters
+from autopilot.loop.logs.servo import Servo, ServoScale, steering_servo
 
 DEG = math.pi / 180.0
 FIRST = 0.0
@@ -61,14 +61,14 @@ GPS_AHEAD_S = 18.0
 WEEK_S = 604_800.0
 
 
-def read_dataflash(path: str, data: bytes, servo: Servo | None = None) -> Recording:
+def read_dataflash(path: str, data: bytes, servo: Servo | ServoScale | None = None) -> Recording:
     """Return the recording in a .BIN. servo: the steering servo, instead of what PARM says. Raises InputError."""
     log = DataFlash(path, data, WANTED)
     with np.errstate(all="ignore"):  # a damaged number may be anything; what is not finite is left out
         return _recording(path, log, servo)
 
 
-def _recording(path: str, log: DataFlash, servo: Servo | None) -> Recording:
+def _recording(path: str, log: DataFlash, servo: Servo | ServoScale | None) -> Recording:
     series = [found for meaning in MEANINGS for found in _series(log, *meaning)]
     if not any(s.quantity in (HEADING, RATE) for s in series):
         raise InputError(
@@ -106,11 +106,11 @@ def _first_instance(log: DataFlash, message: str) -> NDArray[np.bool_]:
     return np.ones(time.size, dtype=bool) if instance is None else instance == FIRST
 
 
-def _steering(path: str, log: DataFlash, servo: Servo | None, notes: list[str]) -> tuple[Series, ...]:
+def _steering(path: str, log: DataFlash, servo: Servo | ServoScale | None, notes: list[str]) -> tuple[Series, ...]:
     names, values = log.texts("PARM", "Name"), log.column("PARM", "Value")
     # a damaged FMT may have left one of the two without its field
     parameters = dict(zip(names, values.tolist(), strict=True)) if names and values is not None else {}
-    known = servo or servo_from_parameters(path, parameters)
+    known = steering_servo(path, parameters, servo)
     if known is not None:
         pulses, time = log.column("RCOU", f"C{known.number}", f"Ch{known.number}"), _time(log, "RCOU")
         if pulses is not None and time is not None:

@@ -16,7 +16,7 @@ from autopilot.loop.logs.dataflash_log import read_dataflash
 from autopilot.loop.logs.nmea_text import is_nmea_text, read_nmea
 from autopilot.loop.logs.own_log import is_own, read_own
 from autopilot.loop.logs.series import Recording, from_zero, series_of
-from autopilot.loop.logs.servo import Servo
+from autopilot.loop.logs.servo import Servo, ServoScale
 from autopilot.loop.logs.tlog import read_tlog
 from autopilot.loop.logs.ulog import read_ulog
 from autopilot.regular_file import read_regular
@@ -38,14 +38,15 @@ class Kind(Enum):
 
 
 class ReadOptions(NamedTuple):
-    """columns: what a CSV table calls its columns. system: MAVLink system id to read. servo: the steering servo.
+    """columns: what a CSV table calls its columns. system: MAVLink system id to read.
 
+    servo: the steering servo, or only its scale.
     variation [rad], east positive: of magnetic compasses in NMEA sentences.
     """
 
     columns: Mapping[str, str] | None = None
     system: int | None = None
-    servo: Servo | None = None
+    servo: Servo | ServoScale | None = None
     variation: float | None = None
 
 

@@ -48,6 +48,25 @@ class Servo(NamedTuple):
         return np.where(pulses > 0.0, -share if self.reversed else share, np.nan)
 
 
+class ServoScale(NamedTuple):
+    """Pulses [us] at full rudder to one side, amidships and to the other, where they are not the servo's end points."""
+
+    low: float
+    trim: float
+    high: float
+
+
+def steering_servo(source: str, values: Mapping[str, float], chosen: Servo | ServoScale | None = None) -> Servo | None:
+    """Return the servo that was chosen, or that of the parameters, on the scale that was chosen; None: not known.
+
+    Raises InputError where the end points in the parameters are impossible.
+    """
+    if isinstance(chosen, Servo):
+        return chosen
+    found = servo_from_parameters(source, values)
+    return found if found is None or chosen is None else found._replace(**chosen._asdict())
+
+
 def servo_from_text(text: str) -> Servo:
     """Return the servo that `--servo` describes. Raises InputError."""
     number, *rest = text.split(":")

@@ -34,7 +34,7 @@ from autopilot.loop.logs.series import (
     from_zero,
     series_of,
 )
-from autopilot.loop.logs.servo import Servo, servo_from_parameters
+from autopilot.loop.logs.servo import Servo, ServoScale, steering_servo
 from autopilot.loop.logs.tlog_packets import TlogPackets
 from autopilot.params.value_coding import BYTEWISE_AUTOPILOTS, decode
 
@@ -195,7 +195,7 @@ class VehicleLog:
         self._is_bytewise = message.autopilot in BYTEWISE_AUTOPILOTS
 
 
-def read_tlog(path: str, data: bytes, system: int | None = None, servo: Servo | None = None) -> Recording:
+def read_tlog(path: str, data: bytes, system: int | None = None, servo: Servo | ServoScale | None = None) -> Recording:
     """Return the recording of one vehicle in a .tlog: that of id `system`, or the one with the most attitudes.
 
     servo: the steering servo, instead of what the parameters in the log say. Raises InputError.
@@ -272,10 +272,10 @@ def _damage(path: str, packets: TlogPackets, bad: int) -> list[str]:
     return notes
 
 
-def _steering(path: str, vehicle: VehicleLog, servo: Servo | None) -> tuple[tuple[Series, ...], list[str]]:
+def _steering(path: str, vehicle: VehicleLog, servo: Servo | ServoScale | None) -> tuple[tuple[Series, ...], list[str]]:
     if not vehicle.pulses:
         return (), []
-    known = servo or servo_from_parameters(path, vehicle.parameters)
+    known = steering_servo(path, vehicle.parameters, servo)
     if known is None:
         return (), [
             f"{path}: SERVO_OUTPUT_RAW is there, but no parameter in the log says which servo steers "

@@ -30,7 +30,7 @@ from autopilot.loop.logs.series import (
     from_zero,
     series_of,
 )
-from autopilot.loop.logs.servo import Servo, servo_from_parameters
+from autopilot.loop.logs.servo import Servo, ServoScale, steering_servo
 
 Topic = Mapping[str, FloatArray]
 MICRO = 1.0e-6
@@ -69,7 +69,7 @@ class _Bounded(io.BytesIO):
         return data
 
 
-def read_ulog(path: str, data: bytes, servo: Servo | None = None) -> Recording:
+def read_ulog(path: str, data: bytes, servo: Servo | ServoScale | None = None) -> Recording:
     """Return the recording in a .ulg. servo: the steering servo, instead of what the parameters say.
 
     Raises InputError.
@@ -169,14 +169,14 @@ def _positions(topics: Mapping[str, Topic]) -> Iterator[Series]:
 
 
 def _steering(
-    path: str, topics: Mapping[str, Topic], servo: Servo | None, parameters: Mapping[str, float]
+    path: str, topics: Mapping[str, Topic], servo: Servo | ServoScale | None, parameters: Mapping[str, float]
 ) -> Iterator[Series]:
-    if servo is None:
+    if not isinstance(servo, Servo):
         for name, field in SERVO_TOPICS:
             topic = topics[name]
             if field in topic:
                 yield from series_of(SHARE, name, _time(topic), np.clip(topic[field], -1.0, 1.0))
-    known, outputs = servo or servo_from_parameters(path, parameters), topics["actuator_outputs"]
+    known, outputs = steering_servo(path, parameters, servo), topics["actuator_outputs"]
     if known is not None and f"output[{known.number - 1}]" in outputs:
         pulses = np.asarray(outputs[f"output[{known.number - 1}]"], dtype=np.float64)
         yield from series_of(SHARE, f"actuator_outputs servo {known.number}", _time(outputs), known.share(pulses))
