@@ -102,6 +102,16 @@ _HEADING = [
         "sensors.heading_monitor_deg",
     ),
     AlarmKind(
+        "variation_unknown",
+        "headings come that take the magnetic variation, and it is not known",
+        "set sensors.variation_deg, or sensors.magnetic: true to steer magnetic courses",
+        _TELL,
+        Severity.NOTICE,
+        _LINK,
+        "for 3 s, and no other headings on the same link",
+        "sensors.variation_deg",
+    ),
+    AlarmKind(
         "rate_disagrees",
         "the rate of turn and the heading do not go together",
         "check the rate sensor's sign and scale, and the compass for iron nearby",

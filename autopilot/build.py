@@ -253,6 +253,7 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
         turn_radius=model.reference_speed / turn.rate_max,
         turn_reach=model.reference_speed * onset,
         alarm_distance=guidance.off_track_alarm_m,
+        magnetic=vessel.sensors.magnetic,
     )
 
 

@@ -66,6 +66,7 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
         follow=follow_of(vessel),
         sends=url.options.sends,
         talker=url.options.talker,
+        magnetic=sensors.magnetic,
     )
 
 
@@ -77,6 +78,7 @@ def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
         variation=None if variation is None else math.radians(variation),
         steers=url.options.steers,
         follow=follow_of(vessel),
+        magnetic=vessel.sensors.magnetic,
     )
 
 
@@ -222,6 +224,11 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
     """Raise RefusedError where the vessel's fail-safe asks for what no link of `urls` can do."""
     action, protocols = vessel.failsafe.action, {parse_url(url).protocol for url in urls}
     steers_itself = vessel.helm.method == "guided"
+    if vessel.sensors.magnetic and "mavlink" in protocols:
+        raise RefusedError(
+            f"vessel {vessel.name!r}: sensors.magnetic is for compasses, and a flight controller's headings are true; "
+            "leave it out, or that --link"
+        )
     if action == "firmware" and "mavlink" not in protocols:
         needed = "a flight controller that takes modes; add its --link, or choose amidships, hold or release"
     elif action == "windward" and "nmea" not in protocols:

@@ -24,7 +24,7 @@ from autopilot.links.drives.base import Drive, DriveSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
-from autopilot.links.n2k_messages import READ, sample_of
+from autopilot.links.n2k_messages import READ, Compass, sample_of
 from autopilot.links.nmea0183 import NmeaFramer, format_sentence
 from autopilot.links.nmea_samples import NmeaReader
 from autopilot.params.vessel_file import load_vessel
@@ -140,7 +140,7 @@ def fuzz_n2k(rng: random.Random, count: int) -> Result:
     for _ in range(count):
         names = ("heading", "reference", "variation", "deviation", "rate", "position")
         fields = {name: rng.choice(values) for name in names if rng.random() < 0.8}
-        sample = sample_of(rng.choice(READ), 0.0, fields, rng.choice((None, 0.1)), "x")
+        sample = sample_of(rng.choice(READ), 0.0, fields, Compass(rng.choice((None, 0.1))), "x")
         accepted += sample is not None
         if isinstance(sample, HeadingSample):
             impossible += not -math.pi <= sample.heading <= math.pi

@@ -83,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.steering import steer
     from autopilot.cli.terminal import TypedLines
     from autopilot.guidance.plotter import PlotterGuide
+    from autopilot.links.north import MAGNETIC_LEADS
     from autopilot.params.vessel_file import load_vessel
     from autopilot.printable import rewrite_line
     from autopilot.signals import Tick
@@ -97,6 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
     vessel = turning_as_asked(vessel, arguments.turn_rate_deg_s, arguments.turn_radius_m)
     law = law_of_run(vessel, arguments.law)
     guide = PlotterGuide()
+    if arguments.route is not None and vessel.sensors.magnetic:
+        raise InputError(f"--route {arguments.route}: {MAGNETIC_LEADS}")
     mission = load_mission(arguments.vessel, arguments.route)
     skipper = RouteSkipper(limits_of(vessel).angle_max, guide, mission)
     if arguments.engage == "wind":

@@ -27,6 +27,7 @@ from autopilot.links.admission import Admission, Doors
 from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import close_all
 from autopilot.links.signing import Signing
+from autopilot.links.url import parse_url
 from autopilot.loop.clock import MonotonicClock
 from autopilot.loop.health import LoopHealth
 from autopilot.loop.session import Orders, Session
@@ -132,7 +133,8 @@ def steer(
             held_before = f"{compass_deg(heading):.0f} deg"
             print(f"the process before this one ended while it held {held_before}: engaging on it again")
             resumes(heading)
-        status, held = StatusLine(describe, typed), Held()
+        _say_north(vessel, arguments.link)
+        status, held = StatusLine(describe, typed, vessel.sensors.magnetic), Held()
 
         def after(tick: Tick) -> bool:
             status.show(tick)
@@ -184,3 +186,11 @@ def _which_file(vessel_path: str, in_force: VesselInForce) -> str:
     kept = in_force.saved_as
     older = f"; changes of an earlier run are in {kept}: start with that file to use them" if kept.exists() else ""
     return f"in force: {vessel_path}; what is changed while it runs is kept in {kept}{older}"
+
+
+def _say_north(vessel: Vessel, urls: list[str]) -> None:
+    """Say which north courses count from where that is not beyond doubt."""
+    if vessel.sensors.magnetic:
+        print("headings and courses are magnetic (sensors.magnetic)")
+    elif vessel.sensors.variation_deg == 0.0 and any(parse_url(url).protocol in ("nmea", "n2k") for url in urls):
+        print("sensors.variation_deg is 0: magnetic headings count as true")

@@ -157,9 +157,15 @@ class TypedLines:
 class StatusLine:
     """One line that is rewritten on a terminal; elsewhere a line for each change of mode or alarm."""
 
-    def __init__(self, describe: Callable[[Tick], str] | None = None, typed: TypedLines | None = None) -> None:
-        """describe: what stands before the status, such as how far a trial has come."""
+    def __init__(
+        self,
+        describe: Callable[[Tick], str] | None = None,
+        typed: TypedLines | None = None,
+        magnetic: bool = False,
+    ) -> None:
+        """describe: what stands before the status, such as how far a trial has come.  magnetic: headings are."""
         self._describe = describe
+        self._north = "M" if magnetic else ""
         self._typed = typed
         self._live = sys.stdout.isatty()
         self._next = -math.inf
@@ -181,7 +187,7 @@ class StatusLine:
             self._shown_text = text
             ahead = self._describe(tick) if self._describe is not None else ""
             is_measured = tick.now - self._measured <= MEASURED_S
-            rewrite_line(sys.stdout, line_of(tick, is_measured, ahead, text, columns()))
+            rewrite_line(sys.stdout, line_of(tick, is_measured, ahead, text, columns(), self._north))
 
     def end(self) -> None:
         """Leave the line, and give the keys back."""
@@ -208,19 +214,18 @@ def columns() -> int:
     return width or shutil.get_terminal_size().columns
 
 
-def line_of(tick: Tick, is_measured: bool, ahead: str, typed: str, width: int) -> str:
+def line_of(tick: Tick, is_measured: bool, ahead: str, typed: str, width: int, north: str = "") -> str:
     """Return the status and what is typed in one line that leaves the terminal's last column free."""
     entry = f"  > {typed[-WIDEST_TYPED:]}" if typed else ""
-    return f"{status_text(tick, is_measured, max(width - 1 - len(entry), NARROWEST), ahead)}{entry}"[
-        -max(width - 1, 1) :
-    ]
+    status = status_text(tick, is_measured, max(width - 1 - len(entry), NARROWEST), ahead, north)
+    return f"{status}{entry}"[-max(width - 1, 1) :]
 
 
-def status_text(tick: Tick, is_measured: bool, width: int, ahead: str = "") -> str:
+def status_text(tick: Tick, is_measured: bool, width: int, ahead: str = "", north: str = "") -> str:
     """Return the status of a tick within `width` characters: what matters less is left out where it does not fit.
 
     Course ordered and heading are shown as on a compass, 000 to 359; the rudder as measured where a sensor shows it
-    (`is_measured`), else as ordered.
+    (`is_measured`), else as ordered. north: the letter behind headings that are not true, M.
     """
     state, mode = tick.state, tick.mode.name
     if not state.valid:
@@ -232,8 +237,8 @@ def status_text(tick: Tick, is_measured: bool, width: int, ahead: str = "") -> s
     parts = [
         (3, ahead),
         (0, mode),
-        (0, f"course {course_text(tick)}"),
-        (0, f"heading {degrees_text(state.heading)}"),
+        (0, f"course {course_text(tick)}{north}"),
+        (0, f"heading {degrees_text(state.heading)}{north}"),
         (0, f"rudder {shown}"),
         (1, f"{math.degrees(state.rate):+.1f} deg/s"),
         (2, f"{state.speed * 3600.0 / 1852.0:.1f} kn"),

@@ -49,7 +49,7 @@ class Waypoint(NamedTuple):
 class TrackSettings(NamedTuple):
     """lookahead [s] of way; radius [m] within which a waypoint is reached; turn_radius [m] of the boat at work, and
     turn_reach [m] that she goes before she turns; alarm_distance [m] off the track; position_timeout [s] after which a
-    lost position is an alarm."""
+    lost position is an alarm; magnetic: the boat steers magnetic courses, and no route can lead her."""
 
     lookahead: float = LOOKAHEAD_S
     radius: float = 10.0
@@ -57,6 +57,7 @@ class TrackSettings(NamedTuple):
     turn_reach: float = 0.0
     alarm_distance: float = 50.0
     position_timeout: float = 5.0
+    magnetic: bool = False
 
 
 class Leg(NamedTuple):

@@ -140,7 +140,10 @@ def _about_sentences(names: Counter[str]) -> str:
     if any(name in names for name in ("HDT", "THS")):
         return "their fields are empty, marked invalid or their checksums wrong; look at the compass"
     if any(name in names for name in MAGNETIC):
-        return "a magnetic heading needs the variation: set sensors.variation_deg, or send RMC or HDG with it"
+        return (
+            "a magnetic heading needs the variation: set sensors.variation_deg, send RMC or HDG with it, or set "
+            "sensors.magnetic: true to steer magnetic courses"
+        )
     return f"let the compass send {', '.join(HEADING_SENTENCES)}"
 
 

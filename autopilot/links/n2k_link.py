@@ -19,11 +19,14 @@ from autopilot.links.n2k_messages import (
     READ,
     REQUEST,
     RUDDER,
+    Compass,
     NodeAddress,
     group_and_source,
+    is_heading,
     own_variation,
     sample_of,
 )
+from autopilot.links.north import UnusableHeadings
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import StandingOrder
@@ -38,12 +41,14 @@ EXTRA = "install Norrbin with its extra n2k: pip install 'norrbin[n2k]'"
 
 
 class N2kSettings(NamedTuple):
-    """heading_latency [s]; variation [rad], None to take it from the bus; whether rudder orders leave; follow."""
+    """heading_latency [s]; variation [rad], None to take it from the bus; whether rudder orders leave; follow;
+    magnetic: whether magnetic courses are steered."""
 
     heading_latency: float = 0.0
     variation: float | None = None
     steers: bool = True
     follow: FollowSettings = FollowSettings()
+    magnetic: bool = False
 
 
 def open_bus(text: str, interface: str, channel: str) -> Any:
@@ -91,6 +96,8 @@ class N2kLink:
         self._decode, self._encode, self._package = decoder(name)
         self._follow = RudderFollow(settings.follow)
         self._variation = settings.variation
+        self._unusable = 0
+        self._told_of = UnusableHeadings(name)
         self._helm_reason: str | None = None
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._next_control = -math.inf
@@ -117,6 +124,7 @@ class N2kLink:
                 break
             if frame.is_extended_id and not frame.is_error_frame and not frame.is_remote_frame:
                 self._take(now, frame, samples)
+        samples += self._told_of.news(now, samples, self._unusable)
         reason = self._follow.reason(now)
         if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
@@ -141,7 +149,9 @@ class N2kLink:
         if group == HEADING and self._settings.variation is None:
             heard = own_variation(fields)
             self._variation = self._variation if heard is None else heard
-        sample = sample_of(group, now, fields, self._variation, f"N2K{group}.{source}")
+        compass = Compass(self._variation, self._settings.magnetic)
+        sample = sample_of(group, now, fields, compass, f"N2K{group}.{source}")
+        self._unusable += sample is None and is_heading(group, fields)
         if isinstance(sample, HeadingSample):
             sample = sample._replace(time=now - self._settings.heading_latency)
         elif isinstance(sample, RudderSample):
@@ -178,7 +188,7 @@ class N2kLink:
         heads = engaged and tick.order.kind is OrderKind.HEADING and math.isfinite(tick.order.heading)
         fields: dict[str, object] = {
             "steeringMode": "Heading Control" if heads else "Main Steering",
-            "headingReference": "True",
+            "headingReference": "Magnetic" if self._settings.magnetic else "True",
             "vesselHeading": tick.state.heading % math.tau,
         }
         if engaged:

@@ -12,8 +12,9 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
+from typing import NamedTuple
 
-from autopilot.angles import wrap
+from autopilot.links.north import steered
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample
 
 HEADING, RATE_OF_TURN, RUDDER, CONTROL = 127250, 127251, 127245, 127237
@@ -22,6 +23,7 @@ READ = (HEADING, RATE_OF_TURN, RUDDER)
 EVERYBODY = 255
 ADDRESS_LAST = 251
 NO_ADDRESS = 254
+NORTHS = ("True", "Magnetic")
 RUDDER_MOST = 0.5 * math.pi
 RATE_MOST = 10.0
 NAME = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21
@@ -43,13 +45,17 @@ def group_and_source(identifier: int) -> tuple[int, int]:
     return (group & 0x3FF00 if (group >> 8) & 0xFF < 240 else group), identifier & 0xFF
 
 
-def sample_of(group: int, now: float, fields: Fields, variation: float | None, source: str) -> Sample | None:
-    """Return the sample in the decoded `fields` of `group`; None where it holds none or what cannot be.
+class Compass(NamedTuple):
+    """variation [rad], east positive, where a heading brings none of its own; magnetic: whether such are steered."""
 
-    `variation` [rad], east positive, is used where a magnetic heading brings none of its own.
-    """
+    variation: float | None = None
+    magnetic: bool = False
+
+
+def sample_of(group: int, now: float, fields: Fields, compass: Compass, source: str) -> Sample | None:
+    """Return the sample in the decoded `fields` of `group`; None where it holds none or what cannot be."""
     if group == HEADING:
-        return _heading(now, fields, variation, source)
+        return _heading(now, fields, compass, source)
     if group == RATE_OF_TURN:
         rate = _number(fields, "rate", RATE_MOST)
         return None if rate is None else RateSample(now, rate, source)
@@ -64,18 +70,24 @@ def own_variation(fields: Fields) -> float | None:
     return _number(fields, "variation", math.pi)
 
 
-def _heading(now: float, fields: Fields, variation: float | None, source: str) -> Sample | None:
+def is_heading(group: int, fields: Fields) -> bool:
+    """Return whether a message holds a heading, usable or not."""
+    heading = _number(fields, "heading", math.tau)
+    return group == HEADING and heading is not None and heading >= 0.0 and fields.get("reference") in NORTHS
+
+
+def _heading(now: float, fields: Fields, compass: Compass, source: str) -> Sample | None:
     heading = _number(fields, "heading", math.tau)
     reference = fields.get("reference")
-    if heading is None or heading < 0.0 or reference not in ("True", "Magnetic"):
+    if heading is None or heading < 0.0 or reference not in NORTHS:
         return None
-    if reference == "True":
-        return HeadingSample(now, wrap(heading), None, source)
     own = own_variation(fields)
-    east = variation if own is None else own
-    if east is None:
-        return None
-    return HeadingSample(now, wrap(heading + (_number(fields, "deviation", 0.5 * math.pi) or 0.0) + east), None, source)
+    east = compass.variation if own is None else own
+    is_magnetic = reference == "Magnetic"
+    if is_magnetic:
+        heading += _number(fields, "deviation", 0.5 * math.pi) or 0.0
+    found = steered(heading, is_magnetic=is_magnetic, by_compass=compass.magnetic, variation=east)
+    return None if found is None else HeadingSample(now, found, None, source)
 
 
 def _number(fields: Fields, name: str, most: float) -> float | None:

@@ -18,6 +18,7 @@ from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence
 from autopilot.links.nmea_encoders import encode_ror
 from autopilot.links.nmea_repeater import NmeaRepeater
 from autopilot.links.nmea_samples import OWN_TALKER, Deviation, NmeaReader
+from autopilot.links.north import UnusableHeadings
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
@@ -53,7 +54,7 @@ class NmeaSettings(NamedTuple):
     begins.  variation [rad], east positive, None to take it from the instruments.  deviation: (compass heading,
     deviation) pairs [rad].  steers: whether a rudder drive listens on this link.  follow: how closely the
     rudder must follow its orders where a sensor on this link shows it.  sends: sentences to repeat, with rates [Hz],
-    under the name `talker`, which is then not read on this link.
+    under the name `talker`, which is then not read on this link.  magnetic: whether magnetic courses are steered.
     """
 
     baud: int = 0
@@ -64,6 +65,7 @@ class NmeaSettings(NamedTuple):
     follow: FollowSettings = FollowSettings()
     sends: tuple[tuple[str, float], ...] = ()
     talker: str = OWN_TALKER
+    magnetic: bool = False
 
 
 class NmeaLink:
@@ -84,11 +86,14 @@ class NmeaLink:
         self._transport = transport
         self._settings = settings
         self._framer = NmeaFramer()
-        self._reader = NmeaReader(settings.variation, Deviation(settings.deviation), guide, settings.talker)
+        self._reader = NmeaReader(
+            settings.variation, Deviation(settings.deviation), guide, settings.talker, settings.magnetic
+        )
+        self._unusable = UnusableHeadings(self.name)
         self._guide = guide
         self._guide_alarm = ""
         self._heard = -math.inf
-        self._repeater = NmeaRepeater(settings.sends, settings.variation, settings.talker)
+        self._repeater = NmeaRepeater(settings.sends, settings.variation, settings.talker, settings.magnetic)
         self._repeated: deque[bytes] = deque(maxlen=REPEATED_WAITING)
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
         self._line_free = -math.inf
@@ -139,6 +144,7 @@ class NmeaLink:
         if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
             samples.append(HelmSample(now, not reason, reason, self.name))
+        samples += self._unusable.news(now, samples, self._reader.unusable)
         if self._guide is not None and self._guide.alarm != self._guide_alarm:
             self._guide_alarm = self._guide.alarm
             samples.append(AlarmSample(now, self._guide_alarm, PLOTTER))

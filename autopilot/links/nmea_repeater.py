@@ -15,6 +15,7 @@ from collections.abc import Callable
 from autopilot.angles import compass_deg, shortest_turn
 from autopilot.links.nmea0183 import format_sentence
 from autopilot.links.nmea_encoders import encode_hdg, encode_hdt, encode_rot, encode_rsa
+from autopilot.links.north import steered
 from autopilot.signals import Mode, OrderKind, RollSample, RudderSample, Tick
 
 TALKER = "AG"
@@ -27,12 +28,17 @@ Sentences = Callable[[Tick], list[bytes]]
 class NmeaRepeater:
     """Gives the sentences whose turn has come. `sends`: (type, rate [Hz]); variation [rad]: None where unknown.
 
-    talker: the two letters that begin each sentence.
+    talker: the two letters that begin each sentence.  magnetic: whether the headings of the ticks are.
     """
 
     def __init__(
-        self, sends: tuple[tuple[str, float], ...], variation: float | None = None, talker: str = TALKER
+        self,
+        sends: tuple[tuple[str, float], ...],
+        variation: float | None = None,
+        talker: str = TALKER,
+        magnetic: bool = False,
     ) -> None:
+        self._magnetic = magnetic
         self._talker = talker
         self._period = {name: 1.0 / rate for name, rate in sends}
         self._due = dict.fromkeys(self._period, -math.inf)
@@ -40,11 +46,11 @@ class NmeaRepeater:
         self._rudder: RudderSample | None = None
         self._roll: RollSample | None = None
         self._make: dict[str, Sentences] = {
-            "HDT": lambda tick: [encode_hdt(tick.state.heading, talker)],
+            "HDT": self._hdt,
             "HDG": self._hdg,
             "ROT": lambda tick: [encode_rot(tick.state.rate, True, talker)],
             "RSA": self._rsa,
-            "HTD": lambda tick: [heading_control(tick, talker)],
+            "HTD": lambda tick: [heading_control(tick, talker, magnetic)],
             "XDR": self._xdr,
         }
 
@@ -65,10 +71,17 @@ class NmeaRepeater:
                 sentences += self._make[name](tick)
         return sentences
 
+    def _hdt(self, tick: Tick) -> list[bytes]:
+        true = self._heading(tick, is_magnetic=False)
+        return [] if true is None else [encode_hdt(true, self._talker)]
+
     def _hdg(self, tick: Tick) -> list[bytes]:
-        if self._variation is None:
-            return []
-        return [encode_hdg(tick.state.heading - self._variation, 0.0, self._variation, self._talker)]
+        magnetic = self._heading(tick, is_magnetic=True)
+        return [] if magnetic is None else [encode_hdg(magnetic, 0.0, self._variation, self._talker)]
+
+    def _heading(self, tick: Tick, *, is_magnetic: bool) -> float | None:
+        heading = tick.state.heading
+        return steered(heading, is_magnetic=self._magnetic, by_compass=is_magnetic, variation=self._variation)
 
     def _rsa(self, tick: Tick) -> list[bytes]:
         rudder = self._rudder
@@ -82,7 +95,7 @@ class NmeaRepeater:
         return [format_sentence(self._talker, "XDR", fields)]
 
 
-def heading_control(tick: Tick, talker: str = TALKER) -> bytes:
+def heading_control(tick: Tick, talker: str = TALKER, magnetic: bool = False) -> bytes:
     """Return HTD: what is steered, how, and whether the boat is on it. Standby says manual steering."""
     engaged = tick.mode is Mode.ENGAGED
     heads = engaged and tick.order.kind is OrderKind.HEADING
@@ -98,7 +111,7 @@ def heading_control(tick: Tick, talker: str = TALKER) -> bytes:
         *("", "", "", ""),
         _compass(tick.order.heading) if heads and math.isfinite(tick.order.heading) else "",
         *("", ""),
-        "T",
+        "M" if magnetic else "T",
         "A" if engaged else "V",
         "V" if heads and off else "A",
         "V",

@@ -7,6 +7,8 @@ malformed.
 
     HDG: true heading = sensor + deviation + variation;  HDM: true heading = magnetic + variation
 
+Where the boat steers magnetic courses a magnetic heading is taken as it is, and a true one less the variation.
+
 Deviation is HDG's own, else the configured table's; variation is HDG's own, else the configured one, else the
 last that RMC or HDG brought.
 
@@ -37,6 +39,7 @@ from autopilot.links.nmea_fields import (
     speed_of,
     status,
 )
+from autopilot.links.north import steered
 from autopilot.links.plotter_sentences import NeedsVariationError, PlotterReader
 from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample, WindSample
 
@@ -80,11 +83,13 @@ class NmeaReader:
         variation [rad], east positive: configured magnetic variation, None to take it from HDG or RMC.
         deviation: the compass's table, used where HDG carries no deviation of its own.
         guide: takes what a chart plotter says.
+        magnetic: whether the boat steers magnetic courses.
 
     Attributes:
         malformed: sentences with a value that cannot be.  ignored: of types not used here.
         invalid: sentences that said of themselves that they hold no data.
-        waiting_for_variation: magnetic headings dropped because no variation is known.
+        waiting_for_variation: headings and bearings dropped because no variation is known.
+        unusable: how many of them were headings.
     """
 
     def __init__(
@@ -93,7 +98,10 @@ class NmeaReader:
         deviation: Deviation | None = None,
         guide: PlotterGuide | None = None,
         talker: str = OWN_TALKER,
+        magnetic: bool = False,
     ) -> None:
+        self._magnetic = magnetic
+        self.unusable = 0
         self._ours = (OWN_TALKER, talker)
         self.malformed = 0
         self.ignored = 0
@@ -104,7 +112,7 @@ class NmeaReader:
         self._position: PositionSample | None = None
         self._deviation = deviation or Deviation()
         self._guide = guide
-        self._plotter = PlotterReader(self._variation)
+        self._plotter = PlotterReader(self._variation, magnetic)
         self._readers: dict[str, Callable[[float, tuple[str, ...]], Sample | None]] = {
             "HDG": self._hdg,
             "HDM": self._hdm,
@@ -169,19 +177,22 @@ class NmeaReader:
         return self._from_magnetic(time, angle(fields, 0), None)
 
     def _from_magnetic(self, time: float, magnetic: float, own_variation: float | None) -> Sample | None:
-        for variation in (own_variation, self._configured_variation, self._received_variation):
-            if variation is not None:
-                return HeadingSample(time, wrap(magnetic + variation))
-        self.waiting_for_variation += 1
-        return None
+        return self._heading(time, magnetic, True, self._variation() if own_variation is None else own_variation)
 
-    def _hdt(self, time: float, fields: tuple[str, ...]) -> Sample:
+    def _heading(self, time: float, heading: float, is_magnetic: bool, variation: float | None) -> Sample | None:
+        found = steered(heading, is_magnetic=is_magnetic, by_compass=self._magnetic, variation=variation)
+        if found is None:
+            self.waiting_for_variation += 1
+            self.unusable += 1
+        return None if found is None else HeadingSample(time, found)
+
+    def _hdt(self, time: float, fields: tuple[str, ...]) -> Sample | None:
         letter(fields, 1, "T")
-        return HeadingSample(time, wrap(angle(fields, 0)))
+        return self._heading(time, angle(fields, 0), False, self._variation())
 
-    def _ths(self, time: float, fields: tuple[str, ...]) -> Sample:
+    def _ths(self, time: float, fields: tuple[str, ...]) -> Sample | None:
         mode_indicator(fields, 1, required=True)
-        return HeadingSample(time, wrap(angle(fields, 0)))
+        return self._heading(time, angle(fields, 0), False, self._variation())
 
     def _rot(self, time: float, fields: tuple[str, ...]) -> Sample:
         status(fields, 1)

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from autopilot.angles import wrap
 from autopilot.guidance.plotter import TIMEOUT_S, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
 from autopilot.links.nmea_fields import NoDataError, angle, field, letter, number
+from autopilot.links.north import steered
 
 NAUTICAL_MILE = 1852.0
 CROSS_TRACK_MOST_NM = 100.0
@@ -33,14 +34,15 @@ Variation = Callable[[], float | None]
 
 
 class NeedsVariationError(Exception):
-    """A magnetic bearing, and no variation is known."""
+    """A bearing from the north that is not steered by, and no variation is known."""
 
 
 class PlotterReader:
     """Turns a plotter's sentences into messages; ValueError, NoDataError and NeedsVariationError go to the caller."""
 
-    def __init__(self, variation: Variation) -> None:
-        self._variation = variation
+    def __init__(self, variation: Variation, magnetic: bool = False) -> None:
+        """magnetic: whether the boat steers magnetic courses."""
+        self._variation, self._magnetic = variation, magnetic
         self._leg: PlotterLeg | None = None
         self.readers: dict[str, Callable[[float, tuple[str, ...]], PlotterMessage | None]] = {
             "APB": self._apb,
@@ -57,20 +59,18 @@ class PlotterReader:
         except NoDataError:
             return PlotterInvalid(time, f"{kind} holds no valid data")
 
-    def _true(self, bearing: float, reference: str) -> float:
-        if reference == "T":
-            return wrap(bearing)
-        if reference != "M":
+    def _steered(self, bearing: float, reference: str) -> float:
+        if reference not in ("T", "M"):
             raise ValueError(reference)
-        variation = self._variation()
-        if variation is None:
+        found = steered(bearing, is_magnetic=reference == "M", by_compass=self._magnetic, variation=self._variation())
+        if found is None:
             raise NeedsVariationError
-        return wrap(bearing + variation)
+        return found
 
     def _apb(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
         _leads(fields, (0, 1), 14)
         cross_track, step = _cross_track(fields, 2)
-        track = self._true(angle(fields, 7), field(fields, 8))
+        track = self._steered(angle(fields, 7), field(fields, 8))
         self._leg = PlotterLeg(time, track, cross_track, step, field(fields, 9))
         return self._leg
 
@@ -93,7 +93,7 @@ class PlotterReader:
         # RMB has no field for the unit: nautical miles
         cross_track, step = _cross_track((*fields[:3], "N"), 1)
         distance = number(fields, 9, 0.0, RANGE_MOST_NM) * NAUTICAL_MILE
-        bearing = wrap(angle(fields, 10))
+        bearing = self._steered(angle(fields, 10), "T")
         if distance <= ARRIVED_WITHIN * abs(cross_track) or distance <= step:
             return None
         track = wrap(bearing + math.asin(cross_track / distance))
@@ -114,7 +114,7 @@ class PlotterReader:
         if mode not in ("S", "H", "T"):
             raise ValueError(mode)
         index = 11 if mode == "T" and field(fields, 11) and not field(fields, 9) else 9
-        return PlotterHeading(time, self._true(angle(fields, index), field(fields, 12)))
+        return PlotterHeading(time, self._steered(angle(fields, index), field(fields, 12)))
 
 
 def _leads(fields: tuple[str, ...], statuses: tuple[int, ...], mode: int) -> None:

@@ -68,6 +68,8 @@ class Sensors:
     heading_latency_s: Annotated[float, Bounds(0.0, 5.0, "age of a heading when it arrives")] = 0.0
     rate_noise_deg_s: Annotated[float, Bounds(0.001, 30.0, "standard deviation of the yaw rate")] = 0.2
     variation_deg: Annotated[float, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
+    magnetic: bool = False
+    """Headings and courses are magnetic: a compass course is held, and no variation is needed; no routes then."""
     deviation_deg: tuple[tuple[float, float], ...] = ()
     """Compass deviation table: [compass heading deg, deviation deg, east positive], interpolated round the card."""
     priority: tuple[tuple[str, float], ...] = ()

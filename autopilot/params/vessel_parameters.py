@@ -56,6 +56,7 @@ AT_NEXT_START = (
     "rudder.",
     "sensors.heading_latency_s",
     "sensors.variation_deg",
+    "sensors.magnetic",
     "sensors.source_timeout_s",
     "sensors.heading_monitor_deg",
     "control.law",

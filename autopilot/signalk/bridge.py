@@ -19,6 +19,7 @@ REASON_S = 1.2
 """Why the boat refuses an order comes as a text of its own, after the refusal."""
 REFUSED, SILENT = 409, 504
 """Status of an order that the boat refuses as things stand, and of one that it does not answer."""
+MAGNETIC = "the boat steers magnetic courses (sensors.magnetic), and headingTrue is none: use adjustHeading"
 
 
 class _Refused(NamedTuple):
@@ -84,6 +85,9 @@ class Bridge:
             return
         if self._station.target is None:
             self._clients.say(answer(request.id, 503, "no pilot is heard"), client)
+            return
+        if request.wish["do"] == "heading" and self._station.view.value("magnetic"):
+            self._clients.say(answer(request.id, REFUSED, MAGNETIC), client)
             return
         said = self._station.view.texts.said
 

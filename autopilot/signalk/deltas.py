@@ -51,12 +51,14 @@ def values_of(station: Station, now: float) -> dict[str, Any]:
     state = state_of(station, now)
     values: dict[str, Any] = {"steering.autopilot.state": state}
     values["steering.autopilot.engaged"] = state not in (OFF_LINE, STANDBY)
-    for group, name, path, factor in MEASURED:
+    is_magnetic = bool(view.value("magnetic"))
+    for group, name, true_path, factor in MEASURED:
+        path = true_path.replace("True", "Magnetic") if is_magnetic else true_path
         age, value = view.age(group, now), view.value(name)
         is_known = state != OFF_LINE and age is not None and age < FRESH_S and value is not None
         values[path] = value * factor if is_known and value is not None else None
     if not values["steering.autopilot.engaged"]:
-        values["steering.autopilot.target.headingTrue"] = None
+        values[f"steering.autopilot.target.heading{'Magnetic' if is_magnetic else 'True'}"] = None
     if state != "route":
         values["navigation.courseRhumbline.crossTrackError"] = None
     return values

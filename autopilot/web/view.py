@@ -33,6 +33,7 @@ NAMED = {
     "alarms": ("alarm_count", "loop"),
     "alarms_new": ("alarm_new", "loop"),
     "level": ("level", "loop"),
+    "magnetic": ("magnetic", "loop"),
 }
 """NAMED_VALUE_FLOAT to our value and the group it ages with; `lrn_` values are kept under their own names."""
 LEARNT = "lrn_"

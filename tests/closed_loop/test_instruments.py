@@ -29,7 +29,7 @@ class Voyage:
 
     def __init__(self, offset_deg: float = 0.0) -> None:
         vessel = load_vessel("lanxin")
-        sensors = dataclasses.replace(vessel.sensors, priority=(("HEHDT", 1.0), ("HCHDM", 2.0)))
+        sensors = dataclasses.replace(vessel.sensors, priority=(("HEHDT", 1.0), ("HCHDM", 2.0)), variation_deg=4.0)
         self.vessel = dataclasses.replace(vessel, sensors=sensors)
         world = World(self.vessel, load_scenario("calm"))
         # the second line's boat is the first's: only its compass is off

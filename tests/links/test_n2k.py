@@ -20,6 +20,7 @@ from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (
+    AlarmSample,
     HeadingSample,
     HelmSample,
     Mode,
@@ -88,6 +89,29 @@ def test_a_compass_that_is_late_measured_before_its_heading_came() -> None:
     assert (first.time, second.time) == (pytest.approx(4.7), 5.0)
     late.link.close()
     late.far.shutdown()
+
+
+def test_magnetic_courses_take_magnetic_headings_as_they_are_and_say_so_on_the_bus(
+    request: pytest.FixtureRequest,
+) -> None:
+    bus = Bus(request.node.name, magnetic=True)
+    bus.put(127250, heading(1.0, deviation=200, reference=1))
+    bus.put(127250, heading(1.0, reference=0))
+    (sample,) = bus.samples(0.0)
+    assert isinstance(sample, HeadingSample) and sample.heading == pytest.approx(1.02)
+    bus.put(127250, heading(1.0, variation=500, reference=0))
+    (sample,) = bus.samples(1.0)
+    assert isinstance(sample, HeadingSample) and sample.heading == pytest.approx(0.95)
+    bus.link.close()
+    bus.far.shutdown()
+
+
+def test_headings_that_take_an_unknown_variation_are_told_of(bus: Bus) -> None:
+    told: list[str] = []
+    for second in range(12):
+        bus.put(127250, heading(1.0, reference=1 if second < 8 else 0))
+        told += [sample.text.split(":")[0] for sample in bus.samples(float(second)) if isinstance(sample, AlarmSample)]
+    assert told == ["headings come that take the magnetic variation, and it is not known", ""]
 
 
 def test_a_magnetic_heading_needs_a_variation_and_keeps_the_last_one_heard(bus: Bus) -> None:

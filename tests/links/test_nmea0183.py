@@ -122,6 +122,16 @@ def test_a_magnetic_heading_without_variation_waits_for_rmc() -> None:
     assert math.degrees(samples[2].heading) == pytest.approx(93.8 + 20.3)
 
 
+def test_where_courses_are_magnetic_it_is_a_true_heading_that_takes_the_variation() -> None:
+    reader, framer = NmeaReader(magnetic=True), NmeaFramer()
+    lines = b"$HCHDM,093.8,M*2B\r\n" + encoders.encode_hdt(math.radians(100.0))
+    rmc = b"$GPRMC,225446,A,4916.45,N,12311.12,W,000.5,054.7,191194,020.3,E*68\r\n"
+    samples = [reader.read(0.0, sentence) for sentence in framer.feed(lines + rmc + lines)]
+    assert math.degrees(samples[0].heading) == pytest.approx(93.8)
+    assert samples[1] is None and reader.unusable == 1
+    assert math.degrees(samples[4].heading) == pytest.approx(100.0 - 20.3)
+
+
 def test_deviation_goes_round_the_card() -> None:
     table = Deviation(((math.radians(350.0), 0.1), (math.radians(10.0), 0.3)))
     assert table.at(0.0) == pytest.approx(0.2)

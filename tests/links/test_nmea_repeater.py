@@ -82,6 +82,17 @@ def test_each_sentence_says_what_the_tick_holds() -> None:
     assert htd[13:] == ["A", "A", "V", "354.3"]
 
 
+@pytest.mark.parametrize("variation_deg", [None, -5.0])
+def test_magnetic_headings_are_repeated_as_such(variation_deg: float | None) -> None:
+    variation = None if variation_deg is None else math.radians(variation_deg)
+    got = said(NmeaRepeater(ALL, variation, magnetic=True), tick(10.0))
+    assert got["HDG"].data[0] == "354.3"
+    assert got["HTD"].data[12] == "M"
+    assert ("HDT" in got) is (variation is not None)
+    if variation is not None:
+        assert got["HDT"].data[0] == "349.3"
+
+
 def test_standby_is_manual_and_an_old_rudder_is_not_valid() -> None:
     repeater = NmeaRepeater(ALL)
     said(repeater, tick(0.0, (RudderSample(0.0, 0.1),)))

@@ -33,6 +33,7 @@ class Boat:
         self._line, self._codec = line, MavlinkCodec(1, 1)
         self.mode, self.commands, self.result = HEADING, [], dialect.MAV_RESULT_ACCEPTED
         self.order_deg = 90.0
+        self.magnetic = 0.0
 
     def tell(self) -> None:
         messages = [
@@ -42,6 +43,7 @@ class Boat:
             dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 1.5, 0.0, 0.0, -0.02),
             dialect.MAVLink_named_value_float_message(1000, b"rud_deg", 7.0),
             dialect.MAVLink_named_value_float_message(1000, b"ord_deg", self.order_deg),
+            dialect.MAVLink_named_value_float_message(1000, b"magnetic", self.magnetic),
         ]
         for message in messages:
             self._line.send(self._codec.encode(message))
@@ -117,6 +119,19 @@ def test_what_the_pilot_tells_comes_in_signal_k_units(rig: Rig) -> None:
     standing = values_of(rig.station, rig.now)
     assert standing["steering.autopilot.state"] == "standby"
     assert standing["steering.autopilot.target.headingTrue"] is None
+
+
+def test_magnetic_courses_are_no_true_ones(rig: Rig) -> None:
+    rig.boat.magnetic = 1.0
+    rig.turn(3)
+    values = values_of(rig.station, rig.now)
+    assert values["navigation.headingMagnetic"] == pytest.approx(1.5, abs=1e-3)
+    assert values["steering.autopilot.target.headingMagnetic"] == pytest.approx(math.pi / 2)
+    assert "navigation.headingTrue" not in values
+    with rig.connect() as line:
+        refused = rig.ask(line, "steering.autopilot.target.headingTrue", 1.0)
+        assert refused["statusCode"] == 409 and "magnetic courses" in refused["message"]
+        assert rig.ask(line, "steering.autopilot.actions.adjustHeading", 10.0)["statusCode"] == 200
 
 
 def test_a_pilot_that_falls_silent_is_off_line_and_nothing_stale_is_told(rig: Rig) -> None:

@@ -15,6 +15,7 @@ from autopilot.links.boat.long_commands import LongCommand, Run
 from autopilot.links.boat.mission import NO_POSITION, Mission
 from autopilot.links.boat.modes import HEADING, MANUAL, MISSION, TRACK, TRIAL
 from autopilot.links.boat.tuning import LEARNING, LEVEL, Tuner, TuningCommands
+from autopilot.links.north import MAGNETIC_LEADS
 from autopilot.signals import Mode, OrderKind, Tick
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
@@ -171,6 +172,8 @@ class Commands:
         is_nowhere = latitude_deg == longitude_deg == 0.0
         if is_nowhere or not (abs(latitude_deg) <= LATITUDE_MOST_DEG and abs(longitude_deg) <= 180.0):
             return self._refuse(DENIED, "give a latitude of up to 85 and a longitude of up to 180 degrees")
+        if self.mission.guide.settings.magnetic:
+            return self._refuse(DENIED, MAGNETIC_LEADS)
         if not self._has_position(tick):
             return self._refuse(REJECTED, NO_POSITION)
         changes_mode = math.isfinite(flags) and int(flags) & dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.boat.mission_items import MissionItem
+from autopilot.links.north import MAGNETIC_LEADS
 
 NO_POSITION = "no position: check the GPS and its link"
 FOLLOWED, SUSPENDED = 1, 2
@@ -82,6 +83,8 @@ class Mission:
 
     def obstacle(self, now: float, number: int | None = None) -> str:
         """Return why the route cannot be followed at `now` [s], to the item `number` or the current one; or ''."""
+        if self.guide.settings.magnetic:
+            return MAGNETIC_LEADS
         if not self.items:
             return "there is no route: upload one first"
         if number is not None and not 0 <= number < len(self.items):

@@ -223,6 +223,7 @@ class Telemetry:
             "hdg_age_ms": 1000.0 * tick.state.heading_age,
             "alarms": float(len(tick.alarms)),
             "alarms_new": float(sum(state is AlarmState.SOUNDING for state in tick.heard)),
+            "magnetic": float(self._mission.guide.settings.magnetic),
         }
         self._told, self._ticks, self._longest_gap = tick.now, 0, 0.0
         return self._named(tick, values)

@@ -75,6 +75,7 @@ export function drawDial() {
   turn("order-mark", known && steered ? order - heading : null);
   turn("reference-mark", known && steered && typeof reference === "number" ? reference - heading : null);
   put("heading", known ? compass(heading).slice(0, 3) : "---");
+  put("heading-sign", state.magnetic ? "°M" : "°");
   byId("heading-sign").style.visibility = known ? "" : "hidden";
   put("order", steered ? `order ${compass(order)}` : "no course ordered");
   byId("order").classList.toggle("none", !steered);

@@ -1,0 +1,54 @@
+"""Which north headings and courses count from: true north, or magnetic where the vessel file says so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from autopilot.alarms import text_of
+from autopilot.angles import wrap
+from autopilot.signals import AlarmSample, HeadingSample, Sample
+
+UNUSABLE_FOR_S = 3.0
+"""Headings that take an unknown variation are told of after this long without others on the same link."""
+
+MAGNETIC_LEADS = (
+    "courses are magnetic here (sensors.magnetic) and positions lead by true ones: set sensors.variation_deg instead"
+)
+"""Why nothing that goes by positions is followed."""
+
+
+def steered(bearing: float, *, is_magnetic: bool, by_compass: bool, variation: float | None) -> float | None:
+    """Return a bearing [rad] as it is steered by, None where that takes a variation that nobody knows.
+
+    Args:
+        is_magnetic: whether it counts from magnetic north.  by_compass: whether the boat steers magnetic courses.
+        variation [rad], east positive: true = magnetic + variation.
+    """
+    if is_magnetic == by_compass:
+        return wrap(bearing)
+    if variation is None:
+        return None
+    return wrap(bearing - variation if by_compass else bearing + variation)
+
+
+class UnusableHeadings:
+    """Notices that a link brings headings, and none that can be steered by. `name`: the link's."""
+
+    def __init__(self, name: str) -> None:
+        self._source = f"{name}, variation"
+        self._count = 0
+        self._since: float | None = None
+        self._is_told = False
+
+    def news(self, now: float, samples: Iterable[Sample], count: int) -> list[Sample]:
+        """Return what is to be said at `now` [s]. count: how many headings have been unusable so far."""
+        if any(isinstance(sample, HeadingSample) for sample in samples):
+            self._since = None
+        elif count > self._count and self._since is None:
+            self._since = now
+        self._count = count
+        is_due = self._since is not None and now - self._since >= UNUSABLE_FOR_S
+        if is_due == self._is_told:
+            return []
+        self._is_told = is_due
+        return [AlarmSample(now, text_of("variation_unknown") if is_due else "", self._source)]
