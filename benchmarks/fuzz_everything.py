@@ -200,7 +200,7 @@ def run_atheris(name: str, inputs: int, seed: int) -> int:
     try:
         import atheris
     except ImportError:
-        print("--engine atheris needs the extra: pip install 'norrbin[bench]'", file=sys.stderr)
+        print("--engine atheris needs the extra: pip install '.[bench]'", file=sys.stderr)
         return 2
     with atheris.instrument_imports(include=["autopilot", "sitl"]):
         take, seeds, counted = target_of(name)

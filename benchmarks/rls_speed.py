@@ -1,6 +1,6 @@
 """What a step of recursive least squares costs, beside padasip in the same run; prints one table.
 
-    pip install 'norrbin[bench]' && python benchmarks/rls_speed.py
+    pip install '.[bench]' && python benchmarks/rls_speed.py
 
 Both get the same random regressors one at a time, as a loop that sails would give them, with the same forgetting, start
 and initial covariance; the table also says how far their estimates end apart. Shortest processor time of several
@@ -54,7 +54,7 @@ def main() -> int:
     try:
         import padasip as _  # noqa: F401 - is it there?
     except ImportError:
-        print("padasip is not installed: pip install 'norrbin[bench]'", file=sys.stderr)
+        print("padasip is not installed: pip install '.[bench]'", file=sys.stderr)
         return 2
     random = np.random.default_rng(1)
     print("| parameters | ours, us a sample | padasip, us a sample | ratio | estimates apart |")

@@ -47,7 +47,7 @@ def compiled(function: Callable[..., Any], *, quick: bool = False) -> Callable[.
     try:
         import numba
     except ImportError as exc:
-        raise InputError("compiled studies need numba: pip install 'norrbin[fast]'") from exc
+        raise InputError("compiled studies need numba: pip install '.[fast]'") from exc
     _teach_remainder()
     ready: Callable[..., Any]
     if not quick:

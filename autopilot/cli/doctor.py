@@ -23,12 +23,15 @@ way; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go, as wh
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
+    from autopilot.cli.waiting import add_waiting_option
+
     parser = subparsers.add_parser(
         "doctor", help="is this machine, with these links, fit to steer?", description=DESCRIPTION
     )
     parser.add_argument("vessel", metavar="VESSEL.yaml", nargs="?", help="vessel file, or the name of a shipped one")
     parser.add_argument("--link", action="append", default=[], metavar="URL", help="as for `autopilot run`; repeatable")
     parser.add_argument("--as-gcs", action="store_true", help="as for `autopilot run`")
+    add_waiting_option(parser)
     parser.add_argument("--seconds", type=float, default=10.0, metavar="S", help="listen to the links for this long")
     parser.add_argument(
         "--log-dir", type=Path, default=Path(), metavar="DIR", help="the disk to look at (default: here)"
@@ -83,25 +86,31 @@ def _findings(arguments: argparse.Namespace) -> list[Finding]:
 
 
 def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
+    from functools import partial
+
     from autopilot.build_links import LinkOptions, build_link
+    from autopilot.cli.waiting import patience_of
     from autopilot.doctor.link import examine
+    from autopilot.links.arrivals import HeardTransport, came
     from autopilot.links.base import Link
     from autopilot.loop.clock import MonotonicClock
 
-    options = LinkOptions(as_gcs=arguments.as_gcs)
+    heard: dict[str, HeardTransport] = {}
+    options, patience = LinkOptions(as_gcs=arguments.as_gcs, heard=heard), patience_of(arguments)
 
     def opened() -> list[Link]:
         links: list[Link] = []
         try:
             for url in arguments.link:
-                links.append(build_link(vessel, url, options))  # noqa: PERF401 - what is open must be closed on error
+                links.append(patience(partial(build_link, vessel, url, options)))  # noqa: PERF401 - close what is open
         except BaseException:
             for link in links:
                 link.close()
             raise
         return links
 
-    return examine(opened, MonotonicClock(), arguments.seconds, vessel.failsafe.heading_timeout_s, vessel)
+    clock, timeout = MonotonicClock(), vessel.failsafe.heading_timeout_s
+    return examine(opened, clock, arguments.seconds, timeout, vessel, lambda: came(heard.values()))
 
 
 def _show(findings: list[Finding]) -> None:

@@ -24,6 +24,7 @@ ESCAPE = 27
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
     from autopilot.cli.signing import add_signing_option
+    from autopilot.cli.waiting import add_waiting_option
 
     parser = subparsers.add_parser(
         "helm",
@@ -36,6 +37,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument("--look", action="store_true", help="only look: no key gives an order")
     add_signing_option(parser)
+    add_waiting_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -48,12 +50,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     from autopilot.cli.helm_keys import HelmKeys
     from autopilot.cli.signing import signing_of
+    from autopilot.cli.waiting import patience_of
     from autopilot.interruption import as_exceptions
     from autopilot.web.line import BoatLine
     from autopilot.web.station import Station
 
     station = Station()
-    line = BoatLine(arguments.link, station, signing_of(arguments))
+    line = patience_of(arguments)(lambda: BoatLine(arguments.link, station, signing_of(arguments)))
     keys = HelmKeys(station, may=not arguments.look)
     # without this, the release on Esc would wait a second for the rest of a longer key
     os.environ.setdefault("ESCDELAY", "25")

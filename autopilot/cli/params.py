@@ -12,6 +12,7 @@ from autopilot.interruption import as_exceptions
 SIGNING_HELP = "sign with the key in FILE, and hear only what is signed with it"
 LINK_HELP = "udpin:127.0.0.1:14550, serial:/dev/ttyUSB0:57600"
 CALIBRATION_HELP = "with the calibration of accelerometers, gyros, compasses; without it, it is left as it is"
+WAIT_HELP = "wait so long for a device or a connection that is not there yet (10)"
 ON_FAILURE = ("ask", "rollback", "keep")
 
 
@@ -180,6 +181,7 @@ def _add_writing_options(parser: argparse.ArgumentParser) -> None:
 def _add_link_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--link", required=True, metavar="URL", help=LINK_HELP)
     parser.add_argument("--signing-key", metavar="FILE", help=SIGNING_HELP)
+    parser.add_argument("--link-wait", metavar="S", type=float, default=10.0, help=WAIT_HELP)
     parser.add_argument(
         "--system", type=_system_id, metavar="N", help="the vehicle's system id where several are heard"
     )

@@ -15,6 +15,7 @@ from autopilot.cli.params_files import formatted
 from autopilot.cli.params_report import Report, difference_table, upload_json, upload_table
 from autopilot.cli.progress import ProgressBar
 from autopilot.cli.signing import signing_of
+from autopilot.cli.waiting import patience_of
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.links.base import LinkError
 from autopilot.links.url import SCHEMES
@@ -30,6 +31,11 @@ from autopilot.params.saving import refuse_existing, save_text, save_unused
 from autopilot.params.session import ParameterSession, Vehicle
 from autopilot.params.upload import Upload
 from autopilot.params.vessel import Vessel
+
+
+def opened_session(arguments: argparse.Namespace, url: str) -> ParameterSession:
+    """Return the vehicle at `url`, which may be about to appear. Raises InputError, LinkError."""
+    return patience_of(arguments)(lambda: ParameterSession(url, arguments.system, signing_of(arguments)))
 
 
 def diff(arguments: argparse.Namespace) -> int:
@@ -59,7 +65,7 @@ def _vessel(file: str) -> Vessel | None:
 
 
 def _diff_with_link(arguments: argparse.Namespace) -> list[Difference]:
-    with ParameterSession(arguments.other, arguments.system, signing_of(arguments)) as session:
+    with opened_session(arguments, arguments.other) as session:
         reading, left = _compared(session, arguments.file, calibration=True)
     if left:
         print(f"autopilot: not compared: {sentence_of(left)}", file=sys.stderr)
@@ -89,7 +95,7 @@ def refuse_other_firmware(file: str, parameters: ParameterFile, vehicle: Vehicle
 
 def verify(arguments: argparse.Namespace) -> int:
     """Read every parameter of a file back and compare."""
-    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
+    with opened_session(arguments, arguments.link) as session:
         reading, left = _compared(session, arguments.file, calibration=arguments.with_calibration)
         vehicle = session.vehicle
     outcomes = [
@@ -107,7 +113,7 @@ def download(arguments: argparse.Namespace) -> int:
     if not arguments.overwrite:
         refuse_existing(arguments.file)
     formatted(arguments.file, ParameterFile([], []), Heading("ardurover", ""), 1)  # a wrong suffix costs no download
-    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
+    with opened_session(arguments, arguments.link) as session:
         values = fetched(session, names, arguments.link)
         vehicle = session.vehicle
     save_text(arguments.file, vehicle_text(arguments.file, values, vehicle, arguments.link), overwrite=True)
@@ -117,7 +123,7 @@ def download(arguments: argparse.Namespace) -> int:
 
 def backup(arguments: argparse.Namespace) -> int:
     """Write all parameters into a dated file that nothing has been written to before."""
-    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
+    with opened_session(arguments, arguments.link) as session:
         values = fetched(session, [], arguments.link)
         vehicle = session.vehicle
     path = Path(arguments.folder) / f"backup-{time.strftime('%Y%m%dT%H%M%S')}-sys{vehicle.system}.yaml"

@@ -7,10 +7,9 @@ import sys
 import time
 from pathlib import Path
 
-from autopilot.cli.params_reading import refuse_other_firmware
+from autopilot.cli.params_reading import opened_session, refuse_other_firmware
 from autopilot.cli.params_report import Report, settled_table, upload_json, upload_table
 from autopilot.cli.progress import ProgressBar
-from autopilot.cli.signing import signing_of
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.links.base import LinkError
 from autopilot.params.any_file import load_parameters
@@ -45,7 +44,7 @@ def upload(arguments: argparse.Namespace, *, settles: bool = False) -> int:
     settles: a file that holds all that an upload which was cut off has changed settles that.
     """
     file = load_parameters(arguments.file, vessel_too=True)
-    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
+    with opened_session(arguments, arguments.link) as session:
         refuse_other_firmware(arguments.file, file, session.vehicle)
         wanted, left = settings_of(file.wanted, session.vehicle.firmware, calibration=arguments.with_calibration)
         earlier = None
@@ -186,7 +185,7 @@ def restore(arguments: argparse.Namespace) -> int:
         if arguments.to:
             raise InputError("--to chooses a side of an upload that was cut off; with a FILE leave it out.")
         return upload(argparse.Namespace(**vars(arguments), dry_run=False, no_backup=False, backup=None), settles=True)
-    with ParameterSession(arguments.link, arguments.system, signing_of(arguments)) as session:
+    with opened_session(arguments, arguments.link) as session:
         path = journal_path(session.vehicle)
         journal = read_journal(path)
         if journal is None:

@@ -14,6 +14,7 @@ PLUGIN = "plugin"
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
     from autopilot.cli.signing import add_signing_option
+    from autopilot.cli.waiting import add_waiting_option
 
     parser = subparsers.add_parser(
         "signalk",
@@ -36,6 +37,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument("--plugin", action="store_true", help="print the plugin's folder, for npm install, and end")
     add_signing_option(parser)
+    add_waiting_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -57,6 +59,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     import time
 
     from autopilot.cli.signing import signing_of
+    from autopilot.cli.waiting import patience_of
     from autopilot.cli.web import listening_address
     from autopilot.interruption import say_end
     from autopilot.signalk.bridge import Bridge
@@ -71,7 +74,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     signing, station = signing_of(arguments), Station()
     clients = LineClients(host, port, LINE_MOST)
     try:
-        line = BoatLine(arguments.link, station, signing)
+        line = patience_of(arguments)(lambda: BoatLine(arguments.link, station, signing))
     except BaseException:
         clients.close()
         raise

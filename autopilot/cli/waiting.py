@@ -58,4 +58,4 @@ class Patience:
 
 def patience_of(arguments: argparse.Namespace) -> Patience:
     """Return the patience that the options ask for. Raises InputError."""
-    return Patience(arguments.link_wait)
+    return Patience(getattr(arguments, "link_wait", 0.0))

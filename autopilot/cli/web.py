@@ -13,6 +13,7 @@ from autopilot.errors import ExitCode, InputError
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
     from autopilot.cli.signing import add_signing_option
+    from autopilot.cli.waiting import add_waiting_option
 
     parser = subparsers.add_parser(
         "web",
@@ -31,6 +32,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--token-file", type=Path, metavar="FILE", help="keep the token here, so that it stays the same (mode 0600)"
     )
     add_signing_option(parser)
+    add_waiting_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -40,6 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     require_extra()
     from autopilot.cli.signing import signing_of
+    from autopilot.cli.waiting import patience_of
     from autopilot.web.access import Access, token_of
     from autopilot.web.hub import Hub
     from autopilot.web.line import BoatLine
@@ -53,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     station = Station()
     sock = _bound(host, port)
     try:
-        line = BoatLine(arguments.link, station, signing_of(arguments))
+        line = patience_of(arguments)(lambda: BoatLine(arguments.link, station, signing_of(arguments)))
     except Exception:
         sock.close()
         raise

@@ -52,11 +52,16 @@ def _take(heard: Heard, now: float, sample: object) -> None:
         heard.alarms[sample.source] = sample.text
 
 
-def judged(heard: Heard, timeout: float) -> list[Finding]:
+def nothing_known() -> str:
+    """Return '': what came over the lines is not known."""
+    return ""
+
+
+def judged(heard: Heard, timeout: float, came: Callable[[], str] = nothing_known) -> list[Finding]:
     """Return what was heard as findings; `timeout` [s] is the fail-safe's patience with a silent compass."""
     findings = [_heading(source, heard, timeout) for source in sorted(heard.arrivals)]
     if not findings:
-        cure = "check that the compass or vehicle is on, its wiring, and the baud rate"
+        cure = came() or "check that the compass or vehicle is on, its wiring, and the baud rate"
         findings.append(Finding("heading", Verdict.NO_GO, f"none came in {heard.seconds:.0f} s", cure))
     for source, reason in heard.helm.items():
         verdict = Verdict.NO_GO if reason else Verdict.GO
@@ -91,15 +96,23 @@ def _heading(source: str, heard: Heard, timeout: float) -> Finding:
 
 
 def examine(
-    open_links: Callable[[], list[Link]], clock: Clock, seconds: float, timeout: float, vessel: Vessel | None = None
+    open_links: Callable[[], list[Link]],
+    clock: Clock,
+    seconds: float,
+    timeout: float,
+    vessel: Vessel | None = None,
+    came: Callable[[], str] = nothing_known,
 ) -> list[Finding]:
-    """Open links, listen, close them again, and return the findings; of the servo's scale where `vessel` is given."""
+    """Open links, listen, close them again, and return the findings; of the servo's scale where `vessel` is given.
+
+    `came` says what came over the links where no heading did.
+    """
     try:
         links = open_links()
     except LinkError as error:
         return [Finding("link", Verdict.NO_GO, *_parted(str(error)))]
     try:
-        findings = judged(listen(links, clock, seconds), timeout)
+        findings = judged(listen(links, clock, seconds), timeout, came)
         for link in links:
             if isinstance(link, CompanionLink):
                 findings += firmware_findings(link.vehicle_parameters, vessel)

@@ -230,7 +230,7 @@ def _compiler() -> Callable[[Callable[..., Any]], Any]:
     try:
         from numba import njit
     except ImportError as error:
-        raise InputError("The compiled particle filter needs numba: pip install 'norrbin[fast]'.") from error
+        raise InputError("The compiled particle filter needs numba: pip install '.[fast]'.") from error
 
     def compiled(function: Any) -> Any:
         """Numba calls only what it has compiled, so the models' functions that this one calls come first."""

@@ -37,7 +37,7 @@ FRAMES_MOST = 500
 ORDER_PERIOD_S = 0.1
 CONTROL_PERIOD_S = 0.25
 LAPSE = "nothing on the bus confirms it; the drive lets go by itself when no more orders come"
-EXTRA = "install Norrbin with its extra n2k: pip install 'norrbin[n2k]'"
+EXTRA = "install Norrbin with its extra n2k: pip install '.[n2k]'"
 
 
 class N2kSettings(NamedTuple):

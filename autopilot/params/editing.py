@@ -18,7 +18,7 @@ from autopilot.params.strict_yaml import parse_document, plain
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import dump_vessel, parse_vessel
 
-EXTRA = "pip install 'norrbin[edit]'"
+EXTRA = "pip install '.[edit]'"
 
 
 def updated_vessel_text(text: str, vessel: Vessel, file: str) -> str:

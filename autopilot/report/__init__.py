@@ -12,6 +12,5 @@ def require_extra(without: str = "with --no-report") -> None:
     missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
     if missing:
         raise InputError(
-            f"figures and report need {' and '.join(missing)}: pip install 'norrbin[report]', or leave them out "
-            f"{without}"
+            f"figures and report need {' and '.join(missing)}: pip install '.[report]', or leave them out {without}"
         )

@@ -21,6 +21,6 @@ def require_extra() -> None:
     except ImportError as error:
         raise InputError(
             f"autopilot web needs the extra `web` ({error.name} is missing): install it with "
-            "`pip install 'norrbin[web]'`, or use `autopilot helm` in a terminal"
+            "`pip install '.[web]'`, or use `autopilot helm` in a terminal"
         ) from None
     del starlette

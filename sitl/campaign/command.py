@@ -118,7 +118,7 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
     pace = f"{seconds:.1f} s: {steps / seconds:.3g} steps a second."
     said = f"{len(summaries)} cases, {counts}, seed {study.seed}, in {pace}"
     if not tally.done["compiled"] and not arguments.plain:
-        said += " Nothing was compiled: with numba it is far quicker, pip install 'norrbin[fast]'."
+        said += " Nothing was compiled: with numba it is far quicker, pip install '.[fast]'."
     if arguments.report:
         from autopilot.params.saving import save_page
         from sitl.campaign.page import campaign_page

@@ -29,7 +29,7 @@ def dask_engine(address: str | None) -> Engine:
         import dask
         import distributed
     except ImportError as exc:
-        raise InputError("--engine dask needs dask: pip install 'norrbin[dask]'") from exc
+        raise InputError("--engine dask needs dask: pip install '.[dask]'") from exc
 
     def engine(
         job: Job, batches: list[Batch], workers: int, is_compiled: bool, ready: Callable[[], None] = nobody

@@ -26,7 +26,7 @@ def ray_engine(address: str | None) -> Engine:
     try:
         import ray
     except ImportError as exc:
-        raise InputError("--engine ray needs ray: pip install 'norrbin[ray]'") from exc
+        raise InputError("--engine ray needs ray: pip install '.[ray]'") from exc
 
     def engine(
         job: Job, batches: list[Batch], workers: int, is_compiled: bool, ready: Callable[[], None] = nobody

@@ -67,7 +67,7 @@ class ParquetResults:
             import pyarrow
             from pyarrow import parquet
         except ImportError as exc:
-            raise InputError("Parquet needs pyarrow: pip install 'norrbin[export]', or let --out end in .csv") from exc
+            raise InputError("Parquet needs pyarrow: pip install '.[export]', or let --out end in .csv") from exc
         self._job, self._arrow = job, pyarrow
         kinds = {int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
         first = (0, 0, *Case("", "", 0.0, 0.0, "", 0.0, "", "", ""), "", *[0.0] * len(Figures._fields))

@@ -113,7 +113,7 @@ def tune(
     """
     law_of(vessel, law)
     if swift() is None:
-        raise InputError("tuning needs numba, which makes it a matter of minutes: pip install 'norrbin[fast]'")
+        raise InputError("tuning needs numba, which makes it a matter of minutes: pip install '.[fast]'")
     begin = np.array(astuple(begun(vessel, law)))
     if not np.all(begin > 0.0):
         raise InputError(f"vessel {vessel.name!r}: a gain in control.{law} is 0; tuning begins with positive ones")

@@ -47,6 +47,8 @@ STAY = """stay() {
 }"""
 UNTOUCHED = {"4800", "38400", "57600", "115200", "14599"}
 """Baud rates, and the port on which `sitl fault` asks unless told otherwise."""
+SETS_PATH = re.compile(r"^export PATH=")
+"""In these tests the programs are on the path already."""
 SAID_BY_THE_GATE = ("demo", "tests", "workflow")
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 CASES = [pytest.param(line, id=f"{block.page.name}: {line}"[:100]) for block in BLOCKS for line in block.calls]
@@ -67,7 +69,7 @@ def marked(kind: str) -> list[Path]:
 def lines_of(page: Path, kind: str) -> list[str]:
     """Return the lines of the page's blocks to be run in this way; what they install is there."""
     blocks = [block for block in blocks_of(page) if (block.mark, block.said) == ("run", kind)]
-    return [line for block in blocks for line in block.lines if not INSTALLS.match(line)]
+    return [line for block in blocks for line in block.lines if not (INSTALLS.match(line) or SETS_PATH.match(line))]
 
 
 def test_there_are_commands_to_look_at() -> None:
@@ -152,7 +154,6 @@ def run_as_processes(lines: list[str], folder: Path) -> None:
         script.chmod(0o755)
     text = SAILS.sub(r"\1 --speedup 5 ", "\n".join(lines))
     text = LASTS.sub(r"\1 --duration 20", text)
-    text = re.sub(r"&$", "& sleep 4", text, flags=re.M)  # a reader takes his time
     text = re.sub(
         r"^(autopilot params (?:diff .*|upload .* --dry-run))$", r"\1 || [ $? = 6 ]", text, flags=re.M
     )  # 6: they differ

@@ -68,8 +68,8 @@ def test_every_exit_code_is_on_its_page_and_in_the_readme(monkeypatch: pytest.Mo
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     import reference_pages
 
-    rows = re.findall(r"^\| (\d) \| (?:`(\w+)`)? *\| (.+) \|$", reference_pages.exit_codes(), re.MULTILINE)
-    assert [int(code) for code, _, _ in rows] == list(range(7))
+    rows = re.findall(r"^\| (\d+) \| (?:`(\w+)`)? *\| (.+) \|$", reference_pages.exit_codes(), re.MULTILINE)
+    assert [int(code) for code, _, _ in rows] == [*range(7), 130, 143]
     assert {name: int(code) for code, name, _ in rows if name} == {code.name: code.value for code in ExitCode}
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert re.findall(r"^\| (\d) \| .+ \|$", readme, re.MULTILINE) == [code for code, _, _ in rows]
+    assert re.findall(r"^\| (\d+) \| .+ \|$", readme, re.MULTILINE) == [code for code, _, _ in rows]

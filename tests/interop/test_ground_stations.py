@@ -192,7 +192,7 @@ def mavproxy(folder: Path, master: str, *more: str) -> Iterator[Console]:
             process.kill()
 
 
-@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install '.[interop]'")
 def test_mavproxy_reads_tunes_arms_and_steers(tmp_path: Path) -> None:
     port = free_port()
     with (
@@ -236,7 +236,7 @@ def test_mavproxy_reads_tunes_arms_and_steers(tmp_path: Path) -> None:
     assert replay(tmp_path / "run.tlog").identical, "with the gain that was changed on the way"
 
 
-@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install '.[interop]'")
 def test_mavproxy_with_its_own_signing_is_obeyed_and_without_it_is_not(tmp_path: Path) -> None:
     port, key = free_port(), tmp_path / "signing.key"
     key.write_text("correct-horse-battery-staple\n")
@@ -255,7 +255,7 @@ def test_mavproxy_with_its_own_signing_is_obeyed_and_without_it_is_not(tmp_path:
     assert b"correct-horse" not in (tmp_path / "run.tlog").read_bytes()
 
 
-@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install '.[interop]'")
 def test_mavproxy_behind_us_sees_the_flight_controller_and_its_parameters(tmp_path: Path) -> None:
     port, behind = free_port(), free_port()
     vessel = patient_vessel(tmp_path)
@@ -286,7 +286,7 @@ def tool(folder: Path, *arguments: str) -> dict[str, Any]:
     return document
 
 
-@pytest.mark.skipif(not HAS_MAVSDK or MAVPROXY is None, reason="pip install 'norrbin[interop]' for MAVSDK and MAVProxy")
+@pytest.mark.skipif(not HAS_MAVSDK or MAVPROXY is None, reason="pip install '.[interop]' for MAVSDK and MAVProxy")
 def test_mavsdk_mavproxy_and_our_own_tool_read_the_same_values_from_one_pilot(tmp_path: Path) -> None:
     sdk_port, proxy_port, line = free_port(), free_port(), free_port()
     places = (f"udpout:127.0.0.1:{sdk_port}", f"udpout:127.0.0.1:{proxy_port}", f"tcpin:127.0.0.1:{line}")
@@ -324,7 +324,7 @@ WAYPOINTS = """QGC WPL 110
 """
 
 
-@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install '.[interop]'")
 def test_mavproxy_loads_a_route_and_has_it_followed(tmp_path: Path) -> None:
     port, way, bad = free_port(), tmp_path / "way.txt", tmp_path / "bad.txt"
     way.write_text(WAYPOINTS)
@@ -355,7 +355,7 @@ def test_mavproxy_loads_a_route_and_has_it_followed(tmp_path: Path) -> None:
     assert replay(tmp_path / "run.tlog").identical
 
 
-@pytest.mark.skipif(not HAS_MAVSDK, reason="MAVSDK is not installed: pip install 'norrbin[interop]'")
+@pytest.mark.skipif(not HAS_MAVSDK, reason="MAVSDK is not installed: pip install '.[interop]'")
 def test_mavsdk_uploads_and_downloads_a_route(tmp_path: Path) -> None:
     port = free_port()
     with running_boat(tmp_path, f"udpout:127.0.0.1:{port}"):

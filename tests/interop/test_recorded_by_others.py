@@ -42,7 +42,7 @@ def recorder(folder: Path, port: int) -> Iterator[None]:
             process.terminate()
 
 
-@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install 'norrbin[interop]'")
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed: pip install '.[interop]'")
 def test_the_boat_is_identified_from_what_mavproxy_recorded(tmp_path: Path) -> None:
     """The simulator runs at twice the speed: only the vehicle's own time, not the stamps, gives the right T."""
     port, behind, own = free_port(), free_port(), tmp_path / "own.tlog"

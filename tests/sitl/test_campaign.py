@@ -273,7 +273,7 @@ def test_without_numba_it_says_so(
         assert main(["campaign", str(next(study_file)), "--workers", "1", "--runs", "1"]) == 0
     finally:
         work.swift.cache_clear()
-    assert "pip install 'norrbin[fast]'" in capsys.readouterr().out
+    assert "pip install '.[fast]'" in capsys.readouterr().out
 
 
 def test_results_in_parquet(study_file: Iterator[Path], tmp_path: Path) -> None:

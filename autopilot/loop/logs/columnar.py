@@ -14,7 +14,7 @@ from autopilot.loop.logs.series import FloatArray
 from autopilot.loop.logs.table import Table
 from autopilot.params.saving import write_new
 
-EXTRA = "pip install 'norrbin[export]'"
+EXTRA = "pip install '.[export]'"
 
 
 def shown_columns(table: Table) -> dict[str, FloatArray]:

@@ -93,9 +93,7 @@ def _load(path: str, data: bytes) -> tuple[Any, bool]:
         from pyulog import ULog
         from pyulog.core import ULogException
     except ImportError as error:
-        raise InputError(
-            f"{path}: reading PX4 logs needs pyulog; install it with pip install 'norrbin[ulog]'."
-        ) from error
+        raise InputError(f"{path}: reading PX4 logs needs pyulog; install it with pip install '.[ulog]'.") from error
     told = io.StringIO()
     try:
         # pyulog prints what it thinks of a damaged file
