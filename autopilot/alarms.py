@@ -301,7 +301,7 @@ _OUTSIDE = [
         Response.OVERRIDE,
         _WARNING,
         _LINK,
-        "another mode, disarmed, a stick moved, or a rudder that somebody else moves",
+        "another mode, disarmed, a stick moved that is not overridden, or a rudder that somebody else moves",
     ),
     AlarmKind(
         "link_silent",
