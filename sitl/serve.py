@@ -17,6 +17,8 @@ from sitl.world import STEP, World
 
 LAG_MAX_S = 2.0
 """Wall time that the simulation may fall behind before its clock is set back instead of running after it."""
+SILENT_PEER_S = 5.0
+"""Simulated time without a word from a peer, after which another may take its place."""
 
 TRUTH_PERIOD = 0.1
 TRUTH_COLUMNS = (
@@ -134,15 +136,21 @@ def serve(
     desk: Desk | None = None,
 ) -> None:
     """Run until `should_stop` or for `duration` simulated seconds. Raises LinkError when a transport is gone."""
+    heard = [world.time] * len(ports)
     while not should_stop():
         now = pace.simulated(world.time)
         if duration is not None and now >= duration:
             world.advance(duration)
             return
         # ports in turn, in the order the user gave them: one clock reading for all
-        for transport, endpoint in ports:
+        for number, (transport, endpoint) in enumerate(ports):
             for data in transport.receive():
+                heard[number] = now
                 endpoint.receive(now, data)
+            if now - heard[number] > SILENT_PEER_S:
+                # whoever starts again speaks from another port
+                heard[number] = now
+                transport.forget_peer()
         world.advance(now)
         if desk is not None:
             desk.serve()

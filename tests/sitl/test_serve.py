@@ -33,7 +33,7 @@ def serve() -> Iterator[Serve]:
     running: list[subprocess.Popen[str]] = []
 
     def start(*options: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "sitl.cli", "serve", "lanxin", *options]
+        command = [sys.executable, "-m", "sitl", "serve", "lanxin", *options]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         running.append(process)
         return process
@@ -93,6 +93,18 @@ def test_pymavlinks_own_client_sees_a_rover_boat_and_steers_it(serve: Serve) -> 
         client.close()
     process.send_signal(signal.SIGTERM)
     assert process.wait(PATIENCE_S) == 0
+
+
+def test_who_starts_again_from_another_port_is_heard(serve: Serve) -> None:
+    port = free_port()
+    serve("--mavlink", f"udpin:127.0.0.1:{port}", "--speedup", "10")
+    for _ in range(2):  # neither says goodbye
+        client = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}")
+        deadline = time.monotonic() + PATIENCE_S
+        while client.recv_match(type="HEARTBEAT", blocking=True, timeout=0.3) is None:
+            assert time.monotonic() < deadline, "not heard"
+            client.mav.heartbeat_send(6, 8, 0, 0, 4)
+        client.close()
 
 
 def test_instruments_on_a_serial_port(serve: Serve, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from autopilot.cli.helm import show
 from autopilot.cli.helm_keys import ESCAPE, HelmKeys, wish_of
 from autopilot.cli.main import main
 from autopilot.errors import InputError
+from autopilot.links.mavlink_codec import MavlinkCodec, dialect
 from autopilot.signals import AlarmSample
 from autopilot.web.screen import screen
 from autopilot.web.station import Station
@@ -50,7 +51,7 @@ class Window:
         self.rows = [""] * self.size[0]
 
     def addstr(self, row: int, column: int, text: str, look: int = 0) -> None:
-        assert len(text) < self.size[1] and column == 0
+        assert len(text) < self.size[1] and column == 0 and text.isprintable()
         self.rows[row] = text
 
     def refresh(self) -> None:
@@ -124,6 +125,15 @@ def test_an_alarm_is_shown_until_it_is_over_and_silence_as_silence(
     assert "! gear hot" not in pictures[-1] and "gear hot" in pictures[-1]
     sea.links = []
     assert "NO DATA for" in play(sea, [(6.0, "x")], monkeypatch)[-1]
+
+
+def test_words_of_strangers_are_drawn_and_not_obeyed(sea: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
+    hostile = "\x1b[2J\x00\u202e\r\n\x07"
+    boat: Any = sea.links[0]
+    boat._transport.send(MavlinkCodec(1, 1).encode(dialect.MAVLink_statustext_message(3, hostile.encode())))
+    sea.line.trouble = hostile
+    monkeypatch.setattr(HelmKeys, "said", hostile, raising=False)
+    assert play(sea, [(1.0, "a")], monkeypatch)
 
 
 def test_who_only_looks_gives_no_orders(sea: Watched) -> None:
