@@ -10,6 +10,7 @@ over, or one that comes and goes would jerk the helm each time. A compass that h
 from __future__ import annotations
 
 import math
+from collections import deque
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
@@ -18,8 +19,10 @@ from autopilot.estimation.compass_watch import CompassWatch
 from autopilot.signals import AlarmSample, HeadingSample, RateSample, RudderSample, Sample, SpeedSample
 
 SETTLE_S = 3.0
-MONITOR_S = 10.0
-"""Two headings further apart than the limit for this long disagree; in a turn their latencies differ."""
+MONITOR_S = 3.0
+"""Two headings further apart than the limit for this long disagree; waves swing a compass for less."""
+LATENCIES_S = 1.0
+"""One of them may be older than the other by this: they may be apart by what the boat turns in that time."""
 SILENT_SAID_S = 60.0
 """So long it is said that a compass is silent and another steers."""
 SOURCES_MOST = 32
@@ -77,7 +80,8 @@ class SourcePriority:
         self._compasses.reset()
         self._heard: dict[str, dict[str, _Heard]] = {}
         self._believed: dict[str, str] = {}
-        self._apart_since: float | None = None
+        self._apart, self._compared = 0.0, math.inf
+        self._headings: deque[tuple[float, float]] = deque()
         self._alarm = ""
         self._disagree = ""
         """The sentence about two headings that disagree, as it was first said: one that changes with every reading is a
@@ -174,20 +178,30 @@ class SourcePriority:
         others = [
             (name, entry) for name, entry in heard.items() if entry is not best and now - entry.last <= entry.stale
         ]
+        limit = self._settings.disagree + LATENCIES_S * self._turning(now, best.heading)
         far = [
             (name, entry.heading)
             for name, entry in others
-            if entry.heading is not None and abs(shortest_turn(best.heading, entry.heading)) > self._settings.disagree
+            if entry.heading is not None and abs(shortest_turn(best.heading, entry.heading)) > limit
         ]
-        if not far or now - best.last > best.stale:
-            self._apart_since, self._disagree = None, ""
+        elapsed, self._compared = min(max(now - self._compared, 0.0), LATENCIES_S), now
+        if now - best.last > best.stale or (not far and self._apart >= MONITOR_S):
+            self._apart, self._disagree = 0.0, ""
             return ""
-        if self._apart_since is None:
-            self._apart_since = now
-        if now - self._apart_since < MONITOR_S:
+        # a swell that brings them together for a moment takes back no more than that moment
+        self._apart = min(self._apart + elapsed, MONITOR_S) if far else max(self._apart - elapsed, 0.0)
+        if self._apart < MONITOR_S:
             return ""
         self._disagree = self._disagree or self._sentence(best.heading, *far[0])
         return self._disagree
+
+    def _turning(self, now: float, heading: float) -> float:
+        """Return how fast [rad/s] the compass that is believed has turned over `MONITOR_S`: waves come and go."""
+        headings = self._headings
+        headings.append((now, heading))
+        while headings[0][0] < now - MONITOR_S:
+            headings.popleft()
+        return abs(shortest_turn(headings[0][1], heading)) / MONITOR_S
 
     def _sentence(self, heading: float, other: str, other_heading: float) -> str:
         apart = abs(math.degrees(shortest_turn(heading, other_heading)))
