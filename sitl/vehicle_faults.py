@@ -75,6 +75,10 @@ class VehicleFaults:
             # a hand that grabs a stick moves both of its axes
             for channel in (setup.steering_channel, setup.pitch_channel):
                 wanted[channel] = 1500 + round(share * STICK_FULL_US)
+        if (share := self._faults.size("steering_stick", time)) is not None:
+            wanted[setup.steering_channel] = 1500 + round(share * STICK_FULL_US)
+        if (pulse_us := self._faults.size("receiver_low", time)) is not None:
+            wanted[setup.throttle_channel] = round(pulse_us)
         if self._faults.is_on("switch", time) and setup.override_switch is not None:
             wanted[setup.override_switch] = SWITCH_LOW_US
         sticks = self._firmware.sticks

@@ -342,6 +342,19 @@ def test_a_hand_moves_the_sticks_and_lets_go() -> None:
     assert "Radio Failsafe" in lost.texts()
 
 
+def test_a_steering_stick_alone_and_a_receiver_without_its_radio_come_and_go() -> None:
+    alone = Wire(FaultSection("steering_stick", 1.0, 2.0)).run(1.5)
+    assert (alone.firmware.channels[0], alone.firmware.channels[1]) == (2000, 1500)
+    alone.run(3.0)
+    assert alone.firmware.channels[0] == 1500
+    low = Wire(FaultSection("receiver_low", 1.0, 4.0))
+    throttle = low.firmware.sticks[2]
+    low.run(3.5)
+    assert (low.firmware.channels[2], low.firmware.failsafe) == (900, "Radio")
+    low.run(5.0)
+    assert (low.firmware.channels[2], low.firmware.failsafe) == (throttle, "")
+
+
 def test_the_compass_on_the_nmea_line_alone_is_off() -> None:
     world = world_with(FaultSection("heading_jump", 1.0, 2.0, 30.0, source="second"))
     instruments = NmeaInstruments(world, {"HDT": 10.0, "RSA": 5.0}, 38400)
