@@ -208,6 +208,7 @@ def test_the_vehicle_plays_and_switches_until_it_is_over() -> None:
     tune, relay = sounder.due(0.0, 7)
     assert (tune.get_type(), tune.target_system) == ("PLAY_TUNE", 7)
     assert (relay.command, relay.param1, relay.param2) == (181, 2.0, 1.0)
+    assert [getattr(relay, f"param{number}") for number in range(3, 8)] == [0.0] * 5, "reserved: nothing of ours"
     assert sounder.due(0.1, 7) == []
     sounder.show(tick(1.0, Siren.ESCALATED))
     louder, again = sounder.due(1.0, 7)

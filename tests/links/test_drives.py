@@ -315,3 +315,35 @@ def _left(bench: Bench, deaf: bool) -> Release:
     session.close()
     (release,) = session.releases
     return release
+
+
+def test_a_jrk_has_released_when_it_waits_for_a_command_and_not_before() -> None:
+    jrk = JrkG2(SETTINGS)
+    awaiting, other = HEALTH[1].pack(0x0001, 0x0001, 0, 12600, 0), HEALTH[1].pack(0x0010, 0x0010, 0, 12600, 0)
+
+    def answered(now: float, health: bytes) -> bool:
+        for turn in range(20):
+            if jrk.ask(now + turn)[-1] == HEALTH[1].size:
+                jrk.feed(now + turn + 0.1, health)
+                return jrk.has_released()
+        raise AssertionError("its health is never asked for")
+
+    jrk.order(0.0, 0.1)
+    assert not answered(1.0, awaiting), "a command has been given since"
+    jrk.release(50.0)
+    assert not jrk.has_released(), "what was said before the release counts for nothing"
+    assert not answered(51.0, other)
+    assert answered(100.0, awaiting)
+
+
+def test_a_pypilot_controller_is_given_its_limits_at_first_and_every_twentieth_order() -> None:
+    motor = PypilotMotor(SETTINGS)
+    alone = len(packet(0xC7, 1000))
+    longer = [number for number in range(61) if len(motor.order(0.05 * number, 0.0)) > alone]
+    assert longer == [0, 20, 40, 60]
+
+
+def test_a_maestro_is_asked_for_its_errors_every_eighth_time() -> None:
+    maestro = Maestro(SETTINGS)
+    asked = [maestro.ask(float(number))[0] for number in range(1, 25)]
+    assert [number for number, command in enumerate(asked, 1) if command == 0xA1] == [8, 16, 24]

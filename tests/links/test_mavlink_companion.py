@@ -11,7 +11,15 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.transports import UdpInTransport, UdpOutTransport, loopback_pair
-from autopilot.signals import AlarmSample, HeadingSample, HelmSample, RudderCommand, RudderSample, SpeedSample
+from autopilot.signals import (
+    AlarmSample,
+    HeadingSample,
+    HelmSample,
+    RollSample,
+    RudderCommand,
+    RudderSample,
+    SpeedSample,
+)
 
 FULL = math.radians(30.0)
 PARAMETERS = {
@@ -431,7 +439,9 @@ def test_samples_carry_measurement_time_and_si_units() -> None:
     assert speed.speed == pytest.approx(5.0)
     assert rudder.angle == pytest.approx(math.radians(15.0))
     assert rudder.ordered
-    for sample in (heading, speed, rudder):
+    roll = next(sample for sample in samples if isinstance(sample, RollSample))
+    assert (roll.roll, roll.rate) == pytest.approx((0.02, 0.01))
+    for sample in (heading, speed, rudder, roll):
         assert sample.time == pytest.approx(bench.now, abs=0.002), "300 ms on the way do not make a sample younger"
 
 
@@ -519,3 +529,37 @@ def test_no_headings_at_all_and_a_reboot_are_said_otherwise() -> None:
     bench = ready()
     bench.rover.attitude = lambda: None
     assert not alarms(bench.run(10.0)), "the fail-safe says it"
+
+
+@pytest.mark.parametrize(
+    ("field", "limit", "kind"),
+    [
+        ("yaw", 7.0, HeadingSample),
+        ("yawspeed", 100.0, HeadingSample),
+        ("roll", 7.0, RollSample),
+        ("rollspeed", 100.0, RollSample),
+    ],
+)
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_an_attitude_that_cannot_be_is_no_sample(field: str, limit: float, kind: type, side: float) -> None:
+    """Each part for itself: a wild roll rate leaves the heading, a wild yaw leaves the roll."""
+    bench = ready(SYSID_MYGCS=255.0)
+    for value, is_taken in ((0.9 * limit, True), (1.1 * limit, False), (math.nan, False), (math.inf, False)):
+        fields = {"roll": 0.0, "pitch": 0.0, "yaw": 0.0, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": 0.0}
+        bench.rover.boot += 0.05
+        fields[field] = side * value
+        bench.rover.send(dialect.MAVLink_attitude_message(round(bench.rover.boot * 1e3), **fields))
+        bench.now += 0.05
+        kinds = {type(sample) for sample in bench.link.receive(bench.now)} & {HeadingSample, RollSample}
+        assert (kind in kinds) is is_taken, value
+        assert len(kinds) == 1 + is_taken, "the other one is untouched"
+
+
+@pytest.mark.parametrize(("speed", "is_taken"), [(199.5, True), (200.5, False)])
+def test_a_speed_beyond_any_boats_is_no_sample(speed: float, is_taken: bool) -> None:
+    bench = ready(SYSID_MYGCS=255.0)
+    position = dialect.MAVLink_global_position_int_message
+    bench.rover.send(
+        position(round(bench.rover.boot * 1e3), 0, 0, 0, 0, round(60.0 * speed), round(80.0 * speed), 0, 0)
+    )
+    assert any(isinstance(sample, SpeedSample) for sample in bench.link.receive(bench.now)) is is_taken

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from autopilot.build_links import LinkOptions, build_link
 from autopilot.links.base import LinkError
 from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
-from autopilot.links.n2k_messages import NodeAddress, group_and_source, identifier
+from autopilot.links.n2k_messages import NAME, NodeAddress, group_and_source, identifier
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.params.vessel_file import load_vessel
@@ -286,3 +286,13 @@ def test_no_bus_and_no_package_are_one_sentence_each(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(builtins, "__import__", missing)
     with pytest.raises(LinkError, match=r"needs the package python-can; install .* pip install 'norrbin\[n2k\]'"):
         build_link(load_vessel("lanxin"), "n2k:socketcan:can0", LinkOptions())
+
+
+def test_the_name_says_what_we_are() -> None:
+    """ISO 11783-5: unique number 21 bits, maker 11, instances 8, function 8, reserved 1, class 7, 4, industry 3, 1."""
+    fields, name = [], NAME
+    for width in (21, 11, 8, 8, 1, 7, 4, 3, 1):
+        fields.append(name & ((1 << width) - 1))
+        name >>= width
+    assert fields == [0, 2046, 0, 150, 0, 40, 0, 4, 1]
+    assert name == 0

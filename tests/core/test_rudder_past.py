@@ -1,0 +1,65 @@
+"""The rudder's past in rings: the time it stood at each angle, against a plain sum over all ticks."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autopilot.estimation.rudder_track import RudderPast, held, tick_at
+
+RING = 16
+Past = tuple[RudderPast, list[float], list[float]]
+
+
+@st.composite
+def pasts(draw: st.DrawFn) -> Past:
+    """A ring, and the times and angles of all its ticks, those that are forgotten too."""
+    count = draw(st.integers(1, 40))
+    steps = draw(st.lists(st.floats(0.01, 0.5), min_size=count, max_size=count))
+    angles = draw(st.lists(st.floats(-0.5, 0.5), min_size=count, max_size=count))
+    times, now = [], 0.0
+    for step in steps:
+        now += step
+        times.append(now)
+    ring_times, ring_angles = [0.0] * RING, [0.0] * RING
+    for tick, (time, angle) in enumerate(zip(times, angles, strict=True)):
+        ring_times[tick % RING], ring_angles[tick % RING] = time, angle
+    return RudderPast(ring_times, ring_angles, count), times, angles
+
+
+@given(pasts(), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.sampled_from([0.0, 0.05, 0.4, 10.0]))
+def test_the_stretches_hold_each_angle_for_as_long_as_the_rudder_did(
+    kept: Past, first: float, second: float, grain: float
+) -> None:
+    past, times, angles = kept
+    known = times[max(0, len(times) - RING)]
+    last = times[-1] + 1.0
+    start, end = sorted((known + first * (last - known), known + second * (last - known)))
+    at, total = start, 0.0
+    for until, angle in held(past, start, end, grain):
+        assert until > at
+        total += (until - at) * angle
+        at = until
+    assert at == end
+    edges = [*times[1:], float("inf")]
+    wanted = sum(
+        max(0.0, min(end, after) - max(start, before)) * angle
+        for before, after, angle in zip(times, edges, angles, strict=True)
+    )
+    assert total == pytest.approx(wanted, abs=1e-9)
+
+
+@given(pasts(), st.floats(-1.0, 25.0))
+def test_the_tick_at_a_time_is_the_newest_not_after_it(kept: Past, time: float) -> None:
+    past, times, _ = kept
+    oldest = max(0, len(times) - RING)
+    found = tick_at(past, time)
+    assert oldest <= found < len(times)
+    assert found == oldest or times[found] <= time
+    assert found + 1 == len(times) or times[found + 1] > time
+
+
+def test_an_empty_past_is_a_rudder_amidships() -> None:
+    empty = RudderPast([0.0] * RING, [0.0] * RING, 0)
+    assert list(held(empty, 1.0, 2.0, 0.1)) == [(2.0, 0.0)]
