@@ -76,5 +76,8 @@ def load_parameters(path_or_name: str | Path, *, vessel_too: bool = False) -> Pa
 
 def _of_vessel(vessel: Vessel) -> ParameterFile:
     table = [(parameter, value_of(vessel, parameter)) for parameter in parameters_of(vessel)]
-    wanted = [Wanted((each.name,), value, allowed=f"; documented are {each.allowed}") for each, value in table]
+    wanted = [
+        Wanted((each.name,), value, reboot=each.waits, allowed=f"; documented are {each.allowed}")
+        for each, value in table
+    ]
     return ParameterFile(wanted, [TypedValue(each.name, value, REAL32) for each, value in table], NORRBIN)

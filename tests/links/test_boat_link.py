@@ -221,6 +221,21 @@ def test_every_set_is_answered_by_the_old_value_where_it_is_refused() -> None:
     assert bench.store.values["TWO"] == 5.0
 
 
+@pytest.mark.parametrize("magnetic", [False, True])
+def test_stations_are_told_whether_courses_are_magnetic_and_no_place_leads_then(magnetic: bool) -> None:
+    bench = Bench(armed=True)
+    bench.guide.settings = bench.guide.settings._replace(magnetic=magnetic)
+    named = [m for m in bench.run(2.0) if m.get_type() == "NAMED_VALUE_FLOAT" and m.name == "magnetic"]
+    assert {m.value for m in named} == {float(magnetic)}
+    there = dialect.MAVLink_command_int_message(
+        7, 1, 6, dialect.MAV_CMD_DO_REPOSITION, 0, 0, -1.0, 1.0, 0.0, math.nan, 590000000, 180000000, 0.0
+    )
+    answers = bench.ask(there)
+    said = any("courses are magnetic here" in m.text for m in answers if m.get_type() == "STATUSTEXT")
+    assert said is magnetic
+    assert ("courses are magnetic" in bench.mission.obstacle(bench.now)) is magnetic
+
+
 def test_engaging_needs_arming_and_disarming_gives_the_rudder_back() -> None:
     bench = Bench()
     guided = (dialect.MAV_CMD_DO_SET_MODE, 1.0, 15.0)

@@ -150,6 +150,33 @@ def test_a_cut_upload_is_made_whole_by_its_journal(
     assert vehicle.everything() == old
 
 
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    old=tables(0.0, 1.0, 2.5),
+    new=tables(2.5, 7.0, -3.25),
+    present=tables(0.0, 7.0, 4.0),
+    side=st.sampled_from([Holds.OLD, Holds.NEW]),
+    loss=st.sampled_from([0.0, 0.3]),
+    packets=st.sampled_from(range(40)),
+)
+def test_power_lost_on_the_way_to_a_side_leaves_a_journal_that_still_leads_there(
+    old: Table, new: Table, present: Table, side: Holds, loss: float, packets: int
+) -> None:
+    on = {"GRP_ENABLE": (1.0, INT8)}
+    old, new = old | on, new | on
+    vehicle = GroupedVehicle(present | on)
+    changes = tuple(Change(name, old[name][1], old[name][0], new[name][0]) for name in NAMES)
+    journal = Journal("f", "d", 1, "ardurover", "", "", changes)
+    cut = BenchSession(vehicle, loss, packets)
+    try:
+        put(cast(ParameterSession, cut), journal, side, quiet)
+    except PowerLostError:
+        cut.deliver()
+    assert all(each.is_good for each in put(session(vehicle, loss), journal, side, quiet))
+    assert vehicle.everything() == (old if side is Holds.OLD else new)
+    assert look(session(vehicle, loss), journal, quiet) in (side, Holds.NEW)
+
+
 def held(**values: float) -> dict[str, ParameterValue]:
     return {name: ParameterValue(name, value, REAL32) for name, value in values.items()}
 

@@ -17,6 +17,7 @@ from served_vehicle import ServedVehicle
 
 from autopilot.cli import params as command
 from autopilot.params import session
+from autopilot.params.any_file import load_parameters
 from autopilot.params.vessel import Limits, Vessel
 from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel
 from autopilot.params.vessel_parameters import VesselParameter, parameters_of, value_of, with_value
@@ -93,6 +94,11 @@ def test_what_is_not_allowed_is_one_sentence(name: str, value: float, sentence: 
     with pytest.raises(ValueError) as caught:
         with_value(FULL, TABLE[name], value)
     assert str(caught.value) == sentence
+
+
+def test_an_upload_knows_what_waits_for_the_next_start() -> None:
+    wanted = {each.name: each.reboot for each in load_parameters("lanxin", vessel_too=True).wanted}
+    assert wanted["CTL_LAW"] and wanted["SNS_MAGNETIC"] and not wanted["BS_K1"]
 
 
 def test_a_vessel_file_is_uploaded_to_a_running_norrbin_and_taken_back(
