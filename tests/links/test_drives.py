@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from autopilot.build import follow_of
 from autopilot.build_links import DRIVES, drive_settings_of
-from autopilot.links.drives.base import DriveSettings
+from autopilot.links.drives.base import DriveSettings, JumpGate
 from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
@@ -347,3 +347,27 @@ def test_a_maestro_is_asked_for_its_errors_every_eighth_time() -> None:
     maestro = Maestro(SETTINGS)
     asked = [maestro.ask(float(number))[0] for number in range(1, 25)]
     assert [number for number, command in enumerate(asked, 1) if command == 0xA1] == [8, 16, 24]
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-0.3, 0.3), st.booleans())
+def test_the_scale_of_a_drive_and_its_angle_are_each_others_inverse(
+    angle: float, amidships: float, is_reversed: bool
+) -> None:
+    settings = DriveSettings(angle_at_full=1.0, amidships=amidships, reversed=is_reversed, stop=0.9)
+    place = settings.place(angle)
+    held = min(max(angle, -0.9), 0.9)
+    wanted = amidships + (-held if is_reversed else held)
+    assert place == pytest.approx(min(max(wanted, -1.0), 1.0), abs=1e-12)
+    if abs(wanted) <= 1.0:
+        assert settings.angle(place) == pytest.approx(held, abs=1e-12)
+
+
+@pytest.mark.parametrize(("moved_deg", "is_near"), [(4.9, True), (5.1, False), (-4.9, True), (-5.1, False)])
+def test_a_rudder_moves_one_and_a_half_times_its_rate_and_two_degrees_at_most(moved_deg: float, is_near: bool) -> None:
+    gate = JumpGate(DriveSettings(angle_at_full=1.0, rate=math.radians(10.0)))
+    assert gate.passes(0.0, 0.1)
+    assert gate.passes(0.2, 0.1 + math.radians(moved_deg)) is is_near
+    assert gate.passes(0.2, 0.1) is not is_near, "the last that was believed counts"
+    free = JumpGate(DriveSettings(angle_at_full=math.radians(10.0)))
+    free.passes(0.0, 0.0)
+    assert free.passes(0.2, math.radians(moved_deg)) is is_near, "without a known rate: its scale in a second"

@@ -152,3 +152,9 @@ def test_without_a_guide_a_plotter_is_ignored_and_so_are_our_own_words() -> None
         for sentence in NmeaFramer().feed(format_sentence(address[:2], address[2:], fields)):
             assert reader.read(0.0, sentence) is None
     assert reader.ignored == 2
+
+
+@pytest.mark.parametrize(("away", "leads"), [(260.0, True), (190.0, False)])
+def test_a_waypoint_nearer_than_the_cross_track_error_gives_no_track(away: float, leads: bool) -> None:
+    rmb = f"GPRMB,A,{200 / 1852:.4f},L,A,B,,,,,{away / 1852:.4f},40.00,,V,A"
+    assert bool(hear(rmb)[0]) is leads

@@ -150,3 +150,15 @@ def test_bad_options_are_one_sentence(url: str, words: str) -> None:
         parse_url(url)
     assert words in str(caught.value)
     assert url in str(caught.value)
+
+
+@pytest.mark.parametrize(("rate_deg_s", "follows"), [(1.6, True), (1.4, False)])
+def test_a_gear_of_unknown_rate_makes_a_third_of_five_degrees_a_second_at_least(
+    rate_deg_s: float, follows: bool
+) -> None:
+    follow = RudderFollow(FollowSettings(math.radians(5.0), math.inf))
+    follow.ordered(0.0, 0.0)
+    follow.ordered(0.0, math.radians(30.0))
+    for step in range(60):
+        follow.measured(0.1 * step, math.radians(0.1 * step * rate_deg_s), "IIRSA")
+    assert (follow.reason(6.0) == "") is follows

@@ -187,3 +187,16 @@ def test_a_rudder_without_a_rate_bounds_no_error() -> None:
 def test_the_largest_error_must_be_one(bad: float) -> None:
     with pytest.raises(ValueError, match="largest error must be positive"):
         BacksteppingLaw(GAINS[1], 1.0, bad)
+
+
+def test_equation_26_is_as_printed_term_by_term() -> None:
+    """Each term alone, by numbers that were worked out by hand: K/T = 2, k1 = 3, k2 = 5, n3/T = 8."""
+    model, gains = Norrbin(1.0, 0.5, 4.0), BacksteppingGains(3.0, 5.0)
+    alone = [
+        (Reference(0.0), 0.0, 0.1, 2.0 * (-6.0 * 0.1 + 8.0 * 0.001)),
+        (Reference(0.0), 0.2, 0.0, 2.0 * -14.0 * 0.2),
+        (Reference(0.0, 0.3), 0.0, 0.0, 2.0 * -8.0 * 0.3),
+        (Reference(0.0, 0.0, 0.7), 0.0, 0.0, 2.0 * 0.7),
+    ]
+    for reference, heading, rate, rudder in alone:
+        assert printed_equation_26(model, gains, reference, heading, rate) == pytest.approx(rudder)

@@ -115,3 +115,10 @@ def test_a_rudder_without_effect_is_refused() -> None:
     A, b = SWAY_YAW
     with pytest.raises(ValueError, match="does not move s"):
         sliding_heading.sway_yaw_law(A - 0.3 * np.diag([1.0, 1.0, 0.0]), 0.0 * b, PAPER_SWAY_YAW)
+
+
+def test_the_papers_gains_are_those_it_prints() -> None:
+    """Liu and Jin 2017, section 4: k in degrees of rudder per SI unit, eta 1.0512 for radians."""
+    k_v, k_r, *rest = PAPER_SWAY_YAW
+    assert (math.degrees(k_v), math.degrees(k_r)) == pytest.approx((-10.0, -100.0))
+    assert rest == [1.0512, 1.0]

@@ -1,0 +1,61 @@
+"""The monitor of a measured rudder, angle by angle: stuck anywhere, slow, going the wrong way, or right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from autopilot.monitors.rudder import RudderFollows
+from autopilot.monitors.watched import AlarmLimits, Watched
+from autopilot.signals import NavState, RudderSample
+
+LIMITS = AlarmLimits(rudder_tolerance=math.radians(5.0), rudder_rate=math.radians(20.0), rudder_delay=0.1)
+STATE = NavState(0.0, 0.0, 0.0, 4.6, 0.0, 0.0, 0.0, True)
+
+
+def seen(order: Callable[[float], float], angle: Callable[[float], float], seconds: float = 8.0) -> tuple[str, float]:
+    """What was found, and when [s]; orders and angles in degrees."""
+    monitor = RudderFollows()
+    for step in range(round(seconds / 0.1)):
+        now = 0.1 * step
+        monitor.hear(RudderSample(now, math.radians(angle(now)), False, "RSA"))
+        told = math.radians(order(now))
+        monitor.look(Watched(now, STATE, True, True, 0.0, told, 0.6, True), LIMITS)
+        if monitor.found[0]:
+            return monitor.found[0], now
+    return "", math.inf
+
+
+@pytest.mark.parametrize("at", [-25.0, -10.0, 0.0, 10.0, 25.0])
+@pytest.mark.parametrize("away", [-12.0, 12.0])
+def test_a_rudder_that_stands_is_stuck_wherever_it_stands_and_said_within_three_seconds(at: float, away: float) -> None:
+    kind, when = seen(lambda now: at + away if now > 1.0 else at, lambda now: at)
+    assert kind == "rudder_stuck"
+    assert when - 1.0 <= 3.0
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("offset", [-15.0, 0.0, 15.0])
+def test_a_rudder_that_goes_to_the_other_side_is_reversed(side: float, offset: float) -> None:
+    kind, when = seen(
+        lambda now: offset + (side * 12.0 if now > 1.0 else 0.0),
+        lambda now: offset - side * min(max(now - 1.1, 0.0) * 20.0, 12.0),
+    )
+    assert kind == "rudder_reversed"
+    assert when - 1.0 <= 1.5
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_rudder_that_creeps_does_not_follow(side: float) -> None:
+    kind, _ = seen(lambda now: side * 20.0, lambda now: side * 0.8 * now)
+    assert kind == "rudder_not_following"
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("start", [-20.0, 0.0, 20.0])
+def test_a_rudder_on_its_way_is_none_of_them(side: float, start: float) -> None:
+    order = start + side * 25.0
+    assert seen(lambda now: order, lambda now: start + side * min(8.0 * now, 25.0)) == ("", math.inf)
+    assert seen(lambda now: start + 4.0 * side, lambda now: start) == ("", math.inf), "within what the file tolerates"
