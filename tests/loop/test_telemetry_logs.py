@@ -40,7 +40,7 @@ from autopilot.loop.logs.series import (
     WIND_SPEED,
     Recording,
 )
-from autopilot.loop.logs.servo import Servo, servo_from_parameters, servo_from_text
+from autopilot.loop.logs.servo import Servo, ServoScale, servo_from_parameters, servo_from_text, steering_servo
 from autopilot.loop.recordings import LogOptions, load_run
 from autopilot.models.steering_gear import SteeringGear
 
@@ -357,3 +357,16 @@ def test_a_log_as_csv_identifies_to_the_same_model(tmp_path: Path, capsys: pytes
     table = identify([load_run(str(out))], "nomoto").model
     assert table.gain == pytest.approx(direct.gain, rel=1e-6)
     assert table.time_constant == pytest.approx(direct.time_constant, rel=1e-6)
+
+
+def test_a_servo_s_pulses_are_read_on_the_scale_of_the_vessel_file() -> None:
+    """With end points of 1100 and 1900 us, 1900 is 0.8 of a rudder that was measured at 2000."""
+    logged = {"SERVO1_FUNCTION": 26.0, "SERVO1_MIN": 1100.0, "SERVO1_MAX": 1900.0, "SERVO1_REVERSED": 1.0}
+    own, scaled = steering_servo("log", logged), steering_servo("log", logged, ServoScale(1000.0, 1500.0, 2000.0))
+    assert own is not None
+    assert scaled is not None
+    pulses = np.array([1100.0, 1500.0, 1900.0])
+    assert own.share(pulses) == pytest.approx([1.0, 0.0, -1.0])
+    assert scaled.share(pulses) == pytest.approx([0.8, 0.0, -0.8])
+    assert steering_servo("log", logged, Servo(3)) == Servo(3)
+    assert steering_servo("log", {}, ServoScale(1000.0, 1500.0, 2000.0)) is None
