@@ -32,6 +32,10 @@ class InputError(ValueError):
         return [self]
 
 
+class NotYetError(InputError):
+    """A file or folder that is not there, but may come."""
+
+
 class SeveralInputError(InputError):
     """Several mistakes in one file: its message is that of the first, and says how many more there are."""
 

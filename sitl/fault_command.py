@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from autopilot.cli.waiting import add_waiting_option, patience_of
 from autopilot.errors import ExitCode, InputError
 
 DEFAULT_DESK = "127.0.0.1:14599"
@@ -30,6 +31,7 @@ def add_fault_command(commands: Any, epilog: str) -> None:
         "--control", metavar="HOST:PORT", default=DEFAULT_DESK, help="where the boat listens (default %(default)s)"
     )
     fault.add_argument("--kinds", action="store_true", help="print the table of faults, and stop")
+    add_waiting_option(fault)
     fault.set_defaults(run=run_fault)
 
 
@@ -40,7 +42,8 @@ def run_fault(arguments: argparse.Namespace) -> int:
     if arguments.kinds:
         print(kinds_table())
         return int(ExitCode.OK)
-    verdict, _, answer = ask(arguments.control, " ".join(arguments.words)).partition(" ")
+    said = patience_of(arguments)(lambda: ask(arguments.control, " ".join(arguments.words)))
+    verdict, _, answer = said.partition(" ")
     if verdict != "ok":
         raise InputError(answer)
     print(answer)

@@ -16,7 +16,7 @@ import socket
 from typing import cast
 
 from autopilot.errors import InputError
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, NotThereError
 from sitl.fault_kinds import KINDS, SOURCES, FaultKind, Source, wrong_size, wrong_source
 from sitl.faults import Fault
 from sitl.world import World
@@ -156,5 +156,7 @@ def ask(address: str, line: str) -> str:
             asker.connect(desk_address(address))
             asker.send(line.encode())
             return asker.recv(LONGEST).decode("utf-8", "replace")
+        except ConnectionRefusedError as error:
+            raise NotThereError(f"{address}: no answer; start `sitl serve` with --control {address}") from error
         except OSError as error:
             raise LinkError(f"{address}: no answer; start `sitl serve` with --control {address}") from error

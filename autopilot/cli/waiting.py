@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from autopilot.errors import InputError
+from autopilot.errors import InputError, NotYetError
 from autopilot.links.base import NotThereError
 
 LINK_WAIT_S = 10.0
@@ -39,12 +39,12 @@ class Patience:
         self._until: float | None = None
 
     def __call__(self, opener: Callable[[], Opened]) -> Opened:
-        """Return what `opener` opens, tried again while that is not there. Raises LinkError when time is over."""
+        """Return what `opener` opens, tried again while that is not there. Raises LinkError, InputError."""
         is_said = False
         while True:
             try:
                 return opener()
-            except NotThereError as error:
+            except (NotThereError, NotYetError) as error:
                 now = time.monotonic()
                 self._until = now + self._seconds if self._until is None else self._until
                 if now >= self._until:
@@ -52,7 +52,8 @@ class Patience:
                 if not is_said:
                     is_said = True
                     left = self._until - now
-                    print(f"{error.what}: waiting up to {left:.0f} s for it (--link-wait)", file=sys.stderr, flush=True)
+                    what = str(error).partition(";")[0]
+                    print(f"{what}: waiting up to {left:.0f} s for it (--link-wait)", file=sys.stderr, flush=True)
             time.sleep(PAUSE_S)
 
 

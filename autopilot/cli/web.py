@@ -51,12 +51,13 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.web.station import Station
 
     host, port = listening_address(arguments.listen)
-    shelf = LogShelf(arguments.logs)
+    patience = patience_of(arguments)
+    shelf = patience(lambda: LogShelf(arguments.logs))
     token = token_of(arguments.token_file)
     station = Station()
     sock = _bound(host, port)
     try:
-        line = patience_of(arguments)(lambda: BoatLine(arguments.link, station, signing_of(arguments)))
+        line = patience(lambda: BoatLine(arguments.link, station, signing_of(arguments)))
     except Exception:
         sock.close()
         raise
@@ -94,6 +95,7 @@ def _bound(host: str, port: int) -> Any:
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         sock.bind((host, port))
+        sock.listen()  # who follows the address at once waits for the answer
     except OSError as error:
         sock.close()
         raise InputError(f"--listen {host}:{port}: {error.strerror}; choose another port or address") from error

@@ -22,12 +22,7 @@ class LinkError(Exception):
 
 
 class NotThereError(LinkError):
-    """A device or the other end of a connection is not there, but may come. what: the same without what to do."""
-
-    @property
-    def what(self) -> str:
-        """What is missing."""
-        return str(self).partition(";")[0]
+    """A device or the other end of a connection is not there, but may come."""
 
 
 class Transport(Protocol):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from autopilot.errors import InputError
+from autopilot.errors import NotYetError
 
 SUFFIXES = (".tlog", ".html", ".csv", ".yaml")
 SHOWN_MOST = 200
@@ -18,7 +18,7 @@ class LogShelf:
 
     def __init__(self, folder: Path | None) -> None:
         if folder is not None and not folder.is_dir():
-            raise InputError(f"--logs {folder}: no folder there; give the folder that `autopilot run --log` writes to")
+            raise NotYetError(f"--logs {folder}: no folder there; give the folder that `autopilot run --log` writes to")
         self._folder = folder
 
     @property

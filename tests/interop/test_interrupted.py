@@ -12,6 +12,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +22,11 @@ import pytest
 from boat_recordings import zigzag_boat
 from two_processes import free_port
 
+from autopilot.loop.record import read_log
+
 pytestmark = pytest.mark.real_time
+
+ROOT = Path(__file__).parents[2]
 
 SLOW = os.environ.get("NORRBIN_SLOW") == "1"
 MOMENTS = [0.05 * step for step in range(41)] if SLOW else [0.0, 0.1, 0.2, 0.35, 0.6, 1.0, 1.6]
@@ -122,3 +127,59 @@ def start(command: Command, folder: Path) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def test_the_page_ends_at_once_while_browsers_follow_the_boat(tmp_path: Path) -> None:
+    page = start(COMMANDS["web"], tmp_path)
+    assert page.stdout is not None
+    address = [page.stdout.readline(), page.stdout.readline()][1].split()[-1]
+    browsers = [urllib.request.urlopen(f"{address}api/events", timeout=20) for _ in range(3)]
+    assert all(browser.readline() for browser in browsers)
+    page.send_signal(signal.SIGTERM)
+    _, complained = page.communicate(timeout=20)
+    for browser in browsers:
+        browser.close()
+    assert (page.returncode, complained) == (0, "autopilot: ended by a termination signal\n")
+
+
+def test_output_to_a_full_disk_leaves_the_steering_and_the_log_alone(tmp_path: Path) -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    (tmp_path / "run.tlog").write_bytes(b"a sea trial")
+    boat = start(Command(lambda _: ["sitl", "serve", "lanxin", "--mavlink", f"udpout:127.0.0.1:{port}"]), tmp_path)
+    with Path("/dev/full").open("wb") as full:
+        command = ["run", "lanxin", "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--engage", "30"]
+        pilot = subprocess.run(
+            [sys.executable, "-m", "autopilot", *command, "--duration", "8", "--log", "run.tlog"],
+            cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=full, stderr=full, timeout=60, check=False,
+        )  # fmt: skip
+    boat.terminate()
+    boat.communicate(timeout=20)
+    assert pilot.returncode == 0
+    assert (tmp_path / "run.tlog").read_bytes() == b"a sea trial"
+    ticks = read_log(tmp_path / "run-2.tlog").ticks
+    assert ticks[-1].mode.name == "ENGAGED"
+    assert ticks[-1].now > 7.0
+
+
+@pytest.mark.parametrize("line", ["params show lanxin", "params schema vessel", "gains lanxin"])
+def test_a_full_disk_under_what_is_printed_is_one_sentence(line: str, tmp_path: Path) -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "autopilot", *line.split()],
+            cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (
+        2,
+        "autopilot: No space left on device; free the disk and start again\n",
+    )
+
+
+def test_a_python_that_is_too_old_is_one_sentence(tmp_path: Path) -> None:
+    text = (ROOT / "autopilot" / "__init__.py").read_text(encoding="utf-8")
+    assert re.search(r"^requires-python = \">=3\.11\"$", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    old = "import sys; sys.version_info = (3, 10, 13, 'final', 0)\n"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{old}exec({text!r})"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert re.fullmatch(r"Norrbin needs Python 3\.11 or newer; this is .* of version 3\.10\n", done.stderr), done.stderr

@@ -274,7 +274,7 @@ def test_the_process_serves_and_ends_on_a_signal(ending: signal.Signals, tmp_pat
 def test_the_command_ends_with_a_sentence(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     cases = [
         (["--link", "nmea:/dev/null:4800"], 2, "MAVLink"),
-        (["--link", "udpin:127.0.0.1:0", "--logs", str(tmp_path / "none")], 2, "no folder there"),
+        (["--link", "udpin:127.0.0.1:0", "--logs", str(tmp_path / "none"), "--link-wait", "0"], 2, "no folder there"),
         (["--link", "udpin:127.0.0.1:0", "--listen", "192.0.2.1:80"], 2, "choose another"),
     ]
     for arguments, code, words in cases:
