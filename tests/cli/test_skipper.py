@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import math
 import os
 import pty
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
@@ -154,11 +156,22 @@ def test_a_key_of_another_character_set_ends_no_steering(tmp_path: Path) -> None
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", "udpin:127.0.0.1:0", "--wait", "0"]
     run = subprocess.Popen(
-        command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=tmp_path, env={**os.environ}
+        command,
+        stdin=theirs,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        cwd=tmp_path,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(theirs, termios.TIOCSCTTY, 0),
     )
+    assert run.stdout is not None
+    shown = b""
+    while b"STANDBY" not in shown:  # it takes keys from its first tick on
+        shown += run.stdout.readline()
     os.close(theirs)
     os.write(ours, b"e \xff\xfe90\nr \xed\xa0\x80\n\x1b[31mx\n" + b"t " + b"9" * 3000 + b"\nq\n")
     out, _ = run.communicate(timeout=120)
     os.close(ours)
+    out = shown + out
     assert b"Traceback" not in out and b"\x1b[31m" not in out, out
     assert out.count(b"is not a number of degrees") == 2 and b"give the number of a waypoint" in out
