@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 import os
+import pty
 import re
 import signal
 import socket
 import subprocess
 import sys
+import termios
 import time
 import urllib.request
 from collections.abc import Callable
@@ -183,3 +185,36 @@ def test_a_python_that_is_too_old_is_one_sentence(tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert re.fullmatch(r"Norrbin needs Python 3\.11 or newer; this is .* of version 3\.10\n", done.stderr), done.stderr
+
+
+def test_a_closed_terminal_ends_a_run_in_good_order(tmp_path: Path) -> None:
+    pilot = start(COMMANDS["run"], tmp_path)
+    assert pilot.stdout is not None
+    assert "STANDBY" in pilot.stdout.readline()
+    pilot.send_signal(signal.SIGHUP)
+    said, complained = pilot.communicate(timeout=20)
+    assert (pilot.returncode, complained) == (0, "")
+    assert said.startswith("ended by the terminal's end: rudder not held; nothing was steered; log ")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
+def test_the_helm_in_a_terminal_gives_it_back(number: signal.Signals, tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    before = termios.tcgetattr(theirs)
+    helm = subprocess.Popen(
+        [sys.executable, "-m", "autopilot", "helm", "--link", _udp()],
+        cwd=tmp_path, stdin=theirs, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "xterm"},
+    )  # fmt: skip
+    shown = b""
+    while b"\x1b[?1049h" not in shown:
+        shown += os.read(ours, 65536)
+    time.sleep(0.5)
+    helm.send_signal(number)
+    assert helm.wait(20) == 0
+    shown += os.read(ours, 1 << 20)
+    assert b"\x1b[?1049l" in shown
+    assert b"Traceback" not in shown
+    assert LAST_LINE[number].encode() in shown
+    assert termios.tcgetattr(theirs) == before
+    os.close(ours)
+    os.close(theirs)
