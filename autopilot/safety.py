@@ -13,10 +13,8 @@ from typing import NamedTuple
 from autopilot.alarms import CATALOGUE, Response, text_of
 from autopilot.envelope import NOT_FINITE, CommandCheck, Envelope, Picture
 from autopilot.signals import (
-    RADIO_LOST,
-    REBOOTED,
-    SILENT,
     AlarmSample,
+    HelmCause,
     HelmSample,
     Mode,
     NavState,
@@ -105,7 +103,7 @@ class Supervisor:
     def hear(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
         self._helm[sample.source] = sample
-        self._rebooted = self._rebooted or sample.reason.startswith(REBOOTED)
+        self._rebooted = self._rebooted or sample.cause is HelmCause.REBOOTED
 
     def note(self, sample: AlarmSample) -> None:
         """Take a link's word on what the skipper should know though steering goes on."""
@@ -126,7 +124,7 @@ class Supervisor:
         against = self._first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE)
         self._watch_heading(now, against)
         self._watch_reboot(now)
-        taken = next((sample.reason for sample in self._helm.values() if not sample.available), None)
+        taken = next((sample for sample in self._helm.values() if not sample.available), None)
         if order.kind is OrderKind.STANDBY:
             self._fire(now, Event.RELEASE, order)
         elif taken is not None and self.state not in (SupervisorState.STANDBY, SupervisorState.OVERRIDE):
@@ -155,7 +153,13 @@ class Supervisor:
             self._fire(now, _order_event(order), order)
 
     def _wait(
-        self, now: float, order: Order, state: NavState, taken: str | None, against: str, found: Mapping[str, str]
+        self,
+        now: float,
+        order: Order,
+        state: NavState,
+        taken: HelmSample | None,
+        against: str,
+        found: Mapping[str, str],
     ) -> None:
         """While not engaged: whether an order, or what has come back, engages."""
         back = self._returned(now)
@@ -163,7 +167,7 @@ class Supervisor:
             self._blocked = None
             return
         if taken is not None:
-            self._block(now, order, state, "cannot_engage", taken)
+            self._block(now, order, state, "cannot_engage", taken.reason)
         elif against:
             waits = against == HEADING_LOST
             self._block(now, order, state, "waiting_heading" if waits else against, "" if waits else found[against])
@@ -255,7 +259,7 @@ class Supervisor:
 
     def _watch_reason(self, now: float, lost: str) -> None:
         """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
-        is_silent = any(not each.available and each.reason.startswith(SILENT) for each in self._helm.values())
+        is_silent = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
         on = {HEADING_LOST: lost == HEADING_LOST, LINK_SILENT: is_silent}.get(self.name, True)
         if on or self.state not in ENDED:
             self._over_since = None
@@ -330,13 +334,16 @@ def _order_event(order: Order) -> Event:
     return Event.ORDER_TRACK if order.is_led else Event.ORDER_HEADING
 
 
-def _word_of(taken: str) -> tuple[str, str]:
-    """Return the name of the alarm, and what is said, where a link gives `taken` as the reason for the lost helm."""
-    name = "human_override"
-    if taken.startswith(REBOOTED):
-        name = "firmware_rebooted"
-    elif taken.startswith(SILENT):
-        name = LINK_SILENT
-    elif taken.startswith(RADIO_LOST):
-        name = "radio_lost"
-    return name, f"{OVERRIDDEN}: {taken}; {CATALOGUE[name].remedy}"
+TAKEN_BY = {
+    HelmCause.TAKEN: "human_override",
+    HelmCause.REBOOTED: "firmware_rebooted",
+    HelmCause.SILENT: LINK_SILENT,
+    HelmCause.RADIO_LOST: "radio_lost",
+}
+"""The alarm that each cause of a lost helm is."""
+
+
+def _word_of(taken: HelmSample) -> tuple[str, str]:
+    """Return the name of the alarm, and what is said, where a link gives a cause and a reason for the lost helm."""
+    name = TAKEN_BY[taken.cause]
+    return name, f"{OVERRIDDEN}: {taken.reason}; {CATALOGUE[name].remedy}"

@@ -57,19 +57,24 @@ class RollSample(NamedTuple):
     source: str = ""
 
 
-REBOOTED = "the vehicle has rebooted"
-SILENT = "no heartbeat from the vehicle"
-RADIO_LOST = "the radio is lost"
-"""Beginnings of a HelmSample's reason that no human stands behind."""
+class HelmCause(IntEnum):
+    """Why the helm is not ours: the supervisor goes by this, people by the reason's words."""
+
+    TAKEN = 0
+    """A human, or the firmware, has it, or something is not in order."""
+    REBOOTED = 1
+    SILENT = 2
+    RADIO_LOST = 3
 
 
 class HelmSample(NamedTuple):
-    """Whether the other side lets us steer: False with the reason when a human or the firmware has the helm."""
+    """Whether the other side lets us steer: False with reason and cause when a human or the firmware has the helm."""
 
     time: float
     available: bool
     reason: str = ""
     source: str = ""
+    cause: HelmCause = HelmCause.TAKEN
 
 
 class PositionSample(NamedTuple):

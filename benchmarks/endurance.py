@@ -3,6 +3,7 @@
     nice -n 10 python benchmarks/endurance.py simulated --hours 24            # pilot, law, log folder; direct link
     nice -n 10 python benchmarks/endurance.py simulated --hours 2 --mavlink   # with the flight controller on its line
     python benchmarks/endurance.py real --minutes 30 --hogs 2                 # a real process beside two CPU hogs
+    python benchmarks/endurance.py alarms --hours 24 [--plant coaster]        # false alarms on every plant of the tests
 
 Simulated: pilot and boat in lockstep, a new heading every ten minutes, five seconds without a compass every half hour
 (a fail-safe, then engaged anew), standby every hour, a log folder that is kept below its size. Every simulated ten
@@ -13,8 +14,13 @@ Real: `autopilot run --realtime` over UDP beside processes that count without en
 installed. The vehicle is this process; where it may, it takes SCHED_FIFO, for it stands for hardware. A tick that is
 later than two control periods after the one before is a missed deadline: with or without a heading the loop must tick
 after one and a half. `--report FILE.html` writes the page of a run (extra `report`).
+Alarms: pilot, monitors and supervisor on each plant with healthy instruments and their noise, in calm, sea state 3 and
+5 by the hour, a new course every five minutes; the seed is the day's date. An alarm that says what is so (a boat that
+is off course indeed, a rudder that is at its stop) is counted apart.
+
 Exit code 1 where a descriptor stays open, simulated where a release was missed, real where the process did not steer to
-the end; there a missed release is told beside what cyclictest saw, for a machine that stands still misses them too.
+the end; there a missed release is told beside what cyclictest saw, for a machine that stands still misses
+them too; of the alarms where a plant has more than one that is false in 24 hours, or any fail-safe.
 """
 
 from __future__ import annotations
@@ -30,6 +36,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +44,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
+from endurance_alarms import plants, watched
 from endurance_day import LIMITS, PERIODS_MISSED, Day
 from endurance_page import Reading, page, print_table, reading_of
 from wired_vehicle import WiredVehicle
@@ -202,9 +210,18 @@ def main() -> int:
     process.add_argument("--hogs", type=int, default=2)
     process.add_argument("--nice", type=int, default=0, help="of the hogs: what others do on this machine goes first")
     process.add_argument("--plain", action="store_true", help="without --realtime")
+    alarms = kinds.add_parser("alarms")
+    alarms.add_argument("--hours", type=int, default=24, help="simulated hours of each plant")
+    alarms.add_argument("--plant", action="append", choices=list(plants()), help="this one only; may be repeated")
+    alarms.add_argument("--seed", type=int, default=int(f"{date.today():%Y%m%d}"))
     for each in (lockstep, process):
         each.add_argument("--report", type=Path, metavar="FILE.html")
     arguments = parser.parse_args()
+    if arguments.kind == "alarms":
+        print(f"seed {arguments.seed}\n| plant | simulated | false alarms | fail-safes | which | said and so |")
+        print("|---|---|---|---|---|---|", flush=True)
+        borne = [watched(plant, arguments.hours, arguments.seed) for plant in arguments.plant or plants()]
+        return 0 if all(borne) else 1
     if arguments.report is not None:
         require_extra("by leaving --report out")
     if arguments.kind == "simulated":

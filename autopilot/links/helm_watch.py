@@ -10,7 +10,7 @@ import math
 from collections import deque
 
 from autopilot.links.vehicle_parameters import OVERRIDE_TIME, VehicleParameters
-from autopilot.signals import REBOOTED, SILENT
+from autopilot.signals import HelmCause
 
 MANUAL_MODE = 0
 GUIDED_MODE = 15
@@ -78,6 +78,8 @@ class HelmWatch:
         self._last_command = -math.inf
         self._disobeyed = ""
         self._sticks: dict[int, int] = {}
+        self.cause = HelmCause.TAKEN
+        """What kind the reason given last is of."""
         self.radio = ""
         """Why the radio counts as lost; empty while it does not."""
         self.switched_off = False
@@ -184,20 +186,25 @@ class HelmWatch:
         return bool(self._disobeyed)
 
     def reason(self, now: float, parameters: VehicleParameters, system: int) -> str:
-        """Return why the vehicle does not let `system` steer at `now` [s]; empty when it does."""
+        """Return why the vehicle does not let `system` steer at `now` [s], empty when it does; `cause` is of it."""
+        self.cause = HelmCause.TAKEN
         if self.obstacle:
             return self.obstacle
         silence = now - self.heartbeat_time
         if silence > HEARTBEAT_TIMEOUT_S or now - self.heard_time > SILENCE_S:
-            return f"{SILENT} for {silence:.0f} s"
+            self.cause = HelmCause.SILENT
+            return f"no heartbeat from the vehicle for {silence:.0f} s"
         judged = (parameters.revision, system)
         if judged != self._judged:
             self._judged = judged
             self._parameter_reason = _parameter_reason(parameters, system, self._guided)
         waiting = self._parameter_reason or ("" if self._guided else self.misfit)
         if waiting and self._rebooted:
-            return f"{REBOOTED}; {waiting}"
+            self.cause = HelmCause.REBOOTED
+            return f"the vehicle has rebooted; {waiting}"
         self._rebooted = False
+        if self.radio and not waiting:
+            self.cause = HelmCause.RADIO_LOST
         return waiting or self.radio or self._state_reason() or self._obedience_reason(now)
 
     def _state_reason(self) -> str:

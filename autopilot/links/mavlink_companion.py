@@ -408,8 +408,8 @@ class CompanionLink:
             proof.reset()
         self._may_prove = not obstacle
         self._reason = obstacle or proof.reason or self._reader.streams.waiting
-        if self._helm is None or self._helm.reason != self._reason:
-            self._helm = HelmSample(now, not self._reason, self._reason, self.name)
+        if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, self._watch.cause):
+            self._helm = HelmSample(now, not self._reason, self._reason, self.name, self._watch.cause)
             samples.insert(0, self._helm)
 
     def _note(self, now: float, source: str, text: str, samples: list[Sample]) -> None:

@@ -20,7 +20,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import Message
 from autopilot.links.vehicle_parameters import VehicleParameters
-from autopilot.signals import RADIO_LOST
 
 RECEIVER = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 LASTS_S = 0.3
@@ -90,6 +89,6 @@ class RadioWatch:
 
     def _set(self, what: str, is_gone: bool, sentence: str) -> None:
         if is_gone:
-            self._found[what] = f"{RADIO_LOST}: {sentence}"
+            self._found[what] = f"the radio is lost: {sentence}"
         else:
             self._found.pop(what, None)

@@ -18,6 +18,7 @@ from autopilot.signals import (
     AlarmState,
     ConditionSample,
     HeadingSample,
+    HelmCause,
     HelmSample,
     Mode,
     NavState,
@@ -65,6 +66,11 @@ _OUTPUTS_BEFORE_WAVES = struct.Struct("<7d?3dd?dB")
 _SAMPLE = struct.Struct("<Bdd")
 _NUMBER = struct.Struct("<d")
 _LED = 0x80
+_OLD_CAUSES = {
+    "the vehicle has rebooted": HelmCause.REBOOTED,
+    "no heartbeat from the vehicle": HelmCause.SILENT,
+    "the radio is lost": HelmCause.RADIO_LOST,
+}
 _UNKNOWN = 0xFF
 """In the place of an alarm's state that nobody knows."""
 
@@ -131,7 +137,7 @@ def decode_tick(record: bytes) -> Tick:
     """Return the tick of a record. Raises InputError where it is damaged."""
     try:
         return _decode_tick(record)
-    except (struct.error, IndexError, ValueError) as error:
+    except (struct.error, IndexError, ValueError, OverflowError) as error:
         raise InputError(f"a tick in the log is damaged: {error}") from error
 
 
@@ -197,7 +203,9 @@ _STATES = (SupervisorState.STANDBY, SupervisorState.HEADING, SupervisorState.OVE
 def _encode_sample(sample: Sample) -> bytes:
     kind = _KINDS.index(type(sample))
     if isinstance(sample, HelmSample):
-        body = _SAMPLE.pack(kind, sample.time, float(sample.available)) + _text(sample.reason)
+        # the cause counts up from 1 where the helm is ours, else down from -1; older logs have 1 and 0
+        value = 1.0 + sample.cause if sample.available else -1.0 - sample.cause
+        body = _SAMPLE.pack(kind, sample.time, value) + _text(sample.reason)
     elif isinstance(sample, AlarmSample):
         body = _SAMPLE.pack(kind, sample.time, 0.0) + _text(sample.text)
     elif isinstance(sample, ConditionSample):
@@ -221,6 +229,13 @@ def _encode_sample(sample: Sample) -> bytes:
     return body + _text(sample.source)
 
 
+def _cause_of(value: float, reason: str) -> HelmCause:
+    """Return the cause of a lost helm; in older logs the beginning of the reason has it."""
+    if value == 0.0:
+        return next((cause for begins, cause in _OLD_CAUSES.items() if reason.startswith(begins)), HelmCause.TAKEN)
+    return HelmCause(int(abs(value) - 1.0))
+
+
 def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     kind, time, value = _SAMPLE.unpack_from(record, place)
     place += _SAMPLE.size
@@ -228,7 +243,7 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     if made is HelmSample:
         reason, place = _read_text(record, place)
         source, place = _read_text(record, place)
-        return HelmSample(time, bool(value), reason, source), place
+        return HelmSample(time, value > 0.0, reason, source, _cause_of(value, reason)), place
     if made is AlarmSample:
         text, place = _read_text(record, place)
         source, place = _read_text(record, place)
