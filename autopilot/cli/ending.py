@@ -94,7 +94,8 @@ class Ending:
             self.why = f"ended by {ended_by(number)}"
 
         before = {number: signal.getsignal(number) for number in SIGNALS}
-        before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
+        if before[signal.SIGHUP] is signal.SIG_IGN:  # nohup: it goes on without its terminal
+            del before[signal.SIGHUP]
         for number in before:
             signal.signal(number, stop)
         try:
