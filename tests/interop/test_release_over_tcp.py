@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import pty
 import signal
 import socket
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -67,8 +69,9 @@ def engaged(folder: Path, duration: str = "60") -> Iterator[tuple[subprocess.Pop
         command = [sys.executable, "-m", "autopilot", "run", str(patient_vessel(folder)), "--as-gcs"]
         command += ["--link", f"tcp:127.0.0.1:{line}", "--engage", "present", "--duration", duration]
         with subprocess.Popen(
-            command, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        ) as run:
+            command, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            start_new_session=True, preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        ) as run:  # fmt: skip
             try:
                 wait_until_engaged(run)
                 os.write(keyboard, b"r 15\n")
@@ -90,6 +93,7 @@ def test_the_rudder_is_back_at_once(tmp_path: Path, way: str) -> None:
             run.send_signal(getattr(signal, way))
         ordered = witness.boot_time_when(lambda pulse: True)
         freed = witness.boot_time_when(is_free)
-        _, err = run.communicate(timeout=20.0)
+        out, err = run.communicate(timeout=20.0)
     assert freed - ordered < HELD_BACK_S
     assert (run.returncode, err) == (0, "")
+    assert "rudder released, confirmed by RC_CHANNELS" in out.splitlines()[-1]
