@@ -126,6 +126,7 @@ class LinkOptions(NamedTuple):
 
     `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
     `forward`: URLs of ground stations that see the flight controller through us; `doors`: which of them are heard.
+    `with_other_pilot`: engage though another pilot steers the boat.
     `reconnect`: lines that are lost, or not there yet, are opened again.
     `opened`: returns what an opener opens, in its own time.  `heard`: takes the lines, to say what came over them.
     """
@@ -137,6 +138,7 @@ class LinkOptions(NamedTuple):
     forward: tuple[str, ...] = ()
     doors: Doors | None = None
     reconnect: bool = False
+    with_other_pilot: bool = False
     opened: Callable[[Callable[[], Link]], Link] = opened_now
     heard: dict[str, HeardTransport] | None = None
 
@@ -166,6 +168,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
         heading_latency=vessel.sensors.heading_latency_s,
         vehicle_system=options.vehicle_system,
         as_gcs=options.as_gcs,
+        with_other_pilot=options.with_other_pilot,
         guided_speed_share=helm.guided_speed_share,
         hand_back_mode=MODES[vessel.failsafe.firmware_mode] if vessel.failsafe.action == "firmware" else None,
         servo_us=helm.servo_us,

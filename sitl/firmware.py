@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from typing import Protocol
 
 from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, ParameterTable, default_parameters
 from sitl.firmware_setup import Setup, setup_of
@@ -51,6 +52,13 @@ class FirmwareMode(IntEnum):
     INITIALISING = 16
 
 
+class Port(Protocol):
+    """A MAVLink port: the addresses heard there, and what waits to leave."""
+
+    sources: set[tuple[int, int]]
+    outgoing: list[bytes]
+
+
 class Firmware:
     """The simulated flight controller. It is a helm of the world: each step of the world is one of its loops."""
 
@@ -75,6 +83,8 @@ class Firmware:
         self.receiver = self.has_receiver = vehicle.receiver
         self.sticks = self._resting_sticks()
         self.notices: list[tuple[int, str]] = []
+        self.ports: list[Port] = []
+        """The MAVLink ports, for what passes from one to the others."""
         self._wanted_mode = FirmwareMode[vehicle.mode]
         self._wants_arming = vehicle.armed
         self._faults = VehicleFaults(self)

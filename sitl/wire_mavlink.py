@@ -34,6 +34,15 @@ SILENCED_BY: Mapping[int, tuple[FaultKind, ...]] = {
     dialect.MAVLINK_MSG_ID_RC_CHANNELS: ("feedback_lost",),
 }
 """Faults that keep a message from being sent."""
+PASSED_ON = frozenset(
+    (
+        dialect.MAVLINK_MSG_ID_HEARTBEAT,
+        dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT,
+        dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+        dialect.MAVLINK_MSG_ID_STATUSTEXT,
+    )
+)
+"""Messages without a target that companions send."""
 INT16_MAX = 32767
 PARAMETERS_PER_STEP = 5
 """How fast a parameter list leaves: 500 a second."""
@@ -53,7 +62,9 @@ class MavlinkVehicle:
         self.codec = MavlinkCodec(system=system, component=1, is_stream=is_stream, signing=signing)
         self.streams = Streams(firmware.parameters, self.world.time)
         self.reboots_at: float | None = None
-        self._outgoing: list[bytes] = []
+        self.outgoing: list[bytes] = []
+        self.sources: set[tuple[int, int]] = set()
+        firmware.ports.append(self)
         self._parameter_queue: deque[int] = deque()
         self._notices_seen = len(firmware.notices)
         self._reboots_seen = firmware.reboots
@@ -80,10 +91,22 @@ class MavlinkVehicle:
         self.world.advance(now)
         time = self.world.time_at(now)
         for message in self.codec.decode(data):
+            self._pass_on(message)
             if self._is_for_us(message):
                 handler = self._handlers.get(message.get_msgId())
                 if handler:
                     handler(message, time)
+
+    def _pass_on(self, message: Any) -> None:
+        """What is for everybody leaves on every other port where anybody was heard; a heartbeat on none where its own
+        address was (libraries/GCS_MAVLink/MAVLink_routing.cpp)."""
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        self.sources.add(source)
+        if message.get_msgId() in PASSED_ON:
+            is_heartbeat = message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT
+            for port in self.firmware.ports:
+                if port is not self and port.sources and not (is_heartbeat and source in port.sources):
+                    port.outgoing.append(bytes(message.get_msgbuf()))
 
     def advance(self, now: float) -> None:
         """Move the world on to `now` [s]; what falls due on the way is ready for `transmit`."""
@@ -92,13 +115,13 @@ class MavlinkVehicle:
     def transmit(self, now: float) -> list[bytes]:
         """Return what has left by `now` [s], one packet each, oldest first."""
         self.world.advance(now)
-        outgoing, self._outgoing = self._outgoing, []
+        outgoing, self.outgoing = self.outgoing, []
         return outgoing
 
     def send(self, message: Any) -> None:
         """Put a message on the wire, unless the scenario has silenced the boat."""
         if not self.world.sensors.is_silent(self.world.time):
-            self._outgoing.append(self.codec.encode(message))
+            self.outgoing.append(self.codec.encode(message))
 
     def send_now(self, identity: int, time: float) -> bool:
         """Send one message of those that can be streamed; False where it is none of them or not to be had."""

@@ -59,6 +59,9 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
         "--as-gcs", action="store_true", help="send steering with the ground station's id, which ArduPilot obeys"
     )
     parser.add_argument(
+        "--with-other-pilot", action="store_true", help="engage though another pilot steers this boat already"
+    )
+    parser.add_argument(
         "--forward",
         action="append",
         default=[],
@@ -104,6 +107,7 @@ def steer(
     doors = Doors(_admission(vessel, serving))
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
     options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward), doors)
+    options = options._replace(with_other_pilot=arguments.with_other_pilot)
     options = options._replace(reconnect=arguments.reconnect, opened=patience_of(arguments), heard=ending.heard)
     saver = BackgroundSaver()
     resumption = resumption_of(arguments, vessel, saver) if resumes is not None else None

@@ -2,7 +2,8 @@
 
 ArduPilot ignores overrides in silence: from a system id that is not its ground station's, while the pilot's override
 switch is off, or when its parameters are other than they were read. So a pulse is sent that differs from the present
-one by a few microseconds, inside the dead zone where there is one, and RC_CHANNELS must show exactly that pulse.
+one by a few microseconds, inside the dead zone where there is one, and RC_CHANNELS must show exactly that pulse. Then
+nothing is sent for a moment, in which it must stay: whoever else overrides the input shows then.
 """
 
 from __future__ import annotations
@@ -18,18 +19,26 @@ PATIENCE_S = 2.5
 RETRY_S = 4.0
 SEEN_REPORTS = 3
 """So many reports in a row must show the pulse: a stick that a hand moves passes by."""
+PAUSE_S = 0.35
+"""Others repeat their overrides at 5 Hz at least."""
+PAUSE_REPORTS = 2
+OTHER = (
+    "another pilot or ground station overrides the steering input: RC channel {number} went to {pulse} us while "
+    "{ours} us was sent last; stop it, or start with --with-other-pilot"
+)
 REPORT_TIMEOUT_S = 3.0
 
 
 class HelmProbe:
-    """One proof for each start of the vehicle.
+    """One proof for each start of the vehicle. `may_share`: others may override the input too.
 
     Attributes:
         reason: why the helm is not ours yet; empty once the vehicle has shown that it takes our steering.
     """
 
-    def __init__(self, output: SteeringOutput) -> None:
+    def __init__(self, output: SteeringOutput, may_share: bool = False) -> None:
         self._output = output
+        self._may_share = may_share
         self.reset()
 
     def reset(self) -> None:
@@ -41,6 +50,7 @@ class HelmProbe:
         self._pulse = 0
         self._began = self._next = -math.inf
         self._seen = 0
+        self._paused: float | None = None
 
     @property
     def pulse(self) -> int:
@@ -63,22 +73,42 @@ class HelmProbe:
         if self._message is None:
             self._reported = pulse
             return
+        if self._paused is not None:
+            self._judge_pause(now, number, pulse)
+            return
         self._seen = self._seen + 1 if pulse == self._pulse else 0
         if self._seen >= SEEN_REPORTS:
-            self.reason, self._message = "", None
+            self._paused, self._seen = now, 0
+            if self._may_share:
+                self.reason, self._message = "", None
         elif now - self._began > PATIENCE_S:
-            self._message, self._reported, self._next = None, None, now + RETRY_S
-            self.reason = (
+            self._refuse(
+                now,
                 f"the vehicle does not take our steering: RC channel {number} stays at {pulse} us while {self._pulse} "
-                "us is sent; switch radio override on, close other ground stations, or start with --as-gcs"
+                "us is sent; switch radio override on, close other ground stations, or start with --as-gcs",
             )
+
+    def _judge_pause(self, now: float, number: int, pulse: int) -> None:
+        assert self._paused is not None
+        if pulse != self._pulse:
+            self._refuse(now, OTHER.format(number=number, pulse=pulse, ours=self._pulse))
+            return
+        self._seen += 1
+        if now - self._paused >= PAUSE_S and self._seen >= PAUSE_REPORTS:
+            self.reason, self._message, self._paused = "", None, None
+
+    def _refuse(self, now: float, reason: str) -> None:
+        self._message, self._reported, self._paused, self._next = None, None, None, now + RETRY_S
+        self.reason = reason
 
     def due(self, now: float) -> Message | None:
         """Return the message to send at `now` [s], None where none is."""
         if self.passed or now < self._next:
             return None
         if now - self._report_time > REPORT_TIMEOUT_S:
-            self._message = None
+            self._message = self._paused = None
+            return None
+        if self._paused is not None:
             return None
         if self._message is None:
             if self._reported is None:
@@ -88,6 +118,7 @@ class HelmProbe:
                 return None
             self._message, self._pulse = found
             self._began, self._seen = now, 0
-            self.reason = self.reason if self.reason.startswith("the vehicle does") else "checking the steering input"
+            tried = self.reason.startswith(("the vehicle does", "another pilot"))
+            self.reason = self.reason if tried else "checking the steering input"
         self._next = now + REPEAT_S
         return self._message

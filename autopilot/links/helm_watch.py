@@ -46,6 +46,11 @@ FORGIVEN_S = 2.0
 """This long after our last command a rudder that did not obey may be tried again."""
 HISTORY_S = 1.0
 PULSE_TOLERANCE_US = 3
+STRANGE_REPORTS = 3
+STRANGE_S = 3.0
+STRANGE_LASTS_S = 8.0
+"""So many reports of the input within this time are somebody else's; the alarm lasts from one of their tries to the
+next."""
 STANDBY_STATE = 3
 STICK_MOVED_US = 150
 """A stick that is moved this far is meant."""
@@ -77,6 +82,8 @@ class HelmWatch:
         self._began = self._report_time = -math.inf
         self._last_command = -math.inf
         self._disobeyed = ""
+        self._strange: deque[float] = deque(maxlen=STRANGE_REPORTS)
+        self._strange_until = -math.inf
         self._sticks: dict[int, int] = {}
         self.cause = HelmCause.TAKEN
         """What kind the reason given last is of."""
@@ -138,16 +145,26 @@ class HelmWatch:
         """Whether we have commanded something that we have not released."""
         return bool(self._sent)
 
-    def seen(self, now: float, what: str, pulse: int, expected: list[int]) -> None:
+    def others_override(self, now: float) -> bool:
+        """Return whether the steering input has shown pulses of late that are none of ours, while we steer."""
+        if len(self._strange) == STRANGE_REPORTS and self._strange[-1] - self._strange[0] <= STRANGE_S:
+            self._strange_until = self._strange[-1] + STRANGE_LASTS_S
+        return self.steering and now <= self._strange_until
+
+    def seen(self, now: float, what: str, pulse: int, expected: list[int], is_input: bool = False) -> None:
         """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last.
 
         It is one of them: between two that lie on either side a pulse that stands still would seem to obey for as long
         as the rudder swings about it. `what` names the report in the sentence, such as "RC channel 1" or "servo 1".
+        `is_input`: it is the input that we override.
         """
+        agrees = any(abs(pulse - each) <= PULSE_TOLERANCE_US for each in expected)
+        if is_input and not agrees:
+            self._strange.append(now)
         self.judge(
             now,
             what,
-            any(abs(pulse - each) <= PULSE_TOLERANCE_US for each in expected),
+            agrees,
             f"the rudder does not obey: {what} is at {pulse} us while {expected[-1]} is commanded "
             "(radio override switched off, or another ground station steers)",
         )

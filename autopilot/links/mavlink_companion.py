@@ -26,6 +26,7 @@ from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.hand_back import HandBack
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
+from autopilot.links.other_pilot import OVERRIDDEN, OtherPilot
 from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
@@ -82,6 +83,7 @@ class CompanionSettings(NamedTuple):
     below it is an alarm.
     servo_us: servo pulses at full rudder to one side, amidships, to the other, where they are not the vehicle's end
     points and trim.  angle_max [rad]: what the rudder can do.
+    with_other_pilot: engage though another pilot steers the boat.
     """
 
     rudder_at_full: float
@@ -98,6 +100,7 @@ class CompanionSettings(NamedTuple):
     battery_percent: float = -math.inf
     servo_us: tuple[float, float, float] | None = None
     angle_max: float = 0.0
+    with_other_pilot: bool = False
 
 
 class CompanionLink:
@@ -133,7 +136,9 @@ class CompanionLink:
         self._output = SteeringOutput(
             settings.method, settings.rudder_at_full, settings.reversed, settings.servo_us, settings.angle_max
         )
-        self._reader = VehicleReader(self._output, settings.attitude_rate_hz, settings.heading_latency, guided)
+        self._reader = VehicleReader(
+            self._output, settings.attitude_rate_hz, settings.heading_latency, guided, settings.with_other_pilot
+        )
         self._watch, self._probe = self._reader.watch, self._reader.probe
         self._guided = GuidedTargets(self._watch, settings.guided_speed_share) if guided else None
         self._reader.guided = self._guided
@@ -158,6 +163,7 @@ class CompanionLink:
         self._next_release, self._released_at = -math.inf, math.inf
         self._is_gone = self._has_steered = False
         self._marking: Message | None = None
+        self._other = OtherPilot(settings.with_other_pilot)
 
     @property
     def vehicle_system(self) -> int | None:
@@ -198,6 +204,8 @@ class CompanionLink:
                     self._latch(message)
                     self._reader.take(now, message, samples)
                     news = True
+                else:
+                    self._other.take(now, message)
         if self._watch.heard_time != heard:
             self._peer_heard = now
         if self._watch.heartbeat_time != beat:
@@ -205,6 +213,8 @@ class CompanionLink:
         if news or not self._watch.booted:
             self._judge_at = now + JUDGE_S
             self._judge_helm(now, samples)
+            overridden = OVERRIDDEN if self._watch.others_override(now) else ""
+            self._note(now, "other pilot", self._other.alarm(now, self._watch.steering) or overridden, samples)
             self._note(now, "attitude rate", self._reader.streams.slow, samples)
             if self._guided is not None:
                 self._note(now, "guided", self._guided.alarm, samples)
@@ -262,6 +272,8 @@ class CompanionLink:
             if self._watch.booted:
                 self._send_requests(now)
             self._send_asides(now)
+            if self._watch.booted and (news := self._other.due(now)) is not None:
+                self._other.sent(self._transmit(now, news, self._codec))
             for text in self._texts.due(now):
                 self._transmit(now, text, self._codec)
         if self._peer_heard is None:
@@ -359,6 +371,7 @@ class CompanionLink:
     def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
         """Keep the state in our heartbeat honest, and say every new alarm as STATUSTEXT."""
         self.state = STATES[mode]
+        self._other.tell(now, mode, alarms)
         if self._hand_back is not None:
             self._hand_back.tell(now, mode)
         if alarms != self._alarms:
@@ -403,11 +416,13 @@ class CompanionLink:
         if self._settings.as_gcs and self._settings.gcs_system is None:
             self._gcs_codec.system = self._reader.parameters.gcs_system or DEFAULT_GCS
         obstacle = self._watch.reason(now, self._reader.parameters, self._steering_codec.system)
+        if not obstacle and not self._watch.steering:
+            obstacle = self._other.obstacle(now)
         proof = self._probe if self._guided is None else self._guided
         if self._watch.disobeyed or obstacle:
             proof.reset()
         self._may_prove = not obstacle
-        self._reason = obstacle or proof.reason or self._reader.streams.waiting
+        self._reason = obstacle or proof.reason or self._reader.streams.waiting or self._other.waiting(now)
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, self._watch.cause):
             self._helm = HelmSample(now, not self._reason, self._reason, self.name, self._watch.cause)
             samples.insert(0, self._helm)
@@ -435,9 +450,10 @@ class CompanionLink:
                 for message in aside.due(now, self._vehicle):
                     self._transmit(now, message, self._steering_codec)
 
-    def _transmit(self, now: float, message: Message, codec: MavlinkCodec) -> None:
+    def _transmit(self, now: float, message: Message, codec: MavlinkCodec) -> bytes:
         packet = codec.encode(message)
         if self._transport.send(packet):
             self._packets.append((now, packet))
         else:
             self.dropped += 1
+        return packet

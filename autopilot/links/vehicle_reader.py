@@ -53,7 +53,8 @@ class VehicleReader:
     Args:
         output: learns the vehicle's steering parameters as they come.
         attitude_rate_hz: rate wanted of ATTITUDE.  heading_latency [s]: its age when the vehicle stamps it.
-        steers_itself: whether the vehicle is given headings rather than rudder angles.
+        steers_itself: whether the vehicle is given headings rather than rudder angles.  may_share: another pilot may
+        override the steering input too.
 
     Attributes:
         guided: who hears the bearing that such a vehicle reports to steer.
@@ -62,10 +63,15 @@ class VehicleReader:
     """
 
     def __init__(
-        self, output: SteeringOutput, attitude_rate_hz: float, heading_latency: float, steers_itself: bool = False
+        self,
+        output: SteeringOutput,
+        attitude_rate_hz: float,
+        heading_latency: float,
+        steers_itself: bool = False,
+        may_share: bool = False,
     ) -> None:
         self.watch = HelmWatch(steers_itself)
-        self.probe = HelmProbe(output)
+        self.probe = HelmProbe(output, may_share)
         self.guided: GuidedTargets | None = None
         self.health = VehicleHealth()
         self.radio = RadioWatch()
@@ -207,7 +213,7 @@ class VehicleReader:
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
         if recent:
-            self.watch.seen(now, f"RC channel {number}", pulse, recent)
+            self.watch.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.guided is not None:

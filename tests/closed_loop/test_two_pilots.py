@@ -1,0 +1,124 @@
+"""Two pilots on one boat: the second does not engage, and both are told."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+from lockstep import Lockstep
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import Mode
+from sitl.wire_mavlink import MavlinkVehicle
+
+VESSEL = load_vessel("lanxin")
+
+
+def alarms_of(boat: Lockstep, since: float) -> str:
+    return " | ".join(alarm for tick in boat.ticks if tick.now > since for alarm in tick.alarms)
+
+
+class TwoPilots:
+    """A first pilot that steers, and a second on a port of its own of the same vehicle."""
+
+    def __init__(self, routed: bool, method: str = "rc_override", starts_later: bool = False, **settings: Any) -> None:
+        boat = dataclasses.replace(VESSEL, helm=dataclasses.replace(VESSEL.helm, method=method))  # type: ignore[arg-type]
+        self.first = Lockstep(boat)
+        self.second = Lockstep(boat, settings=settings)
+        self.second.world, self.second.firmware = self.first.world, self.first.firmware
+        self.second.vehicle = MavlinkVehicle(self.first.firmware)
+        if not routed:
+            self.first.firmware.ports.clear()
+        self.first.engage(60.0)
+        if starts_later:
+            self.first.run(10.0)
+            self.second.clock.time = self.first.now
+        else:
+            self.sail(10.0)
+        assert self.first.tick.mode is Mode.ENGAGED
+
+    def sail(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.025)):
+            self.first.run(0.025)
+            self.second.run(0.025)
+
+    @property
+    def engaged(self) -> set[str]:
+        pilots = {"first": self.first, "second": self.second}
+        return {name for name, pilot in pilots.items() if pilot.tick.mode is Mode.ENGAGED}
+
+
+@pytest.mark.parametrize("method", ["rc_override", "manual_control"])
+def test_the_second_does_not_engage_and_both_say_so(method: str) -> None:
+    both = TwoPilots(True, method)
+    begun = both.first.now
+    both.second.engage(120.0)
+    both.sail(25.0)
+    assert {tick.mode for tick in both.second.ticks} == {Mode.STANDBY}
+    assert {tick.mode for tick in both.first.ticks if tick.now > begun} == {Mode.ENGAGED}, "the first goes on"
+    assert "another pilot steers this boat" in alarms_of(both.second, begun)
+    assert "another pilot wants to engage on this boat" in alarms_of(both.first, begun)
+
+
+@pytest.mark.parametrize("method", ["rc_override", "manual_control"])
+def test_where_nothing_is_passed_on_a_second_that_starts_later_finds_the_input_taken(method: str) -> None:
+    both = TwoPilots(False, method, starts_later=True)
+    begun = both.first.now
+    both.second.engage(120.0)
+    both.sail(20.0)
+    assert {tick.mode for tick in both.second.ticks} == {Mode.STANDBY}
+    assert both.engaged == {"first"}
+    said = alarms_of(both.second, begun)
+    assert "overrides the steering input" in said or "does not take our steering" in said
+
+
+def test_when_the_first_stands_by_the_second_takes_the_boat() -> None:
+    both = TwoPilots(True)
+    both.second.engage(120.0)
+    both.sail(5.0)
+    both.first.order = both.first.order._replace(kind=both.first.order.kind.STANDBY, serial=9)
+    both.sail(15.0)
+    assert both.engaged == {"second"}
+
+
+def test_forced_the_second_takes_the_helm_and_the_first_says_what_happened() -> None:
+    both = TwoPilots(True, with_other_pilot=True)
+    begun = both.first.now
+    both.second.engage(120.0)
+    both.sail(8.0)
+    assert any(tick.mode is Mode.ENGAGED for tick in both.second.ticks)
+    assert "two helms fight" in alarms_of(both.first, begun)
+
+
+def test_a_ground_station_s_joystick_is_another_source_too() -> None:
+    boat = Lockstep(VESSEL)
+    station = MavlinkCodec(255, 190)
+
+    def steer(bench: Lockstep) -> None:
+        if round(bench.now / 0.025) % 8 == 0:
+            message = dialect.MAVLink_rc_channels_override_message(1, 1, 1700, *[65535] * 7, *[0] * 10)
+            bench.vehicle.receive(bench.now, station.encode(message))
+
+    boat.hooks.append(steer)
+    boat.engage(60.0)
+    boat.run(20.0)
+    assert {tick.mode for tick in boat.ticks} == {Mode.STANDBY}
+    assert "RC channel 1" in boat.tick.alarms[0]
+
+
+def test_our_own_words_that_come_back_are_nobody_else_s() -> None:
+    boat = Lockstep(VESSEL)
+    receive = boat.vehicle.receive
+
+    def echo(now: float, data: bytes) -> None:
+        receive(now, data)
+        boat.inject(data)
+
+    boat.vehicle.receive = echo  # type: ignore[method-assign]
+    boat.engage(60.0)
+    boat.run(12.0)
+    assert boat.tick.mode is Mode.ENGAGED
+    assert boat.tick.alarms == ()
