@@ -18,6 +18,7 @@ from autopilot.params.strict_yaml import parse_document, plain
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import dump_vessel, parse_vessel
 
+NULL_TAG = "tag:yaml.org,2002:null"
 EXTRA = "pip install '.[edit]'"
 
 
@@ -68,6 +69,8 @@ def edited_text(text: str, old: Mapping[str, Any], new: Mapping[str, Any], file:
     yaml = ruamel.YAML()  # round trip
     yaml.preserve_quotes = True
     yaml.width = 10**6
+    # a null that was written out is not left out
+    yaml.representer.add_representer(type(None), lambda dumper, _: dumper.represent_scalar(NULL_TAG, "null"))
     document = yaml.load(text)
     _apply(document, old, new)
     result = io.StringIO()

@@ -284,7 +284,7 @@ def test_no_bus_and_no_package_are_one_sentence_each(monkeypatch: pytest.MonkeyP
         return real(name, *rest, **more)
 
     monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(LinkError, match=r"needs the package python-can; install .* pip install 'norrbin\[n2k\]'"):
+    with pytest.raises(LinkError, match=r"needs the package python-can; install .* pip install '\.\[n2k\]'"):
         build_link(load_vessel("lanxin"), "n2k:socketcan:can0", LinkOptions())
 
 

@@ -66,7 +66,7 @@ def without_ruamel(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_the_extra_comments_are_never_lost_silently(monkeypatch: pytest.MonkeyPatch) -> None:
     without_ruamel(monkeypatch)
     vessel = dataclasses.replace(load_vessel("lanxin"), name="Other")
-    with pytest.raises(InputError, match=r"needs ruamel\.yaml; install it with pip install 'norrbin\[edit\]'"):
+    with pytest.raises(InputError, match=r"needs ruamel\.yaml; install it with pip install '\.\[edit\]'"):
         updated_vessel_text(LANXIN, vessel, "lanxin.yaml")
     own = dump_vessel(load_vessel("lanxin"))
     assert updated_vessel_text(own, vessel, "own.yaml") == dump_vessel(vessel)
