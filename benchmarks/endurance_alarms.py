@@ -19,6 +19,7 @@ from study_boats import boats as study_boats
 from autopilot.angles import shortest_turn, wrap
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
+from autopilot.monitors import AT_THE_STOP
 from autopilot.pilot import Pilot
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RollSample, RudderSample, Sample, SpeedSample
 from sitl.boat import Boat, BoatState, Hull, Plant
@@ -33,6 +34,7 @@ AGAIN_S = 60.0
 """An engagement that ended is begun anew after this time [s]."""
 RUDDER_NOISE = math.radians(0.2)
 SPEED_NOISE = 0.05
+OFF_COURSE = math.radians(10.0)
 MOST_FALSE = 1
 """False alarms in 24 hours; fail-safes: none."""
 
@@ -107,10 +109,13 @@ def measured(
 
 
 def is_so(alarm: str, pilot: Pilot, state: BoatState, order: Order) -> bool:
-    """Return whether an alarm says what is the case: the boat off her course indeed, the rudder at its stop."""
+    """Return whether an alarm says what is the case: the boat off course indeed, the rudder at its stop; overpowered is
+    a boat off course with the true rudder at its stop against it."""
+    off, limits = shortest_turn(order.heading, state.heading), pilot.config.alarms
     if alarm == "off_course":
-        return abs(shortest_turn(order.heading, state.heading)) > 0.9 * pilot.config.alarms.off_course
-    return alarm == "rudder_at_stop"
+        return abs(off) > 0.9 * limits.off_course
+    is_against = -math.copysign(1.0, off) * state.rudder >= AT_THE_STOP * pilot.config.limits.angle_max
+    return alarm == "rudder_at_stop" or (alarm == "overpowered" and is_against and abs(off) > OFF_COURSE)
 
 
 def watched(name: str, hours: int, seed: int) -> bool:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,10 @@ from autopilot.build_laws import gear_of, model_of
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderSample, Sample
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+import endurance_alarms
 
 STEP = 0.1
 SHIP = vessel_of(Boat(0.03, 100.0, 1.0e4, 1.0, 8.0, 2.5))
@@ -70,6 +76,15 @@ def test_a_gust_that_the_rudder_holds_is_none(vessel: Vessel) -> None:
     begins = 200.0
     found, _ = sailed(vessel, lambda now: math.radians(20.0) if now >= begins else 0.0, begins + 300.0)
     assert "overpowered" not in found
+
+
+@pytest.mark.parametrize("name", list(endurance_alarms.plants()))
+@pytest.mark.parametrize("number", [2, 5])
+def test_minutes_with_healthy_instruments_are_quiet(name: str, number: int) -> None:
+    """A sample of the study: sea state 5, without and with a rudder sensor."""
+    _, minutes = endurance_alarms.hour_of(endurance_alarms.plants()[name], number, seed=20261122, seconds=200.0)
+    assert minutes.false == {}
+    assert minutes.ended == {}
 
 
 class LateLoop:
