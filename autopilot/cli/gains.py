@@ -33,6 +33,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
     parser.add_argument("--out", metavar="FILE.yaml", help="write the vessel with the designed gains")
+    parser.add_argument("--overwrite", action="store_true", help="replace another vessel file that --out names")
     parser.add_argument(
         "--level", type=int, metavar="1..9", help="response: 1 calm, 5 the quickest with good margins, 9 quick"
     )
@@ -132,6 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.report.gains_speeds import speeds_as_json, speeds_as_text
 
     gains_tune.check_options(arguments)
+    check_place(arguments)
     if arguments.tune:
         return gains_tune.tuned(arguments)
     wish = _wish(arguments)
@@ -176,8 +178,20 @@ def _wish(arguments: argparse.Namespace) -> Wish:
     return Wish(5 if level is None else level, bandwidth, 0.8 if damping is None else damping, spares)
 
 
+def check_place(arguments: argparse.Namespace) -> None:
+    """Raise InputError where --out names another vessel's file: said before the work, not after it."""
+    from pathlib import Path
+
+    out, vessel = arguments.out and Path(arguments.out), Path(arguments.vessel)
+    if out and out.exists() and not arguments.overwrite and not (vessel.exists() and out.samefile(vessel)):
+        raise InputError(f"{out}: exists already, with another boat; give another name, or --overwrite to replace it.")
+
+
 def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
-    """Write the vessel where --out says; in the file's own place its comments stay."""
+    """Write the vessel where --out says; in the file's own place its comments stay.
+
+    Raises InputError where that is another boat's file and --overwrite does not say that it may go.
+    """
     from pathlib import Path
 
     from autopilot.params.editing import updated_vessel_text
@@ -187,7 +201,8 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
     paths = Path(arguments.out), Path(arguments.vessel)
     is_same = all(path.exists() for path in paths) and paths[0].samefile(paths[1])
     before = paths[0].read_text(encoding="utf-8-sig") if is_same else None
-    save_text(arguments.out, updated_vessel_text(before, better, arguments.out) if before else dump_vessel(better))
+    text = updated_vessel_text(before, better, arguments.out) if before else dump_vessel(better)
+    save_text(arguments.out, text, overwrite=is_same or arguments.overwrite)
     if not arguments.json:
         print(f"\nWrote {arguments.out}.")
 

@@ -111,6 +111,15 @@ def test_a_firmware_file_is_migrated() -> None:
     assert migrated_text(old, "f.yaml", is_vessel=False) == old.replace("version: 1", "version: 2")
 
 
+def test_gains_of_one_boat_do_not_replace_another_boats_file(tmp_path: Path) -> None:
+    path = tmp_path / "boat.yaml"
+    path.write_text("name: my only boat")
+    assert main(["gains", "lanxin", "--out", str(path)]) == 2
+    assert path.read_text() == "name: my only boat"
+    assert main(["gains", "lanxin", "--out", str(path), "--overwrite"]) == 0
+    assert load_vessel(path).name == "Lanxin"
+
+
 def test_gains_into_the_same_file_keeps_its_comments(tmp_path: Path) -> None:
     path = tmp_path / "boat.yaml"
     path.write_text(LANXIN)
