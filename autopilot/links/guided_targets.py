@@ -162,7 +162,8 @@ class GuidedTargets:
                 self._refusal, self._next_try = refusal, next_try
             return None
         last_time, last = self._sent[-1] if self._sent else (-math.inf, heading)
-        changed = abs(shortest_turn(last, heading)) > CHANGE
+        # a proof has little time for each side, and a bad line loses some of it
+        changed = abs(shortest_turn(last, heading)) > CHANGE or not tick.command.engaged
         if now - last_time < (CHANGE_S if changed else REFRESH_S):
             return None
         self._sent.append((now, heading))
