@@ -198,6 +198,9 @@ class Pilot:
         timely = timely_of(now, samples)
         self._listen(now, timely)
         self.estimator.take_rates(not self.monitors.doubts_rate)
+        if self.monitors.doubts_speed != self.estimator.doubts_speed:
+            self.estimator.doubts_speed = self.monitors.doubts_speed
+            self.estimator.forget_disturbances()
         model = self.estimator.model
         self.estimator.holds_bias = not self._guide.is_late(now) and self._guide.is_turning(
             model, self._limits_at(model)
@@ -300,8 +303,12 @@ class Pilot:
             self.estimator.surprise,
             self._waits,
             self._guide.astray(state.heading) if is_engaged else 0.0,
-            self.estimator.push,
-            gap > self.config.alarms.late,
+            push=self.estimator.push,
+            is_late=gap > self.config.alarms.late,
+            follows=ours and self._guide.order.kind is OrderKind.HEADING and not self._waits,
+            speeds_apart=self.estimator.speeds_apart,
+            trial_speed=self.config.model.reference_speed,
+            rudder_is_measured=self.estimator.rudder.is_known(now),
         )
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
@@ -419,4 +426,7 @@ class Pilot:
             return 0.0
         # the law's memory is of its own rudder, not of what was set against waves and roll on top of it
         own, self._undoing = self._rest.allowed - self._roll_rudder - undoing, self._met.rudder
-        return self.law.update(self.estimator.model, reference, state, own, dt) + self._met.rudder
+        model = self.estimator.model
+        if self.monitors.softer > 1.0:
+            model = model._replace(gain=model.gain * self.monitors.softer)
+        return self.law.update(model, reference, state, own, dt) + self._met.rudder

@@ -149,6 +149,12 @@ class Estimator:
             self._fusion = self._fusion._replace(state=ekf.without_bias(self._fusion.state))
             self._taken.clear()
 
+    def forget_disturbances(self) -> None:
+        """Hold bias and sea for unknown: they were learnt with a model that has been found to be wrong."""
+        self.forget_bias()
+        if self._fusion is not None:
+            self._fusion = self._fusion._replace(state=ekf.without_sea(self._fusion.state))
+
     def _take_rudder(self, now: float, sample: RudderSample) -> None:
         if not is_rudder(sample.angle) or not math.isfinite(sample.time):
             self.counters.implausible += 1

@@ -150,6 +150,18 @@ def without_bias(state: FilterState) -> FilterState:
     return unknown._replace(p23=0.0, p24=0.0, p25=0.0)
 
 
+def without_sea(state: FilterState) -> FilterState:
+    """Return the state with a sea of which nothing is known: all that the heading shows is the boat's own."""
+    if state.sea == NO_SEA:
+        return state
+    p33, p44, p45, p55 = wave_motion.in_balance(wave_motion.FIRST_SEA)
+    alone = state._replace(psi=wrap(state.psi + state.wave), rate=state.rate + state.wave_rate)
+    alone = alone._replace(wave=0.0, wave_rate=0.0, wave_lag=0.0, sea=wave_motion.FIRST_SEA)
+    alone = alone._replace(p00=state.p00 + state.p33, p11=state.p11 + state.p44)
+    alone = alone._replace(p03=0.0, p04=0.0, p05=0.0, p13=0.0, p14=0.0, p15=0.0, p23=0.0, p24=0.0, p25=0.0)
+    return alone._replace(p33=p33, p34=0.0, p35=0.0, p44=p44, p45=p45, p55=p55)
+
+
 def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, float]:
     """Return exp(-x), (1 - exp(-x))/x and (x - 1 + exp(-x))/x^2 with x = dt/T times the damping's slope at `rate`."""
     slope = model.n1 + (2.0 * model.n2 + 3.0 * model.n3 * rate) * rate

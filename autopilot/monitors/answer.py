@@ -39,6 +39,8 @@ squares of the answer over their variance; with so much evidence against her not
 she has shown is remembered."""
 FADES_TIME = 20.0
 """Evidence is forgotten in this time [s]: a fault that matters shows more of it."""
+FADES_SLOW = 8.0
+"""Or, of the boat and its gear, in so many time constants if that is longer."""
 SURE = 10.4
 """So much more likely, as a natural logarithm, must it be that she does not answer."""
 MOST_AT_ONCE = 0.8
@@ -69,13 +71,47 @@ ANSWERS_MOST = 1.6
 """Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
 OPPOSITE_SHARE = -0.7
 """What a boat answers at least whose rudder is wired the wrong way."""
+LIVELY = (1.6, 3.5)
+QUICK = (2.4, 6.0)
+"""Shares of the model's answer, the one against the other: more than their mean is a boat that turns better than the
+model allows for, and one that is not the model's. A gust turns the boat to one side while the rudder may go there too;
+an answer is to both sides, so the evidence must be there on each."""
+SLOW = 4.0
+"""The rudder is so many times slower than it should be: against one that is right on a boat that answers weakly, as the
+model says, or strongly, and against one that is late."""
+STRANGE = 3.0
+STRANGE_TIME = 2.0
+"""Where headings of this time [s], or of a time constant, lie so much further off, squared, than such an answer
+explains, it is not what turns the boat."""
+WEAK, STRONG = 0.5, 1.6
+
+
+class Others(NamedTuple):
+    """What else may turn the boat as it turns. slow: the answer to a rudder that is SLOW times slower [rad]; lively and
+    quick: how much likelier each is, to starboard and to port; strange and strange_slow: squares that no answer
+    explains, nor a slow rudder; weak, right, strong and late: how much likelier a slow rudder is than a boat that
+    answers in this way."""
+
+    slow: Mean
+    lively: tuple[float, float]
+    quick: tuple[float, float]
+    strange: float
+    strange_slow: float
+    weak: float
+    right: float
+    strong: float
+    late: float
+
+
+NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Memory(NamedTuple):
     """time [s] of the newest heading; spread and mean of a boat without a rudder; answers to the rudder [rad], in time
     and late; how much likelier it is that she does not answer than that she does, in time and late, and that she
     answers to the opposite; odd: squares that nothing explains; wild: so many headings were, the last ones; usual and
-    shown: the share of the model's answer that she has had so far is the former over the latter."""
+    shown: the share of the model's answer that she has had so far is the former over the latter; others: the
+    boat or its rudder may not be the file's."""
 
     time: float
     spread: Spread
@@ -90,6 +126,7 @@ class Memory(NamedTuple):
     wild: int
     usual: float
     shown: float
+    others: Others = NO_OTHERS
 
 
 def first_memory(noise: Noise, time: float, heading: float) -> Memory:
@@ -115,9 +152,11 @@ def answer_step(
     heard: tuple[float, float],
     rudder: float,
     late: float,
+    slow: float | None = None,
 ) -> Memory:
     """Return the memory after a heading [rad] `heard` at its time [s], the rudder having been at `rudder` [rad] since
-    the one before, or `late` where everything is late; the boat turns at about `rate` [rad/s]."""
+    the one before, or `late` where everything is late, or `slow` where it is SLOW times slower than filed, None where
+    that is out of question; the boat turns at about `rate` [rad/s]."""
     time, heading = heard
     dt = time - memory.time
     step = step_of(model, rate, noise, dt)
@@ -126,10 +165,13 @@ def answer_step(
     spread = spread_moved(step, memory.spread, gusty, dt)
     mean, answer = moved(step, memory.mean, 0.0), moved(step, memory.answer, rudder)
     late_answer = moved(step, memory.late, late)
+    slow_answer = moved(step, memory.others.slow, rudder if slow is None else slow)
     gains = gains_of(spread, noise)
     off = shortest_turn(mean.psi, heading)
     unexplained = _unexplained(off, answer.psi)
-    square = unexplained * unexplained / gains.variance
+    by_slow = off - slow_answer.psi
+    # a rudder that is slow is no gust either
+    square = min(unexplained * unexplained, by_slow * by_slow) / gains.variance
     # while a gust sets in nothing that the rudder does against it is evidence
     most = 0.0 if memory.odd > ODD else MOST_AT_ONCE
     if square > WILD * WILD and memory.wild < WILD_MOST:
@@ -147,6 +189,7 @@ def answer_step(
             memory.wild + 1,
             memory.usual,
             memory.shown,
+            memory.others._replace(slow=slow_answer),
         )
     share = 1.0 - math.exp(-dt / ODD_TIME)
     least = min(max(LEAST_SHARE * memory.usual / memory.shown, LEAST[0]), LEAST[1])
@@ -174,6 +217,58 @@ def answer_step(
         0,
         USUAL * USUAL_SURE + remembered * (memory.usual - USUAL * USUAL_SURE) + learns * off * answer.psi,
         USUAL_SURE + remembered * (memory.shown - USUAL_SURE) + learns * answer.psi * answer.psi,
+        _others(
+            memory.others,
+            gains,
+            off,
+            (answer.psi, late_answer.psi),
+            slow_answer,
+            1.0 - math.exp(-dt / max(STRANGE_TIME, model.time_constant)),
+            math.exp(-dt / max(FADES_TIME, FADES_SLOW * model.time_constant)),
+        ),
+    )
+
+
+def _others(
+    before: Others,
+    gains: Gains,
+    off: float,
+    answers: tuple[float, float],
+    slow: Mean,
+    share: float,
+    kept: float,
+) -> Others:
+    """Return what is known of the other explanations after a heading `off` [rad] from what it would be without a
+    rudder; answers: to the rudder, and to a late one [rad]."""
+    answer, late = answers
+
+    # what neither any share of the answer explains, nor a slow rudder's, is a gust or a sea: no evidence of either
+    ahead = off if answer >= 0.0 else -off
+    left, left_by_slow = min(ahead, 0.0), off - slow.psi
+    strange = before.strange + share * (_square(left, gains) - before.strange)
+    strange_slow = before.strange_slow + share * (_square(left_by_slow, gains) - before.strange_slow)
+    most = MOST_AT_ONCE if strange < STRANGE else 0.0
+    most_slow = MOST_AT_ONCE if strange_slow < STRANGE else 0.0
+
+    def grown(evidence: float, least: float, other: float, most: float) -> float:
+        return max(kept * evidence + _evidence(gains, off, least, other, most), 0.0)
+
+    def either(evidence: tuple[float, float], pair: tuple[float, float]) -> tuple[float, float]:
+        starboard, port = evidence
+        if answer > 0.0:
+            return grown(starboard, pair[0] * answer, pair[1] * answer, most), kept * port
+        return kept * starboard, grown(port, pair[0] * answer, pair[1] * answer, most)
+
+    return Others(
+        corrected(gains, slow, -slow.psi),
+        either(before.lively, LIVELY),
+        either(before.quick, QUICK),
+        strange,
+        strange_slow,
+        grown(before.weak, WEAK * answer, slow.psi, most_slow),
+        grown(before.right, answer, slow.psi, most_slow),
+        grown(before.strong, STRONG * answer, slow.psi, most_slow),
+        grown(before.late, late, slow.psi, most_slow),
     )
 
 
@@ -182,6 +277,10 @@ def _unexplained(off: float, answer: float) -> float:
     if answer < 0.0:
         off, answer = -off, -answer
     return off - min(max(off, -answer), ANSWERS_MOST * answer)
+
+
+def _square(left: float, gains: Gains) -> float:
+    return min(left * left / gains.variance, WILD * WILD)
 
 
 def _evidence(gains: Gains, off: float, least: float, other: float, most: float) -> float:
@@ -199,6 +298,19 @@ def without_evidence(before: Memory, after: Memory) -> Memory:
         silent_late=min(before.silent_late, after.silent_late),
         opposite=min(before.opposite, after.opposite),
         opposite_late=min(before.opposite_late, after.opposite_late),
+        others=_without_more(before.others, after.others),
+    )
+
+
+def _without_more(before: Others, after: Others) -> Others:
+    (lively, lively_port), (quick, quick_port) = before.lively, before.quick
+    return after._replace(
+        lively=(min(lively, after.lively[0]), min(lively_port, after.lively[1])),
+        quick=(min(quick, after.quick[0]), min(quick_port, after.quick[1])),
+        weak=min(before.weak, after.weak),
+        right=min(before.right, after.right),
+        strong=min(before.strong, after.strong),
+        late=min(before.late, after.late),
     )
 
 
@@ -207,6 +319,16 @@ def verdict(memory: Memory) -> int:
     if min(memory.opposite, memory.opposite_late) >= SURE:
         return -1
     return 1 if min(memory.silent, memory.silent_late) >= SURE else 0
+
+
+def other_verdict(others: Others) -> str:
+    """Return "quick" where the boat turns as no boat of the model does, "lively" where it turns more than the model
+    allows for, "slow" where its rudder is slow, "" where nothing tells."""
+    if min(others.weak, others.right, others.strong, others.late) >= SURE:
+        return "slow"
+    if min(others.quick) >= SURE:
+        return "quick"
+    return "lively" if min(others.lively) >= SURE else ""
 
 
 class RudderAnswer:
@@ -228,14 +350,20 @@ class RudderAnswer:
         self._last: HeadingSample | None = None
         self._same = 0
         self._late_until = -math.inf
+        self._slow: tuple[float, float] | None = None
+        self.other = ""
+        """See `other_verdict`."""
 
     def hear(self, sample: HeadingSample) -> None:
         """Take a heading as it was measured."""
         if math.isfinite(sample.heading) and math.isfinite(sample.time):
             self._heard.append(sample)
 
-    def look(self, model: Norrbin, watched: Watched, noise: float) -> tuple[str, str]:
-        """Return the alarm's name and what is seen, '' where she answers or nothing tells; `noise` [rad^2]."""
+    def look(self, model: Norrbin, watched: Watched, noise: float, rudder_rate: float = math.inf) -> tuple[str, str]:
+        """Return the alarm's name and what is seen, '' where she answers or nothing tells; `noise` [rad^2].
+
+        rudder_rate [rad/s]: the filed one; inf: nobody asks whether the rudder is slower.
+        """
         heard, self._heard = self._heard, []
         state = watched.state
         if not (watched.steers and watched.has_way and math.isfinite(state.rate) and math.isfinite(state.rudder)):
@@ -244,12 +372,27 @@ class RudderAnswer:
         if watched.is_late:
             self._late_until = watched.now + LATE_LASTS
         self._rudders.append((watched.now, state.rudder))
+        self._follow_slowly(watched, rudder_rate)
         while self._rudders[0][0] < watched.now - LATE_S - 2.0 * LONGEST_GAP_S:
             self._rudders.popleft()
         # of a burst that was read at once, and has one time, the last is the newest
         for sample in sorted({each.time: each for each in heard}.values(), key=lambda each: each.time):
             self._take(model, watched, noise, sample)
+        # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
+        known = self._memory is not None and state.wave_deviation > 0.0
+        self.other = other_verdict(self._memory.others) if known and self._memory is not None else ""
         return self._found()
+
+    def _follow_slowly(self, watched: Watched, rate: float) -> None:
+        """Carry on where the rudder would be if it were SLOW times slower; one that is measured is where it is."""
+        if watched.rudder_is_measured or not math.isfinite(rate):
+            self._slow = None
+        elif self._slow is None:
+            self._slow = watched.now, watched.state.rudder
+        else:
+            reach = rate / SLOW * max(watched.now - self._slow[0], 0.0)
+            angle = self._slow[1]
+            self._slow = watched.now, angle + min(max(watched.rudder - angle, -reach), reach)
 
     def _take(self, model: Norrbin, watched: Watched, variance: float, sample: HeadingSample) -> None:
         state, memory, last = watched.state, self._memory, self._last
@@ -280,6 +423,7 @@ class RudderAnswer:
             (sample.time, sample.heading),
             self._rudder_at(middle),
             self._rudder_at(middle - LATE_S),
+            None if self._slow is None else self._slow[1],
         )
         self._memory = after if sample.time > self._late_until else without_evidence(memory, after)
 

@@ -13,6 +13,9 @@ PROGRESS_SHARE = 0.3
 ASSUMED_RATE = math.radians(5.0)
 """A steering gear of unknown rate is asked for a share of this [rad/s]."""
 LONGEST_GAP_S = 1.0
+SLOW_SHARE = 1.0 / 3.0
+SLOW_TIME_S = 2.0
+"""A rudder that is off its order goes there at its filed rate: less than this share of it for so long is a slow one."""
 STANDS = math.radians(0.5)
 """A rudder that has moved by less while it should have does not move at all."""
 AT_THE_STOP = 0.9
@@ -44,6 +47,9 @@ class RudderFollows:
         self._bucket = 0.0
         self._away = 0.0
         self._low, self._high = math.inf, -math.inf
+        self._way, self._way_time = 0.0, 0.0
+        self.is_slow = False
+        """Whether it goes to its orders, and much slower than filed."""
         self.found: tuple[str, str] = ("", "")
 
     def hear(self, sample: RudderSample) -> None:
@@ -91,6 +97,17 @@ class RudderFollows:
             self._low, self._high = math.inf, -math.inf
         self._away = max(self._away - moved, 0.0) if is_off else 0.0
         self._judge(sample, order, limits)
+        self._time(moved if is_off else math.nan, elapsed, limits)
+
+    def _time(self, moved: float, elapsed: float, limits: AlarmLimits) -> None:
+        """Add up how far the rudder has come in how long while it was off its order; nan: it is not."""
+        if math.isnan(moved) or not math.isfinite(limits.rudder_rate):
+            self._way, self._way_time = 0.0, 0.0
+            return
+        self._way, self._way_time = self._way + moved, self._way_time + elapsed
+        timed = self._way_time - limits.rudder_delay
+        if timed >= SLOW_TIME_S and STANDS < self._way < SLOW_SHARE * limits.rudder_rate * timed:
+            self.is_slow = True
 
     def _orders_at(self, time: float) -> list[float]:
         """Return the orders [rad] of which one was in force at `time` [s]: the last two that were given by then."""

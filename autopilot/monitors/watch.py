@@ -11,6 +11,7 @@ from autopilot.monitors.course import OffCourse, Runaway
 from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
 from autopilot.monitors.rudder import AtTheStop, Overpowered, RudderFollows
 from autopilot.monitors.shown_order import ShownOrder
+from autopilot.monitors.swing import HALF_SWINGS, SOFTER, SWEEP, THROW, Circles, Spinning, Swings, speed_ratio
 from autopilot.monitors.watched import NEWS, AlarmLimits, Watched
 from autopilot.signals import (
     ConditionSample,
@@ -25,6 +26,8 @@ from autopilot.signals import (
 ROLL_SECONDS = 2.0
 INNOVATION_TIME = 20.0
 WIND_STALE = 5.0
+SPEED_DOUBT = 1.25
+"""A speed further than this from the trial's may be what is wrong where the boat does not answer as it should."""
 
 FROZEN = text_of("heading_frozen")
 RUNAWAY = text_of("runaway")
@@ -35,6 +38,8 @@ class Monitors:
 
     Attributes:
         findings: the texts of the alarms by their names in the catalogue.
+        softer: the law is to order as for a boat that answers so many times as much.
+        doubts_speed: whether the boat's own turns contradict its speed.
     """
 
     def __init__(self, limits: AlarmLimits) -> None:
@@ -44,6 +49,8 @@ class Monitors:
         self._stop, self._overpowered = AtTheStop(), Overpowered()
         self._shown = ShownOrder()
         self._course, self._runaway = OffCourse(), Runaway()
+        self._swings, self._throws = Swings(SWEEP), Swings(THROW)
+        self._circles, self._spinning = Circles(), Spinning()
         self.reset()
 
     def reset(self) -> None:
@@ -59,8 +66,13 @@ class Monitors:
             self._overpowered,
             self._course,
             self._runaway,
+            self._swings,
+            self._throws,
+            self._circles,
+            self._spinning,
         ):
             monitor.reset()
+        self.softer, self.doubts_speed, self._other = 1.0, False, ""
         self.findings: dict[str, str] = {}
         self._conditions: dict[tuple[str, str], str] = {}
         self._roll_since: float | None = None
@@ -117,6 +129,8 @@ class Monitors:
         found = {name: text for (name, _), text in self._conditions.items()}
         self._look_at_heading(model, watched, found)
         self._look_at_rudder(model, watched, found)
+        self._look_at_model(watched, found)
+        self._look_at_swings(model, watched, found)
         self._course.look(self.limits, watched)
         if self._course.text:
             found["off_course"] = self._course.text
@@ -155,7 +169,9 @@ class Monitors:
             self._answer.reset()
             self._overpowered.reset()
         elif self.limits.rudder_answer and not found.get(name):
-            name, shown = self._answer.look(model, watched, self.limits.heading_noise)
+            name, shown = self._answer.look(model, watched, self.limits.heading_noise, self.limits.rudder_rate)
+            if self._is_for_the_speed(model, watched, name):
+                name = ""
             if name:
                 found[name] = text_of(name, shown)
             self._overpowered.look(watched)
@@ -168,6 +184,64 @@ class Monitors:
             found["overpowered"] = text_of("overpowered", self._runaway.overpowered)
         if self._stop.is_there(watched):
             found["rudder_at_stop"] = text_of("rudder_at_stop")
+
+    def _is_for_the_speed(self, model: Norrbin, watched: Watched, name: str) -> bool:
+        """Return whether the answer to the rudder is one that a wrong speed explains: it is doubted then."""
+        ratio = speed_ratio(model, watched)
+        too_low = self._answer.other in ("quick", "lively") and ratio < 1.0 / SPEED_DOUBT
+        if not (too_low or (name == "rudder_stuck" and ratio > SPEED_DOUBT)):
+            return False
+        self.doubts_speed = True
+        # the model is the trial's from the next tick on: what was seen is weighed anew by that
+        self._answer.reset()
+        return True
+
+    def _look_at_model(self, watched: Watched, found: dict[str, str]) -> None:
+        """What the answer to the rudder tells of speed, boat and rudder; what was found counts until we let go."""
+        if not watched.steers:
+            self.doubts_speed, self._other = False, ""
+        seen = {self._answer.other, self._other, "slow" if self._follows.is_slow else ""}
+        self._other = next((other for other in ("quick", "slow", "lively") if other in seen), "")
+        if self._other == "quick":
+            found["too_quick"] = text_of("too_quick")
+        elif self._other:
+            self.softer = SOFTER
+            name = "lively" if self._other == "lively" else "rudder_slow"
+            found[name] = text_of(name)
+        if self.doubts_speed:
+            found["speed_doubtful"] = text_of("speed_doubtful")
+
+    def _look_at_swings(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
+        """What steering itself does to the boat: a soft law is tried first, then steering ends."""
+        if not watched.steers:
+            self.softer = 1.0
+        swings, throws = self._swings.look(model, watched), self._throws.look(model, watched)
+        if throws >= HALF_SWINGS and (self.softer > 1.0 or model.n1 <= 0.0):
+            found["swinging"] = text_of("swinging")
+        elif max(swings, throws) >= HALF_SWINGS:
+            self._steer_softer(model, watched)
+        if self.softer > 1.0 and not self._other:
+            found["hunting"] = text_of("hunting")
+        fast = self._spinning.too_fast(model, watched)
+        if fast:
+            found["too_quick"] = text_of("too_quick", f"turning at {math.degrees(abs(fast)):.0f} deg/s")
+        if self._circles.goes_round(model, watched):
+            found["circling"] = text_of("circling")
+        if watched.speeds_apart > 0.0:
+            found["speeds_disagree"] = text_of("speeds_disagree")
+
+    def _steer_softer(self, model: Norrbin, watched: Watched) -> None:
+        """A speed that is too low is the likeliest cause of swings, the trial's speed the worst that is plausible; then
+        less is ordered. A course-unstable boat would be lost with less than it needs against its own wish to turn."""
+        if speed_ratio(model, watched) < 1.0 / SPEED_DOUBT:
+            self.doubts_speed = True
+            self._answer.reset()
+        elif self.softer == 1.0 and model.n1 > 0.0:
+            self.softer = SOFTER
+        else:
+            return
+        self._swings.reset()
+        self._throws.reset()
 
     def _hear_condition(self, sample: ConditionSample) -> None:
         key = (sample.name, sample.source)

@@ -40,8 +40,10 @@ class Watched(NamedTuple):
     """What the monitors look at in a tick: whether we move the rudder; whether a course is being held, turns to it
     being over; the heading ordered [rad], the rudder that was told [rad] and its end stop [rad]; whether there is
     way enough for the rudder to count; how far measurements have lain to one side of late [standard deviations];
-    whether the rudder waits for way; how far a zigzag is off to the wrong side [rad]; and what wind, current and trim
-    are worth [rad of rudder], however much that is; and whether this tick came late."""
+    whether the rudder waits for way; how far a zigzag is off to the wrong side [rad]; what wind, current and trim are
+    worth [rad of rudder], however much that is; whether this tick came late; whether a heading is followed, in turns
+    too; how far log and ground lie apart without a stream that explains it [m/s]; the trial's speed [m/s], 0 where the
+    model is the trial's; and whether the rudder's angle is measured."""
 
     now: float
     state: NavState
@@ -56,3 +58,7 @@ class Watched(NamedTuple):
     astray: float = 0.0
     push: float = 0.0
     is_late: bool = False
+    follows: bool = False
+    speeds_apart: float = 0.0
+    trial_speed: float = 0.0
+    rudder_is_measured: bool = False

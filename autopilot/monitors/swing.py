@@ -1,0 +1,187 @@
+"""A boat that swings from stop to stop, goes round in circles or spins while it is to hold a heading.
+
+No model tells why: the file may have the wrong boat, speed, rudder or delay, and what the loop does is what counts. A
+loop that is unstable by its own rudder ends in a limit cycle: the order goes from one side far to the other, again and
+again, and the heading with it. A heavy sea can look like that. So the law is made soft first (SOFTER): it orders as
+for a boat that answers so many times as much, which has a quarter of the gain and half the bandwidth and with which a
+boat of up to so many times its model's liveliness is stable again. In a sea the rudder then rests more than before, and
+nothing else comes of it; where the swings by the rudder go on all the same, steering makes them, and ends.
+
+By the model no steady turn is quicker than that with the rudder hard over. One that is SPIN times as quick for a while,
+as if twice the rudder pushed beside it, and to the rudder's side, is another boat's. A boat that is known to be pushed
+harder than its rudder is not taken to go round by itself. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.angles import shortest_turn
+from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
+from autopilot.monitors.watched import Watched
+
+SOFTER = 4.0
+"""The law orders as for a boat that answers so many times as much."""
+HALF_SWINGS = 6
+ALIKE = 1.6
+LEAST_TIME = 0.5
+"""So many sweeps of the rudder from side to side in a row, each with a swing of the heading, are a limit cycle: a turn
+and its counter-rudder are two, and the third is an overshoot. They last as long as each other, and the swings are as
+far, within this factor; a sea's are not. Sweeps that last less than this many time constants are not the boat's."""
+SWEEP, THROW = 0.5, 1.0
+"""Each of them, from turning point to turning point, in units of the rudder's limit to one side: to be steered softly,
+and to be let go of."""
+SWING = math.radians(10.0)
+"""And each of the heading's [rad], as far: less is a quick boat in a sea."""
+PAUSE = (10.0, 15.0)
+"""A sweep that comes later than this [s] and so many time constants after the one before begins the count anew."""
+NEW_COURSE = math.radians(5.0)
+"""An order that differs by this [rad] begins a turn: what came before is forgotten."""
+CIRCLES = 3.0 * math.pi
+"""Turned this far [rad] away from the heading ordered, on balance: one that is behind us is reached by half a turn."""
+SETTLED = math.radians(10.0)
+SETTLED_TIME = 4.0
+"""A boat within this [rad] of its course for this time [s], or for so many time constants if that is longer, has not
+gone round: the turns that brought it there are over."""
+SPIN = 3.0
+SPIN_TIME = (1.0, 0.3)
+"""The rate of turn is taken over this time [s], or over so many time constants if that is longer."""
+
+
+class Swings:
+    """Counts sweeps of the order, of `sweep` [rudder's limits] at least, with swings of the heading; the memory is the
+    last turning points of both."""
+
+    def __init__(self, sweep: float) -> None:
+        self._sweep = sweep
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._wanted = math.nan
+        self._begin(-math.inf)
+
+    def _begin(self, now: float) -> None:
+        self._swept = now
+        self._side = 0
+        self._extreme = math.nan
+        self._last = math.nan
+        self._turned = 0.0
+        self._span = self._before = (0.0, 0.0)
+        self._swung = self._lasted = 0.0
+        self._least_time = 0.0
+        self._count = 0
+
+    def look(self, model: Norrbin, watched: Watched) -> int:
+        """Return how many sweeps there have been in a row that each swung the heading."""
+        if not watched.follows:
+            self.reset()
+            return 0
+        is_paused = watched.now - self._swept > PAUSE[0] + PAUSE[1] * model.time_constant
+        if is_paused or not abs(shortest_turn(self._wanted, watched.wanted)) < NEW_COURSE:
+            self._begin(watched.now)
+        self._wanted = watched.wanted
+        # a speed that reads too low makes any boat slow
+        self._least_time = LEAST_TIME * model.time_constant * min(speed_ratio(model, watched), 1.0)
+        self._follow(watched)
+        return self._count
+
+    def _follow(self, watched: Watched) -> None:
+        """Carry the heading's span since the last turning point of the order on, and look for the next one."""
+        order, heading = watched.rudder, watched.state.heading
+        if math.isnan(self._last):
+            self._extreme, self._last = order, heading
+        self._turned += shortest_turn(self._last, heading)
+        self._last = heading
+        self._span = min(self._span[0], self._turned), max(self._span[1], self._turned)
+        if self._side == 0:
+            self._side = 1 if order > self._extreme else -1 if order < self._extreme else 0
+        elif self._side * (order - self._extreme) >= 0.0:
+            self._extreme = order
+        elif abs(order - self._extreme) >= self._sweep * watched.angle_max:
+            # swept from there to the other side: that was a turning point. The heading may trail by half a sweep
+            swung = max(self._span[1], self._before[1]) - min(self._span[0], self._before[0])
+            lasted = watched.now - self._swept
+            counts = swung >= SWING and lasted >= self._least_time
+            is_alike = _are_alike(swung, self._swung) and _are_alike(lasted, self._lasted)
+            self._count = 0 if not counts else self._count + 1 if is_alike else 1
+            self._swung, self._lasted = swung, lasted
+            self._side, self._extreme, self._swept = -self._side, order, watched.now
+            self._span, self._before = (self._turned, self._turned), self._span
+
+
+def _are_alike(one: float, other: float) -> bool:
+    return one < ALIKE * other and other < ALIKE * one
+
+
+def speed_ratio(model: Norrbin, watched: Watched) -> float:
+    """Return the speed that the model is for over the trial's."""
+    return model.reference_speed / watched.trial_speed if watched.trial_speed > 0.0 else 1.0
+
+
+class Circles:
+    """Adds up how far the boat has turned away from the heading that is ordered, whole turns with it."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._last: tuple[float, float] | None = None
+        self._off = 0.0
+        self._since = math.nan
+
+    def goes_round(self, model: Norrbin, watched: Watched) -> bool:
+        """Return whether it has gone round and round."""
+        heading, wanted = watched.state.heading, watched.wanted
+        if not watched.follows:
+            self.reset()
+            return False
+        if self._last is None:
+            self._off = shortest_turn(wanted, heading)
+        elif abs(watched.push) <= watched.angle_max:
+            # what is pushed round by more than its rudder is not steered round
+            self._off += shortest_turn(self._last[0], heading) - shortest_turn(self._last[1], wanted)
+        self._last = heading, wanted
+        self._settle(model, watched)
+        return abs(self._off) > CIRCLES
+
+    def _settle(self, model: Norrbin, watched: Watched) -> None:
+        near = shortest_turn(watched.wanted, watched.state.heading)
+        if abs(near) > SETTLED:
+            self._since = math.nan
+        elif math.isnan(self._since):
+            self._since = watched.now
+        elif watched.now - self._since >= max(SETTLED_TIME, SETTLED_TIME * model.time_constant):
+            self._off = near
+
+
+class Spinning:
+    """A rate of turn, by the heading alone, that is quicker than a rudder hard over makes it by the model."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._last: tuple[float, float] | None = None
+        self._rate = 0.0
+
+    def too_fast(self, model: Norrbin, watched: Watched) -> float:
+        """Return the rate of turn [rad/s] where it is too fast for the boat of the `model`, else 0.
+
+        A speed that reads too low would make any turn too fast: the model counts at the trial's speed at least.
+        """
+        last, self._last = self._last, (watched.now, watched.state.heading)
+        if not watched.steers or last is None or not watched.now > last[0]:
+            self._rate = self._rate if watched.steers else 0.0
+            return 0.0
+        step = watched.now - last[0]
+        turned = shortest_turn(last[1], watched.state.heading) / step
+        self._rate -= math.expm1(-step / max(SPIN_TIME[0], SPIN_TIME[1] * model.time_constant)) * (turned - self._rate)
+        if self._rate * watched.rudder <= 0.0:
+            return 0.0
+        quickest = at_speed_ratio(model, max(1.0 / speed_ratio(model, watched), 1.0))
+        # the damping grows with the rate: more of it than all the rudder is a rate beyond the rudder's
+        takes = math.copysign(1.0, self._rate) * damping(quickest, self._rate / SPIN)
+        return self._rate if takes > quickest.gain * watched.angle_max else 0.0
