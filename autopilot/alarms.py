@@ -258,7 +258,7 @@ _MOTION = [
         _PILOT,
         "three times the rate that the rudder hard over gives by the model, for a second or 0.3 time constants; or an "
         "answer to the rudder of more than four times the model's, to both sides",
-        "model, helm.rudder_at_full_pwm_deg",
+        "model.K_1_s, helm.rudder_at_full_pwm_deg",
     ),
     AlarmKind(
         "lively",
@@ -268,7 +268,7 @@ _MOTION = [
         _WARNING,
         _PILOT,
         "two and a half to four times the model's answer, to both sides; the law has a quarter of the gain then",
-        "model, helm.rudder_at_full_pwm_deg",
+        "model.K_1_s, helm.rudder_at_full_pwm_deg",
     ),
     AlarmKind(
         "rudder_slow",
