@@ -152,7 +152,7 @@ class PypilotMotor:
         return NEUTRAL + away if is_ahead else NEUTRAL - away
 
     def _limits(self) -> bytes:
-        ends = sorted(self._settings.place(-angle) for angle in (-self._settings.stop, self._settings.stop))
+        ends = sorted(self._settings.place(end) for end in (-self._settings.stop, self._settings.stop))
         low, high = (round((end + 1.0) / 2.0 * SENSOR_FULL) for end in ends)
         data = packet(RUDDER_MIN, low) + packet(RUDDER_MAX, high)
         if self._settings.current_max is not None:
