@@ -1,0 +1,356 @@
+"""Whether the helm is ours: each reason with its time limits, from what the vehicle shows; and the proof before it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from autopilot.links.companion_output import SteeringOutput
+from autopilot.links.helm_probe import HelmProbe
+from autopilot.links.helm_watch import HelmWatch
+from autopilot.links.message_streams import SLOW, WAITING, MessageStreams
+from autopilot.links.steering_pwm import SteeringChannel
+from autopilot.links.vehicle_parameters import VehicleParameters
+
+KNOWN = {
+    "MAV_GCS_SYSID": 255.0,
+    "RCMAP_ROLL": 1.0,
+    "MANUAL_STR_EXPO": 0.0,
+    "SERVO1_FUNCTION": 26.0,
+    **{f"RC1_{name}": 1500.0 for name in ("MIN", "TRIM", "MAX", "DZ", "REVERSED")},
+    **{f"SERVO1_{name}": 1500.0 for name in ("MIN", "TRIM", "MAX", "REVERSED")},
+}
+
+
+def parameters(*, without: str = "", **values: float) -> VehicleParameters:
+    known = VehicleParameters()
+    for name, value in {**KNOWN, **values}.items():
+        if name != without:
+            known.take(name, value)
+    return known
+
+
+def watch(guided: bool = False) -> HelmWatch:
+    """A boat that may be steered at 0 s."""
+    found = HelmWatch(guided)
+    found.obstacle = ""
+    found.heartbeat(0.0, 15 if guided else 0, True, 4)
+    found.heard_time = 0.0
+    return found
+
+
+def test_before_a_heartbeat_there_is_nobody_to_steer() -> None:
+    fresh = HelmWatch()
+    assert fresh.reason(0.0, parameters(), 255) == "waiting for the heartbeat of a vehicle"
+    assert (fresh.booted, fresh.armed, fresh.steering, fresh.steers_by_hand, fresh.mode) == (False,) * 4 + (-1,)
+    fresh.obstacle = ""
+    assert fresh.reason(0.0, parameters(), 255)
+
+
+@pytest.mark.parametrize(("state", "booted"), [(0, False), (2, False), (3, True), (4, True), (5, True)])
+def test_a_vehicle_takes_commands_from_standby_on(state: int, booted: bool) -> None:
+    found = watch()
+    found.heartbeat(0.0, 0, True, state)
+    assert found.booted is booted
+
+
+def test_silence_of_three_seconds_or_no_heartbeat_for_eight_ends_it() -> None:
+    found = watch()
+    assert found.reason(3.0, parameters(), 255) == ""
+    assert found.reason(3.1, parameters(), 255).endswith("for 3 s")
+    found.heard_time = 7.0
+    assert found.reason(8.0, parameters(), 255) == ""
+    assert found.reason(8.1, parameters(), 255).endswith("for 8 s")
+
+
+@pytest.mark.parametrize("guided", [False, True])
+@pytest.mark.parametrize(
+    ("mode", "name"),
+    [(0, "MANUAL"), (1, "ACRO"), (3, "STEERING"), (4, "HOLD"), (5, "LOITER"), (6, "FOLLOW"), (7, "SIMPLE"),
+     (8, "DOCK"), (9, "CIRCLE"), (10, "AUTO"), (11, "RTL"), (12, "SMART_RTL"), (15, "GUIDED"),
+     (16, "INITIALISING"), (2, "2"), (14, "14")],
+)  # fmt: skip
+def test_one_mode_alone_is_steered_in_and_any_other_is_named(mode: int, name: str, guided: bool) -> None:
+    found = watch(guided)
+    found.heartbeat(0.0, mode, True, 4)
+    reason = found.reason(0.0, parameters(), 255)
+    needed, ours = ("GUIDED", "heading targets") if guided else ("MANUAL", "rudder commands")
+    if name == needed:
+        assert reason == ""
+    else:
+        expected = f"the vehicle is in mode {name}, where {ours} are not obeyed; switch it to {needed}"
+        assert reason == expected
+    assert found.steers_by_hand is (mode == 0)
+
+
+@pytest.mark.parametrize("guided", [False, True])
+def test_arming_and_the_switch_for_overrides(guided: bool) -> None:
+    found = watch(guided)
+    found.switched_off = True
+    assert bool(found.reason(0.0, parameters(), 255)) is not guided
+    found.heartbeat(0.0, found.mode, False, 3)
+    assert found.reason(0.0, parameters(), 255) == "the vehicle is disarmed; arm it"
+    assert not found.steers_by_hand
+
+
+@pytest.mark.parametrize("guided", [False, True])
+@pytest.mark.parametrize(
+    ("without", "values", "said", "guided_too"),
+    [
+        ("", {"MAV_GCS_SYSID": 254.0}, "the vehicle obeys only system id 254; start with --as-gcs or set", False),
+        ("", {"MAV_GCS_SYSID": 0.0}, "the vehicle's MAV_GCS_SYSID is no system id; set it to 255", True),
+        ("SERVO1_TRIM", {}, "reading the vehicle's parameters", True),
+        ("", {"RCMAP_ROLL": 17.0}, "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it", False),
+        ("", {"RC_OVERRIDE_TIME": 0.0}, "the vehicle's RC_OVERRIDE_TIME is 0, which forbids overrides", False),
+        ("", {"RC_OVERRIDE_TIME": -1.0}, "", False),
+        ("", {"RC_OVERRIDE_TIME": 3.0}, "", False),
+    ],
+)
+def test_parameters_that_forbid_steering(
+    without: str, values: dict[str, float], said: str, guided_too: bool, guided: bool
+) -> None:
+    reason = watch(guided).reason(0.0, parameters(without=without, **values), 255)
+    if said and (guided_too or not guided):
+        assert reason.startswith(said)
+    else:
+        assert reason == ""
+
+
+def test_without_a_steering_servo_only_heading_targets_steer() -> None:
+    known = parameters(without="SERVO1_FUNCTION")
+    for step in range(120):
+        known.due(0.1 * step)
+    assert known.complete
+    assert watch().reason(0.0, known, 255).startswith("no servo output has the function 26 (GroundSteering)")
+    assert watch(guided=True).reason(0.0, known, 255) == ""
+
+
+def test_a_vehicle_that_does_not_answer_is_said_with_five_of_the_names() -> None:
+    known = VehicleParameters()
+    for step in range(100):
+        known.due(0.1 * step)
+    reason = watch().reason(0.0, known, 255)
+    assert reason.startswith("the vehicle does not answer when asked for SYSID_MYGCS, MAV_GCS_SYSID, RCMAP_ROLL;")
+    for name in KNOWN:
+        if name.startswith(("RCMAP", "SERVO1_F")):
+            known.take(name, KNOWN[name])
+    for step in range(100, 200):
+        known.due(0.1 * step)
+    reason = watch().reason(0.0, known, 255)
+    named = reason.partition("asked for ")[2].partition(";")[0]
+    assert named == "SYSID_MYGCS, MAV_GCS_SYSID, RC1_MIN, RC1_TRIM, RC1_MAX"
+
+
+def test_a_restart_is_said_until_all_that_it_takes_has_come_again() -> None:
+    found = watch()
+    found.commanded(0.0, 1500)
+    found.misfit = found.radio = "something"
+    found.rebooted()
+    assert (found.steering, found.armed, found.booted, found.misfit, found.radio) == (False, False, False, "", "")
+    said = found.reason(0.0, VehicleParameters(), 255)
+    assert said.endswith("; reading the vehicle's parameters")
+    assert found.reason(0.0, parameters(), 255) == "the vehicle is disarmed; arm it"
+    assert found.reason(0.0, VehicleParameters(), 255) == "reading the vehicle's parameters", "that is over"
+
+
+def test_a_radio_and_a_misfit_are_told_as_they_are() -> None:
+    found = watch()
+    found.radio = "the radio is lost"
+    assert found.reason(0.0, parameters(), 255) == "the radio is lost"
+    found.misfit = "no room to steer"
+    assert found.reason(0.0, parameters(), 255) == "no room to steer"
+    guided = watch(guided=True)
+    guided.misfit = "no room to steer"
+    assert guided.reason(0.0, parameters(), 255) == ""
+
+
+def disobeyed_at(agreeing: int, of: int, away: int = 0) -> float:
+    """Return when the helm is given up where so many of so many reports, ten a second, agree; inf for never."""
+    found = watch()
+    for step in range(1, 200):
+        now = 0.1 * step
+        found.commanded(now, 1600)
+        pulse = 1600 if step % of < agreeing else 1500 + away
+        found.seen(now, "RC channel 1", pulse, found.recent_pulses)
+        if found.disobeyed:
+            return now
+    return math.inf
+
+
+def test_a_rudder_that_goes_another_way_for_a_second_is_not_ours() -> None:
+    assert disobeyed_at(0, 1) == pytest.approx(1.2, abs=0.11)
+    assert disobeyed_at(1, 2) == pytest.approx(3.9, abs=0.4), "every other report makes good half as much"
+    assert disobeyed_at(2, 3) == math.inf
+    assert disobeyed_at(1, 1) == math.inf
+
+
+@pytest.mark.parametrize(("away", "agrees"), [(97, True), (103, True), (96, False), (104, False)])
+def test_a_report_agrees_within_three_microseconds(away: int, agrees: bool) -> None:
+    assert (disobeyed_at(0, 1, away) == math.inf) is agrees
+
+
+def test_a_pause_between_reports_counts_for_a_second_at_most_and_a_second_is_not_enough() -> None:
+    found = watch()
+    found.commanded(0.0, 1600)
+    found.seen(30.0, "servo 1", 1500, [1600])
+    assert not found.disobeyed
+    found.seen(30.01, "servo 1", 1500, [1550, 1600])
+    assert found.disobeyed
+    found.heard_time = found.heartbeat_time = 30.0
+    said = found.reason(1.0, parameters(), 255)
+    assert said.startswith("the rudder does not obey: servo 1 is at 1500 us while 1600 is commanded (radio override")
+
+
+def test_what_was_commanded_within_a_second_may_be_reported() -> None:
+    found = watch()
+    for step, pulse in enumerate((1500, 1510, 1500, 1520)):
+        found.commanded(0.5 * step, pulse)
+    assert found.recent_pulses == [1510, 1500, 1520]
+    found.commanded(10.0, None)
+    assert found.recent_pulses == [] and found.steering
+    found.released()
+    assert not found.steering
+
+
+def test_who_did_not_obey_may_be_tried_again_two_seconds_after_our_last_command() -> None:
+    found = watch()
+    found.heard_time = found.heartbeat_time = 11.0
+    found.commanded(10.0, 1600)
+    found.refuse("no")
+    assert found.reason(12.0, parameters(), 255) == "no"
+    found.released()
+    assert found.reason(12.1, parameters(), 255) == ""
+
+
+@pytest.mark.parametrize("guided", [False, True])
+def test_who_steers_and_sees_no_report_for_three_seconds_is_blind(guided: bool) -> None:
+    found = watch(guided)
+    found.commanded(0.0, 1600)
+    for now, talking, blind in ((2.9, 2.8, False), (3.1, 3.0, True), (3.1, 1.0, False), (3.1, 1.1, True)):
+        found.heard_time, found.heartbeat_time = talking, talking
+        assert bool(found.reason(now, parameters(), 255)) is blind, (now, talking)
+    assert ("NAV_CONTROLLER_OUTPUT" in found.reason(3.1, parameters(), 255)) is guided
+    found.judge(3.0, "any", True, "")
+    assert found.reason(3.1, parameters(), 255) == ""
+    found.released()
+    found.heard_time = found.heartbeat_time = 60.0
+    assert found.reason(60.0, parameters(), 255) == "", "nobody steers"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stick_moved_by_more_than_150_microseconds_takes_the_helm(sign: int) -> None:
+    found = watch()
+    found.stick(2, 1100)
+    found.commanded(0.0, 1500)
+    found.stick(2, 1500)
+    found.stick(2, 0)
+    found.stick(2, 1500 + sign * 20)
+    found.stick(2, 1500 + sign * 170)
+    assert not found.disobeyed
+    found.stick(2, 1500 + sign * 171)
+    assert found.reason(0.0, parameters(), 255) == "the stick on RC channel 2 was moved: the helm is yours"
+
+
+def probe() -> HelmProbe:
+    output = SteeringOutput("rc_override", 0.5, False)
+    output._number, output.channel = 1, SteeringChannel()
+    found = HelmProbe(output)
+    found.report(0.0, 1, 1500)
+    return found
+
+
+def test_the_proof_is_repeated_ten_times_a_second_and_passed_by_three_reports_in_a_row() -> None:
+    proof = probe()
+    assert not proof.under_way and proof.reason.startswith("waiting for the vehicle to report its steering input")
+    assert proof.due(0.0) is not None and proof.under_way
+    assert proof.reason == "checking the steering input"
+    assert proof.due(0.09) is None
+    assert proof.due(0.1) is not None
+    assert 3 < abs(proof.pulse - 1500) <= 30, "inside the dead zone, and to be told from the stick"
+    for shown in (proof.pulse, proof.pulse, 1500, proof.pulse, proof.pulse):
+        proof.report(0.2, 1, shown)
+        assert not proof.passed
+    proof.report(0.3, 1, proof.pulse)
+    assert proof.passed and not proof.under_way
+    assert proof.due(1.0) is None
+
+
+def test_a_proof_that_fails_is_tried_again_after_four_seconds_and_stays_said_meanwhile() -> None:
+    proof = probe()
+    proof.due(0.0)
+    proof.report(2.5, 3, 1500)
+    assert proof.under_way
+    proof.report(2.51, 3, 1500)
+    failed = proof.reason
+    assert failed.startswith(
+        f"the vehicle does not take our steering: RC channel 3 stays at 1500 us while {proof.pulse}"
+    )
+    assert not proof.under_way
+    proof.report(6.4, 3, 1500)
+    assert proof.due(6.5) is None
+    assert proof.due(6.51) is not None
+    assert proof.reason == failed
+    for _ in range(2):
+        proof.report(6.6, 3, proof.pulse)
+        assert not proof.passed
+    proof.report(6.6, 3, proof.pulse)
+    assert proof.passed
+    proof.reset()
+    assert not proof.passed and proof.due(6.7) is None, "it waits for a report"
+
+
+def test_without_reports_for_three_seconds_no_proof_goes_on() -> None:
+    proof = probe()
+    assert proof.due(3.0) is not None
+    assert proof.due(3.11) is None
+    assert not proof.under_way
+    assert HelmProbe(SteeringOutput("rc_override", 0.5, False)).due(0.0) is None
+
+
+def asked(streams: MessageStreams, now: float, **counts: int) -> list[int]:
+    for name, count in counts.items():
+        for _ in range(count):
+            streams.count(int(name[1:]))
+    return [identity for identity, _ in streams.due(now)]
+
+
+def test_streams_are_asked_for_at_once_looked_at_after_0_7_s_and_then_every_2_s() -> None:
+    streams = MessageStreams({30: 10.0, 33: 5.0})
+    assert streams.due(0.0) == [(30, 100_000), (33, 200_000)]
+    assert asked(streams, 0.69) == []
+    assert asked(streams, 0.7, m30=5, m33=2) == [33], "0.6 of 7 are 4.2, of 3.5 are 2.1"
+    assert streams.waiting == ""
+    assert asked(streams, 2.69) == []
+    assert asked(streams, 2.7, m30=11, m33=6) == [30]
+    assert asked(streams, 4.7, m30=12, m33=6) == []
+    streams.reset()
+    assert streams.waiting == WAITING
+    assert asked(streams, 4.71) == [30, 33]
+
+
+def test_a_first_stream_that_stays_slow_is_said_at_the_third_check_and_no_more_when_it_is_not() -> None:
+    streams = MessageStreams({30: 10.0, 33: 5.0})
+    streams.due(0.0)
+    for number, now in enumerate((0.75, 2.75)):
+        asked(streams, now, m30=(4, 11)[number])
+        assert (streams.waiting, streams.slow) == (WAITING, "")
+    asked(streams, 5.0, m30=9)
+    assert (streams.waiting, streams.slow) == ("", SLOW.format(rate=4.0, wanted=10.0))
+    asked(streams, 7.25, m30=13)
+    assert streams.slow == SLOW.format(rate=4.0, wanted=10.0), "said once"
+    asked(streams, 9.5, m30=14)
+    assert streams.slow == ""
+    for now in (11.75, 14.0):
+        asked(streams, now, m30=8)
+        assert streams.slow == "", "counted anew"
+    asked(streams, 16.25, m30=1)
+    assert streams.slow
+
+
+def test_a_first_stream_that_does_not_come_at_all_is_said_by_others() -> None:
+    streams = MessageStreams({30: 10.0})
+    for now in (0.0, 0.7, 2.7, 4.7, 6.7):
+        streams.due(now)
+        assert streams.slow == ""
+    assert streams.waiting == ""
