@@ -83,5 +83,5 @@ def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     def fresh(state: Any, _: Any) -> Any:
         return (state[0],)
 
-    with pytest.raises(InputError, match=r"pip install 'norrbin\[fast\]'"):
+    with pytest.raises(InputError, match=r"pip install '\.\[fast\]'"):
         CompiledParticleFilter(fresh, fresh, np.zeros((1, 1)), np.eye(1))

@@ -127,7 +127,7 @@ def test_without_pyulog_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"pip install 'norrbin\[ulog\]'"):
+    with pytest.raises(InputError, match=r"pip install '\.\[ulog\]'"):
         read_recording(written(tmp_path, ulog(BOAT), "boat.ulg"))
 
 

@@ -64,7 +64,7 @@ def test_an_engine_that_is_not_installed_is_named(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, LIBRARY[name], None)
-    with pytest.raises(InputError, match=rf"norrbin\[{name}\]"):
+    with pytest.raises(InputError, match=rf"'\.\[{name}\]'"):
         engine_of(name)
     assert main(["campaign", "front", "--engine", name]) == ExitCode.USAGE
     assert f"--engine {name} needs {name}" in capsys.readouterr().err

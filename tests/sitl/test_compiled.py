@@ -54,7 +54,7 @@ def test_the_same_numbers_to_a_billionth() -> None:
 
 def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "numba", None)
-    with pytest.raises(InputError, match=r"norrbin\[fast\]"):
+    with pytest.raises(InputError, match=r"'\.\[fast\]'"):
         compiled(voyage)
 
 
