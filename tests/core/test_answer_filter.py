@@ -1,0 +1,142 @@
+"""The filter behind the watch over the rudder's answer, against one written with matrices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.linalg import expm
+
+from autopilot.models.norrbin import Norrbin
+from autopilot.monitors.answer_filter import (
+    NOTHING,
+    PUSH_UNKNOWN,
+    RATE_UNKNOWN,
+    STEEPEST,
+    Mean,
+    Noise,
+    Spread,
+    Step,
+    corrected,
+    first_spread,
+    gains_of,
+    moved,
+    spread_measured,
+    spread_moved,
+    step_of,
+)
+
+Matrix = npt.NDArray[np.float64]
+NOISE = Noise(heading=2.0e-4, acceleration=3.0e-5, push=4.0e-6, sea=5.0e-3, pace=0.7)
+BOATS = [
+    Norrbin(0.2, 5.0),
+    Norrbin(0.3, 4.0, n1=-0.5, n3=2.0),
+    Norrbin(0.5, 2.0, n1=1.0, n2=0.3, n3=3.0),
+]
+
+
+def matrix_of(spread: Spread) -> Matrix:
+    p = np.zeros((4, 4))
+    for name, value in spread._asdict().items():
+        p[int(name[1]), int(name[2])] = p[int(name[2]), int(name[1])] = value
+    return p
+
+
+def spread_of(p: Matrix) -> Spread:
+    return Spread(*(float(p[int(name[1]), int(name[2])]) for name in Spread._fields))
+
+
+def transition(step: Step) -> Matrix:
+    """F of the module's equations: (psi, r, p, w) with p + w on the rudder."""
+    return np.array(
+        [
+            [1.0, step.turn, step.drift, step.drift],
+            [0.0, step.decay, step.gain, step.gain],
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, step.kept],
+        ]
+    )
+
+
+def some_spread(seed: int) -> Matrix:
+    root = np.random.default_rng(seed).normal(size=(4, 4)) * np.array([[0.1], [0.2], [0.3], [0.4]])
+    return np.asarray(root @ root.T)
+
+
+def test_the_first_heading_tells_of_the_heading_alone() -> None:
+    p = matrix_of(first_spread(NOISE))
+    assert np.array_equal(p, np.diag([NOISE.heading, RATE_UNKNOWN, PUSH_UNKNOWN, NOISE.sea]))
+    assert math.sqrt(RATE_UNKNOWN) == pytest.approx(0.2)
+    assert math.degrees(math.sqrt(PUSH_UNKNOWN)) == pytest.approx(20.0)
+    assert NOTHING == (0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("model", BOATS)
+@pytest.mark.parametrize("rate", [-0.3, 0.0, 0.2])
+@pytest.mark.parametrize("dt", [1.0e-4, 0.05, 1.0, 6.0])
+def test_a_step_is_the_boat_linearised_by_the_secant_and_solved_exactly(model: Norrbin, rate: float, dt: float) -> None:
+    damping = model.n1 + model.n2 * rate + model.n3 * rate**2
+    a = np.zeros((4, 4))
+    a[0, 1] = 1.0
+    a[1, :3] = 0.0, -damping / model.time_constant, model.gain / model.time_constant
+    a[3, 3] = -NOISE.pace
+    wanted = expm(a * dt)
+    step = step_of(model, rate, NOISE, dt)
+    assert step.turn == pytest.approx(wanted[0, 1], rel=1e-6)
+    assert step.drift == pytest.approx(wanted[0, 2], rel=1e-3)
+    assert step.decay == pytest.approx(wanted[1, 1], rel=1e-9)
+    assert step.gain == pytest.approx(wanted[1, 2], rel=1e-6)
+    assert step.kept == pytest.approx(wanted[3, 3], rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [-1.02e-3, -0.98e-3, -1.0e-3, 0.0, 0.98e-3, 1.0e-3, 1.02e-3])
+def test_where_the_series_takes_over_nothing_jumps(share: float) -> None:
+    dt = 0.5
+    x = share
+    model = Norrbin(1.0, 1.0, n1=x / dt)
+    step = step_of(model, 0.0, NOISE, dt)
+    assert step.turn == pytest.approx(dt * (1.0 - x / 2.0 + x * x / 6.0), rel=1.0e-6)
+    assert step.drift == pytest.approx(dt * dt * (0.5 - x / 6.0), rel=1.0e-3)
+
+
+def test_the_growth_of_an_unstable_boat_is_cut() -> None:
+    step = step_of(Norrbin(1.0, 1.0, n1=-1000.0), 0.0, NOISE, 1.0)
+    assert step.decay == pytest.approx(math.exp(STEEPEST))
+    steep = step_of(Norrbin(1.0, 1.0, n1=-19.0), 0.0, NOISE, 1.0)
+    assert steep.decay == pytest.approx(math.exp(19.0))
+    assert step_of(Norrbin(1.0, 1.0, n1=1000.0), 0.0, NOISE, 1.0).decay == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("model", BOATS)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_mean_and_the_covariance_move_by_the_same_matrix(model: Norrbin, seed: int) -> None:
+    dt, rudder = 0.4, 0.15
+    step, p = step_of(model, 0.1, NOISE, dt), some_spread(seed)
+    f = transition(step)
+    x = np.array([0.1, -0.05, 0.02, 0.03])
+    driven = np.array([step.drift, step.gain, 0.0, 0.0]) * rudder
+    assert np.allclose(moved(step, Mean(*map(float, x)), rudder), f @ x + driven, rtol=1e-12)
+    noise = np.zeros((4, 4))
+    noise[:2, :2] = NOISE.acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    noise[2, 2] = NOISE.push * dt
+    noise[3, 3] = (1.0 - math.exp(-2.0 * NOISE.pace * dt)) * NOISE.sea
+    found = matrix_of(spread_moved(step, spread_of(p), NOISE, dt))
+    assert np.allclose(found, f @ p @ f.T + noise, rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_heading_is_taken_in_as_a_kalman_filter_takes_it(seed: int) -> None:
+    p = some_spread(seed)
+    h = np.array([[1.0, 0.0, 0.0, 0.0]])
+    total = float((h @ p @ h.T)[0, 0]) + NOISE.heading
+    gain = p @ h.T / total
+    kept = np.eye(4) - gain @ h
+    gains = gains_of(spread_of(p), NOISE)
+    assert gains.variance == pytest.approx(total)
+    assert np.allclose(gains[1:], gain.ravel(), rtol=1e-12)
+    after = kept @ p @ kept.T + NOISE.heading * gain @ gain.T
+    assert np.allclose(matrix_of(spread_measured(gains, spread_of(p))), after, rtol=1e-9, atol=1e-14)
+    mean = Mean(0.1, 0.2, -0.3, 0.4)
+    assert np.allclose(corrected(gains, mean, -0.05), np.array(mean) - 0.05 * gain.ravel(), rtol=1e-12)

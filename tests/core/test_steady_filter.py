@@ -1,0 +1,167 @@
+"""The filter as it is after long, and the margins of the loop with it, against matrices and root finders."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.linalg import expm, solve_discrete_are
+from scipy.optimize import brentq
+
+from autopilot.control.design import LoopGains
+from autopilot.control.observed_margins import Delays, Observed, ObservedMargins, observed_margins, refusal_of
+from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.estimation.steady_filter import RUDDER_IN_USE, linear_of, prediction, steady_filter
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+
+Matrix = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+NOISE = FilterNoise(heading=1.0e-4, rate=4.0e-5, acceleration=2.0e-5, bias=3.0e-6, model_error=0.1, waves=True)
+STABLE = Norrbin(0.2, 5.0)
+BENT = Norrbin(0.4, 3.0, n1=1.0, n2=0.4, n3=3.0)
+UNSTABLE = Norrbin(0.3, 4.0, n1=-0.5, n3=2.0)
+BOATS = [STABLE, BENT, UNSTABLE]
+
+
+def continuous(model: Norrbin) -> Matrix:
+    """A and B of (psi, r, b, delta), straight on."""
+    a = np.zeros((4, 4))
+    a[0, 1] = 1.0
+    a[1] = 0.0, -model.n1 / model.time_constant, model.gain / model.time_constant, model.gain / model.time_constant
+    return a
+
+
+@pytest.mark.parametrize("model", BOATS)
+@pytest.mark.parametrize("seconds", [0.0, 0.05, 0.4, 3.0])
+def test_the_prediction_is_the_matrix_exponential(model: Norrbin, seconds: float) -> None:
+    wanted = expm(continuous(model) * seconds)
+    found = prediction(model, seconds)
+    assert np.allclose(found.transition, wanted[:3, :3], rtol=1e-9, atol=1e-12)
+    assert np.allclose(found.drive, wanted[:3, 3], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", BOATS)
+@pytest.mark.parametrize("interval", [0.1, 0.5])
+def test_the_gains_solve_the_riccati_equation(model: Norrbin, interval: float) -> None:
+    f = expm(continuous(model) * interval)[:3, :3]
+    steered = NOISE.model_error * model.gain / model.time_constant * RUDDER_IN_USE
+    q = (NOISE.acceleration + steered**2) * interval
+    noise = np.diag([0.0, 0.0, NOISE.bias * interval])
+    noise[:2, :2] = q * np.array([[interval**2 / 3.0, interval / 2.0], [interval / 2.0, 1.0]])
+    h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    r = np.diag([NOISE.heading, NOISE.rate])
+    p = solve_discrete_are(f.T, h.T, noise, r)
+    gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
+    assert np.allclose(steady_filter(model, NOISE, interval).gains, gain, rtol=2e-3, atol=1e-5)
+
+
+def test_the_model_is_straight_and_the_heading_s_age_has_its_own_prediction() -> None:
+    assert linear_of(BENT._replace(n0=0.1)) == BENT._replace(n2=0.0, n3=0.0)
+    found = steady_filter(BENT, NOISE, 0.2, 0.7)
+    assert found.interval == 0.2
+    assert found.prediction == prediction(BENT, 0.2)
+    assert found.ahead == prediction(BENT, 0.7)
+
+
+def loop_of(observed: Observed, omega: float) -> tuple[complex, complex]:
+    """D and N of the equations of `observed_margins` at one frequency [rad/s], with matrices."""
+    model, gear, delays, gains, uses_bias, steady = observed
+    s = 1j * omega
+    a, b = np.array(steady.prediction.transition), np.array(steady.prediction.drive)
+    g = np.array(steady.gains)
+    kept = np.eye(3) - g @ np.eye(2, 3)
+
+    def mean(seconds: float) -> complex:
+        return (1.0 - cmath.exp(-s * seconds)) / (s * seconds) if seconds else 1.0 + 0.0j
+
+    left = np.eye(3) - cmath.exp(-s * steady.interval) * (kept @ a)
+    from_rudder = np.linalg.solve(left, kept @ b * mean(steady.interval))
+    from_boat = np.linalg.solve(left, g @ np.array([1.0, s]))
+    late, ahead = cmath.exp(-s * delays.latency), np.array(steady.ahead.transition)
+    told = ahead @ from_rudder * late + np.array(steady.ahead.drive) * mean(delays.latency)
+    seen = ahead @ from_boat * late
+    law = np.array([gains.proportional + gains.integral / s, gains.derivative, float(uses_bias)])
+    law = law / (1.0 + s * gains.smoothing)
+    acts = cmath.exp(-s * gear.delay) / (1.0 + s * gear.lag)
+    boat = model.gain / (s * (model.time_constant * s + model.n1))
+    return 1.0 + complex(law @ told) * acts, complex(law @ seen) * boat * acts * cmath.exp(-s * delays.unknown)
+
+
+def roots(function: Callable[[float], float], low: float, high: float) -> list[float]:
+    grid = np.geomspace(low, high, 3000)
+    values = [function(float(w)) for w in grid]
+    pairs = zip(grid[:-1], grid[1:], values[:-1], values[1:], strict=True)
+    return [float(brentq(function, a, b, xtol=1e-13)) for a, b, x, y in pairs if x * y < 0.0 and abs(x - y) < 1.0]
+
+
+def by_crossings(observed: Observed) -> ObservedMargins:
+    """The margins of a loop known to be stable, from where L = N/D crosses the real axis and the unit circle."""
+    high = 0.98 * math.pi / observed.steady.interval
+
+    def ratio(omega: float) -> complex:
+        inner, outer = loop_of(observed, omega)
+        return outer / inner
+
+    real = [ratio(w).real for w in roots(lambda w: ratio(w).imag / abs(ratio(w)), 1e-3, high)]
+    factors = [-1.0 / value for value in real if value < 0.0]
+    unit = roots(lambda w: math.tanh(math.log(abs(ratio(w)))), 1e-3, high)
+    late = [((cmath.phase(ratio(w)) + math.pi) % (2.0 * math.pi)) / w for w in unit]
+    grid = [float(w) for w in np.geomspace(1e-3, high, 3000)]
+    return ObservedMargins(
+        True,
+        max((f for f in factors if 0.02 < f < 1.0), default=0.0),
+        min((f for f in factors if 1.0 < f < 20.0), default=math.inf),
+        min(late),
+        max(1.0 / abs(1.0 + ratio(w)) for w in grid),
+    )
+
+
+GAINS = LoopGains(0.9, 0.0, 1.5)
+GEAR = SteeringGear(0.5, 0.3, 0.1, delay=0.15)
+
+
+def observed_of(
+    model: Norrbin, gains: LoopGains, uses_bias: bool, delays: Delays, interval: float = 0.2, gear: SteeringGear = GEAR
+) -> Observed:
+    return Observed(model, gear, delays, gains, uses_bias, steady_filter(model, NOISE, interval, delays.latency))
+
+
+CASES = [
+    observed_of(STABLE, GAINS, False, Delays(0.1)),
+    observed_of(STABLE, GAINS, True, Delays(0.1)),
+    observed_of(STABLE, GAINS._replace(integral=0.02), False, Delays(0.0, 0.3)),
+    observed_of(STABLE, GAINS._replace(smoothing=0.4), True, Delays(0.05, 0.5), 0.1),
+    observed_of(BENT, GAINS, True, Delays(0.2), 0.5),
+    observed_of(UNSTABLE, LoopGains(1.5, 0.0, 4.0), True, Delays(0.05)),
+    observed_of(UNSTABLE, LoopGains(1.5, 0.05, 4.0), False, Delays(0.05, 0.2)),
+]
+
+
+@pytest.mark.parametrize("observed", CASES)
+def test_the_margins_are_where_the_loop_crosses(observed: Observed) -> None:
+    found, wanted = observed_margins(observed), by_crossings(observed)
+    assert found.stable
+    assert found.gain_down == pytest.approx(wanted.gain_down, rel=2e-2)
+    assert found.gain_up == pytest.approx(wanted.gain_up, rel=2e-2)
+    assert found.delay == pytest.approx(wanted.delay, rel=2e-2)
+    assert found.sensitivity == pytest.approx(wanted.sensitivity, rel=2e-2)
+    assert refusal_of(observed) == ""
+
+
+@pytest.mark.parametrize("observed", CASES)
+def test_past_a_margin_the_loop_is_unstable_and_before_it_is_not(observed: Observed) -> None:
+    margins = observed_margins(observed)
+    for share, is_stable in ((0.97, True), (1.03, False)):
+        later = observed.delays._replace(unknown=observed.delays.unknown + share * margins.delay)
+        assert observed_margins(observed._replace(delays=later)).stable == is_stable
+    assert "unstable with the heading filter" in refusal_of(observed._replace(delays=later))
+    assert observed_margins(observed._replace(delays=later)) == (False, 1.0, 1.0, 0.0, math.inf)
+    if margins.gain_up < math.inf:
+        for share, is_stable in ((0.97, True), (1.03, False)):
+            stronger = observed.model._replace(gain=share * margins.gain_up * observed.model.gain)
+            assert observed_margins(observed._replace(model=stronger)).stable == is_stable
