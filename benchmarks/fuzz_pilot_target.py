@@ -15,12 +15,12 @@ from autopilot.build import build_pilot
 from autopilot.params.vessel import Roll, Vessel
 from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import LONGEST_STEP, Pilot
-from autopilot.signals import HeadingSample, HelmSample, Mode, Order, OrderKind, SupervisorState, Tick
+from autopilot.signals import HeadingSample, HelmCause, HelmSample, Mode, Order, OrderKind, SupervisorState, Tick
 from autopilot.supervisor import ENDED
 
 LAWS = ("backstepping", "pid", "sliding", "trial")
 SPECIAL = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, math.pi, -math.pi, 1e16, 2.0**53)
-WORDS = ("", "x", "battery_low", "disk_full", "deadline_missed", signals.REBOOTED, signals.SILENT, "heading_lost")
+WORDS = ("", "x", "battery_low", "disk_full", "deadline_missed", "heading_lost")
 SAMPLES: tuple[Any, ...] = typing.get_args(signals.Sample)
 FIELDS = {sample: list(typing.get_type_hints(sample).items()) for sample in SAMPLES}
 SLACK = 1.0e-9
@@ -95,6 +95,8 @@ def _value(feed: Feed, hint: Any) -> Any:
         return feed.byte() - 128
     if hint is str:
         return WORDS[feed.byte() % len(WORDS)]
+    if hint is HelmCause:
+        return HelmCause(feed.byte() % len(HelmCause))
     return feed.number(-4.0, 4.0)
 
 
