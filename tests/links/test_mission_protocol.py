@@ -17,10 +17,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_items
+from autopilot.links.boat.mission_items import MissionItem, dump_items, from_message, parse_items, problem
 from autopilot.links.boat.mission_server import AGAIN_S, TRIES, MissionServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.url import open_transport
+from autopilot.signals import PositionSample
 
 ROUTE = [place(0.0, 200.0), place(400.0, 200.0), Waypoint(*place(400.0, 0.0).place, 25.0)]
 
@@ -141,6 +142,237 @@ def test_other_lists_are_empty_parts_are_refused_and_clearing_clears() -> None:
     assert len(peers.mission.items) == 3
     assert peers.say(dialect.MAVLink_mission_clear_all_message(1, 1))[0].type == dialect.MAV_MISSION_ACCEPTED
     assert peers.mission.items == () and peers.mission.message().mission_state == dialect.MISSION_STATE_NO_MISSION
+
+
+def fields(message: Any) -> tuple[Any, ...]:
+    return (message.get_type(), *(getattr(message, name) for name in message.fieldnames))
+
+
+def test_a_missing_item_is_asked_for_six_times_eight_tenths_of_a_second_apart() -> None:
+    peers = Peers()
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    peers.now = 5.0
+    (wanted,) = peers.say(item(0, ROUTE[0]))
+    assert fields(wanted) == ("MISSION_REQUEST_INT", 255, 190, 1, 0)
+    asked = []
+    for turn in range(1, 512):
+        now = 5.0 + turn / 64.0
+        asked += [(turn, fields(message)[0]) for message in peers.server.due(now)]
+    # 0.8 s is 51.2 of them
+    assert asked == [(52 * number, "MISSION_REQUEST_INT") for number in range(1, 6)] + [(52 * 6, "MISSION_ACK")]
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 1))
+    peers.now += 0.75
+    assert peers.server.due(peers.now) == []
+    peers.now += 0.0625
+    assert fields(peers.server.due(peers.now)[0]) == ("MISSION_REQUEST_INT", 255, 190, 0, 0)
+    assert peers.server.said == ""
+
+
+def test_the_end_of_an_upload_that_stands_still_is_told_to_its_sender() -> None:
+    peers = Peers()
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
+    answers = [answer for second in range(1, 9) for answer in peers.server.due(float(second))]
+    assert fields(answers[-1]) == ("MISSION_ACK", 254, 190, dialect.MAV_MISSION_OPERATION_CANCELLED, 0)
+    assert len(answers) == 6
+
+
+def test_the_last_item_sent_again_is_answered_for_ten_seconds_to_its_sender() -> None:
+    peers = Peers()
+    assert peers.say(item(0, ROUTE[0])) == [], "nothing was ever uploaded"
+    peers.now = 100.0
+    peers.upload(items_of(ROUTE[:2]))
+    for now, system, number, count in ((110.0, 255, 1, 1), (110.1, 255, 1, 0), (105.0, 254, 1, 0), (105.0, 255, 0, 0)):
+        peers.now = now
+        answers = peers.say(item(number, ROUTE[1]), system)
+        assert [fields(answer) for answer in answers] == [("MISSION_ACK", 255, 190, 0, 0)] * count
+
+
+def test_an_upload_is_given_up_by_its_sender_alone() -> None:
+    peers = Peers()
+    assert peers.say(dialect.MAVLink_mission_ack_message(1, 1, 15)) == [] and peers.server.said == ""
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    for system, result in ((254, 15), (255, 0)):
+        assert peers.say(dialect.MAVLink_mission_ack_message(1, 1, result), system) == []
+        assert peers.mission.uploader is peers.server
+    assert peers.say(dialect.MAVLink_mission_ack_message(1, 1, 15)) == []
+    assert peers.mission.uploader is None
+    assert peers.server.said == "upload of the route given up; the old route is kept"
+
+
+@pytest.mark.parametrize("kind", [1, 2])
+def test_of_other_lists_there_is_nothing(kind: int) -> None:
+    peers = Peers()
+    peers.upload(items_of(ROUTE))
+    ack = ("MISSION_ACK", 255, 190)
+    (count,) = peers.say(dialect.MAVLink_mission_request_list_message(1, 1, kind))
+    assert fields(count)[:5] == ("MISSION_COUNT", 255, 190, 0, kind)
+    for number, result in ((0, 0), (1, dialect.MAV_MISSION_UNSUPPORTED)):
+        (answer,) = peers.say(dialect.MAVLink_mission_count_message(1, 1, number, kind))
+        assert fields(answer) == (*ack, result, kind)
+    (answer,) = peers.say(dialect.MAVLink_mission_request_int_message(1, 1, 0, kind))
+    assert fields(answer) == (*ack, dialect.MAV_MISSION_INVALID_SEQUENCE, kind)
+    answer, current = peers.say(dialect.MAVLink_mission_clear_all_message(1, 1, kind))
+    assert (fields(answer), fields(current)[:3]) == ((*ack, 0, kind), ("MISSION_CURRENT", 0, 3))
+    (answer,) = peers.say(dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, kind))
+    assert fields(answer) == (*ack, dialect.MAV_MISSION_UNSUPPORTED, kind)
+    assert peers.server.said == "a part of a route cannot be changed: upload the whole route"
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 1))
+    other = item(0, ROUTE[0])
+    other.mission_type = kind
+    assert peers.say(other) == [] and peers.mission.uploader is peers.server
+
+
+def test_all_lists_are_cleared_at_once_and_not_while_another_uploads() -> None:
+    peers = Peers()
+    peers.upload(items_of(ROUTE))
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
+    for kind in (0, 255):
+        (answer,) = peers.say(dialect.MAVLink_mission_clear_all_message(1, 1, kind))
+        assert fields(answer) == ("MISSION_ACK", 255, 190, dialect.MAV_MISSION_DENIED, kind)
+    answer, current = peers.say(dialect.MAVLink_mission_clear_all_message(1, 1, 255), system=254)
+    assert fields(answer) == ("MISSION_ACK", 254, 190, 0, 255)
+    assert fields(current)[:4] == ("MISSION_CURRENT", 0, 0, dialect.MISSION_STATE_NO_MISSION)
+    assert peers.mission.items == () and peers.mission.uploader is None
+
+
+def test_an_empty_count_clears_and_five_hundred_items_are_taken() -> None:
+    peers = Peers()
+    peers.upload(items_of(ROUTE))
+    assert fields(peers.say(dialect.MAVLink_mission_count_message(1, 1, 0))[0]) == ("MISSION_ACK", 255, 190, 0, 0)
+    assert peers.mission.items == () and peers.server.said == "route cleared"
+    (answer,) = peers.say(dialect.MAVLink_mission_count_message(1, 1, 501))
+    assert fields(answer) == ("MISSION_ACK", 255, 190, dialect.MAV_MISSION_NO_SPACE, 0)
+    assert peers.server.said == "a route of 501 items: up to 500 are taken"
+    assert peers.say(dialect.MAVLink_mission_count_message(1, 1, 500))[0].get_type() == "MISSION_REQUEST_INT"
+
+
+def test_the_current_item_is_chosen_by_its_message() -> None:
+    peers = Peers()
+    peers.upload(items_of(ROUTE))
+    for number, current, said in ((2, 2, ""), (3, 2, "there is no waypoint 3 in a route of 3")):
+        (answer,) = peers.say(dialect.MAVLink_mission_set_current_message(1, 1, number))
+        assert fields(answer)[:3] == ("MISSION_CURRENT", current, 3) and peers.server.said == said
+    assert [peers.say(dialect.MAVLink_mission_request_int_message(1, 1, number))[0].current for number in range(3)] == [
+        0,
+        0,
+        1,
+    ]
+    assert not peers.mission.set_current(-1)
+
+
+def test_the_state_of_a_mission_from_its_beginning_to_its_end() -> None:
+    mission = Mission(TrackGuide())
+    states = dialect.enums["MISSION_STATE"]
+
+    def state() -> str:
+        return str(states[mission.state].name.removeprefix("MISSION_STATE_"))
+
+    assert state() == "NO_MISSION" and not mission.is_followed
+    assert mission.obstacle(0.0) == "there is no route: upload one first"
+    kept: list[Any] = []
+    mission.keep = kept.append
+    items = tuple(MissionItem(3, 16, (0.0, 0.0, 0.0, 0.0), 1000 * number, 1000, 0.0) for number in (1, 2, 3))
+    assert mission.replace(items) is False and kept == [items]
+    assert state() == "NOT_STARTED"
+    assert mission.obstacle(0.0) == "no position: check the GPS and its link"
+    for number in (-1, 3):
+        assert mission.obstacle(0.0, number) == f"there is no waypoint {number} in a route of 3"
+    mission.guide.take(PositionSample(0.0, 0.0, 0.0))
+    assert mission.obstacle(0.0) == mission.obstacle(0.0, 0) == mission.obstacle(0.0, 2) == ""
+    assert mission.set_current(1) and not mission.guide.following
+    mission.follow()
+    assert (state(), mission.guide.target, mission.current) == ("ACTIVE", 1, 1)
+    assert mission.set_current(2) and mission.guide.target == 2
+    mission.guide.leave()
+    assert (state(), mission.current) == ("PAUSED", 2)
+    mission.follow()
+    mission.guide.is_complete = True
+    assert state() == "COMPLETE"
+    mission.guide.leave()
+    assert state() == "COMPLETE"
+    end = "the route has been followed to its end: choose a waypoint to go on with"
+    assert (mission.obstacle(0.0), mission.obstacle(0.0, 0)) == (end, "")
+    assert mission.set_current(0) and state() == "PAUSED"
+    mission.follow()
+    assert mission.replace(items) is True, "the old one was being followed"
+    assert not mission.guide.following and (state(), mission.current) == ("NOT_STARTED", 0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "result"),
+    [
+        ({}, 0),
+        *(({"frame": frame}, 0) for frame in (0, 3, 5, 6, 10, 11)),
+        *(({"frame": frame}, 2) for frame in (1, 2, 4, 7, 8, 9, 12)),
+        *(({"command": command}, 3) for command in (15, 17, 0)),
+        ({"parameters": (1.0, 5000.0, 0.0, 0.0)}, 0),
+        ({"parameters": (1.01, 0.0, 0.0, 0.0)}, 6),
+        ({"parameters": (math.inf, 0.0, 0.0, 0.0)}, 6),
+        ({"parameters": (0.0, 5000.5, 0.0, 0.0)}, 7),
+        ({"x": 850_000_000}, 0),
+        ({"x": -850_000_000}, 0),
+        ({"x": 850_000_001}, 10),
+        ({"x": -850_000_001}, 10),
+        ({"y": 1_800_000_000}, 0),
+        ({"y": -1_800_000_000}, 0),
+        ({"y": 1_800_000_001}, 11),
+        ({"y": -1_800_000_001}, 11),
+        ({"x": 0, "y": 0}, 10),
+        ({"x": 0}, 0),
+        ({"y": 0}, 0),
+    ],
+)
+def test_which_items_can_be_followed(changes: dict[str, Any], result: int) -> None:
+    number, sentence = problem(4, MissionItem(3, 16, (0.0, 0.0, 0.0, 0.0), 10, 10, 0.0)._replace(**changes))
+    assert number == result
+    assert sentence.startswith("item 4") is (result != 0) and bool(sentence) is (result != 0)
+
+
+def test_refusals_name_numbers_and_what_is_allowed() -> None:
+    sound = MissionItem(3, 16, (0.0, 0.0, 0.0, 0.0), 10, 10, 0.0)
+    for changes, words in (
+        ({"parameters": (0.0, 6000.0, 0.0, 0.0)}, "item 4: radius 6000 m, allowed is 5000"),
+        ({"x": 900_000_000}, "item 4: latitude 90, up to 85 is allowed"),
+        ({"y": 1_900_000_000}, "item 4: longitude 190, allowed is up to 180"),
+        ({"frame": 1}, "item 4 is in frame 1: use a global one"),
+    ):
+        assert problem(4, sound._replace(**changes))[1] == words
+
+
+@pytest.mark.parametrize(("radius", "within"), [(25.0, 25.0), (0.5, 0.5), (0.0, None), (-3.0, None), (math.inf, None)])
+def test_the_waypoint_of_an_item(radius: float, within: float | None) -> None:
+    point = MissionItem(3, 16, (7.0, radius, 8.0, 9.0), 450_000_000, -900_000_000, 0.0).waypoint
+    assert point[:2] == (pytest.approx(math.pi / 4.0), pytest.approx(-math.pi / 2.0))
+    assert point.radius == within if within else math.isnan(point.radius)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "e7"),
+    [(12.5, 125_000_000), (-200.0, -2_000_000_000), (200.1, 1_800_000_001), (math.nan, 1_800_000_001)],
+)
+def test_an_item_of_floats_is_one_of_whole_numbers(degrees: float, e7: int) -> None:
+    message = dialect.MAVLink_mission_item_message(1, 1, 0, 3, 16, 0, 1, 1.0, 2.0, 3.0, 4.0, degrees, degrees, 5.0)
+    assert from_message(message) == MissionItem(3, 16, (1.0, 2.0, 3.0, 4.0), e7, e7, 5.0, 1)
+
+
+def test_a_kept_route_is_a_waypoint_file_to_the_letter() -> None:
+    items = (
+        MissionItem(3, 16, (0.0, 25.5, 0.0, 0.0), 595_000_000, -180_000_001, 0.0),
+        MissionItem(6, 16, (0.5, 0.0, 0.0, 90.0), -1, 5, 2.0, 0),
+    )
+    text = (
+        "QGC WPL 110\n"
+        "0\t0\t3\t16\t0.0\t25.5\t0.0\t0.0\t59.5000000\t-18.0000001\t0.0\t1\n"
+        "1\t0\t6\t16\t0.5\t0.0\t0.0\t90.0\t-0.0000001\t0.0000005\t2.0\t0\n"
+    )
+    assert dump_items(items) == text
+    assert parse_items(text + "# a comment\n\n", "boat") == items
+    line = "0\t0\t3\t16\t0\t0\t0\t0\t1\t2\t0\t1\n"
+    assert len(parse_items("QGC WPL 110\n" + 500 * line, "boat")) == 500
+    with pytest.raises(InputError, match="boat: holds 501 items, up to 500 are allowed"):
+        parse_items("QGC WPL 110\n" + 501 * line, "boat")
+    with pytest.raises(InputError, match="boat, line 4: item 1 is NAV_LAND"):
+        parse_items(f"QGC WPL 110\n{line}\n{line.replace('16', '21')}", "boat")
 
 
 class BadLink:
