@@ -62,3 +62,9 @@ def test_parameters_are_asked_for_in_bursts_with_pauses_and_again_after_half_a_s
     again = parameters.due(RETRY_S + 0.01)
     assert set(first) & set(again)
     assert not set(second) & set(again), "what has come is not asked for"
+
+
+def test_heartbeats_are_of_the_third_version_and_carry_the_state() -> None:
+    for state in range(9):
+        assert companion_heartbeat(state).system_status == state
+    assert companion_heartbeat(4).mavlink_version == station_heartbeat().mavlink_version == 3

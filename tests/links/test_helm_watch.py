@@ -252,16 +252,17 @@ def test_a_stick_moved_by_more_than_150_microseconds_takes_the_helm(sign: int) -
     assert found.reason(0.0, parameters(), 255) == "the stick on RC channel 2 was moved: the helm is yours"
 
 
-def probe() -> HelmProbe:
+def probe(may_share: bool = False) -> HelmProbe:
     output = SteeringOutput("rc_override", 0.5, False)
     output._number, output.channel = 1, SteeringChannel()
-    found = HelmProbe(output)
+    found = HelmProbe(output, may_share)
     found.report(0.0, 1, 1500)
     return found
 
 
-def test_the_proof_is_repeated_ten_times_a_second_and_passed_by_three_reports_in_a_row() -> None:
-    proof = probe()
+@pytest.mark.parametrize("may_share", [False, True])
+def test_the_proof_is_repeated_ten_times_a_second_and_passed_by_three_reports_in_a_row(may_share: bool) -> None:
+    proof = probe(may_share)
     assert not proof.under_way and proof.reason.startswith("waiting for the vehicle to report its steering input")
     assert proof.due(0.0) is not None and proof.under_way
     assert proof.reason == "checking the steering input"
@@ -272,8 +273,72 @@ def test_the_proof_is_repeated_ten_times_a_second_and_passed_by_three_reports_in
         proof.report(0.2, 1, shown)
         assert not proof.passed
     proof.report(0.3, 1, proof.pulse)
+    assert proof.passed is may_share
+    if not may_share:
+        for now in (0.4, 0.5, 0.64):
+            assert proof.due(now) is None, "nothing is sent, and the pulse must stay"
+            proof.report(now, 1, proof.pulse)
+            assert not proof.passed and proof.under_way
+        proof.report(0.66, 1, proof.pulse)
     assert proof.passed and not proof.under_way
     assert proof.due(1.0) is None
+
+
+def paused() -> HelmProbe:
+    proof = probe()
+    proof.due(0.0)
+    for now in (0.1, 0.2, 0.3):
+        proof.report(now, 1, proof.pulse)
+    return proof
+
+
+def test_the_pause_takes_two_reports_however_long_it_lasts() -> None:
+    proof = paused()
+    proof.report(2.0, 1, proof.pulse)
+    assert not proof.passed
+    proof.report(2.1, 1, proof.pulse)
+    assert proof.passed
+
+
+def test_who_overrides_the_input_in_the_pause_is_said_until_the_next_try_is_passed() -> None:
+    proof = paused()
+    proof.report(0.4, 1, proof.pulse + 1)
+    said = proof.reason
+    ours = proof.pulse
+    assert said.startswith("another pilot or ground station overrides the steering input: RC channel 1 went to")
+    assert f"went to {ours + 1} us while {ours} us was sent last" in said
+    assert not proof.under_way
+    proof.report(4.3, 1, 1500)
+    assert proof.due(4.39) is None
+    assert proof.due(4.41) is not None and proof.reason == said
+
+
+def test_a_pause_without_reports_for_three_seconds_begins_anew() -> None:
+    proof = paused()
+    assert proof.due(3.31) is None
+    assert not proof.under_way
+    proof.report(3.4, 1, 1500)
+    assert proof.due(3.4) is not None
+
+
+def test_pulses_of_another_are_said_after_three_in_three_seconds_for_eight() -> None:
+    for spacing, is_other in ((1.5, True), (1.6, False)):
+        found = watch()
+        for step in range(200):
+            now = 0.1 * step
+            found.commanded(now, 1600)
+            assert not found.others_override(now)
+        times = [20.0 + number * spacing for number in range(3)]
+        for number, now in enumerate(times):
+            found.commanded(now, 1600)
+            found.seen(now, "RC channel 1", 1500, [1600], is_input=True)
+            found.seen(now, "servo 1", 1500, [1600])
+            found.seen(now, "RC channel 1", 1600, [1600], is_input=True)
+            assert found.others_override(now) is (is_other and number == 2)
+        assert found.others_override(times[2] + 8.0) is is_other
+        assert not found.others_override(times[2] + 8.1)
+        found.released()
+        assert not found.others_override(times[2] + 1.0)
 
 
 def test_a_proof_that_fails_is_tried_again_after_four_seconds_and_stays_said_meanwhile() -> None:
@@ -291,13 +356,13 @@ def test_a_proof_that_fails_is_tried_again_after_four_seconds_and_stays_said_mea
     assert proof.due(6.5) is None
     assert proof.due(6.51) is not None
     assert proof.reason == failed
-    for _ in range(2):
-        proof.report(6.6, 3, proof.pulse)
+    for now in (6.6, 6.7, 6.8, 7.0):
+        proof.report(now, 3, proof.pulse)
         assert not proof.passed
-    proof.report(6.6, 3, proof.pulse)
+    proof.report(7.2, 3, proof.pulse)
     assert proof.passed
     proof.reset()
-    assert not proof.passed and proof.due(6.7) is None, "it waits for a report"
+    assert not proof.passed and proof.due(7.2) is None, "it waits for a report"
 
 
 def test_without_reports_for_three_seconds_no_proof_goes_on() -> None:

@@ -46,6 +46,19 @@ def test_a_report_may_show_any_order_of_the_last_second_but_none_before() -> Non
     assert release.shown_by == "x"
 
 
+def test_an_order_that_is_repeated_counts_from_when_it_was_sent_last_and_hides_no_other() -> None:
+    release = OverrideRelease()
+    for now, pulse in ((8.8, 1400), (8.9, 1500), (9.5, 1500), (9.6, 1600), (9.9, 1600)):
+        release.ordered(now, pulse)
+    release.asked(10.0)
+    for now, pulse in ((10.1, 1500), (10.2, 1600), (10.3, 1500), (10.4, 1500)):
+        release.report(now, pulse, "x")
+        assert not release.shown_by
+    for now in (10.5, 10.6):
+        release.report(now, 1400, "x")
+    assert release.shown_by == "x", "too old"
+
+
 def test_reports_from_before_the_release_or_without_one_say_nothing() -> None:
     release = OverrideRelease()
     release.report(0.0, 1500, "x")

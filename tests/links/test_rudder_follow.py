@@ -162,3 +162,80 @@ def test_a_gear_of_unknown_rate_makes_a_third_of_five_degrees_a_second_at_least(
     for step in range(60):
         follow.measured(0.1 * step, math.radians(0.1 * step * rate_deg_s), "IIRSA")
     assert (follow.reason(6.0) == "") is follows
+
+
+def seen(samples: list[tuple[float, float]], order_deg: float = 20.0, **settings: float) -> RudderFollow:
+    follow = RudderFollow(FollowSettings(math.radians(5.0), **settings))
+    follow.ordered(0.0, math.radians(order_deg))
+    for now, degrees in samples:
+        follow.measured(now, math.radians(degrees), "IIRSA")
+    return follow
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("delay", "steps"), [(0.0, 15), (0.5, 20)])
+def test_patience_is_one_and_a_half_seconds_and_the_gear_s_delay(side: float, delay: float, steps: int) -> None:
+    for count, is_given_up in ((steps, False), (steps + 1, True)):
+        follow = seen([(0.1 * step + 1e-9, 0.0) for step in range(count + 1)], 20.0 * side, delay=delay)
+        said = follow.reason(9.0)
+        assert bool(said) is is_given_up
+    wanted = f"the rudder does not follow: IIRSA shows 0.0 deg while {20.0 * side:.1f} deg is ordered; check drive"
+    assert said.startswith(wanted)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("off", "is_right"), [(4.9, True), (5.1, False)])
+def test_the_tolerance_holds_to_both_sides_of_the_order(side: float, off: float, is_right: bool) -> None:
+    follow = seen([(0.1 * step, 20.0 + side * off) for step in range(60)])
+    assert (follow.reason(6.0) == "") is is_right
+
+
+@pytest.mark.parametrize(("rate", "degrees_s", "follows"), [
+    (math.radians(2.0), 0.7, True), (math.radians(2.0), 0.5, False), (math.radians(50.0), 1.6, True),
+    (math.radians(50.0), 1.4, False), (math.inf, -9.0, False),
+])  # fmt: skip
+def test_a_rudder_on_its_way_moves_at_three_tenths_of_its_rate(rate: float, degrees_s: float, follows: bool) -> None:
+    follow = seen([(0.1 * step, -40.0 + 0.1 * step * degrees_s) for step in range(60)], rate=rate)
+    assert (follow.reason(6.0) == "") is follows
+
+
+def test_time_in_order_makes_good_time_out_of_it() -> None:
+    samples = [(0.1 * step, 0.0 if step % 20 < 10 else 20.0) for step in range(400)]
+    assert seen(samples).reason(40.0) == ""
+    samples = [(0.1 * step, 0.0 if step % 20 < 14 else 20.0) for step in range(400)]
+    assert seen(samples).reason(40.0) != ""
+
+
+def test_reports_more_than_a_second_apart_say_nothing() -> None:
+    assert seen([(1.01 * step, 0.0) for step in range(20)]).reason(20.0) == ""
+    assert seen([(1.0 * step, 0.0) for step in range(20)]).reason(20.0) != ""
+
+
+def test_a_burst_of_one_time_counts_once_and_its_last_angle_alone() -> None:
+    burst = [(0.5 * step, angle) for step in range(20) for angle in (0.0, 0.0, 20.0)]
+    assert seen(burst).reason(10.0) == ""
+    stuck = [(0.1 * step, 0.0) for step in range(15) for _ in range(10)]
+    assert seen(stuck).reason(10.0) == "", "1.4 s however many reports"
+
+
+def test_a_released_rudder_is_forgiven_two_seconds_after_the_last_order() -> None:
+    follow = seen([(0.1 * step, 0.0) for step in range(30)])
+    assert follow.reason(3.0) != ""
+    assert follow.reason(60.0) != "", "it is still ordered"
+    follow.ordered(60.0, 0.0)
+    follow.released()
+    assert follow.reason(62.0) != ""
+    assert follow.reason(62.01) == ""
+    for step in range(60):
+        follow.measured(70.0 + 0.1 * step, 0.5, "IIRSA")
+    assert follow.reason(80.0) == "", "nothing is ordered"
+
+
+def test_an_angle_is_held_against_the_last_two_orders() -> None:
+    for earlier, follows in ((20.0, True), (-20.0, False)):
+        follow = RudderFollow(FollowSettings(math.radians(5.0)))
+        for step in range(60):
+            now = 0.1 * step
+            follow.ordered(now, math.radians(earlier if step % 2 else -20.0))
+            follow.measured(now, math.radians(20.0), "IIRSA")
+        assert (follow.reason(6.0) == "") is follows

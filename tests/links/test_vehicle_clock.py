@@ -89,3 +89,34 @@ def test_reset_forgets() -> None:
     clock.reset()
     assert clock.offset is None
     assert clock.local(7.0, 0.5) == pytest.approx(7.0)
+
+
+def test_the_offset_is_the_least_of_the_last_ten_to_twenty_seconds() -> None:
+    """Delays come at 0, 9.9 and 10 s; what came quickest counts until the window after its own ends."""
+    clock = VehicleClock()
+    assert (clock.known, clock.offset) == (False, None)
+    delays = {0.0: 0.3, 5.0: 0.1, 9.9: 0.2, 10.0: 0.4, 19.9: 0.25, 20.0: 0.5, 29.9: 0.6, 30.0: 0.7}
+    least = {0.0: 0.3, 5.0: 0.1, 9.9: 0.1, 10.0: 0.1, 19.9: 0.1, 20.0: 0.25, 29.9: 0.25, 30.0: 0.5}
+    for now, delay in delays.items():
+        boot = now - delay
+        assert clock.local(now, boot) == pytest.approx(boot + least[now])
+        assert clock.offset == pytest.approx(least[now])
+        assert clock.known
+    # after more than a window of silence nothing old counts
+    assert clock.local(50.1, 49.0) == pytest.approx(50.1)
+    assert clock.offset == pytest.approx(1.1)
+
+
+@pytest.mark.parametrize(("behind", "is_reboot"), [(0.0, False), (0.99, False), (1.01, True), (2.0e6, True)])
+def test_a_boot_time_more_than_a_second_behind_is_a_reboot(behind: float, is_reboot: bool) -> None:
+    clock = VehicleClock()
+    clock.local(2.0e6 + 10.0, 2.0e6 + 10.0)
+    assert clock.rebooted(2.0e6 + 10.1, 2.0e6 + 10.0 - behind) is is_reboot
+
+
+def test_half_the_counter_behind_is_its_wrap_and_no_reboot() -> None:
+    half = 2.0**31 / 1000.0
+    for behind, is_reboot in ((half - 1.0, True), (half + 1.0, False)):
+        clock = VehicleClock()
+        clock.local(3.0e6, 3.0e6)
+        assert clock.rebooted(3.0e6 + 0.1, 3.0e6 - behind) is is_reboot

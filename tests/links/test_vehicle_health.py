@@ -163,3 +163,74 @@ def test_the_firmware_s_radio_failsafe_lasts_until_it_says_so_or_is_no_longer_cr
     radio.text(62.0, "Radio Failsafe")
     radio.heartbeat(64.0, dialect.MAV_STATE_STANDBY)
     assert radio.reason(known) == "", "the text was lost"
+
+
+@pytest.mark.parametrize("limit", [0.5, 20.0, 99.0])
+def test_every_charge_from_0_to_100_is_judged_and_named_and_none_beyond(limit: float) -> None:
+    for percent in (0, 1, 20, 99, 100):
+        found = VehicleHealth(limit).take(0.0, battery(percent))
+        assert [sample.detail for sample in found] == ([f"{percent} %"] if percent < limit else [])  # type: ignore[union-attr]
+    for percent in (-1, 101):
+        assert VehicleHealth(limit).take(0.0, battery(percent)) == []
+        bad = VehicleHealth(limit).take(0.0, battery(percent, dialect.MAV_BATTERY_CHARGE_STATE_FAILED))
+        assert [sample.detail for sample in bad] == [""]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(("state", "is_bad"), [(0, False), (1, False), (2, True), (3, True), (4, True), (5, True),
+                                               (6, True), (7, False)])  # fmt: skip
+def test_which_charge_states_are_bad(state: int, is_bad: bool) -> None:
+    assert told(VehicleHealth(20.0).take(0.0, battery(90, state))) == ([("battery_low", True)] if is_bad else [])
+
+
+def test_words_last_sixty_seconds_from_when_they_were_said_last() -> None:
+    health = VehicleHealth()
+    (said,) = health.take(0.0, text("Fence Breached " + "x" * 35))
+    assert (said.time, said.source) == (0.0, "vehicle")
+    assert health.take(30.0, text("fence breached")) == []
+    assert health.take(40.0, system(-1, FENCE, FENCE)) == [], "what was said in words lasts"
+    assert health.pass_time(89.9) == []
+    assert told(health.pass_time(90.0)) == [("geofence", False)]
+    assert health.pass_time(200.0) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "now_", "lost"),
+    [
+        ({"rssi": 26}, {"rssi": 5}, True),
+        ({"rssi": 25}, {"rssi": 5}, False),
+        ({"rssi": 254}, {"rssi": 6}, False),
+        ({"rssi": 255}, {"rssi": 0}, False),
+        ({"count": 1}, {"count": 0}, True),
+        ({"count": 2}, {"count": 1}, False),
+        ({"throttle": 1500}, {"throttle": 910}, False),
+        ({"throttle": 1500}, {"throttle": 909}, True),
+        ({"throttle": 1500}, {"throttle": 1}, True),
+        ({"throttle": 1500}, {"throttle": 0}, False),
+    ],
+)
+def test_a_radio_is_lost_beyond_its_limits_and_not_at_them(
+    before: dict[str, int], now_: dict[str, int], lost: bool
+) -> None:
+    radio, known = RadioWatch(), parameters()
+    radio.channels(0.0, channels(**before), known)
+    for now in (1.0, 1.29):
+        radio.channels(now, channels(**now_), known)
+        assert radio.reason(known) == "", "not for a moment"
+    radio.channels(1.31, channels(**now_), known)
+    assert bool(radio.reason(known)) is lost
+
+
+def test_a_radio_that_comes_and_goes_is_not_lost() -> None:
+    radio, known = RadioWatch(), parameters()
+    for step in range(20):
+        radio.channels(0.2 * step, channels(throttle=(1500, 900)[step % 2]), known)
+        assert radio.reason(known) == ""
+
+
+def test_a_heartbeat_within_one_and_a_half_seconds_of_the_text_may_be_older() -> None:
+    radio, known = RadioWatch(), parameters()
+    radio.text(1.0, "Radio Failsafe On")
+    radio.heartbeat(2.5, dialect.MAV_STATE_ACTIVE)
+    assert radio.reason(known).endswith("the vehicle is in its radio fail-safe")
+    radio.heartbeat(2.51, dialect.MAV_STATE_ACTIVE)
+    assert radio.reason(known) == ""
