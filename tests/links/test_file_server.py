@@ -189,6 +189,132 @@ def test_sessions_are_each_peers_own_numbered_by_it_and_a_forgotten_one_makes_ro
     assert len(server._open) == 0
 
 
+def test_answers_are_numbered_on_and_repeat_what_was_asked() -> None:
+    peer = Peer(FileServer(FILES))
+    peer.sequence = 0xFFFF
+    opened = peer.ask(4, b"/long.bin", session=3)
+    # sequence, session, acknowledged, size, asked for, not a burst, padding, offset, the file's length
+    assert opened == (0, 3, 128, 4, 4, 0, 0, 0, (30_000).to_bytes(4, "little"))
+    peer.sequence = 10
+    assert peer.ask(5, session=3, offset=100, size=2) == (11, 3, 128, 2, 5, 0, 0, 100, LONG[100:102])
+    assert peer.ask(5, session=3, offset=30_000, size=2) == (13, 3, 129, 1, 5, 0, 0, 30_000, b"\x06")
+    assert peer.ask(14, b"/empty") == (15, 0, 128, 4, 14, 0, 0, 0, bytes(4))
+    assert peer.ask(0) == (17, 0, 128, 0, 0, 0, 0, 0, b"")
+    assert peer.ask(99) == (19, 0, 129, 1, 99, 0, 0, 0, b"\x07")
+    assert peer.ask(1, session=3) == (21, 3, 128, 0, 1, 0, 0, 0, b"")
+
+
+def test_a_read_is_as_long_as_asked_for_and_at_most_239_bytes() -> None:
+    peer = Peer(FileServer(FILES))
+    peer.open()
+    for size, length in ((1, 1), (238, 238), (239, 239), (240, 239), (255, 239), (0, 239)):
+        assert peer.ask(5, size=size)[8] == LONG[:length]
+    assert peer.ask(5, offset=29_999, size=9)[8] == LONG[-1:]
+    assert peer.refusal(5, offset=30_000, size=9) == 6
+    for opcode in (3, 4, 14):
+        assert peer.refusal(opcode, b"/long.bin", size=240) == 3
+    assert peer.ask(4, b"/long.bin", size=239)[2] == 128, "what is behind the name is nothing"
+    assert peer.ask(4, b"/long.bin\0/empty")[8] == (30_000).to_bytes(4, "little"), "a name ends at a zero"
+
+
+def test_the_files_are_listed_by_name_with_their_length_from_the_entry_asked_for() -> None:
+    peer = Peer(FileServer(FILES))
+    entries = [b"Fempty\t0\0", b"Fgeneral.json\t13\0", b"Flong.bin\t30000\0", b"Fround.bin\t4000\0"]
+    for path in (b"/", b""):
+        for offset in range(4):
+            assert peer.ask(3, path, offset=offset)[8] == b"".join(entries[offset:])
+    assert peer.refusal(3, b"/", offset=4) == 6
+    # "F", a name, a tab, "1" and a zero: 239 bytes hold 23 entries of ten and no more, or one of 239
+    for length, count in ((6, 23), (235, 1)):
+        many = Peer(FileServer({f"/{number:0{length}d}": b"x" for number in range(30)}))
+        assert len(many.ask(3, b"/")[8]) == count * (length + 4)
+    assert Peer(FileServer({"/" + 236 * "a": b"x"})).refusal(3, b"/") == 6
+
+
+def test_a_file_made_anew_is_the_same_while_it_is_open() -> None:
+    made = iter((b"first", b"second"))
+    peer = Peer(FileServer({"/now": lambda: next(made)}))
+    assert peer.ask(4, b"/now")[8] == (5).to_bytes(4, "little")
+    assert peer.ask(5, size=9)[8] == peer.ask(5, size=9)[8] == b"first"
+    assert peer.ask(4, b"/now")[8] == (6).to_bytes(4, "little")
+    assert peer.ask(5, size=9)[8] == b"second"
+
+
+def bursts(peer: Peer) -> list[list[tuple[Any, ...]]]:
+    turns = []
+    while turn := peer.server.due():
+        turns.append([peer.read(message) for message in turn])
+    return turns
+
+
+def test_a_burst_is_forty_packets_five_a_turn_from_where_it_was_asked_for() -> None:
+    peer = Peer(FileServer(FILES))
+    peer.open()
+    peer.sequence = 0xFFFE
+    assert peer.ask(15, offset=1000, size=100) is None
+    turns = bursts(peer)
+    packets = [packet for turn in turns for packet in turn]
+    assert [len(turn) for turn in turns] == [5] * 8
+    assert [packet[0] for packet in packets] == [0xFFFF, *range(39)]
+    assert [packet[7] for packet in packets] == list(range(1000, 5000, 100))
+    assert {packet[3] for packet in packets} == {100}
+    peer.sequence = 2
+    assert peer.ask(15, offset=29_800, size=100) is None
+    (turn,) = bursts(peer)
+    assert [(packet[7], packet[5]) for packet in turn] == [(29_800, 0), (29_900, 1)], "the end of the file ends it"
+    peer.ask(15, offset=29_900, size=0)
+    assert [packet[3] for packet in bursts(peer)[0]] == [100]
+    peer.ask(15, offset=0, size=255)
+    assert {packet[3] for turn in bursts(peer) for packet in turn} == {239}
+
+
+def test_a_burst_ends_with_its_session_and_begins_again_when_it_is_asked_for_again() -> None:
+    peer = Peer(FileServer(FILES))
+    for ending, is_over in ((1, True), (2, True), (4, True), (0, False)):
+        peer.open()
+        peer.ask(15, size=100)
+        peer.server.due()
+        peer.ask(ending, b"/long.bin" if ending == 4 else b"")
+        assert (bursts(peer) == []) is is_over
+    raw = HEADER.pack(77, 0, 15, 100, 0, 0, 0, 0)
+    peer.open()
+    for _ in range(2):
+        assert peer.send(raw) == []
+        assert len(bursts(peer)) == 8
+    peer.ask(15, size=100)
+    assert peer.refusal(15, offset=30_000, size=100) == 6
+    assert bursts(peer) == [], "asked beyond the end"
+
+
+def test_eight_sessions_are_kept_and_the_one_not_read_for_longest_goes() -> None:
+    server = FileServer(FILES)
+    peer = Peer(server)
+    for session in range(8):
+        peer.ask(4, b"/long.bin", session=session)
+    peer.ask(15, session=1, size=100)
+    peer.ask(5, session=0, size=1)
+    peer.ask(4, b"/empty", session=8)
+    assert peer.ask(5, session=0, size=1)[2] == 128, "read of late"
+    peer.ask(4, b"/empty", session=9)
+    assert [session for session in range(10) if (255, 190, session) not in server._open] == [2, 3]
+    peer.ask(4, b"/empty", session=10)
+    other = Peer(server, 254)
+    other.ask(4, b"/long.bin", session=11)
+    peer.ask(2)
+    assert list(server._open) == [(254, 190, 11)], "a reset ends the sessions of who asks"
+    assert bursts(peer) == []
+
+
+def test_of_eight_sessions_the_last_answer_is_kept() -> None:
+    server = FileServer({"/now": lambda: next(made)})
+    made = iter(b"%d" % number for number in range(99))
+    peer = Peer(server)
+    requests = [HEADER.pack(5, session, 14, 4, 0, 0, 0, 0) + b"/now" for session in range(9)]
+    first = [peer.send(raw) for raw in requests]
+    assert [peer.send(raw) for raw in reversed(requests[1:])] == first[:0:-1], "eight are known"
+    assert peer.send(requests[0]) != first[0], "the ninth was forgotten, and the file is another by now"
+
+
 def test_bursts_of_several_take_turns() -> None:
     server = FileServer(FILES)
     peers = [Peer(server, system) for system in (250, 251, 252)]

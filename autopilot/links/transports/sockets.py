@@ -94,9 +94,8 @@ def resolve(name: str, host: str, port: int, kind: int, passive: bool) -> tuple[
     """
     if passive:
         host = interface_address(host) or host
-    flags = socket.AI_PASSIVE if passive else 0
     try:
-        found = socket.getaddrinfo(host, port, type=kind, flags=flags)
+        found = socket.getaddrinfo(host, port, type=kind)
     except (OSError, UnicodeError) as error:
         raise LinkError(f"{name}: host {host!r} is not known ({error}); write an address such as 127.0.0.1") from error
     family, _, _, _, address = found[0]
