@@ -53,8 +53,6 @@ def linear_of(model: Norrbin) -> Norrbin:
 def prediction(model: Norrbin, seconds: float) -> Prediction:
     """Return what `heading_filter.predict_mean` does over so many `seconds` with the model about straight running."""
     straight, at_rest = linear_of(model), FilterState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if seconds <= 0.0:
-        return Prediction(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0))
     columns = []
     off = (at_rest._replace(psi=PROBE), at_rest._replace(rate=PROBE), at_rest._replace(bias=PROBE))
     for state in off:

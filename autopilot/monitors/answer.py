@@ -379,8 +379,8 @@ class RudderAnswer:
         for sample in sorted({each.time: each for each in heard}.values(), key=lambda each: each.time):
             self._take(model, watched, noise, sample)
         # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
-        known = self._memory is not None and state.wave_deviation > 0.0
-        self.other = other_verdict(self._memory.others) if known and self._memory is not None else ""
+        memory = self._memory
+        self.other = other_verdict(memory.others) if memory is not None and state.wave_deviation > 0.0 else ""
         return self._found()
 
     def _follow_slowly(self, watched: Watched, rate: float) -> None:

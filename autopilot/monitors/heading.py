@@ -69,10 +69,10 @@ class FrozenHeading:
         self._told: float | None = None
         self._rate_moves = False
         self._low = self._high = 0.0
+        # what the model makes of the rudder begins with the next look
         self._now = math.nan
-        self._bias = 0.0
-        self._rate = 0.0
-        self._turned = 0.0
+        self._rate: float
+        self._turned: float
 
     def hear(self, sample: HeadingSample) -> None:
         """Take a heading as it was measured."""
@@ -150,7 +150,14 @@ class JumpingHeading:
         if not math.isfinite(sample.heading) or not math.isfinite(sample.time):
             return
         last = self._last
-        if last is None or last.source != sample.source or not 0.0 <= sample.time - last.time <= JUMP_GAP:
+        newest = self._away[-1] if self._away else last
+        if (
+            last is None
+            or newest is None
+            or last.source != sample.source
+            or sample.time < last.time
+            or sample.time - newest.time > JUMP_GAP
+        ):
             self._take(sample)
             return
         off = shortest_turn(last.heading + self._rate * (sample.time - last.time), sample.heading)

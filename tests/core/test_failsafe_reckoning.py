@@ -55,6 +55,13 @@ def test_a_rate_that_cannot_be_is_none(rate: float) -> None:
     assert abs(steering.reckon(10.1, BOAT, 0.0)[0].rate) < 1.0
 
 
+def test_what_cannot_be_takes_the_place_of_no_rate() -> None:
+    steering = reckoning()
+    wrong = (RateSample(math.nan, 0.3), RateSample(10.1, math.inf), HeadingSample(10.1, 0.0), RateSample(math.inf, 0.3))
+    steering.hear((RateSample(10.1, -0.15), *wrong))
+    assert steering.reckon(10.1, BOAT, 0.0)[0].rate == -0.15
+
+
 def test_a_pause_turns_the_heading_no_further_than_half_a_second_does() -> None:
     """Ticks that stop are no turn: the model is not run on over a pause that nobody has seen."""
     steering = reckoning()

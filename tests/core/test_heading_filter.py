@@ -158,3 +158,22 @@ def test_what_is_not_finite_or_negative_is_not_sound() -> None:
     assert not is_sound(state._replace(p11=-1.0e-9))
     assert not is_sound(state._replace(p44=-1.0e-9))
     assert not is_sound(state._replace(sea=Sea(math.nan, 1.0)))
+
+
+def test_a_sea_that_is_forgotten_leaves_all_motion_to_the_boat() -> None:
+    p33, p44, p45, p55 = wave_motion.in_balance(SEA)
+    state = ekf.initial(3.0, 3.1, 0.02, NOISE)._replace(sea=SEA, p33=p33, p44=p44, p45=p45, p55=p55)
+    state = fuse_rate(fuse_heading(ekf.predict(LANXIN, NOISE, state, 0.1, 3.4), 3.0, 1.0e-4), 0.1, 1.0e-4)
+    state = state._replace(wave=0.1, wave_rate=-0.03, wave_lag=0.2, bias=0.05)
+    _, before = matrices_of(state)
+    x, p = matrices_of(ekf.without_sea(state))
+    boat = [math.remainder(state.psi + 0.1, math.tau), state.rate - 0.03, 0.05, 0.0, 0.0, 0.0]
+    assert x == pytest.approx(boat, abs=1e-12)
+    first = balance_of(wave_motion.FIRST_SEA)
+    assert np.allclose(p[3:, 3:], first, rtol=1e-9, atol=1e-15)
+    assert not p[:3, 3:].any()
+    shown = np.diag([before[3, 3], before[4, 4], 0.0])
+    assert np.allclose(p[:3, :3], before[:3, :3] + shown)
+    assert ekf.without_sea(state).sea == wave_motion.FIRST_SEA
+    calm = ekf.initial(3.0, 3.1, 0.02, NOISE)
+    assert ekf.without_sea(calm) is calm

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.monitors import FROZEN, RUNAWAY, AlarmLimits, Monitors, Watched
+from autopilot.monitors.heading import JumpingHeading
 from autopilot.signals import ConditionSample, HeadingSample, NavState, RollSample
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
@@ -316,3 +317,45 @@ def test_what_others_see_is_said_until_they_take_it_back() -> None:
     monitors.hear((ConditionSample(2.0, "battery_low", False, "", "vehicle"),))
     monitors.look(BOAT, watched(2.0, 0.0))
     assert monitors.alarms() == ()
+
+
+def jumped(period: float, seconds: float, back: float = math.inf) -> float:
+    """When a compass that jumps by 40 deg after 2 s, and back after so long, is said to jump; inf: never."""
+    monitor = JumpingHeading()
+    for tick in range(round(seconds / period)):
+        now = tick * period
+        away = 2.0 - 1e-9 <= now < 2.0 + back - 1e-9
+        monitor.hear(HeadingSample(now, math.radians(40.0) if away else 0.0), math.radians(20.0))
+        if monitor.found(watched(now, 0.0)):
+            return now - 2.0
+    return math.inf
+
+
+@pytest.mark.parametrize(("period", "after"), [(0.1, 0.5), (0.05, 0.5), (0.2, 0.6), (0.5, 1.0), (1.0, 2.0)])
+def test_a_jump_for_good_is_said_after_half_a_second_and_three_samples(period: float, after: float) -> None:
+    assert jumped(period, 10.0) == pytest.approx(after)
+    assert jumped(period, 10.0, after) == math.inf, "it was back before"
+
+
+def test_a_jump_is_said_for_five_seconds_with_its_side() -> None:
+    for side in (-1.0, 1.0):
+        monitor, said = JumpingHeading(), []
+        for tick in range(100):
+            now = 0.1 * tick
+            monitor.hear(HeadingSample(now, side * 0.7 if now > 1.95 else 0.0), 0.3)
+            said.append(monitor.found(watched(now, 0.0)))
+        assert said[24:26] == ["", f"by {side * 40.0:+.0f} deg"]
+        assert said[74] == said[25] and said[75] == ""
+        monitor.reset()
+        assert vars(monitor) == vars(JumpingHeading())
+
+
+def test_three_spikes_within_ten_seconds_are_a_jump_and_two_or_slower_ones_are_not() -> None:
+    for apart, count, is_said in ((4.9, 3, True), (4.9, 2, False), (5.1, 6, False)):
+        monitor, found = JumpingHeading(), ""
+        for tick in range(400):
+            now = 0.1 * tick
+            is_spike = any(abs(now - 2.0 - apart * number) < 0.04 for number in range(count))
+            monitor.hear(HeadingSample(now, 1.0 if is_spike else 0.0), 0.3)
+            found = found or monitor.found(watched(now, 0.0))
+        assert bool(found) is is_said

@@ -183,3 +183,19 @@ def test_a_compass_that_jumped_and_is_well_again_is_not_said_to_jump_any_more() 
     texts = [text.partition(";")[0] for text in said.values()]
     apart = "two compasses disagree by 8 deg: HEHDT 000.0, HCHDG 008.0"
     assert texts == [apart, "two compasses disagree: HCHDG jumps, HEHDT steers", apart, ""]
+
+
+def test_the_speeds_through_the_water_and_over_the_ground_are_two_things() -> None:
+    """A log and a GPS are no rivals; two logs are, and two GPS are."""
+    priority = SourcePriority()
+    for kept, sample in (
+        (True, SpeedSample(0.0, 2.0, False, "VWVHW")),
+        (True, SpeedSample(0.0, 3.0, True, "GPVTG")),
+        (False, SpeedSample(0.1, 3.0, True, "VWVTG")),
+        (False, SpeedSample(0.1, 2.0, False, "GPVHW")),
+        (True, SpeedSample(0.2, 2.0, False, "VWVHW")),
+        (True, SpeedSample(0.2, 3.0, True, "GPVTG")),
+    ):
+        assert (priority.admit(sample.time, [sample], LINK) == [sample]) is kept
+    assert priority.believed("speed") == f"VWVHW@{LINK}"
+    assert priority.believed("speed over ground") == f"GPVTG@{LINK}"

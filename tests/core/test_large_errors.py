@@ -1,0 +1,135 @@
+"""The loop with large errors: its motion against an integrator, and what is made of it, number by number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from scipy.integrate import solve_ivp
+
+from autopilot.control.large_errors import Loop, Recovery, recoveries, trace
+from autopilot.limits import RudderLimits
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+from autopilot.signals import NavState, Reference
+
+BOAT = Norrbin(0.3, 2.0, n3=2.0, reference_speed=4.0)
+LIMITS = RudderLimits(0.5, math.inf)
+LOOP = Loop(BOAT, SteeringGear(0.5, math.inf, 0.4), LIMITS, 0.25, 20.0)
+
+
+class Ordered:
+    """A law that orders what the test says at time [s] and heading error [rad], and keeps what it was shown."""
+
+    def __init__(self, order: Callable[[float, NavState], float]) -> None:
+        self.order = order
+        self.shown: list[tuple[NavState, float, float]] = []
+        self.resets: list[float] = []
+
+    def reset(self, rudder: float) -> None:
+        self.resets.append(rudder)
+        self.shown = []
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        assert model == BOAT and reference == Reference(0.0)
+        self.shown.append((state, last_rudder, dt))
+        return self.order(state.time, state)
+
+
+def test_the_motion_is_that_of_the_boat_behind_its_lag_and_dead_time() -> None:
+    """Rudder to one side at 1 s, to the other at 3 s; lag 0.4 s, dead time 0.25 s here and 0.1 s in the gear."""
+    loop = LOOP._replace(gear=LOOP.gear._replace(delay=0.1))
+    law = Ordered(lambda now, _: 0.2 if 1.0 - 1e-9 <= now < 3.0 - 1e-9 else -0.3 if now > 2.0 else 0.0)
+    found = trace(loop, law, 0.7, 6.0)
+    assert law.resets == [0.0]
+
+    def motion(t: float, x: list[float]) -> list[float]:
+        order = 0.0 if t < 1.35 else 0.2 if t < 3.35 else -0.3
+        acceleration = (0.3 * x[2] - x[1] - 2.0 * x[1] ** 3) / 2.0
+        return [x[1], acceleration, (order - x[2]) / 0.4]
+
+    true = solve_ivp(motion, (0.0, 6.0), [0.7, 0.0, 0.0], t_eval=found.time, max_step=0.01, rtol=1e-8)
+    assert len(found.time) == 120 and found.time[1] == 0.05
+    assert found.error == pytest.approx(true.y[0], abs=1e-3)
+    assert found.rudder == pytest.approx(true.y[2], abs=1e-2)
+    assert max(found.rudder) > 0.19 and min(found.rudder) < -0.29
+    state, _, dt = law.shown[60]
+    assert dt == pytest.approx(0.05)
+    assert (state.time, state.rate) == pytest.approx((3.0, true.y[1][60]), abs=1e-3)
+    assert (state.heading, state.rudder) == (found.error[60], found.rudder[60])
+    assert (state.speed, state.bias, state.heading_age) == (4.0, 0.0, 0.0)
+
+
+def test_the_law_is_shown_what_the_limits_let_through() -> None:
+    law = Ordered(lambda now, state: 2.0)
+    trace(LOOP._replace(limits=RudderLimits(0.5, 0.4)), law, 0.1, 2.0)
+    assert [last for _, last, _ in law.shown[:3]] == pytest.approx([0.0, 0.02, 0.04])
+    assert law.shown[-1][1] == 0.5
+
+
+def by_hand(error: float, times: list[float], errors: list[float]) -> tuple[float, float]:
+    """How far it went past, and when it came within a twentieth for good."""
+    within = max(0.05 * abs(error), math.radians(0.5))
+    past = max(0.0, max((-e if error >= 0.0 else e) for e in errors))
+    inside = [t for t, rest in ((t, errors[k:]) for k, t in enumerate(times)) if all(abs(e) <= within for e in rest)]
+    return past, min(inside, default=math.inf)
+
+
+@pytest.mark.parametrize("error", [-2.0, -0.3, 0.0, 0.01, 0.3, 2.0])
+@pytest.mark.parametrize("damping", [1.0, 4.0])
+def test_a_recovery_is_what_its_trace_shows(error: float, damping: float) -> None:
+    def order(_: float, state: NavState) -> float:
+        return -(2.0 * state.heading + damping * state.rate)
+
+    found = recoveries(LOOP, Ordered(order), 0.5, [error])[0]
+    motion = trace(LOOP, Ordered(order), error, 150.0)
+    overshoot, settling = by_hand(error, motion.time, motion.error)
+    assert (found.error, found.corrected) == (error, True)
+    assert found.overshoot == pytest.approx(overshoot, abs=1e-12)
+    assert found.settling == settling
+    assert found.swing <= max(0.05 * abs(error), math.radians(0.5))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_what_does_not_come_back_is_not_corrected(side: float) -> None:
+    idle = recoveries(LOOP, Ordered(lambda *_: 0.0), 0.5, [side * 0.4])
+    assert idle == [Recovery(side * 0.4, False, 0.0, math.inf, 0.4)]
+
+
+@pytest.mark.parametrize(
+    ("late", "is_corrected"),
+    [(0.79, True), (0.82, False)],
+)
+def test_the_last_fifth_of_the_time_has_to_lie_within(late: float, is_corrected: bool) -> None:
+    """A boat put on her course at a share of the time: by a rudder that moves her, then stops her."""
+    seconds = 50.0 + 2.0 * math.pi / (0.3 * 0.5)
+    kick = Ordered(lambda now, _: 0.5 if late * seconds < now + 0.7 < late * seconds + 0.4 else 0.0)
+    motion = trace(LOOP, kick, 0.02, seconds)
+    outside = [t for t, e in zip(motion.time, motion.error, strict=True) if abs(e) > math.radians(0.5)]
+    assert outside, "the kick is seen"
+    end = Ordered(lambda now, _: 0.0)
+    assert not recoveries(LOOP, end, 0.5, [0.02])[0].corrected
+    assert recoveries(LOOP, end, 0.5, [0.008])[0].corrected, "within half a degree from the beginning"
+    assert recoveries(LOOP, end, 0.5, [0.008])[0].settling == 0.0
+
+
+@pytest.mark.parametrize(
+    ("time_constant", "bandwidth", "own"),
+    [
+        (2.0, 0.5, 80.0),  # 25/0.5 = 50 s, 40 time constants are 80 s
+        (1.0, 0.5, 50.0),  # 40 time constants are less than the loop's own
+        (10.0, 0.5, 200.0),  # never more than four times its own
+    ],
+)
+def test_it_is_looked_at_for_long_enough(time_constant: float, bandwidth: float, own: float) -> None:
+    boat = BOAT._replace(time_constant=time_constant)
+
+    class Counting(Ordered):
+        def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+            self.shown.append((state, last_rudder, dt))
+            return 0.0
+
+    law = Counting(lambda *_: 0.0)
+    recoveries(LOOP._replace(model=boat, rate_hz=2.0), law, bandwidth, [0.1])
+    assert len(law.shown) == round(2.0 * (own + 2.0 * math.pi / 0.15))

@@ -1,0 +1,190 @@
+"""Swings from stop to stop, circles and a spin, each at both sides of its limits, to port and to starboard."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import pytest
+
+from autopilot.angles import wrap
+from autopilot.models.norrbin import Norrbin, steady_rate
+from autopilot.monitors.swing import CIRCLES, HALF_SWINGS, SWEEP, THROW, Circles, Spinning, Swings, speed_ratio
+from autopilot.monitors.watched import Watched
+from autopilot.signals import NavState
+
+BOAT = Norrbin(0.2, 2.0, n3=1.0, reference_speed=4.0)
+STOP = 0.5
+DT = 0.1
+SIDES = pytest.mark.parametrize("side", [-1.0, 1.0])
+
+
+def watched(now: float, heading: float, rudder: float = 0.0, wanted: float = 0.0) -> Watched:
+    state = NavState(now, wrap(heading), 0.0, 4.0, rudder, 0.0, 0.0, True)
+    return Watched(now, state, True, True, wrap(wanted), rudder, STOP, True, follows=True)
+
+
+def spun(rate: float, rudder: float, seconds: float = 20.0, model: Norrbin = BOAT, trial: float = 0.0) -> float:
+    """What is said in the end of a boat that turns at `rate`."""
+    spinning, found = Spinning(), 0.0
+    for tick in range(round(seconds / DT)):
+        at = watched(tick * DT, rate * tick * DT, rudder)
+        found = spinning.too_fast(model, at._replace(trial_speed=trial))
+    return found
+
+
+@SIDES
+@pytest.mark.parametrize("model", [BOAT, BOAT._replace(n3=0.0), BOAT._replace(n2=0.3)])
+def test_a_spin_is_a_rate_beyond_three_times_the_quickest_turn(side: float, model: Norrbin) -> None:
+    quickest = steady_rate(model, side * STOP)
+    assert spun(3.03 * quickest, side * STOP, model=model) == pytest.approx(3.03 * quickest, rel=1e-3)
+    assert spun(2.97 * quickest, side * STOP, model=model) == 0.0
+    assert spun(3.03 * quickest, side * 0.01, model=model) != 0.0, "to the rudder's side, however far that is over"
+    assert spun(3.03 * quickest, -side * 0.01, model=model) == 0.0
+    assert spun(3.03 * quickest, 0.0, model=model) == 0.0
+
+
+@pytest.mark.parametrize(("time_constant", "tau"), [(2.0, 1.0), (3.0, 1.0), (5.0, 1.5), (10.0, 3.0)])
+def test_the_rate_is_a_mean_over_a_second_or_part_of_the_time_constant(time_constant: float, tau: float) -> None:
+    model = BOAT._replace(time_constant=time_constant)
+    for seconds in (2.0, 5.0):
+        steps = round(seconds / DT) - 1
+        assert spun(2.0, 0.3, seconds, model) == pytest.approx(2.0 * (1.0 - math.exp(-steps * DT / tau)), rel=1e-9)
+
+
+@pytest.mark.parametrize(("trial", "allowed"), [(0.0, 1.0), (4.0, 1.0), (6.0, 1.5), (2.0, 1.0)])
+def test_a_speed_below_the_trial_s_makes_no_turn_too_fast(trial: float, allowed: float) -> None:
+    """By Norrbin's scaling the steady turn of a linear boat goes with the speed: K V/L."""
+    model = BOAT._replace(n3=0.0)
+    quickest = 3.0 * allowed * steady_rate(model, STOP)
+    assert spun(1.02 * quickest, STOP, 20.0, model, trial) > 0.0
+    assert spun(0.98 * quickest, STOP, 20.0, model, trial) == 0.0
+    assert speed_ratio(model, watched(0.0, 0.0)._replace(trial_speed=trial)) == (4.0 / trial if trial else 1.0)
+
+
+def test_the_spin_of_a_boat_that_another_steers_or_that_stands_in_time_is_forgotten_or_kept() -> None:
+    spinning = Spinning()
+    for tick in range(100):
+        assert (spinning.too_fast(BOAT, watched(tick * DT, 2.0 * tick * DT, 0.3)) != 0.0) is (tick > 1)
+    assert spinning.too_fast(BOAT, watched(9.9, 2.0 * 9.9, 0.3)) == 0.0, "no time has passed"
+    assert spinning.too_fast(BOAT, watched(10.0, 2.0 * 10.0, 0.3)) == pytest.approx(2.0, rel=1e-3)
+    assert spinning.too_fast(BOAT, watched(10.1, 2.0 * 10.1, 0.3)._replace(steers=False)) == 0.0
+    assert spinning.too_fast(BOAT, watched(10.2, 2.0 * 10.2, 0.3)) == 0.0, "it begins anew"
+    spinning.reset()
+    assert vars(spinning) == vars(Spinning())
+
+
+def circled(turned: float, side: float, **change: float) -> bool:
+    """Whether it is said once she has turned so far [rad] at 0.2 rad/s, from the heading ordered on."""
+    circles, found, steps = Circles(), False, round(turned / 0.02)
+    for tick in range(steps + 1):
+        found = circles.goes_round(BOAT, watched(tick * DT, side * turned * tick / steps)._replace(**change))  # type: ignore[arg-type]
+    return found
+
+
+@SIDES
+def test_one_and_a_half_turns_are_going_round(side: float) -> None:
+    assert math.degrees(CIRCLES) == pytest.approx(540.0)
+    assert circled(1.01 * CIRCLES, side)
+    assert not circled(0.99 * CIRCLES, side)
+    assert circled(1.01 * CIRCLES, side, push=STOP)
+    assert not circled(1.01 * CIRCLES, side, push=1.01 * STOP), "more than her rudder pushes her round"
+    assert not circled(1.01 * CIRCLES, side, push=-1.01 * STOP)
+    assert not circled(2.0 * CIRCLES, side, follows=False)
+
+
+@SIDES
+def test_an_order_that_leads_her_round_is_followed_and_one_that_turns_the_other_way_is_not(side: float) -> None:
+    led, against = Circles(), Circles()
+    for tick in range(1000):
+        turned = side * 0.02 * tick
+        assert not led.goes_round(BOAT, watched(tick * DT, turned, wanted=turned - side * 0.3))
+        found = against.goes_round(BOAT, watched(tick * DT, turned, wanted=-turned))
+        assert found is (2.0 * abs(turned) > CIRCLES)
+
+
+@pytest.mark.parametrize(("time_constant", "needed"), [(0.5, 4.0), (2.0, 8.0)])
+@pytest.mark.parametrize("off_deg", [-9.9, 9.9])
+def test_a_boat_that_was_on_her_course_for_long_has_not_gone_round(
+    time_constant: float, needed: float, off_deg: float
+) -> None:
+    """A whole turn, then near the course for so long, then another whole turn: 720 degrees only if it counts on."""
+    model, off = BOAT._replace(time_constant=time_constant), math.radians(off_deg)
+    for stays, goes_round in ((needed - 1.4, True), (needed + 0.3, False)):
+        circles, now, found = Circles(), 0.0, False
+        legs = [
+            (0.3, math.tau + off, 8.0),
+            (math.tau + off, math.tau + off, stays),
+            (math.tau + off, 3.4 * math.pi, 8.0),
+        ]
+        for start, end, seconds in legs:
+            for tick in range(round(seconds / DT)):
+                heading = start + (end - start) * tick * DT / seconds
+                now += DT
+                found = circles.goes_round(model, watched(now, heading))
+        assert found is goes_round
+
+
+@dataclass
+class Swinging:
+    """A rudder that goes from side to side as a triangle, and a heading that swings as far, a quarter behind."""
+
+    sweep: float = 2.0 * STOP
+    swing: float = math.radians(20.0)
+    lasts: float = 4.0
+    side: float = 1.0
+
+    def at(self, now: float) -> Watched:
+        order = self._triangle(now / self.lasts) * 0.5 * self.sweep
+        heading = self._triangle(now / self.lasts - 0.5) * 0.5 * self.swing
+        return watched(now, self.side * heading, self.side * order)
+
+    @staticmethod
+    def _triangle(phase: float) -> float:
+        return 4.0 * abs(0.5 * (phase + 1.5) - math.floor(0.5 * (phase + 1.5) + 0.5)) - 1.0
+
+
+def counted(boat: Swinging, seconds: float = 60.0, sweep: float = THROW, model: Norrbin = BOAT) -> int:
+    swings, most = Swings(sweep), 0
+    for tick in range(round(seconds / DT)):
+        most = max(most, swings.look(model, boat.at(tick * DT)))
+    return most
+
+
+@SIDES
+def test_a_swing_from_stop_to_stop_is_counted_sweep_by_sweep(side: float) -> None:
+    assert counted(Swinging(side=side), 60.0) >= 12
+    assert HALF_SWINGS <= counted(Swinging(side=side), 34.0) <= 8, "4 s each, and the first is no swing yet"
+    assert counted(Swinging(side=side, sweep=0.98 * THROW * STOP)) == 0
+    assert counted(Swinging(side=side, sweep=1.1 * THROW * STOP)) >= HALF_SWINGS
+    assert counted(Swinging(side=side, sweep=1.1 * SWEEP * STOP), sweep=SWEEP) >= HALF_SWINGS
+    assert counted(Swinging(side=side, sweep=0.98 * SWEEP * STOP), sweep=SWEEP) == 0
+
+
+@SIDES
+def test_a_heading_that_swings_less_than_ten_degrees_is_a_quick_boat_in_a_sea(side: float) -> None:
+    assert counted(Swinging(side=side, swing=math.radians(10.3))) >= HALF_SWINGS
+    assert counted(Swinging(side=side, swing=math.radians(9.7))) == 0
+
+
+@pytest.mark.parametrize(("time_constant", "is_hers"), [(2.0, True), (7.6, True), (8.4, False)])
+def test_sweeps_quicker_than_half_a_time_constant_are_not_the_boat_s(time_constant: float, is_hers: bool) -> None:
+    model = BOAT._replace(time_constant=time_constant)
+    assert (counted(Swinging(), model=model) >= HALF_SWINGS) is is_hers
+
+
+@pytest.mark.parametrize(("lasts", "counts"), [(39.0, True), (41.5, False)])
+def test_a_sweep_that_comes_late_begins_anew(lasts: float, counts: bool) -> None:
+    """10 s and 15 time constants of 2 s are 40 s."""
+    assert (counted(Swinging(lasts=lasts), 12.0 * lasts) >= HALF_SWINGS) is counts
+
+
+def test_a_new_order_and_another_s_hand_begin_anew() -> None:
+    for angle_deg, goes_on in ((4.9, True), (-4.9, True), (5.1, False), (-5.1, False)):
+        swings, boat = Swings(THROW), Swinging()
+        before = [swings.look(BOAT, boat.at(tick * DT)) for tick in range(300)][-1]
+        turned = boat.at(30.0)._replace(wanted=math.radians(angle_deg))
+        assert before >= HALF_SWINGS
+        assert swings.look(BOAT, turned) == (before if goes_on else 0)
+        assert swings.look(BOAT, boat.at(30.1)._replace(follows=False)) == 0
+        assert swings.look(BOAT, boat.at(30.2)) == 0
