@@ -634,6 +634,29 @@ def test_a_drive_link_keeps_to_38400_baud_and_twenty_orders_a_second_unless_told
     assert DriveLinkSettings()[:2] == (38400, 20.0)
 
 
+def test_a_release_is_said_five_times_and_those_the_line_did_not_take_again() -> None:
+    near, far = loopback_pair()
+    link = DriveLink(near, JrkG2(SETTINGS))
+    link.send(0.0, RudderCommand(0.0, 0.0, True))
+    taken = near.send
+    said = []
+    for turn in range(1, 256):
+        now = turn / 128.0
+        near.send = taken if not 20 <= turn <= 60 else lambda data: False  # type: ignore[method-assign]
+        link.send(now, RudderCommand(now, 0.0, False))
+        link.keep(now)
+        said += [turn for data in far.receive() if data == b"\xff"]
+    # every tenth of a second, 12.8 turns; what was due while the line was full is said when it is not
+    assert len(said) == 5 and said[:2] == [1, 14] and said[2] > 60
+
+
+@pytest.mark.parametrize("kind", [JrkG2, Maestro, PypilotMotor])
+def test_of_a_drive_that_was_never_heard_nothing_is_known(kind: type[JrkG2 | Maestro | PypilotMotor]) -> None:
+    drive = kind(SETTINGS)
+    assert (drive.has_released(), drive.rejected, drive.warning(0.0)) == (False, 0, "")
+    assert [getattr(drive, name, 0) for name in ("errors", "flags", "supply", "voltage")] == [0, 0, 0, 0]
+
+
 def test_a_drive_link_says_what_it_sees_once() -> None:
     near, far = loopback_pair()
     link = DriveLink(near, PypilotMotor(SETTINGS._replace(current_max=1.0)))
