@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.links.guided_proof import GuidedProof, Shown, Verdict
+from autopilot.links.guided_proof import GuidedProof, Shown, Verdict, stray_bearing
 from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.helm_watch import HelmWatch
+from autopilot.links.release import ReleaseState
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
 WAITS = ("cannot engage: checking that the vehicle takes heading targets",)
@@ -185,3 +188,226 @@ def test_a_reference_that_is_no_number_is_never_sent() -> None:
     assert message is not None
     assert all(math.isfinite(part) for part in message.q)
     assert 2.0 * math.atan2(message.q[3], message.q[0]) == pytest.approx(0.5), "the last one that was"
+
+
+def judged(
+    values: list[float], by_servo: bool = True, spacing: float = 0.1, late: float = 0.0
+) -> tuple[Verdict, float]:
+    """Return the verdict, and when, over reports of one value for each side, as late as the link makes them."""
+    proof, sides, before = GuidedProof(0.0, by_servo), [0], 1.0
+    while True:
+        now = spacing * len(sides) + 1e-6
+        proof.take(now, values[sides[max(len(sides) - 1 - round(late / spacing), 0)]])
+        verdict = proof.verdict(now)
+        if verdict is not Verdict.OPEN:
+            return verdict, now
+        side = math.copysign(1.0, proof.heading(0.0))
+        sides.append(sides[-1] + (side != before))
+        before = side
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.4, -0.4])
+@pytest.mark.parametrize(
+    ("by_servo", "swing", "is_passed"),
+    [(True, 0.021, True), (True, 0.019, False), (True, -0.5, False), (True, 0.0, False),
+     (False, math.radians(1.1), True), (False, math.radians(0.9), False), (False, math.radians(-9.0), False)],
+)  # fmt: skip
+def test_five_sides_of_enough_swing_pass_and_less_fails(
+    by_servo: bool, swing: float, is_passed: bool, offset: float
+) -> None:
+    values = [offset + swing * (side % 2 == 0) for side in range(5)]
+    verdict, when = judged(values, by_servo)
+    assert verdict is (Verdict.PASSED if is_passed else Verdict.FAILED)
+    assert when == pytest.approx(4.0 if by_servo else 15.0, abs=0.6)
+
+
+@pytest.mark.parametrize("odd", range(5))
+def test_one_side_that_does_not_follow_fails_the_proof(odd: int) -> None:
+    values = [0.2 if side % 2 == 0 else -0.2 for side in range(5)]
+    values[odd] = -values[odd]
+    assert judged(values)[0] is Verdict.FAILED
+
+
+def test_what_was_reported_in_the_first_part_of_a_side_does_not_count() -> None:
+    values = [0.2 if side % 2 == 0 else -0.2 for side in range(5)]
+    assert judged(values, spacing=0.05, late=0.5)[0] is Verdict.PASSED, "as old as the link"
+    proof = GuidedProof(0.0, by_servo=True)
+    proof.take(0.51, 0.3)
+    assert proof.verdict(0.85) is Verdict.OPEN and proof.heading(0.0) > 0.0, "still to starboard: no report counts"
+    proof.take(0.86, 0.3)
+    assert proof.verdict(0.87) is Verdict.OPEN and proof.heading(0.0) < 0.0
+
+
+def test_a_side_waits_for_a_late_report_for_one_and_a_half_seconds() -> None:
+    for now, verdict in ((2.29, Verdict.OPEN), (2.31, Verdict.FAILED)):
+        proof = GuidedProof(0.0, by_servo=True)
+        assert proof.verdict(now) is verdict
+    assert proof.refusal.startswith("the vehicle reports its steering servo too seldom")
+    assert GuidedProof(0.0, by_servo=False).verdict(4.49) is Verdict.OPEN
+    assert GuidedProof(0.0, by_servo=False).verdict(4.51) is Verdict.FAILED
+
+
+def test_the_sides_lie_ten_degrees_off_a_heading_that_may_swing_by_five() -> None:
+    proof = GuidedProof(0.0, by_servo=True)
+    headings = (3.0, 8.0, 9.0, 4.0, 3.0, -2.0, -12.0)
+    targets = [math.degrees(proof.heading(math.radians(heading))) for heading in headings]
+    assert targets == pytest.approx([13.0, 13.0, 14.0, 14.0, 14.0, 13.0, 3.0])
+    proof.take(0.8, 0.0)
+    proof.verdict(0.8)
+    assert math.degrees(proof.heading(math.radians(-12.0))) == pytest.approx(-17.0)
+
+
+@pytest.mark.parametrize(("off", "is_echo"), [(0.0, True), (1.0, True), (-1.0, True), (1.2, False), (-1.2, False)])
+def test_a_vehicle_that_repeats_both_sides_within_a_degree_has_passed(off: float, is_echo: bool) -> None:
+    proof = GuidedProof(0.0, by_servo=True)
+    proof.bearing(0.6, 0.1, 0.1 + math.radians(off))
+    proof.take(0.6, 0.0)
+    assert proof.verdict(0.81) is Verdict.OPEN and not proof.echoes, "one side is not enough"
+    proof.bearing(1.0, 3.1, 3.1 + math.radians(off))
+    assert proof.verdict(1.1) is Verdict.OPEN, "too early in its side"
+    proof.bearing(1.4, 3.14, wrap(3.14 + math.radians(off)))
+    assert proof.verdict(1.5) is (Verdict.PASSED if is_echo else Verdict.OPEN)
+
+
+@pytest.mark.parametrize(
+    ("shown", "is_free"),
+    [
+        (Shown(True, 9.0, False), True),
+        (Shown(True, 8.9, False), False),
+        (Shown(True, 10.0, True, ran_time=7.0), True),
+        (Shown(True, 10.0, True, ran_time=6.9), False),
+        (Shown(True, 10.0, False, True, ours_time=7.0), True),
+        (Shown(True, 10.0, False, True, ours_time=6.9), False),
+        (Shown(True, 10.0, False, True, ran_time=7.0), True),
+    ],
+)
+def test_how_old_what_is_shown_may_be(shown: Shown, is_free: bool) -> None:
+    assert (shown.obstacle(10.0) == "") is is_free
+
+
+@pytest.mark.parametrize(
+    ("bearing", "target", "distance", "said"),
+    [(0.0, 0.0, 0.0, ""), (2.0, 0.0, 0.0, ""), (math.pi / 2, 0.1, 12.4, "12 m off in 90 deg"),
+     (-math.pi / 2, 0.0, 0.6, "1 m off in 270 deg"), (0.0, -0.1, 0.0, "0 m off in 0 deg")],
+)  # fmt: skip
+def test_a_place_of_its_own_shows_in_bearing_or_distance(
+    bearing: float, target: float, distance: float, said: str
+) -> None:
+    found = stray_bearing(bearing, target, distance)
+    assert said in found if said else found == ""
+
+
+def turned(**steps: Any) -> tuple[GuidedTargets, HelmWatch]:
+    """A boat engaged on heading 0.0, for `seconds`, its heading and rate [deg, deg/s] and rudder's share as given."""
+    targets, watch = proven()
+    for step in range(round(steps["seconds"] * 10) + 1):
+        now = 10.0 + 0.1 * step
+        targets.rudder(now, steps.get("share", 0.0))
+        found = tick(now, Mode.ENGAGED, 0.0, math.radians(steps["heading"]))
+        rate = math.radians(steps.get("rate", 0.0))
+        targets.show(found._replace(state=found.state._replace(rate=rate)), True)
+    return targets, watch
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("boat", "is_given_up"),
+    [
+        ({"heading": 31.0, "rate": 1.0, "seconds": 2.4}, True),
+        ({"heading": 31.0, "rate": 1.0, "seconds": 2.0}, False),
+        ({"heading": 29.0, "rate": 1.0, "seconds": 9.0}, False),
+        ({"heading": 31.0, "rate": -1.0, "seconds": 9.0}, False),
+        ({"heading": 31.0, "rate": 0.0, "seconds": 9.0}, False),
+        ({"heading": 21.0, "share": 0.11, "seconds": 2.4}, True),
+        ({"heading": 21.0, "share": 0.11, "seconds": 2.0}, False),
+        ({"heading": 21.0, "share": 0.09, "seconds": 9.0}, False),
+        ({"heading": 21.0, "share": -0.5, "seconds": 9.0}, False),
+        ({"heading": 19.0, "share": 0.5, "seconds": 9.0}, False),
+    ],
+)
+def test_a_boat_that_turns_away_for_two_seconds_follows_another(
+    boat: dict[str, float], is_given_up: bool, side: float
+) -> None:
+    mirrored = {name: value if name == "seconds" else side * value for name, value in boat.items()}
+    _, watch = turned(**mirrored)
+    assert watch.disobeyed is is_given_up
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("off", "gain", "seconds", "lags"),
+    [(21.0, 0.0, 15.5, True), (21.0, 0.0, 14.5, False), (19.0, 0.0, 60.0, False), (60.0, 0.2, 60.0, False),
+     (90.0, 0.1, 60.0, True), (40.0, -2.0, 14.0, False)],
+)  # fmt: skip
+def test_a_boat_far_off_that_comes_no_two_degrees_nearer_in_fifteen_seconds_lags(
+    off: float, gain: float, seconds: float, lags: bool, side: float
+) -> None:
+    targets, _ = proven()
+    found = False
+    for step in range(round(10 * seconds)):
+        now = 10.0 + 0.1 * step
+        heading = math.radians(side * (off - gain * 0.1 * step))
+        targets.show(tick(now, Mode.ENGAGED, 0.0, heading), True)
+        found = found or bool(targets.alarm)
+    assert found is lags
+    targets.show(tick(200.0, Mode.ENGAGED, 0.0, 0.0), True)
+    assert targets.alarm == ""
+
+
+@pytest.mark.parametrize(("off", "follows"), [(3.9, True), (-3.9, True), (4.1, False), (-4.1, False)])
+def test_a_vehicle_that_repeats_headings_steers_one_of_the_last_1_2_seconds(off: float, follows: bool) -> None:
+    targets, watch = proven(echoes=True)
+    for step in range(40):
+        now = 10.0 + 0.1 * step
+        targets.show(tick(now, Mode.ENGAGED, 1.0, 1.0), True)
+        targets.report(now, 1.0 + math.radians(off))
+    assert watch.disobeyed is not follows
+    for age, is_known in ((1.8, True), (2.1, False)):
+        targets, watch = proven(echoes=True)
+        for step in range(120):
+            now = 10.0 + 0.1 * step
+            targets.show(tick(now, Mode.ENGAGED, 0.1 * 0.1 * step, 0.01 * step), True)
+            if step > 30:
+                targets.report(now, 0.1 * (0.1 * step - age))
+        assert watch.disobeyed is not is_known
+
+
+def test_a_try_that_failed_is_made_again_after_four_seconds_and_stays_said() -> None:
+    targets = at_rest()
+    sent = []
+    for step in range(200):
+        now = 0.05 * step
+        targets.rudder(now, 0.0)
+        if targets.show(tick(now, Mode.STANDBY, 0.3, 0.3), True) is not None:
+            sent.append(now)
+    (end, again), *others = [(a, b) for a, b in pairwise(sent) if b - a > 1.0]
+    assert (end, again - end, others) == (pytest.approx(4.0, abs=0.3), pytest.approx(4.1, abs=0.2), [])
+    assert targets.reason.startswith("the vehicle does not take our heading targets")
+
+
+def test_targets_end_three_seconds_after_the_last_of_them() -> None:
+    targets, _ = proven()
+    targets.show(tick(20.0, Mode.ENGAGED, 0.5), True)
+    assert targets.release(23.0, "x").state is ReleaseState.UNSHOWN
+    assert targets.release(23.1, "x").state is ReleaseState.NOT_HELD
+    assert at_rest().release(0.0, "x").state is ReleaseState.NOT_HELD
+
+
+def test_time_in_a_target_counts_milliseconds_from_the_first() -> None:
+    targets = at_rest()
+    first = targets.show(tick(0.5, Mode.STANDBY, 0.3), True)
+    later = targets.show(tick(0.75, Mode.STANDBY, 0.3), True)
+    assert first is not None and later is not None
+    assert (first.time_boot_ms, later.time_boot_ms, first.type_mask) == (0, 250, 7)
+    rates = (later.body_roll_rate, later.body_pitch_rate, later.body_yaw_rate)
+    assert (rates, later.q[1], later.q[2]) == ((0.0, 0.0, 0.0), 0.0, 0.0)
+
+
+def test_a_proof_soon_after_steering_goes_on_with_the_speed_and_later_with_none() -> None:
+    for pause, thrust in ((2.9, 0.25), (3.2, 0.0)):
+        targets, _ = proven()
+        targets.show(tick(20.0, Mode.ENGAGED, 0.3, 0.3), True)
+        targets.reset()
+        targets.rudder(20.0 + pause, 0.0)
+        message = targets.show(tick(20.0 + pause, Mode.STANDBY, 0.3, 0.3), True)
+        assert message is not None and message.thrust == thrust
