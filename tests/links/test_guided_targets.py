@@ -362,7 +362,7 @@ def test_a_vehicle_that_repeats_headings_steers_one_of_the_last_1_2_seconds(off:
         targets.show(tick(now, Mode.ENGAGED, 1.0, 1.0), True)
         targets.report(now, 1.0 + math.radians(off))
     assert watch.disobeyed is not follows
-    for age, is_known in ((1.8, True), (2.1, False)):
+    for age, is_known in ((1.7, True), (2.1, False)):
         targets, watch = proven(echoes=True)
         for step in range(120):
             now = 10.0 + 0.1 * step

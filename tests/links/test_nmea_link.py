@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import pty
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -185,3 +186,78 @@ def test_a_position_that_cannot_be_spoils_its_sentence(place: str) -> None:
 def test_rmc_without_a_position_still_gives_the_speed() -> None:
     assert [type(sample) for sample in read_rmc(",,,")] == [SpeedSample]
     assert [type(sample) for sample in read_rmc("5900.0,N,01800.0,E")] == [SpeedSample, PositionSample]
+
+
+def left(link: NmeaLink, far, until: float, since: float, step: float = 0.01) -> list[float]:
+    """Return when an order leaves while the link is only kept."""
+    times = []
+    for number in range(round((until - since) / step)):
+        now = since + step * number + 1e-6
+        link.keep(now)
+        times += [round(now, 2)] * len(orders(far))
+    return times
+
+
+def spaces(times: list[float]) -> list[float]:
+    return [round(after - before, 2) for before, after in pairwise(times)]
+
+
+def test_an_order_is_repeated_each_half_second_and_not_after_the_first() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    link.send(10.0, RudderCommand(10.0, 0.1, True))
+    assert len(orders(far)) == 1
+    times = left(link, far, 15.0, 10.0)
+    assert times[0] in (10.5, 10.51) and len(times) in (1, 2) and times[-1] <= 11.01
+
+
+def test_releases_are_a_tenth_of_a_second_apart_and_the_first_at_once() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    link.send(10.0, RudderCommand(10.0, 0.1, True))
+    link.send(10.02, RudderCommand(10.02, 0.1, False))
+    assert [status for _, status in orders(far)] == ["A", "V"]
+    times = left(link, far, 15.0, 10.02)
+    assert len(times) == 4 and set(spaces([10.02, *times])) <= {0.1, 0.11}
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3, 8])
+def test_the_way_out_sends_the_releases_that_are_left_and_one_at_least(steps: int) -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    link.release(0.0)
+    assert orders(far) == []
+    link.send(10.0, RudderCommand(10.0, 0.1, True))
+    for step in range(steps):
+        link.send(10.2 + 0.2 * step, RudderCommand(0.0, 0.1, False))
+    orders(far)
+    link.release(20.0)
+    assert [status for _, status in orders(far)] == ["V"] * max(5 - steps, 0)
+    assert (link.release_result(20.2) is None) is (steps < 5), "it leaves"
+    assert "released" in link.release_result(20.4).sentence  # type: ignore[union-attr]
+
+
+def test_a_link_without_a_drive_sends_no_order_ever() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(steers=False))
+    link.send(0.0, RudderCommand(0.0, 0.1, True))
+    link.send(0.1, RudderCommand(0.1, 0.1, False))
+    assert left(link, far, 3.0, 0.0) == []
+    link.release(3.0)
+    assert orders(far) == [] and link.release_result(3.0).sentence == "rudder not held"  # type: ignore[union-attr]
+
+
+def test_a_peer_silent_for_five_seconds_is_let_go_of_and_noise_is_no_word() -> None:
+    near, far = loopback_pair()
+    forgotten: list[float] = []
+    link = NmeaLink(near)
+    link.receive(0.0)
+    near.forget_peer = lambda: forgotten.append(now)  # type: ignore[method-assign]
+    for step in range(200):
+        now = 0.1 * step
+        if step == 20:
+            far.send(encoders.encode_hdt(1.0))
+        if step > 40:
+            far.send(b"noise\r\n")
+        link.receive(now)
+    assert forgotten == pytest.approx([7.1, 12.2, 17.3], abs=0.11)

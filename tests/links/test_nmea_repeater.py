@@ -12,7 +12,7 @@ import pytest
 from autopilot.build_links import LinkOptions, build_link
 from autopilot.links.nmea0183 import format_sentence
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
-from autopilot.links.nmea_repeater import NmeaRepeater
+from autopilot.links.nmea_repeater import NmeaRepeater, heading_control
 from autopilot.links.transports import loopback_pair
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (
@@ -161,3 +161,46 @@ def test_a_url_says_what_is_sent() -> None:
         assert not link._settings.steers
     finally:
         link.close()
+
+
+def test_a_sentence_that_is_not_due_holds_no_other_up() -> None:
+    repeater = NmeaRepeater((("ROT", 0.5), ("HDT", 10.0)))
+    names = [raw[3:6].decode() for step in range(100) for raw in repeater.due(tick(0.1 * step + 1e-6 * step))]
+    assert (names.count("ROT"), names.count("HDT")) == (5, 100)
+
+
+def test_after_a_pause_nothing_is_made_up_for() -> None:
+    repeater = NmeaRepeater((("HDT", 1.0),))
+    times = [now for now in (0.0, 0.5, 0.95, 1.05, 1.9, 2.0, 9.0, 9.9, 10.0, 10.9, 11.0) if repeater.due(tick(now))]
+    assert times == [0.0, 1.05, 2.0, 9.0, 10.0, 11.0]
+
+
+@pytest.mark.parametrize(("age", "is_fresh"), [(2.0, True), (2.1, False)])
+def test_what_is_older_than_two_seconds_is_not_said_as_measured(age: float, is_fresh: bool) -> None:
+    repeater = NmeaRepeater(ALL)
+    got = said(repeater, tick(age, (RudderSample(0.0, 0.1), RollSample(0.0, 0.2))))
+    assert (got["RSA"].data[1], "ROLL" in got["XDR"].data) == ("A" if is_fresh else "V", is_fresh)
+    old = tick(10.0)
+    state = old.state._replace(heading_age=age)
+    assert bool(repeater.due(old._replace(state=state))) is is_fresh
+    assert not NmeaRepeater(ALL).due(old._replace(state=state._replace(valid=False)))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("off", "is_on"), [(9.9, "A"), (10.1, "V")])
+def test_heading_control_says_side_mode_and_whether_the_heading_is_kept(off: float, is_on: str, side: float) -> None:
+    heading = math.radians(100.0)
+    what = tick(0.0, heading=heading)._replace(
+        reference=Reference(heading + side * math.radians(off)), command=RudderCommand(0.0, side * 0.1, True)
+    )
+    fields = heading_control(what).decode()[1:-5].split(",")
+    rudder = "R" if side > 0.0 else "L"
+    assert fields == [
+        *("AGHTD", "V", "5.7", rudder, "H", "N", "", "", "", "", "356.0", "", "", "T", "A", is_on, "V", "100.0")
+    ]
+    by_rudder = heading_control(what._replace(order=Order(OrderKind.RUDDER))).decode()[1:-5].split(",")
+    assert (by_rudder[4], by_rudder[10], by_rudder[14:16]) == ("R", "", ["A", "A"])
+    by_hand = heading_control(what._replace(mode=Mode.STANDBY), "II", magnetic=True).decode()[1:-5].split(",")
+    assert by_hand == [
+        *("IIHTD", "V", "", "", "M", "N", "", "", "", "", "", "", "", "M", "V", "A", "V", "100.0")
+    ]  # fmt: skip

@@ -158,3 +158,69 @@ def test_without_a_guide_a_plotter_is_ignored_and_so_are_our_own_words() -> None
 def test_a_waypoint_nearer_than_the_cross_track_error_gives_no_track(away: float, leads: bool) -> None:
     rmb = f"GPRMB,A,{200 / 1852:.4f},L,A,B,,,,,{away / 1852:.4f},40.00,,V,A"
     assert bool(hear(rmb)[0]) is leads
+
+
+@pytest.mark.parametrize(
+    ("field", "error"), [("1.000,L,N", 1852.0), ("1.000,R,N", -1852.0), ("1.50,L,K", 1500.0), ("100.0,R,K", -1e5)]
+)
+def test_the_error_is_positive_to_starboard_and_its_last_digit_has_a_worth(field: str, error: float) -> None:
+    (leg,), _ = hear(f"GPAPB,A,A,{field},V,V,090.0,T,D,011,T,011,T,A")
+    assert isinstance(leg, PlotterLeg)
+    digits = len(field.split(",")[0].partition(".")[2])
+    assert leg.cross_track == pytest.approx(error)
+    assert leg.step == pytest.approx({"N": 1852.0, "K": 1000.0}[field[-1]] * 10.0**-digits)
+
+
+@pytest.mark.parametrize("side", ["L", "R"])
+@pytest.mark.parametrize(
+    ("first", "second", "is_taken"),
+    [("0.100", "0.123", True), ("0.100", "0.124", False), ("0.100", "0.077", True), ("0.100", "0.076", False),
+     ("0.1", "0.4", True), ("0.1", "0.5", False), ("0.10", "0.1", True), ("0.100", "0.3", True)],
+)  # fmt: skip
+def test_an_error_jumps_by_three_steps_a_tenth_and_twenty_metres_at_most(
+    first: str, second: str, is_taken: bool, side: str
+) -> None:
+    """0.100 nm are 185.2 m: 3 x 1.85 + 18.5 + 20 = 44.1 m, 0.024 nm; with one decimal 3 x 185.2 more."""
+    heard, _ = hear(f"GPAPB,A,A,{first},{side},N,V,V,090.0,T,D,011,T,011,T,A", f"GPXTE,A,A,{second},{side},N,A")
+    assert (len(heard) == 2) is is_taken
+
+
+@pytest.mark.parametrize("side", ["L", "R"])
+def test_the_geometry_of_rmb_is_the_same_to_both_sides(side: str) -> None:
+    """Half a mile of error at one mile: the track lies 30 degrees off the bearing."""
+    (leg,), _ = hear(f"GPRMB,A,0.500,{side},A,B,,,,,1.000,40.0,,V,A")
+    assert isinstance(leg, PlotterLeg)
+    assert math.degrees(leg.track) == pytest.approx(70.0 if side == "L" else 10.0)
+    assert (leg.cross_track, leg.step) == pytest.approx((926.0 if side == "L" else -926.0, 1.852))
+
+
+@pytest.mark.parametrize(
+    ("error", "away", "leads"),
+    [("0.100", "0.100", False), ("0.100", "0.101", True), ("0.0", "0.10", False), ("0.0", "0.11", True),
+     ("0.000", "999.9", True)],
+)  # fmt: skip
+def test_rmb_leads_farther_off_than_the_error_and_its_last_digit(error: str, away: str, leads: bool) -> None:
+    assert bool(hear(f"GPRMB,A,{error},L,A,B,,,,,{away},40.0,,V,A")[0]) is leads
+
+
+@pytest.mark.parametrize(
+    ("body", "fate"),
+    [
+        ("GPRMB,A,0.0,L,A,B,,,,,1000.0,40.0,,V,A", "malformed"),
+        ("GPRMB,A,100.1,L,A,B,,,,,200.0,40.0,,V,A", "malformed"),
+        ("GPXTE,A,A,0.1,S,N,A", "malformed"),
+        ("GPXTE,A,A,0.1,L,M,A", "malformed"),
+        ("GPAPB,A,A,0.1,L,N,V,V,090.0,X,D,011,T,011,T,A", "malformed"),
+        *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "invalid") for mode in "EFMNPRSV"),
+        *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "") for mode in ("", "A", "D")),
+        ("GPAPB,V,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,A", "invalid"),
+        ("GPAPB,A,V,0.1,L,N,V,V,090.0,T,D,011,T,011,T,A", "invalid"),
+        ("IIHTC,A,,,H,N,,,,,350.0,,,T", "invalid"),
+        *((f"IIHTC,V,,,{mode},N,,,,,350.0,,,T", "invalid") for mode in "MR"),
+        *((f"IIHTC,V,,,{mode},N,,,,,350.0,,,T", "") for mode in "SHT"),
+    ],
+)
+def test_which_sentences_lead_which_say_that_they_do_not_and_which_cannot_be(body: str, fate: str) -> None:
+    heard, reader = hear(body)
+    found = "malformed" if reader.malformed else "invalid" if reader.invalid else ""
+    assert (found, len(heard)) == (fate, 0 if fate == "malformed" else 1)
