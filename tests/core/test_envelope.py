@@ -170,3 +170,33 @@ def test_it_shares_no_code_with_the_law_and_its_limits() -> None:
         node.module for node in ast.walk(ast.parse(source.read_text("utf-8"))) if isinstance(node, ast.ImportFrom)
     }
     assert imported == {"__future__", "typing"}
+
+
+@pytest.mark.parametrize("late", [-0.51, -0.49, 0.49, 0.51])
+def test_a_command_of_another_half_second_never_leaves(late: float) -> None:
+    fault, _ = check().fault(10.0 + late, 0.0, 0.0, 0.0, 0.1, picture(time=10.0))
+    assert fault == (OUTSIDE if abs(late) > 0.5 else "")
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("error_deg", "share", "seconds", "is_wrong"),
+    [
+        (15.2, 0.6, 3.0, True),
+        (14.8, 0.6, 9.0, False),
+        (149.0, 0.6, 3.0, True),
+        (151.0, 0.6, 9.0, False),
+        (40.0, 0.51, 3.0, True),
+        (40.0, 0.49, 9.0, False),
+        (40.0, 0.6, 2.9, False),
+    ],
+)
+def test_what_pushes_the_boat_away_in_numbers(
+    side: float, error_deg: float, share: float, seconds: float, is_wrong: bool
+) -> None:
+    judged, rudder = check(), -side * share * MOST
+    for tick in range(round(seconds / 0.1) + 1):
+        now = 100.0 + 0.1 * tick
+        seen = Picture(now, 0.0, side * math.radians(error_deg), 0.0, 0.0)
+        found, _ = judged.fault(now, rudder, rudder, rudder, 0.1, seen)
+    assert found == (OUTSIDE if is_wrong else "")

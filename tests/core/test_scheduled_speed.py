@@ -67,3 +67,13 @@ def test_a_speed_that_nobody_confirms_is_forgotten_each_kind_by_itself() -> None
     assert (scheduled.measured, scheduled.over_ground) == (4.0, True)
     scheduled.forget_stale(15.1)
     assert scheduled.measured is None
+
+
+@pytest.mark.parametrize(
+    ("water", "ground", "apart"), [(2.0, 4.4, 0.0), (2.0, 4.6, 2.6), (4.6, 2.0, 2.6), (3.0, 5.9, 0.0)]
+)
+def test_five_knots_and_twice_the_speed_are_what_no_stream_explains(water: float, ground: float, apart: float) -> None:
+    scheduled = ScheduledSpeed()
+    scheduled.on_sample(0.0, SpeedSample(0.0, water, False))
+    scheduled.on_sample(0.0, SpeedSample(0.0, ground, True))
+    assert scheduled.apart == pytest.approx(apart)

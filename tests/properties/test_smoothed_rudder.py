@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import solve_continuous_are
 
+from autopilot.control import sliding_heading
 from autopilot.control.backstepping import (
     PLANNED,
     BacksteppingGains,
@@ -145,3 +148,30 @@ def test_a_planned_turn_with_rudder_is_not_slowed(model: Norrbin) -> None:
 def test_smoothing_goes_with_the_speed_like_the_gains() -> None:
     gains = BacksteppingGains(1.0, 1.0, 0.5, 0.8)
     assert gains_at(gains, 0.5) == (0.5, 0.5, 0.125, 1.6)
+
+
+@pytest.mark.parametrize("planned_deg", [-1.02, -0.98, 0.98, 1.02])
+def test_a_planned_turn_of_more_than_a_degree_of_rudder_is_not_smoothed(planned_deg: float) -> None:
+    model = Norrbin(0.2, 5.0, n0=0.01)
+    reference = Reference(0.0, 0.2 * math.radians(planned_deg))
+    assert smoothing_in(model, 0.7, reference) == (0.0 if abs(planned_deg) > 1.0 else 0.7)
+    assert smoothing_in(model, 0.0, Reference(0.0)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("ratio", "followed"), [(0.0, 0.2), (0.19, 0.2), (0.5, 0.5), (1.4, 1.4), (1.6, 1.5), (9.0, 1.5)]
+)
+def test_gains_follow_the_speed_from_a_fifth_to_one_and_a_half(ratio: float, followed: float) -> None:
+    found = gains_at(BacksteppingGains(0.3, 0.5, 0.2, 0.6), ratio)
+    assert found == pytest.approx((0.3 * followed, 0.5 * followed, 0.2 * followed**2, 0.6 / followed))
+    sliding = sliding_heading.gains_at(sliding_heading.SlidingGains(0.3, 0.4, 0.5), ratio)
+    assert sliding == pytest.approx((0.3 * followed, 0.4 * followed**2, 0.5 * followed))
+
+
+@pytest.mark.parametrize("place", range(3))
+@pytest.mark.parametrize("bad", [0.0, -0.1, math.inf, math.nan])
+def test_the_sliding_law_takes_positive_and_finite_gains(place: int, bad: float) -> None:
+    gains = [0.3, 0.4, 0.5]
+    gains[place] = bad
+    with pytest.raises(ValueError, match="positive and finite"):
+        sliding_heading.SlidingLaw(sliding_heading.SlidingGains(*gains), 4.0)

@@ -1,0 +1,115 @@
+"""One measurement taken in: the lasting innovation, the gate and the row of spikes, in numbers worked out by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation.fusion import Fusion, carried, fuse_measured, noises_of
+from autopilot.estimation.gusts import UNKNOWN
+from autopilot.estimation.heading_filter import FilterNoise, FilterState
+from autopilot.estimation.heading_update import fuse_heading
+from autopilot.estimation.rudder_track import RudderPast
+from autopilot.models.norrbin import Norrbin
+
+BOAT = Norrbin(0.2, 5.0)
+NOISE = FilterNoise(heading=1.0e-4, rate=4.0e-5, acceleration=2.0e-5, bias=3.0e-6, gust_bias=5.0e-4)
+NOISES = noises_of(NOISE)
+PAST = RudderPast([0.0] * 16, [0.0] * 16, 1)
+NO = math.nan
+
+
+def fusion(heading: float = 0.0, surprise: float = 0.0) -> Fusion:
+    return Fusion(ekf.initial(0.0, heading, 0.0, NOISE), surprise)
+
+
+def deviation(state: FilterState, variance: float, *, of_rate: bool) -> float:
+    return math.sqrt((state.p11 if of_rate else state.p00) + variance)
+
+
+@pytest.mark.parametrize("before", [-1.0, 0.0, 0.8])
+@pytest.mark.parametrize("deviations", [-2.0, 0.0, 3.0, 5.0])
+@pytest.mark.parametrize("of_rate", [True, False])
+def test_the_lasting_innovation_is_a_mean_over_three_seconds(before: float, deviations: float, of_rate: bool) -> None:
+    now = fusion(surprise=before)
+    ahead = carried(BOAT, NOISES, now, PAST, 0.5)
+    off = deviations * deviation(ahead, NOISE.rate if of_rate else NOISE.heading, of_rate=of_rate)
+    heading, rate = (NO, off) if of_rate else (off, NO)
+    after, is_fused = fuse_measured(BOAT, NOISES, now, PAST, 0.5, heading, rate)
+    assert is_fused
+    assert after.surprise == pytest.approx(before + (1.0 - math.exp(-0.5 / 3.0)) * (deviations - before))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_one_wild_rate_counts_as_five_deviations(side: float) -> None:
+    after, _ = fuse_measured(BOAT, NOISES, fusion(), PAST, 0.5, NO, side * 100.0)
+    assert after.surprise == pytest.approx(side * 5.0 * (1.0 - math.exp(-0.5 / 3.0)))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("start", [0.0, 3.1, -3.1])
+def test_the_gate_is_ten_degrees_or_six_deviations(side: float, start: float) -> None:
+    for off_deg, is_taken in ((9.9, True), (10.1, False)):
+        heading = math.remainder(start + side * math.radians(off_deg), math.tau)
+        assert fuse_measured(BOAT, NOISES, fusion(start), PAST, 0.1, heading, NO)[1] is is_taken
+    vague = NOISES._replace(usual=NOISE._replace(heading=math.radians(5.0) ** 2))
+    ahead = carried(BOAT, vague, fusion(start), PAST, 0.1)
+    gate = 6.0 * deviation(ahead, vague.usual.heading, of_rate=False)
+    assert gate > math.radians(30.0)
+    for share, is_taken in ((0.99, True), (1.01, False)):
+        heading = math.remainder(start + side * share * gate, math.tau)
+        assert fuse_measured(BOAT, vague, fusion(start), PAST, 0.1, heading, NO)[1] is is_taken
+
+
+def test_spikes_are_counted_while_they_agree_and_a_heading_that_is_taken_ends_the_row() -> None:
+    now, counts = fusion(), []
+    for heading in (1.0, 1.05, 1.1, -1.0, -0.9, 0.001, 1.0):
+        before = now
+        now, is_fused = fuse_measured(BOAT, NOISES, now, PAST, now.state.time + 0.1, heading, NO)
+        counts.append(now.spikes)
+        assert is_fused is (abs(heading) < 0.1)
+        if not is_fused:
+            assert now.state is before.state, "a spike leaves no trace"
+            assert now.spike == heading
+    assert counts == [1, 2, 3, 1, 2, 0, 1]
+
+
+def test_a_rate_beside_a_spike_is_left_out_too_and_one_alone_is_taken() -> None:
+    assert fuse_measured(BOAT, NOISES, fusion(), PAST, 0.1, 1.0, 0.01)[0].state == fusion().state
+    taken, is_fused = fuse_measured(BOAT, NOISES, fusion(), PAST, 0.1, NO, 0.01)
+    assert is_fused and 0.0 < taken.state.rate < 0.01
+    ahead = carried(BOAT, NOISES, fusion(), PAST, 0.1)
+    plain, _ = fuse_measured(BOAT, NOISES, fusion(), PAST, 0.1, 0.02, NO)
+    assert plain.state == fuse_heading(ahead, 0.02, NOISE.heading)
+
+
+@pytest.mark.parametrize(("surprise", "density"), [(1.49, 3.0e-6), (-1.49, 3.0e-6), (1.51, 5.0e-4), (-1.51, 5.0e-4)])
+def test_something_lasting_makes_the_bias_quick_where_waves_are_learnt(surprise: float, density: float) -> None:
+    wavy = noises_of(NOISE._replace(waves=True))
+    ahead = carried(BOAT, wavy, fusion(surprise=surprise), PAST, 0.4)
+    assert ahead.p22 - fusion().state.p22 == pytest.approx(0.4 * density)
+    calm = carried(BOAT, NOISES, fusion(surprise=surprise), PAST, 0.4)
+    assert calm.p22 - fusion().state.p22 == pytest.approx(0.4 * 3.0e-6)
+
+
+def test_the_rudder_at_its_stop_makes_the_bias_as_quick_as_the_file_says() -> None:
+    noises = noises_of(NOISE._replace(stop=0.4, stop_bias=2.0e-3))
+    for angle, density in ((0.39, 3.0e-6), (-0.39, 3.0e-6), (0.41, 2.0e-3), (-0.41, 2.0e-3)):
+        past = RudderPast([0.0] * 16, [angle] * 16, 1)
+        ahead = carried(BOAT, noises, fusion(), past, 0.4)
+        assert ahead.p22 - fusion().state.p22 == pytest.approx(0.4 * density)
+
+
+@pytest.mark.parametrize(("to", "moved"), [(1.0, 1.0), (1.9, 1.9), (2.0, 2.0), (3.0, 2.0), (50.0, 2.0)])
+def test_the_boat_is_carried_no_further_than_two_seconds(to: float, moved: float) -> None:
+    turning = Fusion(ekf.initial(0.0, 0.0, 0.1, NOISE))
+    ahead = carried(BOAT, NOISES, turning, PAST, to)
+    assert ahead.time == to
+    assert ahead.rate == pytest.approx(0.1 * math.exp(-moved / 5.0))
+    assert ahead.psi == pytest.approx(0.5 * (1.0 - math.exp(-moved / 5.0)))
+
+
+def test_a_bias_known_to_less_than_1_8_degrees_tells_of_no_gusts() -> None:
+    assert math.degrees(math.sqrt(UNKNOWN)) == pytest.approx(1.8)

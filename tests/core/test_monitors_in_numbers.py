@@ -1,0 +1,146 @@
+"""The monitors of course, stop, push and gyro at both sides of their limits, with the numbers of their pages."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from autopilot.models.norrbin import Norrbin, steady_rate
+from autopilot.monitors.answer import first_memory
+from autopilot.monitors.answer_filter import NOTHING, Noise
+from autopilot.monitors.course import OffCourse, Runaway
+from autopilot.monitors.heading import RateAgainstHeading
+from autopilot.monitors.rudder import AtTheStop, Overpowered
+from autopilot.monitors.watched import AlarmLimits, Watched
+from autopilot.signals import HeadingSample, NavState, RateSample
+
+BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)
+STOP = math.radians(30.0)
+SIDES = pytest.mark.parametrize("side", [-1.0, 1.0])
+
+
+def watched(now: float, heading: float = 0.0, rudder: float = 0.0, rate: float = 0.0, waves: float = 0.0) -> Watched:
+    state = NavState(now, heading, rate, 4.0, rudder, 0.0, 0.0, True, wave_deviation=waves)
+    return Watched(now, state, True, True, 0.0, rudder, STOP, True)
+
+
+@SIDES
+@pytest.mark.parametrize(("share", "seconds", "is_said"), [(1.01, 2.05, True), (1.01, 1.85, False), (1.0, 30.0, False)])
+def test_a_push_beyond_the_rudder_is_said_after_two_seconds(
+    side: float, share: float, seconds: float, is_said: bool
+) -> None:
+    monitor = Overpowered()
+    for tick in range(round(seconds / 0.1) + 1):
+        monitor.look(watched(0.1 * tick)._replace(push=side * share * STOP))
+    name = "starboard" if side > 0.0 else "port"
+    assert monitor.found == (f"to {name}, as by 30 deg of rudder" if is_said else "")
+    for change in ({"steers": False}, {"has_way": False}, {"push": 0.0}):
+        monitor.look(watched(40.0)._replace(push=side * share * STOP)._replace(**change))  # type: ignore[arg-type]
+        assert monitor.found == ""
+
+
+@SIDES
+@pytest.mark.parametrize(
+    ("share", "seconds", "is_said"), [(0.91, 15.05, True), (0.91, 14.85, False), (0.89, 60.0, False)]
+)
+def test_a_rudder_at_nine_tenths_for_fifteen_seconds_is_at_its_stop(
+    side: float, share: float, seconds: float, is_said: bool
+) -> None:
+    monitor, said = AtTheStop(), False
+    for tick in range(round(seconds / 0.1) + 1):
+        said = monitor.is_there(watched(0.1 * tick, rudder=side * share * STOP))
+    assert said is is_said
+    assert not monitor.is_there(watched(61.0, rudder=side * STOP)._replace(holds_course=False))
+    assert not monitor.is_there(watched(61.1, rudder=side * STOP)), "it begins anew"
+
+
+@SIDES
+def test_off_course_by_side_with_the_rudder_at_its_stop_and_back_within_seven_tenths(side: float) -> None:
+    limits, monitor = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0), OffCourse()
+
+    def look(now: float, error_deg: float, rudder: float = 0.0) -> str:
+        monitor.look(limits, watched(now, side * math.radians(error_deg), rudder))
+        return monitor.text
+
+    name = "starboard" if side > 0.0 else "port"
+    assert [look(now, 20.4) for now in (0.0, 5.0, 9.9)] == ["", "", ""]
+    first = look(10.0, 20.4)
+    assert first == f"off course by 20 deg to {name}: check rudder, speed and wind, or order another course"
+    assert look(11.0, 30.0) == first, "less than 10 degrees more is no news"
+    assert look(12.0, 30.6, -side * STOP).startswith(f"off course by 31 deg to {name}, the rudder at its stop")
+    assert look(13.0, 14.1) != ""
+    assert look(14.0, 13.9) == ""
+    assert [look(now, 20.4) for now in (15.0, 24.9)] == ["", ""]
+    assert look(25.0, 20.4) != ""
+
+
+def ran(side: float, share: float, seconds: float, turned_deg: float, waves: float = 0.0) -> tuple[bool, str]:
+    """A rudder hard over to `side` while she turns so far the other way in so long; share: of its steady turn."""
+    monitor, rate = Runaway(), -side * share * steady_rate(BOAT, STOP)
+    steps = round(seconds / 0.05)
+    for tick in range(steps + 1):
+        heading = -side * math.radians(turned_deg) * tick / steps
+        monitor.look(BOAT, watched(0.05 * tick, heading, side * STOP, rate, waves))
+    return monitor.has_run, monitor.overpowered
+
+
+@SIDES
+def test_a_boat_that_turns_twenty_degrees_against_her_rudder(side: float) -> None:
+    """The rudder takes hold in a time constant, 2 s, and stops what it can in three."""
+    to = "to port" if side > 0.0 else "to starboard"
+    assert ran(side, 1.0, 2.05, 20.2) == (False, to)
+    assert ran(side, 1.0, 2.05, 19.8) == (False, "")
+    assert ran(side, 1.0, 1.90, 40.0) == (False, "")
+    assert ran(side, 1.0, 6.05, 40.0) == (True, to)
+    assert ran(side, 0.81, 6.05, 40.0) == (True, to)
+    assert ran(side, 0.79, 6.05, 40.0) == (False, to)
+    assert ran(side, 1.0, 5.90, 40.0) == (False, to)
+    assert ran(side, 1.0, 6.05, 29.8, math.radians(5.0)) == (False, "")
+    assert ran(side, 1.0, 6.05, 30.2, math.radians(5.0)) == (True, to)
+    assert ran(-side, -1.0, 6.05, -40.0) == (False, ""), "with the rudder"
+
+
+@SIDES
+def test_a_zigzag_45_degrees_astray_has_run_away(side: float) -> None:
+    for astray_deg, rate, has_run in ((45.5, -0.1, True), (44.5, -0.1, False), (45.5, 0.1, False)):
+        monitor = Runaway()
+        at = watched(0.0, 0.0, side * 0.1, side * rate)._replace(astray=math.radians(astray_deg))
+        monitor.look(BOAT, at)
+        assert monitor.has_run is has_run
+
+
+def apart(side: float, off: float, seconds: float, alone: bool = False) -> str:
+    """Headings that stand against a rate `off` [rad/s] beside them; the two may differ by 0.2 rad over some 5 s."""
+    monitor = RateAgainstHeading()
+    for tick in range(round(seconds / 0.1) + 1):
+        now = 0.1 * tick
+        if alone:
+            monitor.hear(RateSample(now, side * off), 0.2)
+        monitor.hear(HeadingSample(now, 0.0, None if alone else side * off), 0.2)
+    return monitor.found
+
+
+@SIDES
+@pytest.mark.parametrize("alone", [True, False])
+def test_heading_and_rate_must_differ_for_a_second(side: float, alone: bool) -> None:
+    """x' = off - x/5 s passes 0.2 rad: with 0.1 rad/s after 5 ln(1/(1 - 0.4)) = 2.55 s."""
+    assert apart(side, 0.1, 3.2, alone) == ""
+    assert apart(side, 0.1, 4.0, alone).endswith("deg apart")
+    assert apart(side, 0.038, 60.0, alone) == "", "the sum ends at 5 s of it, 0.19 rad"
+    assert apart(side, 0.042, 60.0, alone).endswith("deg apart")
+
+
+def test_what_is_known_after_the_first_heading_is_that_and_a_usual_share_of_three_quarters() -> None:
+    noise = Noise(1e-4, 1e-5, 1e-6, 1e-3, 0.5)
+    memory = first_memory(noise, 3.0, 0.7)
+    assert memory.time == 3.0
+    assert memory.mean == (0.7, 0.0, 0.0, 0.0)
+    assert memory.answer == memory.late == memory.others.slow == NOTHING
+    assert memory.usual / memory.shown == 0.75
+    assert memory.shown == 60.0
+    assert (memory.silent, memory.silent_late, memory.opposite, memory.opposite_late) == (0.0, 0.0, 0.0, 0.0)
+    assert (memory.odd, memory.wild) == (1.0, 0)
+    others = memory.others
+    assert others.lively == others.quick == (0.0, 0.0)
+    assert (others.weak, others.right, others.strong, others.late) == (0.0, 0.0, 0.0, 0.0)
