@@ -8,6 +8,7 @@ import os
 import pty
 import socket
 import termios
+import time
 import tty
 from collections.abc import Iterator
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import pytest
 import serial
 
-from autopilot.links.base import LinkError, NotThereError
+from autopilot.links.base import LinkError, NotThereError, Transport
 from autopilot.links.transports import (
     ReplayTransport,
     SerialTransport,
@@ -37,6 +38,8 @@ from autopilot.links.transports.sockets import (
     resolve,
 )
 
+PATIENCE = 5000
+"""Milliseconds that the kernel is given to deliver."""
 PEER, OTHER = ("192.0.2.1", 14550), ("192.0.2.2", 14550)
 PASSING = ("ECONNREFUSED", "EHOSTUNREACH", "ENETUNREACH", "ENETDOWN", "EHOSTDOWN", "EINTR")
 FULL = ("EAGAIN", "EWOULDBLOCK", "ENOBUFS")
@@ -227,8 +230,7 @@ def test_only_who_listens_at_one_address_lets_the_kernel_drop_strangers(host: st
     far = UdpOutTransport("far", "127.0.0.1", link.port)
     assert far.is_local and far.strangers == link.strangers == 0 and not link.is_stream
     far.send(b"a")
-    while not link.receive():
-        pass
+    assert heard_at(link) == [b"a"]
     stranger = UdpOutTransport("stranger", "127.0.0.1", link.port)
     stranger.send(b"b")
     link.receive()
@@ -269,11 +271,21 @@ def server() -> Iterator[TcpServerTransport]:
     made.close()
 
 
+def heard_at(link: Transport) -> list[bytes]:
+    for _ in range(PATIENCE):
+        chunks = link.receive()
+        if chunks:
+            return chunks
+        time.sleep(0.001)
+    raise AssertionError("nothing came")
+
+
 def awaited(server: TcpServerTransport) -> None:
-    for _ in range(100000):
+    for _ in range(PATIENCE):
         server.receive()
         if server.connected:
             return
+        time.sleep(0.001)
     raise AssertionError("nobody came")
 
 
@@ -355,13 +367,12 @@ def test_one_client_at_a_time_is_heard_and_the_next_one_when_it_is_let_go_of(ser
     assert server.send(b"to the first")
     server.forget_peer()
     first.send(b"still here")
-    heard: list[bytes] = []
-    while not heard:
-        heard = server.receive()
+    heard = heard_at(server)
     assert heard == [b"second"], "the newcomer takes its place"
     with pytest.raises(LinkError):
-        for _ in range(100000):
+        for _ in range(PATIENCE):
             first.receive()
+            time.sleep(0.001)
     third = client_of(server)
     server.forget_peer()
     server.receive()
@@ -375,17 +386,12 @@ def test_who_speaks_after_it_was_let_go_of_stays(server: TcpServerTransport) -> 
     awaited(server)
     server.forget_peer()
     first.send(b"still here")
-    heard: list[bytes] = []
-    while not heard:
-        heard = server.receive()
+    heard_at(server)
     second = client_of(server)
     for _ in range(100):
         assert server.receive() == []
     assert server.send(b"x")
-    heard = []
-    while not heard:
-        heard = first.receive()
-    assert heard == [b"x"]
+    assert heard_at(first) == [b"x"]
     for end in (first, second):
         end.close()
 
@@ -394,12 +400,16 @@ def test_strangers_are_hung_up_on_and_counted() -> None:
     server = TcpServerTransport("tcpin:x", "127.0.0.1", 0, lambda address: address != "127.0.0.1")
     assert server.strangers == 0
     client = client_of(server)
-    while not server.strangers:
+    for _ in range(PATIENCE):
         server.receive()
+        if server.strangers:
+            break
+        time.sleep(0.001)
     assert server.strangers == 1 and not server.connected
     with pytest.raises(LinkError):
-        for _ in range(100000):
+        for _ in range(PATIENCE):
             client.receive()
+            time.sleep(0.001)
     client.close()
     server.close()
 
