@@ -54,27 +54,28 @@ class ProgressReports:
     """What one link tells of the command that came over it."""
 
     def __init__(self) -> None:
-        self._command: LongCommand | None = None
-        self._sender = (0, 0)
+        self._reported: tuple[LongCommand, tuple[int, int]] | None = None
         self._next = math.inf
 
     def begin(self, now: float, command: LongCommand, sender: tuple[int, int]) -> None:
         """Report to `sender` (system, component) from now [s] on."""
-        self._command, self._sender, self._next = command, sender, now + PROGRESS_S
+        self._reported, self._next = (command, sender), now + PROGRESS_S
 
     def is_for(self, sender: tuple[int, int]) -> bool:
         """Return whether `sender` is reported to."""
-        return self._command is not None and sender == self._sender
+        return self._reported is not None and sender == self._reported[1]
 
     def due(self, now: float) -> list[Message]:
         """Return the acknowledgement that falls due, and the last one at once."""
-        command = self._command
-        if command is None or (now < self._next and not command.run.is_over):
+        if self._reported is None:
+            return []
+        command, sender = self._reported
+        if now < self._next and not command.run.is_over:
             return []
         self._next = now + PROGRESS_S
         if command.run.is_over:
-            self._command = None
-        return [acknowledgement(command.command, command.result, self._sender, command.percent)]
+            self._reported = None
+        return [acknowledgement(command.command, command.result, sender, command.percent)]
 
 
 def acknowledgement(command: int, result: int, sender: tuple[int, int], percent: int = 0) -> Message:
