@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.main import main
-from autopilot.links.arrivals import KEPT_BYTES, HeardTransport
+from autopilot.links.arrivals import KEPT_BYTES, HeardTransport, sentence_names
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import open_transport
@@ -119,3 +119,30 @@ def test_the_command_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert said.out.splitlines()[-1] == (
         "ended, the link does not bring what is needed: rudder not held; nothing was steered; no log was kept"
     )
+
+
+@pytest.mark.parametrize(
+    ("data", "names"),
+    [
+        (b"", {}),
+        (b"$HEHDT,1.0,T*00\r\n", {"HDT": 1}),
+        (b"$HEHDT,1.0,T*00\r\n$\xff\xfe", {}),
+        (b"$HEHDT,1.0,T*00\r\n$HCHDM,1.0,M\r\n$\xff\xfe$", {"HDT": 1, "HDM": 1}),
+        (b"$PHDT,1\r\n!AIVDM,1\r\n", {"HDT": 1, "VDM": 1}),
+        (b"$hehdt,1\r\n$HEHD,1\r\n$HEHDTT,1\r\n", {}),
+    ],
+)
+def test_one_sentence_is_text_where_nothing_else_begins_like_one_and_two_are_anyway(
+    data: bytes, names: dict[str, int]
+) -> None:
+    assert dict(sentence_names(data)) == names
+
+
+def test_eight_names_are_listed_the_commonest_first() -> None:
+    near, far = loopback_pair()
+    heard = HeardTransport(near, "nmea")
+    for number in range(9):
+        far.send(b"".join(sentence(f"GPAA{chr(65 + number)},1") for _ in range(20 - number)))
+    heard.receive()
+    assert "(AAA, AAB, AAC, AAD, AAE, AAF, AAG, AAH, ...)" in heard.words
+    assert heard.words.startswith(f"{sum(range(12, 21))} messages of NMEA 0183")

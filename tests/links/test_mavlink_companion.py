@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from random import Random
 
 import pytest
@@ -10,11 +11,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.release import ReleaseState
 from autopilot.links.transports import UdpInTransport, UdpOutTransport, loopback_pair
 from autopilot.signals import (
     AlarmSample,
     HeadingSample,
     HelmSample,
+    Mode,
     RollSample,
     RudderCommand,
     RudderSample,
@@ -563,3 +566,127 @@ def test_a_speed_beyond_any_boats_is_no_sample(speed: float, is_taken: bool) -> 
         position(round(bench.rover.boot * 1e3), 0, 0, 0, 0, round(60.0 * speed), round(80.0 * speed), 0, 0)
     )
     assert any(isinstance(sample, SpeedSample) for sample in bench.link.receive(bench.now)) is is_taken
+
+
+def when(bench: Bench, kind: str, seconds: float, **fields: object) -> list[float]:
+    """Return at which hundredths of a second messages of a kind arrive at a silent vehicle."""
+    bench.rover.listen()
+    bench.rover.received.clear()
+    times = []
+    for step in range(round(100 * seconds)):
+        bench.link.keep(bench.now + 0.01 * step + 1e-6)
+        bench.rover.listen()
+        times += [step for m in bench.rover.received if m.get_type() == kind
+                  and all(getattr(m, name) == value for name, value in fields.items())]  # fmt: skip
+        bench.rover.received.clear()
+    return times
+
+
+def test_heartbeats_leave_once_a_second_the_station_s_only_where_we_speak_in_its_name() -> None:
+    for as_gcs in (False, True):
+        bench = Bench(CompanionSettings(FULL, as_gcs=as_gcs))
+        ours = when(bench, "HEARTBEAT", 3.5, type=18)
+        assert ours[0] == 0 and len(ours) == 4 and set(spaces(ours)) <= {100, 101}
+        bench.now += 10.0
+        assert len(when(bench, "HEARTBEAT", 3.5, type=6, system_status=4)) == 4 * as_gcs
+
+
+def spaces(times: list[float]) -> list[float]:
+    return [after - before for before, after in pairwise(times)]
+
+
+def test_a_peer_silent_for_five_seconds_is_let_go_of_every_five_seconds() -> None:
+    near, _ = loopback_pair()
+    forgotten: list[float] = []
+    link = CompanionLink(near, CompanionSettings(FULL))
+    near.forget_peer = lambda: forgotten.append(now)  # type: ignore[method-assign]
+    for step in range(171):
+        now = 0.1 * step
+        link.keep(now)
+    assert forgotten == pytest.approx([5.1, 10.2, 15.3], abs=0.11)
+
+
+@pytest.mark.parametrize(
+    ("override_time", "lapse"),
+    [
+        (3.0, "the flight controller lets go by itself after RC_OVERRIDE_TIME 3 s"),
+        (0.5, "the flight controller lets go by itself after RC_OVERRIDE_TIME 0.5 s"),
+        (-1.0, "RC_OVERRIDE_TIME is -1, so the flight controller keeps it; switch the vehicle's mode"),
+    ],
+)
+def test_the_way_out_says_when_the_vehicle_lets_go_by_itself(override_time: float, lapse: str) -> None:
+    bench = ready(RC_OVERRIDE_TIME=override_time)
+    bench.command = RudderCommand(0.0, 0.2, True)
+    bench.run(1.0)
+    bench.rover.obeys = False
+    bench.link.release(bench.now)
+    start, waited, released = bench.now, None, None
+    while released is None:
+        bench.now += 0.05
+        bench.rover.report_rudder()
+        bench.link.receive(bench.now)
+        released, waited = bench.link.release_result(bench.now), bench.now - start
+    assert (released.state, released.lapse) == (ReleaseState.UNCONFIRMED, lapse)
+    assert released.waited == pytest.approx(waited) and 1.2 < waited < 1.6
+
+
+def test_releases_are_sent_again_each_fifth_of_a_second_while_no_report_shows_one() -> None:
+    bench = ready()
+    bench.command = RudderCommand(0.0, 0.2, True)
+    bench.run(1.0)
+    bench.rover.listen()
+    bench.rover.received.clear()
+    times = []
+    bench.link.release(bench.now)
+    for step in range(39):
+        bench.link.release_result(bench.now + 0.01 * step + 1e-6)
+        bench.rover.listen()
+        times += [step] * len(bench.overrides())
+        bench.rover.received.clear()
+    assert sorted(set(times)) in ([0, 20], [0, 21]) and len(times) == 10, "five at a time"
+
+
+def test_named_values_count_time_from_the_first() -> None:
+    bench = Bench()
+    for now, name in ((10.0, "a"), (10.5, "eleven char"), (11.25, "b")):
+        bench.link.report(now, name, 2.5)
+    bench.rover.listen()
+    said = [m for m in bench.rover.received if m.get_type() == "NAMED_VALUE_FLOAT"]
+    assert [(m.time_boot_ms, m.name, m.value) for m in said] == [
+        (0, "a", 2.5),
+        (500, "eleven cha", 2.5),
+        (1250, "b", 2.5),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("mode", "state", "severity"),
+    [(Mode.STANDBY, 3, 5), (Mode.ENGAGED, 4, 4), (Mode.OVERRIDE, 3, 4), (Mode.FAILSAFE, 5, 2), (Mode.FAULT, 6, 1)],
+)
+def test_the_heartbeat_and_the_texts_say_how_bad_it_is(mode: Mode, state: int, severity: int) -> None:
+    bench = Bench()
+    bench.rover.heartbeat()
+    bench.link.receive(0.0)
+    bench.link.tell(0.0, mode, ("words in no catalogue",))
+    bench.link.tell(0.1, mode, ("words in no catalogue",))
+    bench.link.keep(0.2)
+    bench.rover.listen()
+    said = [m for m in bench.rover.received if m.get_type() == "STATUSTEXT"]
+    assert [(m.severity, m.text) for m in said] == [(severity, "words in no catalogue")]
+    assert {m.system_status for m in bench.rover.received if m.get_type() == "HEARTBEAT" and m.type == 18} == {state}
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "component", "system", "wanted", "is_ours"),
+    [(3, 1, 7, None, True), (3, 1, 7, 7, True), (3, 1, 7, 8, False), (3, 2, 7, None, False), (8, 1, 7, None, False),
+     (3, 1, 0, None, False), (12, 1, 7, None, True)],
+)  # fmt: skip
+def test_whose_heartbeat_is_latched_on_to(
+    autopilot: int, component: int, system: int, wanted: int | None, is_ours: bool
+) -> None:
+    near, far = loopback_pair()
+    link = CompanionLink(near, CompanionSettings(FULL, vehicle_system=wanted))
+    beat = dialect.MAVLink_heartbeat_message(11, autopilot, 0, 0, 4, 3)
+    far.send(MavlinkCodec(system, component).encode(beat))
+    link.receive(0.0)
+    assert link.vehicle_system == (system if is_ours else None)

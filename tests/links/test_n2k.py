@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from autopilot.build_links import LinkOptions, build_link
 from autopilot.links.base import LinkError
 from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
-from autopilot.links.n2k_messages import NAME, NodeAddress, group_and_source, identifier
+from autopilot.links.n2k_messages import NAME, Compass, NodeAddress, group_and_source, identifier, sample_of
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.params.vessel_file import load_vessel
@@ -296,3 +296,106 @@ def test_the_name_says_what_we_are() -> None:
         name >>= width
     assert fields == [0, 2046, 0, 150, 0, 40, 0, 4, 1]
     assert name == 0
+
+
+@pytest.mark.parametrize(
+    ("group", "source", "priority", "destination", "identity"),
+    [
+        (127250, 35, 2, 255, 0x09F11223),
+        (127245, 204, 2, 255, 0x09F10DCC),
+        (60928, 204, 6, 255, 0x18EEFFCC),
+        (59904, 35, 6, 204, 0x18EACC23),
+        (61440, 1, 7, 9, 0x1CF00001),
+        (61184, 1, 0, 9, 0x00EF0901),
+    ],
+)
+def test_identifiers_by_hand(group: int, source: int, priority: int, destination: int, identity: int) -> None:
+    assert identifier(group, source, priority, destination) == identity
+    assert group_and_source(identity) == (group, source)
+
+
+def test_a_claim_names_an_arbitrary_address_marine_steering_autopilot_of_no_registered_maker() -> None:
+    """ISO NAME, from the top: 1 | industry 4 | instance | class 40 | 0 | function 150 | 0 | maker 2046 | number."""
+    identity, data = NodeAddress(unique=0x12345).claim()
+    (name,) = struct.unpack("<Q", data)
+    assert identity == 0x18EEFFCC
+    assert (name >> 63, name >> 60 & 7, name >> 56 & 15, name >> 49 & 127, name >> 48 & 1) == (1, 4, 0, 40, 0)
+    assert (name >> 40 & 255, name >> 32 & 255, name >> 21 & 2047, name & 0x1FFFFF) == (150, 0, 2046, 0x12345)
+
+
+def test_an_address_is_left_to_lower_names_alone_and_the_lowest_free_one_taken() -> None:
+    address = NodeAddress(130)
+    lower, higher, own = (struct.pack("<Q", address.name + more) for more in (-1, 1, 0))
+    assert address.heard(60928, 130, higher) and address.current == 130
+    assert not address.heard(60928, 131, lower), "another's address"
+    assert not address.heard(60928, 130, lower[:7]) and not address.heard(127250, 130, lower)
+    assert address.current == 130
+    taken = []
+    for _ in range(125):
+        assert address.heard(60928, address.current, lower)
+        taken.append(address.current)
+    assert taken == [128, 129, *range(131, 252), 254, 254]
+    assert NodeAddress(130).heard(60928, 130, own), "one of our own name: theirs is not higher"
+    assert address.heard(59904, 35, b"\x00\xee\x00") and address.heard(59904, 35, b"\x00\xee\x00\xff")
+    assert not address.heard(59904, 35, b"\x00\xee") and not address.heard(59904, 35, b"\x00\xee\x01")
+
+
+@pytest.mark.parametrize(
+    ("group", "fields", "value"),
+    [
+        (127250, {"heading": 0.0, "reference": "True"}, 0.0),
+        (127250, {"heading": math.tau, "reference": "True"}, 0.0),
+        (127250, {"heading": 6.2832, "reference": "True"}, None),
+        (127250, {"heading": -0.001, "reference": "True"}, None),
+        (127250, {"heading": 1.0, "reference": "Magnetic", "variation": math.pi}, 1.0 - math.pi),
+        (127250, {"heading": 1.0, "reference": "Magnetic", "variation": 3.15}, 1.25),
+        (127250, {"heading": 1.0, "reference": "Magnetic", "deviation": -1.57}, -0.32),
+        (127250, {"heading": 1.0, "reference": "Magnetic", "deviation": -1.58}, 1.25),
+        (127250, {"heading": True, "reference": "True"}, None),
+        (127250, {"heading": "1", "reference": "True"}, None),
+        (127251, {"rate": -10.0}, -10.0),
+        (127251, {"rate": 10.01}, None),
+        (127251, {"rate": math.nan}, None),
+        (127245, {"position": math.pi / 2}, math.pi / 2),
+        (127245, {"position": -1.571}, None),
+        (127237, {"heading": 1.0}, None),
+    ],
+)
+def test_a_value_is_taken_up_to_its_limit(group: int, fields: dict[str, object], value: float | None) -> None:
+    sample = sample_of(group, 3.0, fields, Compass(0.25), "s")
+    assert (sample is None) is (value is None)
+    if sample is not None and value is not None:
+        assert sample[:2] == (3.0, pytest.approx(value, abs=1e-9))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_order_s_direction_is_its_side(bus: Bus, side: float) -> None:
+    bus.link.send(0.0, RudderCommand(0.0, side * 0.25, True))
+    bus.link.release(0.1)
+    orders = [data for group, _, data in bus.heard() if group == 127245]
+    assert [(data[0], data[1] & 7, struct.unpack_from("<h", data, 2)[0]) for data in orders] == [
+        (0, 1 if side > 0 else 2, round(side * 2500)),
+        *[(0, 0, 0x7FFF)] * 5,
+    ]
+    assert bus.link.release_result(0.3) is None
+    assert "released" in bus.link.release_result(0.5).sentence  # type: ignore[union-attr]
+
+
+def control(bus: Bus, tick: Tick) -> bytes:
+    bus.link.show(tick)
+    frames = [data for group, _, data in bus.heard() if group == 127237]
+    return frames[0][2:] + b"".join(data[1:] for data in frames[1:]) if frames else b""
+
+
+def test_heading_control_leaves_four_times_a_second_and_says_who_steers_by_what(bus: Bus) -> None:
+    state = NavState(1.0, -0.25, 0.0, 4.0, 0.0, 0.0, 0.1, True)
+    order, command = Order(OrderKind.HEADING, 0.5), RudderCommand(1.0, 0.2, True)
+    tick = Tick(0, 1.0, (), order, state, Reference(0.0), 0.0, command, Mode.ENGAGED, ())
+    times = [step for step in range(100) if control(bus, tick._replace(now=1.0 + 0.01 * step + 1e-6))]
+    assert len(times) == 4 and times[0] == 0 and times[1] in (25, 26)
+    by_rudder = control(bus, tick._replace(now=5.0, order=Order(OrderKind.RUDDER)))
+    assert by_rudder[1] & 7 != 4 and struct.unpack_from("<hH", by_rudder, 3) == (2000, 0xFFFF)
+    by_hand = control(bus, tick._replace(now=6.0, mode=Mode.STANDBY))
+    assert by_hand[1] & 7 != 4 and struct.unpack_from("<hH", by_hand, 3) == (0x7FFF, 0xFFFF)
+    assert struct.unpack_from("<H", by_hand, 19)[0] == round((math.tau - 0.25) * 1e4)
+    assert control(bus, tick._replace(now=7.0, state=state._replace(valid=False))) == b""

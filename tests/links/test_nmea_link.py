@@ -261,3 +261,23 @@ def test_a_peer_silent_for_five_seconds_is_let_go_of_and_noise_is_no_word() -> N
             far.send(b"noise\r\n")
         link.receive(now)
     assert forgotten == pytest.approx([7.1, 12.2, 17.3], abs=0.11)
+
+
+def test_twelve_repeated_sentences_wait_for_a_slow_line_and_the_oldest_are_left_out() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(baud=4800, steers=False))
+    link._repeated.extend(b"$%02d\r\n" % number for number in range(20))
+    for step in range(100):
+        link.keep(0.1 * step)
+    assert [int(data[1:3]) for data in far.receive()] == list(range(8, 20))
+
+
+def test_a_line_is_busy_for_ten_bits_a_byte() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(baud=4800, steers=False))
+    link._repeated.extend([b"$" + b"x" * 45 + b"\r\n"] * 3)
+    times = []
+    for step in range(50):
+        link.keep(0.01 * step + 1e-6)
+        times += [step] * len(far.receive())
+    assert times == [0, 10, 20], "48 bytes at 480 a second"

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.admission import Budget
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_frames import EVERYBODY, Address, Framer, source_of, target_of
 from autopilot.links.router import MOST_ADDRESSES, REMEMBERED, Router
 from autopilot.links.router_links import FRAMES_PER_TURN, ForwardLink, RoutedTransport, budget_for
@@ -244,7 +245,7 @@ def test_a_station_sees_vehicle_and_companion_and_its_words_arrive_unchanged() -
     companion.keep(0.2)
     companion.say(0.2, 4, "hello")
     companion.keep(0.3)
-    assert sorted(kinds(station)) == ["HEARTBEAT", "STATUSTEXT"]
+    assert sorted(kinds(station)) == ["HEARTBEAT", "NAMED_VALUE_INT", "STATUSTEXT"]
     vehicle.receive()
     words = [packed(command(1, 1), gcs := speaker(255, 190)), unknown(255, 190), packed(STATION_BEAT, gcs)]
     for word in words:
@@ -272,7 +273,8 @@ def test_what_we_send_as_a_ground_station_and_to_the_vehicle_alone_stays_there()
     assert {(m.get_type(), m.get_srcSystem(), m.get_srcComponent()) for m in seen} == {
         ("HEARTBEAT", 1, 1),
         ("HEARTBEAT", 1, 191),
-    }
+        ("NAMED_VALUE_INT", 1, 191),
+    }, "another pilot may be behind us: it is to hear what we are"
 
 
 def test_a_flood_takes_no_more_of_a_serial_line_than_its_share() -> None:
@@ -358,3 +360,60 @@ def test_a_station_that_is_gone_is_an_alarm_once_and_the_others_go_on() -> None:
     vehicle.send(packed(BEAT, speaker(1, 1)))
     companion.receive(0.3)
     assert companion.vehicle_system == 1
+
+
+def test_the_same_bytes_come_round_for_two_seconds_and_again_after_a_quarter() -> None:
+    frame = packed(STATION_BEAT, speaker(255, 190))
+    for endpoint, later, passes in ((1, 0.24, False), (1, 0.26, True), (2, 1.99, False), (2, 2.01, True)):
+        net = Net()
+        assert net.take(1, frame) == [0, 2]
+        net.router.now = later
+        assert bool(net.take(endpoint, frame)) is passes
+        assert net.router.counts["came round in a loop"] == (not passes)
+
+
+def test_five_hundred_and_twelve_frames_are_remembered() -> None:
+    for others, is_known in ((511, True), (512, False)):
+        net, who = Net(), speaker(255, 190)
+        frame = packed(STATION_BEAT, who)
+        net.take(1, frame)
+        for number in range(others):
+            net.take(1, unknown(255, 190, 40000 + number))
+        net.take(2, frame)
+        assert net.router.counts["came round in a loop"] == is_known
+
+
+def test_sixty_four_addresses_are_learned_at_an_endpoint() -> None:
+    net = Net()
+    for system in range(1, 70):
+        net.take(1, packed(STATION_BEAT, speaker(system, 190)))
+    net.take(1, packed(STATION_BEAT, speaker(0, 190)))
+    reached = [bool(net.take(2, packed(command(system, 190), speaker(255, 1)))) for system in range(1, 70)]
+    assert reached == [True] * 64 + [False] * 5
+    assert net.router.counts["for nobody we know"] == 5
+
+
+def test_who_has_left_is_sent_nothing_and_found_nowhere() -> None:
+    net = Net()
+    net.take(1, packed(STATION_BEAT, speaker(255, 190)))
+    net.router.leave(1)
+    assert net.take(0, packed(BEAT, speaker(1, 1))) == [2]
+    assert net.router.counts["dropped: endpoint full or away"] == 1
+    assert net.take(2, packed(command(255, 190), speaker(254, 190))) == []
+
+
+@pytest.mark.parametrize(("baud", "rate"), [(57600, 2880.0), (115200, 5760.0), (0, 200_000.0)])
+def test_half_a_serial_line_is_for_stations_and_half_a_second_s_worth_at_once(baud: int, rate: float) -> None:
+    budget = budget_for(baud)
+    assert budget.part(0.0, 1_000_000) == rate / 2.0
+    assert budget.part(0.25, 1_000_000) == pytest.approx(rate / 4.0, abs=1.0)
+    assert budget.part(9.0, 1_000_000) == rate / 2.0
+
+
+@pytest.mark.parametrize("is_stream", [False, True])
+@pytest.mark.parametrize("stray", [b"\xfd", b"\xfe", b"\xfd\xfd", b"\xfe\xfd\xfe", b"x\xfd", b"\xfdx"])
+def test_a_stray_beginning_directly_before_a_frame_hides_it_from_nobody(stray: bytes, is_stream: bool) -> None:
+    frame = packed(BEAT, speaker(1, 1))
+    assert Framer(is_stream).frames(stray + 30 * frame) == [frame] * 30
+    decoded = MavlinkCodec(is_stream=is_stream).decode(stray + 30 * frame)
+    assert [message.get_type() for message in decoded] == ["HEARTBEAT"] * 30

@@ -189,3 +189,67 @@ def test_any_text_is_a_link_or_one_sentence(text: str) -> None:
         parse_url(text)
     except LinkError as error:
         assert "write" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("url", "is_link"),
+    [
+        ("udpin:127.0.0.1:0", True),
+        ("tcpin:127.0.0.1:0", True),
+        ("udpout:127.0.0.1:0", False),
+        ("udpout:127.0.0.1:1", True),
+        ("tcp:127.0.0.1:0", False),
+        ("tcp:127.0.0.1:65535", True),
+        ("tcp:127.0.0.1:65536", False),
+        ("udpin:127.0.0.1:65536", False),
+        ("serial:/dev/x:300", True),
+        ("serial:/dev/x:299", False),
+        ("serial:/dev/x:4000000", True),
+        ("serial:/dev/x:4000001", False),
+        ("serial:/dev/x:-9600", False),
+        ("serial:/dev/x:0000009600", False),
+        ("tcp:[::1]:5760", True),
+        ("tcp:::1:5760", False),
+        ("tcp:[::1:5760", False),
+        ("tcp:a b:5760", False),
+        ("tcp:[]:5760", False),
+        ("n2k:socketcan:can0", True),
+        ("n2k:socketcan:", False),
+        ("n2k:socket can:can0", False),
+        ("nmea:/dev/x:4800?send=HDT:0.1", True),
+        ("nmea:/dev/x:4800?send=HDT:0.09", False),
+        ("nmea:/dev/x:4800?send=HDT:50", True),
+        ("nmea:/dev/x:4800?send=HDT:50.1", False),
+        ("nmea:/dev/x:4800?send=HDT:5,HDT:5", False),
+        ("nmea:/dev/x:4800?send=HDT:1.0000001", False),
+        ("nmea:/dev/x:4800?send=GGA", False),
+        ("nmea:/dev/x:4800?talker=II&steer=no", True),
+        ("nmea:/dev/x:4800?talker=I", False),
+        ("nmea:/dev/x:4800?talker=ii", False),
+        ("nmea:/dev/x:4800?talker=III", False),
+        ("nmea:/dev/x:4800?steer=no&steer=no", False),
+        ("nmea:/dev/x:4800?allow=10.0.0.1", False),
+        ("nmea-udp:127.0.0.1:1?allow=10.0.0.1", True),
+        ("udpin:127.0.0.1:1?allow=10.0.0.0/8", True),
+        ("udpin:127.0.0.1:1?steer=no", False),
+        ("n2k:socketcan:can0?steer=no", True),
+        ("n2k:socketcan:can0?send=HDT", False),
+    ],
+)
+def test_a_url_is_taken_up_to_its_limits(url: str, is_link: bool) -> None:
+    if is_link:
+        assert parse_url(url).text == url
+    else:
+        with pytest.raises(LinkError, match=r"^link "):
+            parse_url(url)
+
+
+def test_what_a_url_says_is_in_its_place() -> None:
+    network = parse_url("tcp:[::1]:5760")
+    assert (network.protocol, network.medium, network.host, network.port) == ("mavlink", "tcp", "::1", 5760)
+    assert (network.path, network.baud) == ("", 0)
+    line = parse_url("nmea:/dev/serial/by-id/a:b:4800?send=HDT,ROT:2.5&talker=II")
+    assert (line.medium, line.path, line.baud, line.host) == ("serial", "/dev/serial/by-id/a:b", 4800, "")
+    assert line.options == ((True, (("HDT", 1.0), ("ROT", 2.5)), "II", ()))
+    bus = parse_url("n2k:socketcan:can0")
+    assert (bus.medium, bus.host, bus.path, bus.options.steers) == ("can", "socketcan", "can0", True)
