@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.admission import Budget
-from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.mavlink_frames import EVERYBODY, Address, Framer, source_of, target_of
 from autopilot.links.router import MOST_ADDRESSES, REMEMBERED, Router
 from autopilot.links.router_links import FRAMES_PER_TURN, ForwardLink, RoutedTransport, budget_for
