@@ -10,7 +10,7 @@ from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.monitors.answer import first_memory
 from autopilot.monitors.answer_filter import NOTHING, Noise
 from autopilot.monitors.course import OffCourse, Runaway
-from autopilot.monitors.heading import RateAgainstHeading
+from autopilot.monitors.heading import FrozenHeading, RateAgainstHeading
 from autopilot.monitors.rudder import AtTheStop, Overpowered
 from autopilot.monitors.watched import AlarmLimits, Watched
 from autopilot.signals import HeadingSample, NavState, RateSample
@@ -144,3 +144,58 @@ def test_what_is_known_after_the_first_heading_is_that_and_a_usual_share_of_thre
     others = memory.others
     assert others.lively == others.quick == (0.0, 0.0)
     assert (others.weak, others.right, others.strong, others.late) == (0.0, 0.0, 0.0, 0.0)
+
+
+def stood(sea_deg: float, digit_deg: float, felt: float, stands: float, holds: bool = True) -> bool:
+    """Whether a heading in a sea that is felt so long on a course is frozen after it has stood for so long."""
+    monitor, is_frozen, last = FrozenHeading(), False, round(felt / 0.1)
+    for tick in range(last + round(stands / 0.1) + 1):
+        now = 0.1 * tick
+        heading = math.radians(digit_deg) * (min(tick, last) % 2)
+        monitor.hear(HeadingSample(now, heading))
+        at = watched(now, heading, waves=math.radians(sea_deg))._replace(holds_course=holds)
+        is_frozen = monitor.is_frozen(BOAT, at)
+    return is_frozen
+
+
+def test_in_a_sea_no_heading_stands_for_three_seconds() -> None:
+    assert stood(0.72, 0.1, 20.2, 3.1)
+    assert not stood(0.72, 0.1, 20.2, 2.8)
+    assert not stood(0.68, 0.1, 40.0, 20.0), "less than 0.7 degrees is no sea"
+    assert stood(1.02, 0.2, 20.2, 3.1), "five digits"
+    assert not stood(0.98, 0.2, 40.0, 20.0)
+    assert not stood(0.72, 0.1, 19.8, 20.0), "felt for 20 s"
+    assert not stood(0.72, 0.1, 40.0, 20.0, holds=False), "on a course that is held"
+
+
+def turned(rate_deg_s: float, seconds: float, rudder: float = 0.0, moves: bool = True) -> bool:
+    """Whether a heading is frozen that stands from 1 s on while a rate beside it, or the rudder, turns the boat."""
+    monitor, is_frozen = FrozenHeading(), False
+    for tick in range(round(seconds / 0.1) + 11):
+        now = 0.1 * tick
+        rate = math.radians(rate_deg_s) * (1.0 + (0.01 * (tick % 2) if moves else 0.0))
+        monitor.hear(HeadingSample(now, 0.001 * min(tick, 10), rate))
+        is_frozen = monitor.is_frozen(BOAT, watched(now, 0.0, rudder))
+    return is_frozen
+
+
+@SIDES
+def test_a_heading_that_stands_while_the_rate_adds_up_to_five_degrees_is_frozen(side: float) -> None:
+    """x' = rate - x/10 s: at 2 deg/s it passes 5 deg after 10 ln(1/0.75) = 2.88 s."""
+    assert turned(side * 2.0, 3.1)
+    assert not turned(side * 2.0, 2.6)
+    assert turned(side * 0.52, 60.0)
+    assert not turned(side * 0.48, 60.0), "a bias of the rate sensor adds up no further"
+    assert not turned(side * 50.0, 0.8), "ten headings"
+    assert turned(side * 50.0, 1.0)
+
+
+@SIDES
+def test_a_heading_that_stands_while_the_rudder_must_have_turned_her_by_fifteen_degrees_is_frozen(side: float) -> None:
+    """Heading and rate both stand; by Nomoto psi = K delta (t - T (1 - exp(-t/T))): 15 deg under 30 deg after 4.0 s."""
+    reached = next(
+        t for t in (0.01 * n for n in range(1000)) if 0.2 * 30.0 * (t - 2.0 * (1.0 - math.exp(-t / 2.0))) > 15.0
+    )
+    assert turned(side * 0.01, reached + 0.3, side * math.radians(30.0), moves=False)
+    assert not turned(side * 0.01, reached - 0.3, side * math.radians(30.0), moves=False)
+    assert not turned(side * 0.01, 20.0, side * math.radians(30.0), moves=True), "a rate that moves speaks for itself"

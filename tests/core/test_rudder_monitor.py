@@ -59,3 +59,29 @@ def test_a_rudder_on_its_way_is_none_of_them(side: float, start: float) -> None:
     order = start + side * 25.0
     assert seen(lambda now: order, lambda now: start + side * min(8.0 * now, 25.0)) == ("", math.inf)
     assert seen(lambda now: start + 4.0 * side, lambda now: start) == ("", math.inf), "within what the file tolerates"
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("share", "seconds", "is_slow"),
+    [(0.30, 2.4, True), (0.30, 2.0, False), (0.32, 4.0, True), (0.35, 4.0, False), (1.0, 4.0, False)],
+)
+def test_less_than_a_third_of_the_filed_rate_for_two_seconds_is_slow(
+    side: float, share: float, seconds: float, is_slow: bool
+) -> None:
+    monitor = RudderFollows()
+    for step in range(round(seconds / 0.1) + 1):
+        now = 0.1 * step
+        monitor.hear(RudderSample(now, side * share * LIMITS.rudder_rate * now, False, "RSA"))
+        monitor.look(Watched(now, STATE, True, True, 0.0, side * math.radians(200.0), 0.6, True), LIMITS)
+    assert monitor.found[0] == ""
+    assert monitor.is_slow is is_slow
+
+
+def test_a_rudder_of_unknown_rate_is_never_slow() -> None:
+    monitor = RudderFollows()
+    for step in range(60):
+        monitor.hear(RudderSample(0.1 * step, math.radians(0.3 * step), False, "RSA"))
+        at = Watched(0.1 * step, STATE, True, True, 0.0, math.radians(100.0), 0.6, True)
+        monitor.look(at, LIMITS._replace(rudder_rate=math.inf))
+    assert not monitor.is_slow
