@@ -359,3 +359,22 @@ def test_three_spikes_within_ten_seconds_are_a_jump_and_two_or_slower_ones_are_n
             monitor.hear(HeadingSample(now, 1.0 if is_spike else 0.0), 0.3)
             found = found or monitor.found(watched(now, 0.0))
         assert bool(found) is is_said
+
+
+@pytest.mark.parametrize(("gap", "is_seen"), [(1.9, True), (2.1, False)])
+def test_across_more_than_two_seconds_of_silence_no_jump_is_seen(gap: float, is_seen: bool) -> None:
+    monitor, found = JumpingHeading(), ""
+    monitor.hear(HeadingSample(0.0, 0.0), 0.3)
+    for tick in range(20):
+        now = gap + 0.1 * tick
+        monitor.hear(HeadingSample(now, 1.0), 0.3)
+        found = found or monitor.found(watched(now, 0.0))
+    assert bool(found) is is_seen
+
+
+def test_another_compass_that_shows_another_heading_has_not_jumped() -> None:
+    monitor, found = JumpingHeading(), ""
+    for tick in range(40):
+        monitor.hear(HeadingSample(0.1 * tick, 1.0 if tick > 20 else 0.0, None, "b" if tick > 20 else "a"), 0.3)
+        found = found or monitor.found(watched(0.1 * tick, 0.0))
+    assert found == ""

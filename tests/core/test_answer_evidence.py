@@ -1,0 +1,230 @@
+"""The evidence about the rudder's answer, against matrices and normal densities, and what is concluded from it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.stats import norm
+
+from autopilot.models.norrbin import Norrbin
+from autopilot.monitors.answer import (
+    NO_OTHERS,
+    Memory,
+    Others,
+    answer_noise,
+    answer_step,
+    first_memory,
+    other_verdict,
+    verdict,
+    without_evidence,
+)
+from autopilot.monitors.answer_filter import Mean, Noise, step_of
+
+Matrix = npt.NDArray[np.float64]
+BOAT = Norrbin(0.3, 4.0, n3=1.0)
+NOISE = Noise(heading=1.0e-4, acceleration=1.0e-5, push=1.0e-4, sea=1.0e-3, pace=0.6)
+DT = 0.2
+SURE = 10.4
+
+
+class Judge:
+    """The same by matrices: one filter that knows of no rudder, and what of each rudder's answer it would not see."""
+
+    def __init__(self, heading: float) -> None:
+        self.p = np.diag([NOISE.heading, 0.2**2, math.radians(20.0) ** 2, NOISE.sea])
+        self.x = np.array([heading, 0.0, 0.0, 0.0])
+        self.answers = {name: np.zeros(4) for name in ("in time", "late", "slow")}
+        self.sums = dict.fromkeys(("silent", "silent_late", "opposite", "opposite_late"), 0.0)
+        self.sums |= dict.fromkeys(("weak", "right", "strong", "late"), 0.0)
+        self.pairs = {"lively": [0.0, 0.0], "quick": [0.0, 0.0]}
+        self.usual, self.shown, self.odd, self.strange, self.strange_slow = 45.0, 60.0, 1.0, 0.5, 1.0
+
+    def hear(self, heading: float, rate: float, rudders: dict[str, float]) -> None:
+        step = step_of(BOAT, rate, NOISE, DT)
+        f = np.eye(4)
+        f[0, 1:] = step.turn, step.drift, step.drift
+        f[1, 1:] = step.decay, step.gain, step.gain
+        f[3, 3] = step.kept
+        q = np.zeros((4, 4))
+        q[:2, :2] = NOISE.acceleration * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
+        q[2, 2] = (NOISE.push + (math.radians(25.0) ** 2 if self.odd > 3.0 else 0.0)) * DT
+        q[3, 3] = (1.0 - step.kept**2) * NOISE.sea
+        self.p = f @ self.p @ f.T + q
+        self.x = f @ self.x
+        for name, rudder in rudders.items():
+            self.answers[name] = f @ self.answers[name] + np.array([step.drift, step.gain, 0.0, 0.0]) * rudder
+        total = self.p[0, 0] + NOISE.heading
+        off = heading - self.x[0]
+        s, late, slow = (float(self.answers[name][0]) for name in ("in time", "late", "slow"))
+        self._weigh(off, math.sqrt(total), s, late, slow)
+        gain = self.p[:, 0] / total
+        self.x = self.x + gain * off
+        self.answers = {name: a - gain * a[0] for name, a in self.answers.items()}
+        self.p = self.p - np.outer(gain, self.p[0])
+
+    def _weigh(self, off: float, sigma: float, s: float, late: float, slow: float) -> None:
+        def more(one: float, other: float, most: float) -> float:
+            """How much likelier, as a logarithm, `other` is than `one`."""
+            return float(np.clip(norm.logpdf(off, other, sigma) - norm.logpdf(off, one, sigma), -0.8, most))
+
+        least = float(np.clip(0.75 * self.usual / self.shown, 0.5, 0.85))
+        most, fades = (0.0 if self.odd > 3.0 else 0.8), math.exp(-DT / 20.0)
+        learns = 0.0
+        shares = np.linspace(-1.0, 1.6, 20001)
+        left = min(((off - shares * s) ** 2).min(), (off - slow) ** 2) / sigma**2
+        before = dict(self.sums)
+        for name, answer, other in (
+            ("silent", s, 0.0),
+            ("silent_late", late, 0.0),
+            ("opposite", s, -0.7 * s),
+            ("opposite_late", late, -0.7 * late),
+        ):
+            self.sums[name] = max(fades * self.sums[name] + more(least * answer, other, most), 0.0)
+        if max(self.sums["silent"], before["opposite"]) < 2.0:
+            learns = 1.0 / sigma**2
+        remembered = math.exp(-DT / 900.0)
+        self.usual = 45.0 + remembered * (self.usual - 45.0) + learns * off * s
+        self.shown = 60.0 + remembered * (self.shown - 60.0) + learns * s * s
+        self.odd += (1.0 - math.exp(-DT / 0.25)) * (min(left, 36.0) - self.odd)
+        # time constant 4 s: what is strange over 4 s, what fades over 8 of it
+        share, kept = 1.0 - math.exp(-DT / 4.0), math.exp(-DT / 32.0)
+        against = min(off * math.copysign(1.0, s), 0.0)
+        self.strange += share * (min((against / sigma) ** 2, 36.0) - self.strange)
+        self.strange_slow += share * (min(((off - slow) / sigma) ** 2, 36.0) - self.strange_slow)
+        most, most_slow = (0.8 if x < 3.0 else 0.0 for x in (self.strange, self.strange_slow))
+        for name, (low, high) in (("lively", (1.6, 3.5)), ("quick", (2.4, 6.0))):
+            side = 0 if s > 0.0 else 1
+            self.pairs[name] = [kept * value for value in self.pairs[name]]
+            self.pairs[name][side] = max(self.pairs[name][side] + more(low * s, high * s, most), 0.0)
+        for name, answer in (("weak", 0.5 * s), ("right", s), ("strong", 1.6 * s), ("late", late)):
+            self.sums[name] = max(kept * self.sums[name] + more(answer, slow, most_slow), 0.0)
+
+
+def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -> list[tuple[Memory, Judge]]:
+    """A boat that answers by `share` of the model to a rudder that trails by `slowness` [s]; both judges of her."""
+    random = np.random.default_rng(5)
+    memory, judge = first_memory(NOISE, 0.0, 0.1)._replace(usual=60.0 * usual), Judge(0.1)
+    judge.usual = 60.0 * usual
+    heading, rate, moves, trail, found = 0.1, 0.0, 0.0, 0.0, []
+    for tick in range(1, round(seconds / DT)):
+        now = DT * tick
+        order = 0.25 * math.copysign(1.0, math.sin(0.5 * now)) + 0.05 * math.sin(1.7 * now)
+        late = 0.25 * math.copysign(1.0, math.sin(0.5 * (now - 0.4)))
+        trail += 0.1 * (order - trail)
+        moves += (order - moves) * (1.0 if slowness == 0.0 else DT / slowness)
+        for _ in range(10):
+            rate += 0.1 * DT * (0.3 * share * moves - rate - rate**3) / 4.0
+            heading += 0.1 * DT * rate
+        shown = heading + 0.005 * random.standard_normal()
+        memory = answer_step(memory, BOAT, NOISE, rate, (now, shown), order, late, trail)
+        judge.hear(shown, rate, {"in time": order, "late": late, "slow": trail})
+        found.append((memory, judge_copy(judge)))
+    return found
+
+
+def judge_copy(judge: Judge) -> Judge:
+    kept = Judge(0.0)
+    kept.__dict__.update({key: value.copy() if hasattr(value, "copy") else value for key, value in vars(judge).items()})
+    kept.pairs = {name: list(values) for name, values in judge.pairs.items()}
+    return kept
+
+
+@pytest.mark.parametrize(
+    ("share", "slowness", "usual"),
+    [(1.0, 0.0, 0.75), (1.0, 2.0, 1.5), (0.0, 0.0, 0.4), (-1.0, 0.0, 1.0), (2.0, 0.0, 1.0)],
+)
+def test_the_evidence_is_the_difference_of_log_likelihoods(share: float, slowness: float, usual: float) -> None:
+    for memory, judge in sailed(share, slowness, usual):
+        assert memory.wild == 0
+        assert memory.mean == pytest.approx(tuple(judge.x), abs=1e-9)
+        assert memory.answer == pytest.approx(tuple(judge.answers["in time"]), abs=1e-9)
+        assert memory.late == pytest.approx(tuple(judge.answers["late"]), abs=1e-9)
+        assert memory.others.slow == pytest.approx(tuple(judge.answers["slow"]), abs=1e-9)
+        assert memory.odd == pytest.approx(judge.odd, abs=1e-5)
+        assert (memory.usual, memory.shown) == pytest.approx((judge.usual, judge.shown), rel=1e-9)
+        for name in ("silent", "silent_late", "opposite", "opposite_late"):
+            assert getattr(memory, name) == pytest.approx(judge.sums[name], abs=1e-6), name
+        for name in ("weak", "right", "strong", "late"):
+            assert getattr(memory.others, name) == pytest.approx(judge.sums[name], abs=1e-6), name
+        for name in ("lively", "quick"):
+            assert getattr(memory.others, name) == pytest.approx(tuple(judge.pairs[name]), abs=1e-6), name
+        assert memory.others.strange == pytest.approx(judge.strange, abs=1e-9)
+        assert memory.others.strange_slow == pytest.approx(judge.strange_slow, abs=1e-9)
+
+
+@pytest.mark.parametrize("wild_so_far", range(6))
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_wild_heading_is_left_out_four_times_in_a_row(wild_so_far: int, side: float) -> None:
+    before = first_memory(NOISE, 0.0, 0.0)
+    for tick in range(1, 50):
+        before = answer_step(before, BOAT, NOISE, 0.0, (DT * tick, 0.0), 0.0, 0.0)
+    before = before._replace(wild=wild_so_far, silent=3.0, usual=50.0)
+    after = answer_step(before, BOAT, NOISE, 0.0, (before.time + DT, side * 1.0), 0.1, 0.1)
+    if wild_so_far < 4:
+        assert after.wild == wild_so_far + 1
+        assert after.mean == pytest.approx((before.mean.psi, 0.0, 0.0, 0.0), abs=1e-3)
+        assert (after.silent, after.usual, after.odd) == (3.0, 50.0, before.odd)
+        assert after.answer.psi > 0.0 and after.spread.p00 > before.spread.p00
+    else:
+        assert after.wild == 0
+        assert side * after.mean.psi > 0.1
+
+
+def test_the_noise_of_a_boat_in_a_sea() -> None:
+    """K = 0.3, T = 4 s; the sea yaws her by w psi, for which the rudder would be worth w psi sqrt(1 + (w T)^2)/K."""
+    noise = answer_noise(BOAT, 2.0e-4, 0.05, 0.8)
+    assert noise.heading == 2.0e-4
+    assert noise.acceleration == pytest.approx((0.3 / 4.0) ** 2 * math.radians(0.5) ** 2 * 0.2)
+    assert noise.push == pytest.approx(math.radians(0.6) ** 2)
+    assert noise.sea == pytest.approx((0.05 * 0.8 / 0.3) ** 2 * (1.0 + (0.8 * 4.0) ** 2))
+    assert noise.pace == 0.8
+    calm = answer_noise(BOAT, 2.0e-4, 0.0, 0.1)
+    assert (calm.sea, calm.pace) == (pytest.approx(math.radians(1.0) ** 2), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("silent", "silent_late", "opposite", "opposite_late", "wanted"),
+    [
+        (SURE, SURE, 0.0, 0.0, 1),
+        (SURE, 10.3, 0.0, 0.0, 0),
+        (10.3, SURE, 0.0, 0.0, 0),
+        (99.0, 99.0, SURE, SURE, -1),
+        (99.0, 99.0, SURE, 10.3, 1),
+        (0.0, 0.0, 10.3, SURE, 0),
+    ],
+)
+def test_a_verdict_takes_both_in_time_and_late(
+    silent: float, silent_late: float, opposite: float, opposite_late: float, wanted: int
+) -> None:
+    memory = first_memory(NOISE, 0.0, 0.0)._replace(silent=silent, silent_late=silent_late)
+    assert verdict(memory._replace(opposite=opposite, opposite_late=opposite_late)) == wanted
+
+
+def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer() -> None:
+    for sides in itertools.product((10.3, SURE), repeat=2):
+        both = min(sides) >= SURE
+        assert other_verdict(NO_OTHERS._replace(lively=sides)) == ("lively" if both else "")
+        assert other_verdict(NO_OTHERS._replace(quick=sides, lively=(99.0, 99.0))) == ("quick" if both else "lively")
+    for four in itertools.product((10.3, SURE), repeat=4):
+        names = dict(zip(("weak", "right", "strong", "late"), four, strict=True))
+        found = other_verdict(NO_OTHERS._replace(quick=(99.0, 99.0), **names))
+        assert found == ("slow" if min(four) >= SURE else "quick")
+
+
+def test_without_evidence_nothing_grows_and_what_speaks_for_her_counts() -> None:
+    def memory(value: float) -> Memory:
+        others = Others(Mean(value, 0.0, 0.0, 0.0), (value, value + 1), (value + 2, value + 3), *[value] * 6)
+        plain = first_memory(NOISE, value, 0.0)._replace(others=others)
+        return plain._replace(silent=value, silent_late=value, opposite=value, opposite_late=value)
+
+    low, high = memory(2.0), memory(5.0)
+    assert without_evidence(high, low) == low
+    kept = without_evidence(low, high)
+    assert kept.time == 5.0 and kept.others.slow == high.others.slow
+    assert (kept.others.strange, kept.others.strange_slow) == (5.0, 5.0)
+    assert kept._replace(time=2.0, others=low.others) == low
+    assert kept.others[1:3] == low.others[1:3] and kept.others[5:] == low.others[5:]
