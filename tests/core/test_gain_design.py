@@ -132,3 +132,17 @@ def test_a_law_without_gains_is_refused_with_the_key_to_add() -> None:
     vessel = load_vessel("lanxin")
     with pytest.raises(RefusedError, match=r"add control\.pid to the file"):
         build_pilot(replace(vessel, control=replace(vessel.control, pid=None)), "pid")
+
+
+@pytest.mark.parametrize("level", [1, 5, 9])
+@pytest.mark.parametrize(("model", "gear"), [*BOATS, (Norrbin(0.2, 5.0, n1=6.0), BOATS[1][1])])
+def test_designed_gains_place_the_poles_and_keep_the_boat_s_own_damping(
+    model: Norrbin, gear: SteeringGear, level: int
+) -> None:
+    """gamma = k^2/4, k1 k2 = k^2, k1 + k2 = 2 k or the boat's n1/T where that is more."""
+    gains = design_backstepping(model, gear, gear.rate_max, 0.05, level)
+    k = 2.0 * math.sqrt(gains.gamma)
+    assert gains.k1 * gains.k2 == pytest.approx(k * k)
+    assert gains.k1 + gains.k2 == pytest.approx(max(2.0 * k, model.n1 / model.time_constant))
+    assert gains.k1 <= gains.k2 * (1.0 + 1.0e-9)
+    assert gains.smoothing == 0.0

@@ -165,3 +165,16 @@ def test_past_a_margin_the_loop_is_unstable_and_before_it_is_not(observed: Obser
         for share, is_stable in ((0.97, True), (1.03, False)):
             stronger = observed.model._replace(gain=share * margins.gain_up * observed.model.gain)
             assert observed_margins(observed._replace(model=stronger)).stable == is_stable
+
+
+@pytest.mark.parametrize("observed", CASES[5:])
+@pytest.mark.parametrize(("down", "is_refused"), [(0.68, False), (0.72, True)])
+def test_a_course_unstable_boat_must_stay_steerable_with_seven_tenths_of_her_rudder(
+    observed: Observed, down: float, is_refused: bool
+) -> None:
+    gain = observed.model.gain * observed_margins(observed).gain_down / down
+    nearer = observed._replace(model=observed.model._replace(gain=gain))
+    assert observed_margins(nearer).gain_down == pytest.approx(down, rel=1e-3)
+    refusal = refusal_of(nearer)
+    assert ("lost where her rudder is 30 % weaker than the model's" in refusal) is is_refused
+    assert bool(refusal) is is_refused
