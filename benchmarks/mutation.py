@@ -89,6 +89,15 @@ SENSELESS = re.compile(
 )
 """Changes that make no sense on types, numbers and members of an enumeration: every test notices, or none can."""
 EXPLAINED: dict[tuple[str, str], str] = {
+    ("core/ReplaceBinaryOperator_Add_Sub", "gain=model.gain * (1.0 - a * spread.gain),"): (
+        "a takes both signs: the same boats in another order"
+    ),
+    ("core/ReplaceBinaryOperator_Add_Sub", "time_constant=model.time_constant * (1.0 - b * spread.time_constant),"): (
+        "b takes both signs: the same boats in another order"
+    ),
+    ("core/NumberReplacer", "0.0 if holds(GAIN_LEAST) else _end(holds, 2.0, GAIN_LEAST),"): (
+        "bisection from further away ends at the same place"
+    ),
     ("core/ReplaceComparisonOperator_Lt_NotEq", "if len(upload.items) != upload.wanted:"): (
         "items come one at a time, and with the last one wanted the upload ends: there are never more"
     ),
