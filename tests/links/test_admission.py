@@ -18,7 +18,15 @@ from autopilot.build_links import admission_of
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.guidance.track import TrackGuide
 from autopilot.links import extra_messages
-from autopilot.links.admission import BYTES_AT_ONCE, STATION_SILENT_S, Admission, Budget, Doors, is_local
+from autopilot.links.admission import (
+    BYTES_AT_ONCE,
+    STATION_SILENT_S,
+    Admission,
+    Budget,
+    Doors,
+    gives_rudder_back,
+    is_local,
+)
 from autopilot.links.base import LinkError
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
@@ -579,3 +587,54 @@ def test_the_terminal_says_that_a_served_link_takes_no_order(
     for link in links:
         link.close()
     saver.close()
+
+
+@pytest.mark.parametrize(
+    ("message", "gives"),
+    [
+        (dialect.MAVLink_command_long_message(1, 191, 400, 0, 0.0, 0, 0, 0, 0, 0, 0), True),
+        (dialect.MAVLink_command_long_message(1, 191, 400, 0, 1.0, 0, 0, 0, 0, 0, 0), False),
+        (dialect.MAVLink_command_long_message(1, 191, 176, 0, 1.0, 0, 0, 0, 0, 0, 0), True),
+        (dialect.MAVLink_command_long_message(1, 191, 176, 0, 1.0, 10.0, 0, 0, 0, 0, 0), False),
+        (dialect.MAVLink_command_long_message(1, 191, 177, 0, 0.0, 0.0, 0, 0, 0, 0, 0), False),
+        (dialect.MAVLink_command_int_message(1, 191, 0, 400, 0, 0, 0.0, 0, 0, 0, 0, 0, 0), True),
+        (dialect.MAVLink_set_mode_message(1, 1, 0), True),
+        (dialect.MAVLink_set_mode_message(1, 1, 10), False),
+        (dialect.MAVLink_param_set_message(1, 191, b"X", 0.0, 9), False),
+    ],
+)
+def test_what_gives_the_rudder_back(message: Any, gives: bool) -> None:
+    assert gives_rudder_back(message) is gives
+    door = Doors(Admission(commands_hz=1.0, writes_hz=1.0)).link()
+    refused = [bool(door.refusal(0.0, message)) for _ in range(6)]
+    assert refused == ([False] * 6 if gives else [False] * 4 + [True] * 2), "four seconds' worth at once"
+    assert bool(door.refusal(1.0, message)) is False
+
+
+def test_a_budget_by_hand() -> None:
+    budget = Budget(10.0, 40.0)
+    assert [budget.part(0.0, 30), budget.part(0.0, 30), budget.part(0.0, 30)] == [30, 10, 0]
+    assert not budget.spend(0.5, 5.1) and budget.spend(0.5, 5.0) and not budget.spend(0.5, 0.1)
+    assert budget.part(100.0, 1000) == 40
+    assert not budget.spend(99.0, 1.0), "a clock that goes back gives nothing"
+    assert budget.spend(99.5, 5.0)
+
+
+@pytest.mark.parametrize(("datagrams", "crowded"), [(0, False), (20, False), (21, True)])
+def test_more_than_twenty_strangers_at_a_time_crowd_a_link(datagrams: int, crowded: bool) -> None:
+    doors = Doors()
+    door = doors.link()
+    door.count_strangers(datagrams)
+    assert (door.crowded, doors.refused.total()) == (crowded, datagrams)
+    expected = f"{datagrams} MAVLink messages were not let in: {datagrams} datagrams from others than the station"
+    assert doors.summary.startswith(expected) if datagrams else doors.summary == ""
+
+
+def test_eight_kilobytes_at_once_and_fifty_a_second_are_looked_at() -> None:
+    doors = Doors()
+    door = doors.link()
+    assert [len(chunk) for chunk in door.taken(0.0, [bytes(5000), bytes(5000), bytes(5000)])] == [5000, 3000]
+    assert door.crowded and doors.refused.total() == 2
+    assert [len(chunk) for chunk in door.taken(0.1, [bytes(9000)])] == [5000]
+    assert [len(chunk) for chunk in door.taken(9.0, [bytes(8000)])] == [8000]
+    assert doors.refused.total() == 3

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.build import build_pilot
 from autopilot.build_links import LinkOptions, build_links
 from autopilot.guidance.track import TrackGuide
-from autopilot.links.base import Link, LinkError
+from autopilot.links.base import Link, LinkError, close_all
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
 from autopilot.links.boat.mission import Mission
@@ -375,3 +375,34 @@ def test_a_machine_without_a_thread_to_spare_is_asked_again() -> None:
 def loopback_link() -> Link:
     near, _ = loopback_pair("line")
     return DriveLink(near, Maestro(DriveSettings(1.0)))
+
+
+def test_a_line_that_is_not_there_at_first_is_said_at_the_time_of_the_first_look() -> None:
+    def opener() -> Link:
+        raise LinkError("line: not there; plug it in and start again")
+
+    kept = KeptLink("line", True, opener, lambda work: None)
+    said = "line: not there; it is opened again as soon as it is there"
+    assert kept.receive(7.5) == [HelmSample(7.5, False, said, "line"), AlarmSample(7.5, said, "line line")]
+    assert kept.receive(8.0) == [] and (kept.fileno(), kept.take_packets()) == (-1, [])
+    found = kept.release_result(8.0)
+    assert found is not None and found.sentence == "rudder not held"
+    listening = KeptLink("line", False, opener, lambda work: None)
+    assert [type(sample) for sample in listening.receive(1.0)] == [AlarmSample]
+
+
+def test_every_link_is_closed_even_where_another_fails() -> None:
+    closed: list[int] = []
+
+    class Closing:
+        def __init__(self, number: int) -> None:
+            self.number = number
+
+        def close(self) -> None:
+            closed.append(self.number)
+            if self.number == 1:
+                raise LinkError("stuck")
+
+    with pytest.raises(LinkError, match="stuck"):
+        close_all([Closing(number) for number in range(3)])  # type: ignore[misc]
+    assert sorted(closed) == [0, 1, 2]

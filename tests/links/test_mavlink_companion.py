@@ -690,3 +690,13 @@ def test_whose_heartbeat_is_latched_on_to(
     far.send(MavlinkCodec(system, component).encode(beat))
     link.receive(0.0)
     assert link.vehicle_system == (system if is_ours else None)
+
+
+def test_what_the_transport_cannot_take_is_counted_and_not_kept() -> None:
+    near, _ = loopback_pair()
+    link = CompanionLink(near, CompanionSettings(FULL))
+    near.send = lambda data: False  # type: ignore[method-assign]
+    for number in range(3):
+        assert link.dropped == number
+        link.report(0.0, "x", 1.0)
+    assert link.take_packets() == []

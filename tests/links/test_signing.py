@@ -241,3 +241,16 @@ def test_mavutil_with_its_own_setup_signing_hears_us_and_is_heard(tmp_path: Path
     transport.close()
     assert [message.get_type() for message in messages] == ["HEARTBEAT", "COMMAND_LONG"]
     assert codec.refused == 0
+
+
+def test_each_link_of_a_process_signs_under_a_number_of_its_own_and_refusals_are_summed() -> None:
+    signing = Signing(KEY, CountingTimestamps(NOW))
+    assert signing.summary == ""
+    beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    numbers = [MavlinkCodec(255, 190, signing=signing.link()).encode(beat)[-13] for _ in range(3)]
+    assert numbers == [numbers[0], numbers[0] + 1, numbers[0] + 2]
+    signing.refused.update({"unsigned": 3, "signed with another key": 5})
+    assert signing.summary == "8 MAVLink messages were refused: 5 signed with another key, 3 unsigned"
+    for size in (31, 33, 0):
+        with pytest.raises(ValueError, match="has 32 bytes, not"):
+            Signing(bytes(size), CountingTimestamps(NOW))
