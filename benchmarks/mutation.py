@@ -98,6 +98,12 @@ EXPLAINED: dict[tuple[str, str], str] = {
     ("core/NumberReplacer", "0.0 if holds(GAIN_LEAST) else _end(holds, 2.0, GAIN_LEAST),"): (
         "bisection from further away ends at the same place"
     ),
+    ("core/NumberReplacer", "self._listener.listen( 0)"): (
+        "how many clients may wait in the kernel, which rounds it as it likes: one at a time is taken all the same"
+    ),
+    ("core/NumberReplacer", "self._listener.listen( 2)"): (
+        "how many clients may wait in the kernel, which rounds it as it likes: one at a time is taken all the same"
+    ),
     ("core/ReplaceComparisonOperator_Lt_NotEq", "if len(upload.items) != upload.wanted:"): (
         "items come one at a time, and with the last one wanted the upload ends: there are never more"
     ),

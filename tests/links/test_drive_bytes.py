@@ -700,6 +700,21 @@ def test_what_became_of_the_rudder_of_a_drive_link() -> None:
     assert link.release_result(99.0) == Release("loopback:a", ReleaseState.LOST, lapse=lapse)
 
 
+def test_a_line_that_is_gone_is_not_tried_again() -> None:
+    near, _ = loopback_pair()
+    link = DriveLink(near, JrkG2(SETTINGS))
+    link.send(0.0, RudderCommand(0.0, 0.0, True))
+    tried = []
+
+    def gone(data: bytes) -> bool:
+        tried.append(data)
+        raise LinkError("gone")
+
+    near.send = gone  # type: ignore[method-assign]
+    link.release(0.1)
+    assert tried == [b"\xff"]
+
+
 @pytest.mark.parametrize("way", ["release", "receive"])
 def test_a_line_that_is_gone_is_known_from_either_direction(way: str) -> None:
     near, far = loopback_pair()
