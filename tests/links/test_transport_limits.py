@@ -654,3 +654,8 @@ def test_a_recording_is_of_datagrams_unless_told() -> None:
     assert replay.receive() == [b"a", b"b"] and replay.next_time is None
     with pytest.raises(ValueError, match=r"chunk 3 at 1.5 s is older than the one before it at 2.0 s"):
         ReplayTransport([(1.0, b"a"), (2.0, b"b"), (1.5, b"c")])
+
+
+def test_a_serial_line_on_which_bytes_wait_is_still_sent_to(line: tuple[SerialTransport, int]) -> None:
+    os.write(line[1], b"waiting")
+    assert line[0].send(b"x") and heard_at(line[0]) == [b"waiting"]
