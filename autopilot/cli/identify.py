@@ -130,6 +130,9 @@ def run(arguments: argparse.Namespace) -> int:
         assert steady is not None
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
+    from autopilot.identification.registry import method_named
+
+    method_named(arguments.method, arguments.gain)  # said before the logs are read
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
     if arguments.out:
         from autopilot.cli.identify_vessel import boat_for
