@@ -16,6 +16,9 @@ frequency raises it below. In stern-quartering seas, met at such frequencies, an
 
 All go on all the time, whoever steers. The weight rises where the third has rolled less than both others over the last
 minutes and falls to zero where it has not.
+
+All three lean on the model, the rudder and its gear. What the roll itself says stands above them: `Proof` holds the
+roll measured under the law against that measured before it, and bars the law where too little of the promise came true.
 """
 
 from __future__ import annotations
@@ -143,9 +146,48 @@ class Shadow(NamedTuple):
     variance: float
 
 
+SETTLE = 20.0
+"""Time [s] after a switch that is not measured: the roll from before dies away."""
+PROOF = 120.0
+"""Time [s] over which the roll under the law is measured before it is judged, and for which the law stays off where it
+falls short the first time: the sea may have grown, and what it does without the law is measured anew."""
+STANDS = 600.0
+"""Time [s] for which a judgement stands: kept, or short of the promise twice running."""
+POOLED = 300.0
+"""Memory [s] of the two measurements, over all the times with and without."""
+KEPT_SHARE = 0.5
+"""Share of the promised reduction that must come true. At first it is enough that the roll has not grown: what it
+is held against is less than a minute without the law, in which the sea may have been calmer by a third."""
+
+
+class Measured(NamedTuple):
+    """Roll as it was measured over `time` [s]: mean and variance [rad, rad^2], and the mean reduction promised."""
+
+    time: float = 0.0
+    mean: float = 0.0
+    variance: float = 0.0
+    promise: float = 0.0
+
+
+class Proof(NamedTuple):
+    """The roll measured with the roll law off and with its full weight; for how long [s] that has been so since the law
+    was switched or judged, how often running it fell short, how long [s] it stays off for that, and over how long [s]
+    it is measured before it is judged next."""
+
+    without: Measured = Measured()
+    under: Measured = Measured()
+    so_far: float = 0.0
+    failures: int = 0
+    barred: float = 0.0
+    span: float = PROOF
+
+
+UNPROVEN = Proof()
+
+
 class RollSchedule(NamedTuple):
     """Memory of the schedule: time [s] it has run, the response to the real rudder, a shadow with the rudder amidships,
-    one under the quiet law and one under the roll law, and the weight [-] of the roll law."""
+    one under the quiet law and one under the roll law, the weight [-] of the roll law, and what it proved to do."""
 
     time: float
     own: Motion
@@ -153,13 +195,14 @@ class RollSchedule(NamedTuple):
     quiet: Shadow
     roll: Shadow
     weight: float
+    proof: Proof = UNPROVEN
 
 
-def begin_schedule() -> RollSchedule:
-    """Return a schedule that knows nothing and has the roll law off."""
+def begin_schedule(proof: Proof = UNPROVEN) -> RollSchedule:
+    """Return a schedule that knows nothing of the sea and has the roll law off."""
     rest = Motion(0.0, 0.0, 0.0, 0.0, 0.0)
     shadow = Shadow(rest, 0.0, 0.0, 0.0)
-    return RollSchedule(0.0, rest, shadow, shadow, shadow, 0.0)
+    return RollSchedule(0.0, rest, shadow, shadow, shadow, 0.0, proof)
 
 
 def _minus(x: Motion, y: Motion) -> Motion:
@@ -190,6 +233,41 @@ def shadow_step(
         shadow.mean + share * off,
         shadow.variance + share * (off * off - shadow.variance),
     )
+
+
+def measured_with(measured: Measured, roll: float, promise: float, memory: float, dt: float) -> Measured:
+    """Return `measured` with `dt` [s] of `roll` [rad] more, at a memory of `memory` [s]."""
+    time = measured.time + dt
+    share, off = dt / min(memory, time), roll - measured.mean
+    return Measured(
+        time,
+        measured.mean + share * off,
+        measured.variance + share * ((1.0 - share) * off * off - measured.variance),
+        measured.promise + share * (promise - measured.promise),
+    )
+
+
+def proof_step(proof: Proof, weight: float, roll: float, promise: float, dt: float) -> Proof:
+    """Return the proof after `dt` [s] under `weight` [-]: `roll` [rad] measured, its reduction `promise` [-]."""
+    if weight <= 0.0:
+        begun = proof._replace(so_far=proof.so_far + dt, barred=max(proof.barred - dt, 0.0))
+        is_settled = begun.so_far > SETTLE
+        return begun._replace(without=measured_with(proof.without, roll, 0.0, POOLED, dt)) if is_settled else begun
+    if weight < 1.0 or proof.barred > 0.0:
+        return proof._replace(so_far=0.0)
+    so_far = proof.so_far + dt
+    if so_far <= SETTLE:
+        return proof._replace(so_far=so_far)
+    under = measured_with(proof.under, roll, promise, POOLED, dt)
+    if so_far < SETTLE + proof.span:
+        return proof._replace(so_far=so_far, under=under)
+    share = math.sqrt(under.variance / proof.without.variance) if proof.without.variance > 0.0 else 1.0
+    if share <= 1.0 - KEPT_SHARE * under.promise:
+        return proof._replace(so_far=SETTLE, under=under, failures=0, span=STANDS)
+    if share <= 1.0 and proof.failures == 0 and proof.span == PROOF:
+        return proof._replace(so_far=SETTLE, under=under, span=POOLED)
+    failures = proof.failures + 1
+    return Proof(proof.without, under, 0.0, failures, PROOF if failures == 1 else STANDS)
 
 
 class ScheduleParts(NamedTuple):
@@ -224,11 +302,14 @@ def schedule_step(
         shadow_step(gear, step, schedule.roll, roll.phi, roll_rudder(parts.roll, roll, heading_goal), share, dt),
         schedule.weight,
     )
-    wanted = (roll_reduction(now) - settings.none) / (settings.full - settings.none)
-    goal = clip(wanted, 0.0, 1.0) if time > settings.wait else 0.0
+    promise = roll_reduction(now)
+    proof = proof_step(schedule.proof, schedule.weight, state.phi, promise, dt)
+    wanted = (promise - settings.none) / (settings.full - settings.none)
+    is_open = time > settings.wait and proof.barred <= 0.0
+    goal = clip(wanted, 0.0, 1.0) if is_open else 0.0
     reach = settings.slew * dt
     weight = now.weight + clip(goal - now.weight, -reach, reach)
-    return RollSchedule(now.time, now.own, now.free, now.quiet, now.roll, weight)
+    return RollSchedule(now.time, now.own, now.free, now.quiet, now.roll, weight, proof)
 
 
 def blended_rudder(weight: float, quiet: float, roll: float) -> float:

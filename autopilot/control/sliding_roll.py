@@ -7,7 +7,7 @@ The laws of `rudder_roll` and `sliding_heading` on x = (v, p, r, phi, psi) becom
 with delta_d the rudder that the identified model asks for in a planned turn, v_d and phi_d those of a steady turn at
 r_d by the linear model, b the rudder angle that wind, current and trim are worth, and w the weight of `RollSchedule`,
 worked out anew at every tick. phi is measured from the boat's list, the mean roll over LIST_TIME. Sway is not measured:
-v counts as v_d (docs/liu2017.md has the measurement).
+v counts as v_d (docs/liu2017.md has the measurement). The shadows' gear has the rate that the rudder shows.
 
 At `ratio` times the reference speed the model has A's columns of v and r times ratio and b times ratio^2; those of p
 and phi stay, since a hull's damping and righting moment in roll hardly know the speed. The gains k go with 1/ratio and
@@ -26,6 +26,7 @@ from autopilot.angles import wrap
 from autopilot.control.roll_damping import OLD
 from autopilot.control.rudder_roll import (
     LinearStep,
+    Proof,
     RollGains,
     RollLaw,
     ScheduleParts,
@@ -37,6 +38,7 @@ from autopilot.control.rudder_roll import (
     roll_rudder,
     schedule_step,
 )
+from autopilot.control.shown_rate import RATE_UNSEEN, seen
 from autopilot.control.sliding_heading import (
     SMALL,
     SPEED_RANGE,
@@ -218,10 +220,13 @@ class SlidingRollLaw:
         """Forget roll and sea: the quiet law steers until it is known anew what roll damping would bring."""
         self._sample: RollSample | None = None
         self._time = math.nan
+        self._rate, self._schedule = RATE_UNSEEN, begin_schedule()
         self._forget()
 
     def _forget(self) -> None:
-        self._schedule = begin_schedule()
+        # where the law fell short the cause is the boat's, not the sea's
+        proof = self._schedule.proof
+        self._schedule = begin_schedule(Proof(failures=proof.failures, barred=proof.barred))
         self._owed = self._list = self._listed = 0.0
 
     def hear(self, sample: RollSample) -> None:
@@ -239,7 +244,9 @@ class SlidingRollLaw:
         sample = self._fresh(state)
         if sample is None or not abs(state.time - self._time) <= LONGEST_STEP:
             self._forget()
+            self._rate = self._rate._replace(since=0.0)
         self._time = state.time
+        self._rate = seen(self._rate, self.ship.gear, state.rudder, last_rudder, dt)
         if sample is None or sample.rate is None:
             return planned + sway_yaw_rudder(at.quiet, 0.0, rate, error) - state.bias
         heel = sample.roll - at.roll_per_rate * reference.rate
@@ -271,8 +278,13 @@ class SlidingRollLaw:
         if step <= 0.0:
             return
         at = self._speeds[place]
-        parts = ScheduleParts(SETTINGS, at.quiet, at.roll, self.ship.gear, self._step_of(place, step))
+        parts = ScheduleParts(SETTINGS, at.quiet, at.roll, self._gear(), self._step_of(place, step))
         self._schedule = schedule_step(parts, self._schedule, off, 0.0, rudder, step)
+
+    def _gear(self) -> SteeringGear:
+        """Return the steering gear of the file with the rate that the rudder has shown."""
+        gear = self.ship.gear
+        return gear._replace(rate_max=min(gear.rate_max, self._rate.rate))
 
     def _step_of(self, place: int, step: float) -> LinearStep:
         found = self._steps.get((place, step))

@@ -6,6 +6,7 @@ import functools
 import math
 
 import numpy as np
+import pytest
 
 from autopilot.angles import wrap
 from autopilot.build import build_pilot
@@ -22,7 +23,7 @@ from autopilot.control.rudder_roll import (
     schedule_step,
 )
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
-from autopilot.control.sliding_roll import quiet_at
+from autopilot.control.sliding_roll import SlidingRollLaw, quiet_at
 from autopilot.models.naval_vessel import (
     NAVAL_HULL,
     NAVAL_RUDDERS,
@@ -39,7 +40,7 @@ from autopilot.models.resistance import calm_resistance, extra_resistance, true_
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.models.strip_forces import NAVAL_STRIPS, Sea, SeaForces, sea_forces
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import HeadingSample, Order, OrderKind, RollSample
+from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, RudderSample
 
 DT, SECONDS, SETTLED = 0.1, 360.0, 1500
 PILOTED, PILOT_SETTLED = 2500, 1200
@@ -140,3 +141,55 @@ def test_the_pilot_does_not_roll_more_in_stern_quartering_seas() -> None:
     quiet, _, _ = piloted(45.0, "sliding_roll", hears_roll=False)
     roll, _, _ = piloted(45.0, "sliding_roll")
     assert roll <= 1.01 * min(fixed, quiet)
+
+
+LONG, SEEN = 9_000, 6_000
+"""Steps of the runs with a slow rudder, and after how many the schedule has had its time."""
+SLOW = GEAR._replace(rate_max=math.radians(5.0))
+
+
+@functools.cache
+def long_sea() -> SeaForces:
+    phase = np.random.default_rng(5).uniform(0.0, 2.0 * math.pi, 240)
+    sea, time = Sea(4.0, 7.0, math.radians(135.0)), DT * np.arange(LONG)
+    return sea_forces(NAVAL_STRIPS, sea, SERVICE_SPEED, np.linspace(0.35, 2.2, 240), phase, time)
+
+
+@functools.cache
+def rolled(gear: SteeringGear, hears_roll: bool, has_sensor: bool) -> tuple[float, float]:
+    """Roll [deg rms] once the schedule has had its time, the file's rate being 20 deg/s, and the weight at the end."""
+    pilot, random = build_pilot(load_vessel("naval_vessel"), "sliding_roll"), np.random.default_rng(8)
+    state, rudder, inverse, roll = Motion(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, inverse_mass(NAVAL_HULL), []
+    for index, push in enumerate(long_sea().load.tolist()):
+        now, n = DT * index, np.radians((0.3, 0.2, 0.3, 0.2, 0.2) * random.standard_normal(5)).tolist()
+        samples: tuple[HeadingSample | RollSample | RudderSample, ...]
+        samples = (HeadingSample(now, wrap(state.psi + n[0]), state.r + n[1]),)
+        if hears_roll:
+            samples += (RollSample(now, state.phi + n[2], state.p + n[3]),)
+        if has_sensor:
+            samples += (RudderSample(now, rudder + n[4]),)
+        command = pilot.step(now, samples, Order(OrderKind.HEADING, 0.0, serial=1)).command
+        rudder = gear_step(gear, rudder, command.angle, DT)
+        own = rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, rudder)
+        outside = Load(own.Y + push[0], own.K + push[1], own.N + push[2])
+        state = motion_step(NAVAL_HULL, inverse, SERVICE_SPEED, state, outside, DT)
+        roll.append(state.phi)
+    assert isinstance(pilot.law, SlidingRollLaw)
+    return float(np.degrees(np.std(roll[SEEN:]))), pilot.law.weight
+
+
+@pytest.mark.parametrize("has_sensor", [True, False], ids=["rudder sensor", "no rudder sensor"])
+def test_a_rudder_slower_than_its_file_never_rolls_the_ship_more(has_sensor: bool) -> None:
+    """5 deg/s where the file says 20: the law would roll her up to a tenth more than no damping at all."""
+    quiet, _ = rolled(SLOW, hears_roll=False, has_sensor=False)
+    roll, weight = rolled(SLOW, hears_roll=True, has_sensor=has_sensor)
+    assert roll <= 1.02 * quiet
+    assert weight == 0.0
+
+
+@pytest.mark.parametrize("has_sensor", [True, False], ids=["rudder sensor", "no rudder sensor"])
+def test_a_rudder_as_its_file_says_keeps_its_damping_in_the_long_run(has_sensor: bool) -> None:
+    quiet, _ = rolled(GEAR, hears_roll=False, has_sensor=False)
+    roll, weight = rolled(GEAR, hears_roll=True, has_sensor=has_sensor)
+    assert roll < 0.70 * quiet
+    assert weight == 1.0

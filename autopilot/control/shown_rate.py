@@ -1,0 +1,57 @@
+"""The rate of the rudder as it is seen to slew, where the file's is not true of the boat.
+
+Over windows of WINDOW the steering gear of the file, set off from where the rudder stood, is given the same orders:
+
+    travel = delta(t) - delta(t - WINDOW),     |travel of the file's gear| - |travel| > BEHIND   =>   it slews
+
+and then rate += SHARE (|travel|/WINDOW - rate), from that of the file on. A faster one counts always. Without feedback
+the rudder is that of the gear itself, which is never behind, so that the file's rate stands.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.models.steering_gear import SteeringGear, gear_step
+
+WINDOW = 0.6
+"""Time [s] of a window: the noise of two angles is small against what a rudder travels in it."""
+BEHIND = math.radians(2.0)
+"""Further behind the file's gear than this [rad] at the end of a window is slower; noise and latency make up less."""
+SHARE = 0.1
+"""Share of a new window in the rate."""
+LEAST = math.radians(0.5)
+"""No rudder is taken to be slower [rad/s]; one that stands still is another matter."""
+
+
+class ShownRate(NamedTuple):
+    """The rate [rad/s], inf until one was seen; the window: its time [s], the rudder at its beginning, the rudder that
+    the gear of the file would have by now [rad]."""
+
+    rate: float = math.inf
+    since: float = 0.0
+    begin: float = 0.0
+    filed: float = 0.0
+
+
+RATE_UNSEEN = ShownRate()
+
+
+def seen(shown: ShownRate, gear: SteeringGear, rudder: float, order: float, dt: float) -> ShownRate:
+    """Return the rate after `dt` [s] more: `rudder` [rad] as it stands, `order` [rad] that it was given until now.
+
+    A `since` of 0 begins a window. The rate never exceeds that of the file's `gear`.
+    """
+    if shown.since <= 0.0:
+        return ShownRate(shown.rate, dt, rudder, rudder)
+    since, filed = shown.since + dt, gear_step(gear, shown.filed, order, dt)
+    if since < WINDOW:
+        return ShownRate(shown.rate, since, shown.begin, filed)
+    travel, due = rudder - shown.begin, filed - shown.begin
+    speed, known = max(abs(travel) / since, LEAST), min(shown.rate, gear.rate_max)
+    is_behind = travel * due > 0.0 and abs(due) - abs(travel) > BEHIND
+    if is_behind or speed > known:
+        known = speed if math.isinf(known) else min(known + SHARE * (speed - known), gear.rate_max)
+        return ShownRate(known, dt, rudder, rudder)
+    return ShownRate(shown.rate, dt, rudder, rudder)
