@@ -173,8 +173,9 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "rudder hard over for three time constants, the boat turning to the other side as fast, by 20 deg and twice "
-        "the waves' yaw since the rudder came over; or a zigzag turning against its rudder, 45 deg beyond",
+        "rudder hard over for three time constants, the boat turning to the other side as fast, on average too, by "
+        "20 deg and twice the waves' yaw since the rudder came over; or a zigzag turning against its "
+        "rudder, 45 deg beyond",
         "",
     ),
     AlarmKind(

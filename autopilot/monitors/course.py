@@ -75,8 +75,9 @@ class Runaway:
 
     It has run away where it turns nearly as for a rudder hard over there: one that is at its other stop, or a push of
     nearly twice what the rudder can do. Sea and gust turn it so for less than the time in which the rudder takes hold,
-    or not so far. A zigzag orders its rudder without looking back: there it is enough that it goes on turning against
-    it, far on the wrong side.
+    or not so far; a wave turns it back again, so that the mean rate must be as quick as the present one. A zigzag
+    orders its rudder without looking back: there it is enough that it goes on turning against it, far on the wrong
+    side.
     """
 
     def __init__(self) -> None:
@@ -86,6 +87,7 @@ class Runaway:
         """Forget everything."""
         self._hard_since: float | None = None
         self._heading = math.nan
+        self._time, self._mean_rate = math.nan, 0.0
         self._side, self._turned = 0.0, 0.0
         self.has_run = False
         self.overpowered = ""
@@ -95,13 +97,16 @@ class Runaway:
         if not watched.steers:
             self.reset()
             return
-        state, last = watched.state, self._heading
-        self._heading = state.heading
+        state, last, elapsed = watched.state, self._heading, watched.now - self._time
+        self._heading, self._time = state.heading, watched.now
         if watched.astray > ASTRAY and state.rate * watched.rudder < 0.0:
             self.has_run = True
             return
         self.has_run = False
         step = shortest_turn(last, state.heading) if math.isfinite(last) and math.isfinite(state.heading) else 0.0
+        if elapsed > 0.0:
+            share = -math.expm1(-elapsed / _averaging_time(model, watched))
+            self._mean_rate += share * (step / elapsed - self._mean_rate)
         # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
         side = math.copysign(1.0, watched.rudder)
         self._turned = max(self._turned - side * step, 0.0) if side == self._side else 0.0
@@ -117,10 +122,23 @@ class Runaway:
         lasted = watched.now - self._hard_since
         if lasted < TAKES_HOLD * model.time_constant or self._turned < far:
             return
-        self.has_run = lasted >= SETTLED * model.time_constant and _turns_against(model, watched)
+        self.has_run = lasted >= SETTLED * model.time_constant and _turns_against(model, watched, self._mean_rate)
         self.overpowered = self.overpowered or f"to {'port' if watched.rudder > 0.0 else 'starboard'}"
 
 
-def _turns_against(model: Norrbin, watched: Watched) -> bool:
-    answers_to = steady_rudder(model, watched.state.rate)
-    return answers_to * watched.rudder < 0.0 and abs(answers_to) >= AGAINST_SHARE * abs(watched.rudder)
+def _turns_against(model: Norrbin, watched: Watched, mean_rate: float) -> bool:
+    # both: the mean remembers how the boat turned before the rudder came over, the present rate holds a wave's
+    answers_to = (steady_rudder(model, rate) for rate in (watched.state.rate, mean_rate))
+    side = -math.copysign(1.0, watched.rudder)
+    return all(side * angle >= AGAINST_SHARE * abs(watched.rudder) for angle in answers_to)
+
+
+def _averaging_time(model: Norrbin, watched: Watched) -> float:
+    """Return the time constant [s] of the mean rate of turn: the boat's, or longer where waves turn a boat far that its
+    rudder turns slowly.
+
+    A low pass leaves at most 2 deviations of heading / time constant of what waves add to the rate; that is to be no
+    more than what lies between K rudder_max and `AGAINST_SHARE` of it.
+    """
+    waves = WAVES_REACH * watched.state.wave_deviation
+    return max(model.time_constant, waves / ((1.0 - AGAINST_SHARE) * abs(model.gain) * watched.angle_max))

@@ -208,6 +208,41 @@ def test_a_boat_that_is_overpowered_is_not_given_up(gust: float) -> None:
     assert monitors.trouble == ""
 
 
+def in_heavy_waves(boat: Norrbin, push: float, side: float) -> Monitors:
+    """Keep the rudder at its stop in waves that turn the boat quicker than the rudder does; the boat is pushed off its
+    course, and from 50 deg off on by `push` [share of the rudder's stop]. Return the monitors after ten minutes."""
+    monitors, heading, rate, tall, pace = Monitors(LIMITS), 0.0, 0.0, math.radians(5.0), 0.45
+    for k in range(6000):
+        now, shared = k * DT, push if heading > math.radians(50.0) or k > 3000 else 1.3
+        rate = rate_step(boat, rate, (shared - 1.0) * STOP, DT)
+        heading += rate * DT
+        turned = heading + math.sqrt(2.0) * tall * math.sin(pace * now)
+        turns = rate + math.sqrt(2.0) * tall * pace * math.cos(pace * now)
+        seen = watched(now, side * turned, -side * STOP, rate=side * turns)
+        monitors.look(boat, seen._replace(state=seen.state._replace(wave_deviation=tall, wave_frequency=pace)))
+        if monitors.trouble:
+            break
+    return monitors
+
+
+SLUGGISH = [Norrbin(0.1, 20.0, 50.0, reference_speed=4.0), Norrbin(0.05, 1.0, reference_speed=4.0)]
+
+
+@pytest.mark.parametrize("boat", SLUGGISH, ids=["slow", "weak"])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_wave_that_turns_the_boat_against_its_rudder_is_no_runaway(boat: Norrbin, side: float) -> None:
+    """Pushed as hard as the rudder can hold, far off: each wave turns the boat to and fro, and none takes it round."""
+    monitors = in_heavy_waves(boat, 1.0, side)
+    assert monitors.trouble == ""
+    assert "overpowered" in monitors.findings
+
+
+@pytest.mark.parametrize("boat", SLUGGISH, ids=["slow", "weak"])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_rudder_at_the_other_stop_is_given_up_in_heavy_waves_too(boat: Norrbin, side: float) -> None:
+    assert in_heavy_waves(boat, 2.0, side).trouble == RUNAWAY
+
+
 def test_a_boat_that_comes_back_slowly_is_not_given_up() -> None:
     monitors = Monitors(LIMITS)
     for k in range(1200):
