@@ -17,8 +17,9 @@ from autopilot.models.steering_gear import SteeringGear, gear_step
 
 WINDOW = 0.6
 """Time [s] of a window: the noise of two angles is small against what a rudder travels in it."""
-BEHIND = math.radians(2.0)
-"""Further behind the file's gear than this [rad] at the end of a window is slower; noise and latency make up less."""
+BEHIND = math.radians(5.0)
+"""Further behind the file's gear than this [rad] at the end of a window is slower; noise and a sensor that is a quarter
+of a second late make up less."""
 SHARE = 0.1
 """Share of a new window in the rate."""
 LEAST = math.radians(0.5)
