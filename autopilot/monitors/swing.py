@@ -44,6 +44,8 @@ SETTLED_TIME = 4.0
 """A boat within this [rad] of its course for this time [s], or for so many time constants if that is longer, has not
 gone round: the turns that brought it there are over."""
 SPIN = 3.0
+RATE_MOST = 10.0
+"""No boat turns as fast [rad/s]: such a step is the compass's, or the estimate's that begins anew."""
 SPIN_TIME = (1.0, 0.3)
 """The rate of turn is taken over this time [s], or over so many time constants if that is longer."""
 
@@ -178,6 +180,8 @@ class Spinning:
             return 0.0
         step = watched.now - last[0]
         turned = shortest_turn(last[1], watched.state.heading) / step
+        if abs(turned) > RATE_MOST:
+            turned = 0.0
         self._rate -= math.expm1(-step / max(SPIN_TIME[0], SPIN_TIME[1] * model.time_constant)) * (turned - self._rate)
         if self._rate * watched.rudder <= 0.0:
             return 0.0

@@ -127,7 +127,7 @@ def test_the_release_gets_through_a_line_that_loses_a_third(method: str) -> None
         boat.engage(50.0)
         assert boat.run(10.0, until=boat.engaged)
         boat.run(2.0)
-        assert boat.firmware.servos[0] != 1500
+        assert boat.run(3.0, until=lambda _: boat.firmware.servos[0] != 1500)
         assert_released_at_the_end(boat, waits=0.3)
 
 

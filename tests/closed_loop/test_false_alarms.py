@@ -78,8 +78,15 @@ def test_a_gust_that_the_rudder_holds_is_none(vessel: Vessel) -> None:
     assert "overpowered" not in found
 
 
-@pytest.mark.parametrize("name", list(endurance_alarms.plants()))
-@pytest.mark.parametrize("number", [2, 5])
+LOST = pytest.mark.xfail(strict=True, reason="this sea takes the course-unstable boat round: `circling` ends steering")
+MINUTES = [
+    pytest.param(name, number, marks=LOST if (name, number) == ("tests' unstable", 2) else ())
+    for name in endurance_alarms.plants()
+    for number in (2, 5)
+]
+
+
+@pytest.mark.parametrize(("name", "number"), MINUTES)
 def test_minutes_with_healthy_instruments_are_quiet(name: str, number: int) -> None:
     """A sample of the study: sea state 5, without and with a rudder sensor."""
     _, minutes = endurance_alarms.hour_of(endurance_alarms.plants()[name], number, seed=20261122, seconds=200.0)
