@@ -49,8 +49,8 @@ LATE_S = 0.4
 """An answer that comes this much later [s] than the model's is one, too: links and gears are slow at times."""
 LONGEST_GAP_S = 1.0
 LATE_LASTS = 1.0
-"""So long [s] after a tick that came late nothing is evidence against her: what was ordered then has left some time
-between the two ticks, and what she did until then hangs after it."""
+"""So long [s] after a tick that came late nothing is evidence against the rudder: what was ordered then has left some
+time between the two ticks, and what the boat did until then hangs after it."""
 WILD = 6.0
 WILD_MOST = 4
 """A heading so many standard deviations away is left out, but no more than so many in a row."""
