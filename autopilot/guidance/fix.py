@@ -11,32 +11,47 @@ CARRIED_S = 3.0
 """A position is carried on by heading and speed for this long; older ones guide nobody."""
 JUMP_LEAST = 30.0
 JUMP_SPEED = 5.0
-"""Further off than this [m], with what twice the speed or this much more [m/s] explains, must be said twice."""
+"""Further off than this [m], with what twice the speed or this much more [m/s] explains, is a jump."""
 UNDER_WAY = 0.5
 """Above this speed [m/s] a position that stays the same to the last digit is an instrument that has stopped."""
 
 
 class Fix:
-    """Take every `PositionSample`; what to believe is in `newest`."""
+    """Take every `PositionSample`; what to believe is in `newest`.
+
+    A position that the boat cannot have reached is doubted, and with it all that go on from there. Which of the two
+    places is wrong no position tells: the doubt ends with a position near the believed place, or with `believe`.
+    """
 
     def __init__(self) -> None:
         self.newest: PositionSample | None = None
         self._doubted: PositionSample | None = None
+        self.jump = 0.0
+        """How far off [m] those lie that are doubted, once two of them have agreed; else 0."""
 
     def take(self, sample: PositionSample, speed: float) -> None:
-        """Take a position, the boat going at `speed` [m/s]; a repeated one is no news, a jump waits for a second."""
-        newest = self.newest
+        """Take a position, the boat going at `speed` [m/s]; a repeated one is no news."""
+        newest, doubted = self.newest, self._doubted
         if not (math.isfinite(sample.latitude) and math.isfinite(sample.longitude) and math.isfinite(sample.time)):
             return
         if newest is not None:
-            same = (sample.latitude, sample.longitude) == (newest.latitude, newest.longitude)
+            same = sample[1:3] == newest[1:3] or (doubted is not None and sample[1:3] == doubted[1:3])
             if sample.time <= newest.time or (same and abs(speed) > UNDER_WAY):
                 return
+            # the doubted first: with time a boat could have gone from one place to the other
+            if doubted is not None and sample.time > doubted.time and not _jumps(doubted, sample, speed):
+                self.jump = self.jump or bearing_and_distance(_place_of(newest), _place_of(sample))[1]
+                self._doubted = sample
+                return
             if _jumps(newest, sample, speed):
-                doubted, self._doubted = self._doubted, sample
-                if doubted is None or sample.time <= doubted.time or _jumps(doubted, sample, speed):
-                    return
-        self.newest, self._doubted = sample, None
+                self._doubted = sample
+                return
+        self.newest, self._doubted, self.jump = sample, None, 0.0
+
+    def believe(self) -> None:
+        """Believe the place that two positions have agreed on, however far off it is."""
+        if self.jump > 0.0:
+            self.newest, self._doubted, self.jump = self._doubted, None, 0.0
 
     def is_fresh(self, now: float) -> bool:
         """Return whether the place is known well enough to be guided by at `now` [s]."""
@@ -47,7 +62,7 @@ class Fix:
         """The newest place that is believed; ValueError before the first."""
         if self.newest is None:
             raise ValueError("fix: no position yet")
-        return Place(self.newest.latitude, self.newest.longitude)
+        return _place_of(self.newest)
 
     def age(self, now: float) -> float:
         """Return for how long [s] the newest position has to be carried on to `now` [s]; 0 before the first."""
@@ -55,6 +70,10 @@ class Fix:
 
 
 def _jumps(before: PositionSample, sample: PositionSample, speed: float) -> bool:
-    _, distance = bearing_and_distance(Place(before.latitude, before.longitude), Place(*sample[1:3]))
+    _, distance = bearing_and_distance(_place_of(before), _place_of(sample))
     quickest = max(2.0 * abs(speed), abs(speed) + JUMP_SPEED)
     return distance > JUMP_LEAST + quickest * (sample.time - before.time)
+
+
+def _place_of(sample: PositionSample) -> Place:
+    return Place(sample.latitude, sample.longitude)

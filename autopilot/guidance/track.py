@@ -3,7 +3,8 @@
 A leg is the rhumb line between two waypoints; the first one begins where the boat is when following begins. A waypoint
 is passed inside its circle, at the place where the turn into the next leg has to begin (R tan(turn/2) before it, R the
 radius the boat turns with), or at the line through it across the leg. At the end of the route the last leg's course is
-held, corrected for the drift that was learned. Without a position the course steered last is held.
+held, corrected for the drift that was learned. Without a position, or after one that the boat cannot have reached, the
+course steered last is held.
 """
 
 from __future__ import annotations
@@ -106,6 +107,7 @@ class TrackGuide:
         if not 0 <= target < len(route):
             raise ValueError(f"track: there is no waypoint {target} in a route of {len(route)}")
         self.leave()
+        self.fix.believe()
         self.route, self.target = tuple(route), target
         self.following = True
         self._ending = ending
@@ -122,8 +124,10 @@ class TrackGuide:
         self._began: float | None = None
 
     def take(self, sample: PositionSample) -> None:
-        """Take where the boat is."""
+        """Take where the boat is; a jump counts where no route is followed, or when the next one is begun."""
         self.fix.take(sample, self._speed)
+        if not self.following:
+            self.fix.believe()
 
     def course(self, now: float, heading: float, speed: float) -> float:
         """Return the course [rad] to steer at `now` [s], with the boat on `heading` [rad] at `speed` [m/s]."""
@@ -132,7 +136,7 @@ class TrackGuide:
         if self._began is None:
             self._began = now
         self.leg = None
-        if self.following and not self.is_complete and self.fix.is_fresh(now):
+        if self.following and not self.is_complete and self.fix.is_fresh(now) and self.fix.jump == 0.0:
             if self._start is None:
                 self._begin(now)
             self._held = self._along(now, heading, speed, dt)
@@ -238,6 +242,11 @@ class TrackGuide:
             return f"{self._ending}: {held}; give a heading or take the helm"
         if not self.following:
             return ""
+        if self.fix.jump > 0.0:
+            return (
+                f"position jumped by {self.fix.jump:.0f} m, the route is not followed: {held}; "
+                "check the GPS, then begin the route again"
+            )
         if self.leg is None:
             since = max(self._began or 0.0, self.fix.newest.time if self.fix.newest is not None else -math.inf)
             if now - since <= self.settings.position_timeout:

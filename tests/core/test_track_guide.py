@@ -136,7 +136,7 @@ def test_without_any_position_the_present_heading_is_held_and_told() -> None:
     assert "position lost" in guide.alarm
 
 
-def test_a_wild_position_moves_nothing_but_a_real_jump_is_believed_when_repeated() -> None:
+def test_a_wild_position_moves_nothing() -> None:
     guide = following(waypoint(2000, 0))
     boat = Boat(guide)
     boat.sail(20.0)
@@ -146,9 +146,40 @@ def test_a_wild_position_moves_nothing_but_a_real_jump_is_believed_when_repeated
     boat.sail(1.0)
     assert guide.fix.place == at(boat.north - 4.0, boat.east) or guide.fix.place != before
     assert abs(boat.sail(5.0)[-1]) < 1.0
-    for second in range(2):
-        guide.take(PositionSample(boat.now + second, *at(boat.north + 4.0 * second, 500.0)))
-    assert guide.fix.place == at(boat.north + 4.0, 500.0)
+
+
+def jumped(east: float) -> tuple[Boat, TrackGuide]:
+    """A boat on a track to the north whose positions have jumped by `east` [m] 30 s ago and go on from there."""
+    guide = following(waypoint(2000, 0))
+    boat = Boat(guide)
+    boat.sail(20.0)
+    for second in range(1, 31):
+        guide.take(PositionSample(boat.now + second, *at(boat.north + SPEED * second, east)))
+        course = guide.course(boat.now + second, 0.0, SPEED)
+        assert abs(math.degrees(course)) < 1.0
+    return boat, guide
+
+
+def test_a_route_does_not_follow_positions_that_have_jumped() -> None:
+    _, guide = jumped(500.0)
+    assert "position jumped by 50" in guide.alarm
+
+
+def test_positions_that_jump_back_lead_the_route_again() -> None:
+    boat, guide = jumped(200.0)
+    guide.take(PositionSample(boat.now + 31, *at(boat.north + 31 * SPEED, 0.0)))
+    guide.course(boat.now + 31, 0.0, SPEED)
+    assert guide.leg is not None
+    assert guide.alarm == ""
+
+
+def test_positions_that_have_jumped_count_when_the_route_is_begun_again() -> None:
+    boat, guide = jumped(500.0)
+    guide.follow(guide.route)
+    guide.course(boat.now + 30, 0.0, SPEED)
+    assert guide.fix.place == at(boat.north + 30 * SPEED, 500.0)
+    assert guide.leg is not None
+    assert guide.alarm == ""
 
 
 def test_a_gps_that_repeats_itself_under_way_is_lost() -> None:
