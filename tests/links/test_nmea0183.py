@@ -337,3 +337,37 @@ def test_the_checksum_is_the_exclusive_or(body: bytes) -> None:
     for byte in body:
         total ^= byte
     assert checksum(body) == total
+
+
+@pytest.mark.parametrize(
+    ("line", "counts"),
+    [
+        ("$HEHDT,41.87,T*25", (1, 0, 0, 0)),
+        ("$HEHDT,41.87,T*2", (0, 0, 1, 0)),
+        ("$HEHDT,41.87,T*255", (0, 0, 1, 0)),
+        ("$HEHDT,41.87,T", (0, 0, 1, 0)),
+        ("$HEHDT,41.87,T*26", (0, 1, 0, 0)),
+        ("$PGRME,15.0,M,45.0,M,25.0,M*1C", (0, 0, 0, 1)),
+        ("!AIVDM,1,1,,A,14eG;o@034o8sd<L9i:a;WF>062D,0*7D", (0, 0, 0, 1)),
+        *((f"${address},1*{checksum(f'{address},1'.encode()):02X}", (0, 0, 1, 0))
+          for address in ("HEHD", "HEHDTT", "HE-DT", "HEHdT", "hehdt", "-----", "12345", "")),
+        ("$HEHDT,41.87,T*25\r\n$HEHDT,41.87,T*25", (2, 0, 0, 0)),
+    ],
+)  # fmt: skip
+def test_each_line_counts_once_as_what_it_is(line: str, counts: tuple[int, int, int, int]) -> None:
+    framer = NmeaFramer()
+    found = framer.feed(line.encode() + b"\r\n")
+    assert framer.counts == counts and len(found) == counts[0]
+    framer.feed(line.encode() + b"\r\n")
+    assert framer.counts == tuple(2 * count for count in counts)
+
+
+def test_a_sentence_of_102_characters_is_taken_and_a_longer_one_is_not() -> None:
+    for size, is_taken in ((102, True), (103, False)):
+        body = "GPTXT," + "x" * (size - 10)
+        line = f"${body}*{checksum(body.encode()):02X}".encode()
+        assert len(line) == size
+        for chunks in ([line + b"\r\n"], [line[:90], line[90:], b"\r\n"]):
+            framer = NmeaFramer()
+            assert sum(len(framer.feed(chunk)) for chunk in chunks) == is_taken
+            assert framer.counts.malformed == (not is_taken)

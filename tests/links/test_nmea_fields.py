@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from autopilot.links import nmea_encoders as encoders
-from autopilot.links.nmea0183 import NmeaFramer
+from autopilot.links.nmea0183 import NmeaFramer, format_sentence
 from autopilot.links.nmea_samples import Deviation, NmeaReader
 from autopilot.signals import HeadingSample, RateSample, RudderSample, SpeedSample, WindSample
 
@@ -87,6 +89,12 @@ def read(body: str, **options: object) -> tuple[object, str]:
         ("GPVTG,1,T,,M,5.0,N,,K,N", "invalid"),
         ("GPVTG,1,T,,M,5.0,N,,K", ""),
         ("GPVTG,1,T,,M,,N,5.0,N,A", "malformed"),
+        ("GPVTG,1,T,,M,5.0,,18.0,K,A", "malformed"),
+        ("GPVTG,1,T,,M,,N,200.0,K,A", ""),
+        ("GPVTG,1,T,,M,,N,200.1,K,A", "malformed"),
+        ("GPVTG,1,T,,M,,N,-0.1,K,A", "malformed"),
+        ("VWVHW,,T,,M,,N,-200.0,K", ""),
+        ("VWVHW,,T,,M,,N,-200.1,K", "malformed"),
         ("GPVTG,1,T,,M,,N,,K,A", "invalid"),
         ("VWVHW,,T,,M,-200.0,N,,K", ""),
         ("VWVHW,,T,,M,-200.1,N,,K", "malformed"),
@@ -123,6 +131,11 @@ def test_a_field_is_taken_up_to_its_limit_and_no_further(body: str, fate: str) -
         ("WIMWV,0.0,R,7.0,M,A", WindSample(2.5, 0.0, 7.0, "WIMWV")),
         ("GPVTG,1,T,,M,10.0,N,99.0,K,A", SpeedSample(2.5, 10.0 * KNOT, True, "GPVTG")),
         ("GPVTG,1,T,,M,,N,36.0,K,A", SpeedSample(2.5, 10.0, True, "GPVTG")),
+        # knots go before, however little else is filled in
+        ("GPVTG,1,T,,M,10.0,N,99.0,K", SpeedSample(2.5, 10.0 * KNOT, True, "GPVTG")),
+        ("GPVTG,1,T,,M,10.0,N,99.0,", SpeedSample(2.5, 10.0 * KNOT, True, "GPVTG")),
+        ("VWVHW,,T,,M,10.0,N,99.0", SpeedSample(2.5, 10.0 * KNOT, False, "VWVHW")),
+        ("VWVHW,,T,,M,,N,36.0,K", SpeedSample(2.5, 10.0, False, "VWVHW")),
         ("VWVHW,,T,,M,-1.0,N,,K", SpeedSample(2.5, -KNOT, False, "VWVHW")),
         ("GPRMC,0,A,,,,,5.0,1.0,010126,,,A", SpeedSample(2.5, 5.0 * KNOT, True, "GPRMC")),
     ],
@@ -180,6 +193,30 @@ def test_the_time_of_day(seconds: float, clock: str) -> None:
 )
 def test_a_place_in_degrees_and_minutes(latitude: float, longitude: float, fields: str) -> None:
     assert ",".join(body(encoders.encode_rmc(0.0, 0.0, latitude, longitude)).split(",")[3:7]) == fields
+
+
+@given(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0))
+def test_a_place_is_read_again_within_a_twenty_thousandth_of_a_minute(latitude: float, longitude: float) -> None:
+    """Four decimals of a minute, each 0.185 m: what is read lies within half of one."""
+    reader = NmeaReader()
+    (sentence,) = NmeaFramer().feed(encoders.encode_rmc(0.0, 0.0, latitude, longitude))
+    assert isinstance(reader.read(3.0, sentence), SpeedSample)
+    place = reader.take_position()
+    assert place is not None and place.time == 3.0 and reader.take_position() is None
+    half = 0.5e-4 / 60.0 + 1e-9
+    assert math.degrees(place.latitude) == pytest.approx(latitude, abs=half)
+    assert math.degrees(place.longitude) == pytest.approx(longitude, abs=half)
+    minutes = [field[-7:] for field in (sentence.fields[2], sentence.fields[4])]
+    assert all(float(each) < 60.0 for each in minutes)
+
+
+@pytest.mark.parametrize("empty", ["", "4530.0,N,,", ",,01015.0,E"])
+def test_a_speed_comes_without_a_place_and_a_place_only_whole(empty: str) -> None:
+    reader = NmeaReader()
+    line = f"GPRMC,0,A,{empty or ',,,'},5.0,1.0,010126,,,A"
+    address, *fields = line.split(",")
+    (sentence,) = NmeaFramer().feed(format_sentence(address[:2], address[2:], fields))
+    assert isinstance(reader.read(0.0, sentence), SpeedSample) and reader.take_position() is None
 
 
 def test_every_sentence_whole() -> None:

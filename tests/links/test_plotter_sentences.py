@@ -224,3 +224,52 @@ def test_which_sentences_lead_which_say_that_they_do_not_and_which_cannot_be(bod
     heard, reader = hear(body)
     found = "malformed" if reader.malformed else "invalid" if reader.invalid else ""
     assert (found, len(heard)) == (fate, 0 if fate == "malformed" else 1)
+
+
+def hear_at(*timed: tuple[float, str]) -> list[PlotterMessage]:
+    ear = Ear()
+    reader, framer = NmeaReader(guide=ear), NmeaFramer()
+    for time, body in timed:
+        address, *fields = body.split(",")
+        for sentence in framer.feed(format_sentence(address[:2], address[2:], fields)):
+            reader.read(time, sentence)
+    return ear.heard
+
+
+@pytest.mark.parametrize(("mode", "course", "track", "heading"), [
+    ("T", "", "120.0", 120.0), ("T", "350.0", "120.0", 350.0), ("H", "350.0", "120.0", 350.0),
+    ("S", "350.0", "", 350.0), ("S", "", "120.0", None), ("H", "", "120.0", None), ("T", "", "", None),
+])  # fmt: skip
+def test_a_track_is_steered_only_in_track_mode_and_where_no_heading_is_given(
+    mode: str, course: str, track: str, heading: float | None
+) -> None:
+    (told,), _ = hear(f"IIHTD,V,,,{mode},N,,,,,{course},,{track},T,A,A,A,040")
+    if heading is None:
+        assert isinstance(told, PlotterInvalid)
+    else:
+        assert isinstance(told, PlotterHeading)
+        assert math.degrees(told.heading) % 360.0 == pytest.approx(heading)
+
+
+@pytest.mark.parametrize(("later", "by_apb"), [(0.1, True), (8.0, True), (8.1, False)])
+@pytest.mark.parametrize("body", ["IIHTD,V,,,H,N,,,,,045.0,,,T", "GPRMB,A,0.1,L,A,B,,,,,5.0,45.0,,V,A"])
+def test_eight_seconds_after_apb_fell_silent_the_plotter_s_other_sentences_lead(
+    body: str, later: float, by_apb: bool
+) -> None:
+    apb = "GPAPB,A,A,0.10,R,N,V,V,090.0,T,D,011,T,011,T,A"
+    heard = hear_at((100.0, apb), (100.0 + later, body))
+    assert len(heard) == (1 if by_apb else 2)
+
+
+@pytest.mark.parametrize(("later", "is_taken"), [(0.1, True), (8.0, True), (8.1, False)])
+def test_xte_renews_no_leg_older_than_eight_seconds_and_makes_none_younger(later: float, is_taken: bool) -> None:
+    apb, xte = "GPAPB,A,A,0.100,R,N,V,V,090.0,T,D,011,T,011,T,A", "GPXTE,A,A,0.096,R,N,A"
+    heard = hear_at((100.0, apb), (100.0 + later, xte))
+    assert [message.time for message in heard] == ([100.0, 100.0] if is_taken else [100.0])
+    assert len(hear_at((100.0, apb), (104.0, xte), (100.0 + later, xte))) == (3 if is_taken else 2)
+
+
+def test_what_the_plotter_says_of_itself_is_counted_as_invalid_and_what_it_orders_is_not() -> None:
+    heard, reader = hear(*["IIHTD,V,,,H,N,,,,,045.0,,,T"] * 3, *["IIHTD,V,,,M,N,,,,,045.0,,,T"] * 2)
+    assert [type(message) for message in heard] == [PlotterHeading] * 3 + [PlotterInvalid] * 2
+    assert (reader.invalid, reader.malformed, reader.ignored) == (2, 0, 0)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import multiprocessing
 import time
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from autopilot.errors import InputError
 from autopilot.links import signing_key
 from autopilot.links.signing import MINUTE
-from autopilot.links.signing_key import BLOCK, TimestampBlocks, open_signing, read_key
+from autopilot.links.signing_key import BLOCK, TimestampBlocks, clock_timestamp, open_signing, read_key
 
 NOW = 37_000_000_000_000
 
@@ -159,6 +160,70 @@ def test_a_damaged_timestamp_file_is_refused(key: Path, text: str) -> None:
 
 
 def test_timestamps_that_are_used_up_are_refused(key: Path) -> None:
-    key.with_name("signing.key.timestamp").write_text(str(2**48 - 10))
-    with pytest.raises(InputError, match="used up; make a new key"):
-        TimestampBlocks(key)
+    """They have 48 bits: a block must end within them, and the last one may."""
+    file = key.with_name("signing.key.timestamp")
+    for reserved in (2**48 - 10, 2**48 - BLOCK, 2**48 - 1):
+        file.write_text(str(reserved))
+        with pytest.raises(InputError, match="used up; make a new key"):
+            TimestampBlocks(key, lambda: NOW)
+    file.write_text(str(2**48))
+    with pytest.raises(InputError, match="holds no timestamp"):
+        TimestampBlocks(key, lambda: NOW)
+    file.write_text(str(2**48 - 1 - BLOCK))
+    assert TimestampBlocks(key, lambda: NOW).next().to_bytes(6, "little")
+    assert int(file.read_text()) == 2**48 - 1
+
+
+def test_the_clock_counts_units_of_ten_microseconds_since_2015(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As https://mavlink.io/en/guide/message_signing.html has it: 1 January 2015 GMT is 0."""
+    since = datetime(2015, 1, 1, tzinfo=UTC)
+    for days, units in ((0, 0), (1, 86_400 * 100_000), (-1, 0), (4000, 4000 * 86_400 * 100_000)):
+        monkeypatch.setattr(signing_key.time, "time", lambda days=days: (since + timedelta(days)).timestamp())
+        assert clock_timestamp() == units
+    monkeypatch.setattr(signing_key.time, "time", lambda: since.timestamp() + 0.25)
+    assert clock_timestamp() == 25_000
+
+
+def test_a_new_run_and_a_program_beside_it_begin_where_the_clock_is_and_go_on_a_second_later(key: Path) -> None:
+    """A block is a second of timestamps: a hundred restarts in a minute come no further ahead than 100 s."""
+    blocks = [TimestampBlocks(key, lambda: NOW) for _ in range(3)]
+    assert [each.current for each in blocks] == [NOW, NOW + 100_000, NOW + 200_000]
+    assert [each.next() for each in blocks] == [NOW + 1, NOW + 100_001, NOW + 200_001]
+    assert [each.current for each in blocks] == [NOW + 1, NOW + 100_001, NOW + 200_001]
+
+
+def test_the_first_packet_hears_of_no_block_of_its_own_before_it_sent_any(key: Path) -> None:
+    blocks = TimestampBlocks(key, lambda: NOW)
+    blocks.saw(NOW - 5)
+    assert blocks.current == NOW, "what is behind us changes nothing"
+    blocks.saw(NOW + 5)
+    assert blocks.current == NOW + 5 and blocks.next() > NOW
+
+
+def test_a_peer_half_a_minute_ahead_is_caught_up_with_at_once_and_one_less_far_in_its_time(key: Path) -> None:
+    for ahead, is_wanted in ((3_000_000, False), (3_000_001, True)):
+        blocks = TimestampBlocks(key, lambda: NOW)
+        first = blocks.next()
+        blocks.saw(first + ahead)
+        blocks.saw(first + 1)
+        assert blocks._wanted.is_set() is is_wanted
+        assert blocks.current == first + ahead
+
+
+def test_a_key_file_may_have_1024_bytes(key: Path) -> None:
+    key.write_text("x" * 1024)
+    assert read_key(key) == hashlib.sha256(b"x" * 1024).digest()
+    for content in ("x" * 1025, "x" * 1024 + "\n"):
+        key.write_text(content)
+        with pytest.raises(InputError, match="longer than 1024 bytes"):
+            read_key(key)
+    key.write_text("a\r\n")
+    assert read_key(key) == hashlib.sha256(b"a").digest()
+
+
+def test_programs_that_run_at_once_sign_under_different_numbers(key: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = []
+    for process in (4000, 4001, 4002):
+        monkeypatch.setattr(signing_key.os, "getpid", lambda process=process: process)
+        numbers.append(open_signing(key).link().link_id)
+    assert len(set(numbers)) == 3 and all(64 <= number <= 255 for number in numbers)
