@@ -99,15 +99,15 @@ def target_of(frame: bytes) -> Address:
     start = 10 if frame[0] == MAGIC_V2 else 6
     length = frame[1]
     # MAVLink 2 leaves zeros at the end of a payload out
-    ids = (frame[start + place] if 0 <= place < length else 0 for place in places)
+    ids = (frame[start + place] if place is not None and place < length else 0 for place in places)
     return Address(*ids)
 
 
-_places: dict[int, tuple[int, int] | None] = {}
-"""For each message, where in its payload target system and component stand; -1 where the latter is missing."""
+_places: dict[int, tuple[int, int | None] | None] = {}
+"""For each message, where in its payload target system and component stand; None where the latter is missing."""
 
 
-def _target_places(identity: int) -> tuple[int, int] | None:
+def _target_places(identity: int) -> tuple[int, int | None] | None:
     kind = _known.get(identity)
     if kind is None:
         return None
@@ -117,4 +117,4 @@ def _target_places(identity: int) -> tuple[int, int] | None:
         offsets[name] = place
         place += struct.calcsize("<" + token)
     system = offsets.get("target_system", offsets.get("target"))
-    return None if system is None else (system, offsets.get("target_component", -1))
+    return None if system is None else (system, offsets.get("target_component"))

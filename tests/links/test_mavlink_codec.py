@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links import mavlink_layouts
 from autopilot.links.extra_messages import EXTRA_MESSAGES, CommandCancel
-from autopilot.links.mavlink_codec import FRAME_MAX, MavlinkCodec, is_mavlink
+from autopilot.links.mavlink_codec import FRAME_MAX, MavlinkCodec, frame_length, is_mavlink, message_id
 
 
 def packets(count: int, system: int = 1) -> list[bytes]:
@@ -175,6 +176,97 @@ def test_every_message_is_read_as_pymavlink_reads_it(data) -> None:
     assert MavlinkCodec(9, 8).encode(again) == dialect.MAVLink(None).decode(bytearray(frame)).pack(peer)
 
 
+PAYLOADS = (b"\0", b"\1", bytes(range(1, 256)), bytes(range(255)), bytes(12) + b"\x40\x41\x42", b"ab\0cd" * 51)
+
+
+@pytest.mark.parametrize(
+    ("payload", "is_compiled"), [*((payload, True) for payload in PAYLOADS), (PAYLOADS[2], False), (PAYLOADS[0], False)]
+)
+def test_all_messages_go_both_ways_as_pymavlink_has_them(payload: bytes, is_compiled: bool, monkeypatch) -> None:
+    """Whole, cut short and all zeros, with pymavlink's compiled checksum and without it."""
+    if not is_compiled:
+        monkeypatch.setattr(dialect, "mcrf4xx", None)
+        monkeypatch.setattr(dialect, "x25crc", dialect._x25crc_slow)
+    monkeypatch.setattr(mavlink_layouts, "_layouts", {})
+    monkeypatch.setattr(mavlink_layouts, "_writers", {})
+    for kind in dialect.mavlink_map.values():
+        body = payload[: kind.unpacker.size]
+        frame = bytes([0xFD, len(body), 0, 0, 7, 3, 4]) + kind.id.to_bytes(3, "little") + body
+        frame += dialect.x25crc(frame[1:] + bytes([kind.crc_extra])).crc.to_bytes(2, "little")
+        expected = dialect.MAVLink(None).decode(bytearray(frame))
+        (read,) = MavlinkCodec().decode(frame)
+        assert {name: repr(getattr(read, name)) for name in kind.fieldnames} == {
+            name: repr(getattr(expected, name)) for name in kind.fieldnames
+        }
+        assert repr(vars(read._header)) == repr(vars(expected._header)) and message_id(read) == kind.id
+        peer = dialect.MAVLink(None, srcSystem=9, srcComponent=8)
+        assert MavlinkCodec(9, 8).encode(read) == bytes(expected.pack(peer)), kind.msgname
+
+
+def test_the_messages_that_come_often_are_read_and_written_without_pymavlink_s_own_slow_way() -> None:
+    often = (0, 1, 24, 27, 30, 33, 35, 36, 62, 65, 69, 70, 74, 76, 77, 147)
+    left_over = {}
+    for identity in often:
+        kind = dialect.mavlink_map[identity]
+        has_arrays = any(kind.array_lengths)
+        assert (mavlink_layouts.layout_of(identity) is None) is has_arrays
+        left_over[identity] = mavlink_layouts.writer_of(kind) is None
+    assert [identity for identity, is_left in left_over.items() if is_left] == [147], "numbers in an array"
+    assert mavlink_layouts.writer_of(CommandCancel) is None
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("is_signed", [False, True])
+def test_how_long_a_frame_is_is_known_from_its_header(version: int, is_signed: bool) -> None:
+    """MAVLink 1: 6 bytes of header and 2 of checksum; MAVLink 2: 10 and 2, and 13 of signature."""
+    if version == 1 and is_signed:
+        return
+    peer = dialect.MAVLink(None, srcSystem=9, srcComponent=1)
+    if is_signed:
+        peer.signing.secret_key, peer.signing.sign_outgoing, peer.signing.timestamp = bytes(32), True, 1
+    message = dialect.MAVLink_attitude_message(1, 0.0, 0.0, 0.25, 0.0, 0.0, 0.5)
+    frame = bytes(message.pack(peer, force_mavlink1=version == 1))
+    header = 6 if version == 1 else 10
+    assert len(frame) == header + 28 + 2 + (13 if is_signed else 0)
+    for start in (b"", b"\xfd\xfe\x00"):
+        for waiting in range(1, len(frame) + 1):
+            found = frame_length(start + frame[:waiting], len(start))
+            assert found == (0 if waiting < header else len(frame)), waiting
+    stream, ends = MavlinkCodec(is_stream=True), []
+    for place in range(3 * len(frame)):
+        ends += [place + 1 for _ in stream.decode((3 * frame)[place : place + 1])]
+    assert ends == [len(frame), 2 * len(frame), 3 * len(frame)], "each is there with its last byte"
+
+
+def test_a_header_that_cannot_be_is_noise_as_soon_as_that_is_seen() -> None:
+    assert frame_length(b"\x24", 0) == frame_length(b"\x00\xfd", 0) == -1
+    for flags in (2, 3, 4, 128, 254):
+        assert frame_length(bytes([0xFD, 9, flags]), 0) == -1
+    assert frame_length(b"\xfd\x09\x00", 0) == frame_length(b"\xfd\x09\x01", 0) == 0
+    attitude = bytes([0xFD, 28, 0, 0, 0, 1, 1])
+    for identity, length in ((30, 40), (30 + 256, 40), (30 + 65536, -1), (0xFFFFFF, -1), (50000, -1), (42000, 40)):
+        known = dialect.mavlink_map.get(identity) is not None
+        assert frame_length(attitude + identity.to_bytes(3, "little"), 0) == (length if known else -1)
+    assert frame_length(bytes([0xFE, 28, 0, 1, 1, 30]), 0) == 36
+    unknown = next(identity for identity in range(256) if identity not in mavlink_layouts.KNOWN)
+    assert frame_length(bytes([0xFE, 28, 0, 1, 1, unknown]), 0) == -1
+
+
+def test_three_hundred_false_beginnings_are_looked_at_and_no_more() -> None:
+    """A damaged frame has 280 bytes at most; a flood of beginnings holds up no loop, and is one run of noise."""
+    for count, found in ((280, 1), (299, 1), (300, 0), (5000, 0)):
+        codec = MavlinkCodec()
+        assert len(codec.decode(b"\xfd\x00\x02" * count + packets(1)[0])) == found
+        assert (codec.received, codec.bad) == (found, 1)
+        assert len(codec.decode(packets(1)[0])) == 1
+
+
+def test_what_was_counted() -> None:
+    codec = MavlinkCodec()
+    codec.decode(b"noise" + packets(1)[0] + b"more" + packets(2)[1] + packets(1)[0] + b"\xfe")
+    assert (codec.received, codec.bad, codec.refused) == (3, 3, 0)
+
+
 def test_a_stranger_is_known_by_his_first_bytes() -> None:
     packet = packets(1)[0]
     assert is_mavlink(packet)
@@ -221,3 +313,45 @@ def test_messages_beyond_the_dialect_are_as_their_checksum_says() -> None:
             text += chr(length) if length else ""
         crc = dialect.x25crc(text.encode()).crc
         assert (crc & 0xFF) ^ (crc >> 8) == kind.crc_extra, kind.msgname
+
+
+SIZES = {"char": 1, "uint8_t": 1, "uint16_t": 2, "uint32_t": 4}
+
+
+def test_messages_beyond_the_dialect_are_those_of_the_standard() -> None:
+    """Number, checksum seed and length as in https://mavlink.io/en/messages/common.html and development.html."""
+    standard = {
+        "COMMAND_CANCEL": (80, 14, 4),
+        "COMPONENT_INFORMATION": (395, 0, 212),
+        "COMPONENT_METADATA": (397, 182, 108),
+        "AVAILABLE_MODES": (435, 134, 46),
+        "CURRENT_MODE": (436, 193, 9),
+    }
+    assert {kind.msgname: (kind.id, kind.crc_extra, kind.unpacker.size) for kind in EXTRA_MESSAGES.values()} == standard
+    assert all(identity == kind.id for identity, kind in EXTRA_MESSAGES.items())
+    beat = dialect.MAVLink_heartbeat_message
+    for kind in EXTRA_MESSAGES.values():
+        types = {name: kind.fieldtypes[place] for place, name in enumerate(kind.fieldnames)}
+        assert sorted(kind.fieldnames) == sorted(kind.ordered_fieldnames)
+        assert kind.ordered_fieldnames == sorted(kind.fieldnames, key=lambda name, t=types: -SIZES[t[name]])
+        fields = [1 if types[name] != "char" else b"x" for name in kind.fieldnames]
+        message = kind(*fields)
+        assert (message._instance_field, message._instance_offset) == (beat.instance_field, beat.instance_offset)
+        assert message.get_fieldnames() == kind.fieldnames and message.get_type() == kind.msgname
+
+
+def test_messages_beyond_the_dialect_are_packed_byte_for_byte() -> None:
+    """Little-endian, the wide fields first; zeros at the end are left out."""
+    from autopilot.links.extra_messages import AvailableModes, ComponentMetadata, CurrentMode
+
+    for message, payload in (
+        (CommandCancel(1, 2, 0x7922), "22 79 01 02"),
+        (CurrentMode(3, 0x01020304, 0x0A0B0C0D), "04 03 02 01 0d 0c 0b 0a 03"),
+        (AvailableModes(9, 8, 7, 0x01020304, 5, b"Hold"), "04 03 02 01 05 00 00 00 09 08 07 48 6f 6c 64"),
+        (ComponentMetadata(258, 0x01020304, b"mftp:/a"), "02 01 00 00 04 03 02 01 6d 66 74 70 3a 2f 61"),
+    ):
+        frame = MavlinkCodec(4, 5).encode(message)
+        assert frame[10:-2].hex(" ") == payload
+        assert frame[:10] == bytes([0xFD, len(frame) - 12, 0, 0, 0, 4, 5]) + message.id.to_bytes(3, "little")
+        crc = dialect.x25crc(frame[1:-2] + bytes([message.crc_extra])).crc
+        assert frame[-2:] == crc.to_bytes(2, "little")

@@ -86,6 +86,34 @@ def test_every_message_of_the_dialect_says_whom_it_is_for() -> None:
         assert target_of(frame) == EVERYBODY
 
 
+def test_every_message_with_a_target_says_so_as_pymavlink_packs_it() -> None:
+    """Fields, in the order on the wire, hold their own place: what is read is the byte of the target."""
+    seen = 0
+    for kind in dialect.mavlink_map.values():
+        if not {"target_system", "target"} & set(kind.fieldnames) or any(kind.array_lengths):
+            continue
+        system_field = "target_system" if "target_system" in kind.fieldnames else "target"
+        if kind.fieldtypes[kind.fieldnames.index(system_field)] != "uint8_t":
+            continue
+        values = dict.fromkeys(kind.fieldnames, b"x" if "char" in kind.fieldtypes else 3)
+        message = kind(**{**values, system_field: 42})
+        message.target_component = 7
+        for version_1 in (False, True) if kind.id < 256 else (False,):
+            expected = Address(42, 7 if "target_component" in kind.fieldnames else 0)
+            assert target_of(packed(message, speaker(9, 8), version_1)) == expected, kind.msgname
+        seen += 1
+    assert seen > 40
+
+
+def test_zeros_that_mavlink_2_leaves_out_are_read_as_everybody() -> None:
+    """The payload of a message to everybody ends before its target where nothing else follows."""
+    for system, component in ((0, 0), (5, 0), (0, 6), (5, 6)):
+        message = dialect.MAVLink_command_long_message(system, component, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        frame = packed(message, speaker(9, 8))
+        assert frame[1] == (32 if component else 31 if system else 1)
+        assert target_of(frame) == Address(system, component)
+
+
 def test_what_is_for_everybody_goes_everywhere_but_back() -> None:
     net, vehicle, station = Net(), speaker(1, 1), speaker(255, 190)
     assert net.take(0, packed(BEAT, vehicle)) == [1, 2]
@@ -198,6 +226,31 @@ def test_a_stream_split_anywhere_is_cut_into_the_same_frames(size: int) -> None:
     frames, data = stream()
     framer = Framer(is_stream=True)
     assert [f for start in range(0, len(data), size) for f in framer.frames(data[start : start + size])] == frames
+
+
+def test_a_frame_of_a_stream_goes_on_with_its_last_byte_and_not_before_or_after() -> None:
+    frames, data = stream()
+    framer, ends = Framer(is_stream=True), []
+    for place in range(len(data)):
+        ends += [(place + 1, frame) for frame in framer.frames(data[place : place + 1])]
+    assert ends == [(sum(map(len, frames[: n + 1])), frame) for n, frame in enumerate(frames)]
+
+
+def test_a_beginning_that_cannot_be_is_passed_over_at_once() -> None:
+    """Flags that no one has agreed on: what is behind them is not held back."""
+    frames, _ = stream()
+    for flags in (2, 3, 128, 255):
+        framer = Framer(is_stream=True)
+        assert framer.frames(bytes([0xFD, 200, flags]) + frames[0]) == [frames[0]]
+
+
+def test_three_hundred_false_beginnings_are_looked_at_and_no_more() -> None:
+    """A damaged frame has 280 bytes at most; a flood of them holds up no loop."""
+    frames, _ = stream()
+    for count, found in ((280, 1), (299, 1), (300, 0), (5000, 0)):
+        framer = Framer()
+        assert len(framer.frames(b"\xfd\x00\x02" * count + frames[0])) == found
+        assert framer.frames(frames[0]) == [frames[0]]
 
 
 def test_a_datagram_is_cut_too_and_borrows_nothing() -> None:
