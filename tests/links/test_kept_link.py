@@ -16,8 +16,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.build import build_pilot
 from autopilot.build_links import LinkOptions, build_links
+from autopilot.estimation.source_priority import SourcePriority
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import Link, LinkError, close_all
+from autopilot.links.believed_link import BelievedLink
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
 from autopilot.links.boat.mission import Mission
@@ -28,6 +30,7 @@ from autopilot.links.drives.maestro import Maestro
 from autopilot.links.kept_link import RETRY_S, KeptLink
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink
+from autopilot.links.release import Release, ReleaseState
 from autopilot.links.transports import SerialTransport, loopback_pair
 from autopilot.links.transports.device_names import device_of
 from autopilot.loop.clock import ManualClock
@@ -406,3 +409,182 @@ def test_every_link_is_closed_even_where_another_fails() -> None:
     with pytest.raises(LinkError, match="stuck"):
         close_all([Closing(number) for number in range(3)])  # type: ignore[misc]
     assert sorted(closed) == [0, 1, 2]
+
+
+class Recorded:
+    """A link that writes down what it is asked."""
+
+    name = "line"
+
+    def __init__(self) -> None:
+        self.asked: list[Any] = []
+        self.fails: LinkError | None = None
+        self.brings: list[Sample] = []
+        self.packets: list[tuple[float, bytes]] = []
+
+    def _note(self, *asked: Any) -> None:
+        self.asked.append(asked)
+        if self.fails is not None:
+            raise self.fails
+
+    def fileno(self) -> int:
+        return 17
+
+    def receive(self, now: float) -> list[Sample]:
+        self._note("receive", now)
+        return self.brings
+
+    def send(self, now: float, command: Any) -> None:
+        self._note("send", now, command)
+
+    def tell(self, now: float, mode: Any, alarms: Any) -> None:
+        self._note("tell", now, mode, alarms)
+
+    def keep(self, now: float) -> None:
+        self._note("keep", now)
+
+    def release(self, now: float) -> None:
+        self.asked.append(("release", now))
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        packets, self.packets = self.packets, []
+        return packets
+
+    def close(self) -> None:
+        self.asked.append(("close",))
+
+
+class Mover(Recorded):
+    """One that moves a rudder and shows what it is shown."""
+
+    result: Release | None = None
+
+    def show(self, tick: Any) -> None:
+        self._note("show", tick)
+
+    def release_result(self, now: float) -> Release | None:
+        self.asked.append(("release_result", now))
+        return self.result
+
+
+WRAPPERS: dict[str, Callable[[Any], Any]] = {
+    "kept": lambda link: KeptLink("line", True, lambda: link, at_once),
+    "believed": lambda link: BelievedLink(link, SourcePriority()),
+}
+
+
+@pytest.mark.parametrize("wrapper", WRAPPERS)
+@pytest.mark.parametrize("kind", [Recorded, Mover])
+def test_a_link_round_another_passes_on_every_word(wrapper: str, kind: type[Recorded]) -> None:
+    inside = kind()
+    link = WRAPPERS[wrapper](inside)
+    tick = SimpleNamespace(now=7.0)
+    command = object()
+    inside.brings = [HeadingSample(1.0, 0.5, None, "HEHDT")]
+    inside.packets = [(1.0, b"a")]
+    assert (link.name, link.fileno(), link.receive(1.0)) == ("line", 17, inside.brings)
+    link.send(2.0, command)
+    link.tell(3.0, Mode.ENGAGED, ("one",))
+    link.keep(4.0)
+    link.show(tick)
+    link.release(5.0)
+    found = link.release_result(6.0)
+    assert (link.take_packets(), link.take_packets()) == ([(1.0, b"a")], [])
+    link.close()
+    shown = [("show", tick)] if kind is Mover else []
+    asked = [("release_result", 6.0)] if kind is Mover else []
+    assert inside.asked == [
+        *(("receive", 1.0), ("send", 2.0, command), ("tell", 3.0, Mode.ENGAGED, ("one",)), ("keep", 4.0)),
+        *(*shown, ("release", 5.0), *asked, ("close",)),
+    ]
+    assert found == (None if kind is Mover else Release("line", ReleaseState.NOT_HELD))
+    if kind is Mover:
+        inside.result = Release("line", ReleaseState.CONFIRMED, "a report")  # type: ignore[attr-defined]
+        link = WRAPPERS[wrapper](inside)
+        assert link.release_result(8.0) == inside.result  # type: ignore[attr-defined]
+
+
+def test_of_two_links_only_the_believed_instrument_passes() -> None:
+    priority = SourcePriority()
+    first, second = Recorded(), Recorded()
+    second.name = "other"
+    first.brings = [HeadingSample(1.0, 0.5, None, "HEHDT")]
+    second.brings = [HeadingSample(1.0, 0.6, None, "HEHDT"), HelmSample(1.0, True, "", "other")]
+    links = [BelievedLink(link, priority) for link in (first, second)]  # type: ignore[arg-type]
+    assert links[0].receive(1.0) == first.brings
+    assert links[1].receive(1.0) == second.brings[1:]
+
+
+@pytest.mark.parametrize("call", ["receive", "send", "tell", "keep", "show"])
+def test_a_line_that_breaks_in_any_call_is_left_released_and_said_once(call: str) -> None:
+    inside = Mover()
+    ends = [inside]
+
+    def opener() -> Any:
+        if not ends:
+            raise LinkError("line: still gone; look")
+        return ends.pop()
+
+    kept = KeptLink("line", True, opener, at_once)
+    inside.packets = [(0.5, b"before")]
+    inside.fails = LinkError("line: pulled; plug it in and start again")
+    arguments = {"send": (2.0, None), "tell": (2.0, Mode.ENGAGED, ()), "show": (SimpleNamespace(now=2.0),)}
+    found = getattr(kept, call)(*arguments.get(call, (2.0,)))
+    said = "line: pulled; it is opened again as soon as it is there"
+    news = found if call == "receive" else kept.receive(2.5)
+    assert news == [HelmSample(2.0, False, said, "line"), AlarmSample(2.0, said, "line line")]
+    assert inside.asked[-3:] == [("release", 2.0), ("release_result", 2.0), ("close",)]
+    assert kept.release_result(2.6) == Release("line", ReleaseState.LOST), "nothing showed what became of the rudder"
+    assert kept.trouble == said and kept.take_packets() == [(0.5, b"before")] and kept.fileno() == -1
+    assert kept.receive(2.9) == []
+    kept.release(3.0)  # nothing is there, and nothing is raised
+
+
+def test_what_became_of_the_rudder_is_remembered_where_the_link_knew_it() -> None:
+    inside = Mover()
+    inside.result = Release("line", ReleaseState.CONFIRMED, "a report")
+    kept = KeptLink("line", True, lambda: inside, lambda work: None)  # type: ignore[arg-type, return-value]
+    inside.fails = LinkError("gone")
+    kept.keep(1.0)
+    assert kept.release_result(2.0) == inside.result
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.9, 5.0])
+def test_a_line_is_asked_for_a_second_after_it_broke_and_speaks_for_itself_when_it_is_there(delay: float) -> None:
+    inside, tried = Recorded(), []
+    link: Any = inside
+    waiting: list[Callable[[], None]] = []
+    kept = KeptLink("radio", True, lambda: link, lambda work: (tried.append(now), waiting.append(work))[0])
+    now = 10.0
+    inside.brings = [HelmSample(9.0, True, "", "line"), AlarmSample(9.0, "low", "battery")]
+    kept.receive(now)
+    inside.lost = "gone; look"  # type: ignore[attr-defined]
+    said = kept.receive(now)
+    assert [each.source for each in said if isinstance(each, HelmSample) and not each.available] == ["line", "radio"]
+    assert AlarmSample(10.0, "", "battery") in said
+    for step in range(12):
+        now = 10.0 + 0.1 * step
+        assert kept.receive(now) == []
+    assert tried == [pytest.approx(11.0)]
+    link = Recorded()
+    now = 11.0 + delay
+    waiting.pop()()
+    assert kept.receive(now) == [HelmSample(now, True, "", "radio"), AlarmSample(now, "", "radio line")]
+    assert kept.fileno() == 17 and kept.trouble == "" and len(tried) == 1
+
+
+def test_both_links_are_closed_at_the_end_that_in_use_and_the_one_just_opened() -> None:
+    first, second = Recorded(), Recorded()
+    ends: list[Any] = [second, first]
+    kept = KeptLink("line", True, lambda: ends.pop(), at_once)
+    first.fails = LinkError("gone")
+    kept.keep(1.0)
+    assert kept.receive(2.5) == [
+        HelmSample(1.0, False, kept.trouble, "line"),
+        AlarmSample(1.0, kept.trouble, "line line"),
+    ]
+    assert first.asked.count(("close",)) == 1 and second.asked == []
+    kept.close()
+    assert second.asked == [("close",)]
+    kept.close()
+    assert second.asked == [("close",)] and kept.fileno() == -1

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import pytest
 from lockstep import BadLine, Lockstep
 
 from autopilot.links.kept_link import KeptLink
-from autopilot.links.release import OverrideRelease, Release, ReleaseState, release_sentence
+from autopilot.links.release import LONGEST_S, OverrideRelease, Release, ReleaseState, UnshownRelease, release_sentence
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import Order, OrderKind
 from sitl.faults import Fault
@@ -160,3 +161,173 @@ def test_a_stick_that_passes_by_another_pulse_once_confirms_nothing() -> None:
     watch.report(0.6, 1500, "RC_CHANNELS")
     watch.report(0.7, 1500, "RC_CHANNELS")
     assert watch.shown_by == "RC_CHANNELS"
+
+
+def watch_of(*orders: tuple[float, int], asked: float) -> OverrideRelease:
+    watch = OverrideRelease()
+    for when, pulse in orders:
+        watch.ordered(when, pulse)
+    watch.asked(asked)
+    return watch
+
+
+@pytest.mark.parametrize(
+    ("pulse", "is_free"), [(1700, False), (1703, False), (1697, False), (1704, True), (1696, True)]
+)
+def test_an_input_within_three_microseconds_of_the_order_is_the_order(pulse: int, is_free: bool) -> None:
+    watch = watch_of((0.0, 1700), asked=0.1)
+    for now in (0.2, 0.3):
+        watch.report(now, pulse, "RC_CHANNELS")
+    assert (watch.shown_by == "RC_CHANNELS") is is_free
+    assert watch.is_held(0.4, 3.0) is not is_free
+
+
+def test_a_report_may_show_any_order_of_the_last_second_and_none_older() -> None:
+    for age, is_free in ((0.5, False), (1.0, False), (1.01, True)):
+        watch = watch_of((10.0 - age, 1600), (9.9, 1700), asked=10.0)
+        for now in (10.1, 10.2):
+            watch.report(now, 1600, "RC_CHANNELS")
+        assert bool(watch.shown_by) is is_free, age
+
+
+def test_an_order_that_is_repeated_stays_young() -> None:
+    watch = watch_of(*((0.1 * step, 1600) for step in range(100)), (9.95, 1700), asked=10.0)
+    for now in (10.1, 10.2):
+        watch.report(now, 1600, "RC_CHANNELS")
+    assert not watch.shown_by
+
+
+def test_reports_from_before_the_release_confirm_nothing_and_an_order_takes_the_confirmation_back() -> None:
+    watch = watch_of((0.0, 1700), asked=1.0)
+    for _ in range(5):
+        watch.report(1.0, 1500, "RC_CHANNELS")
+    assert not watch.shown_by
+    watch.asked(9.0)  # the same release said again
+    for now in (1.1, 1.2):
+        watch.report(now, 1500, "RC_CHANNELS")
+    assert watch.shown_by and not watch.is_held(1.3, 3.0)
+    watch.ordered(2.0, 1600)
+    assert not watch.is_asked and watch.is_held(2.0, 3.0)
+    for now in (2.1, 2.2, 2.3):
+        watch.report(now, 1500, "RC_CHANNELS")
+    assert watch.is_held(2.4, 3.0), "nothing has been released since"
+
+
+def test_one_that_never_ordered_holds_nothing_whatever_is_reported() -> None:
+    watch = OverrideRelease()
+    watch.asked(0.0)
+    watch.report(1.0, 1500, "RC_CHANNELS")
+    watch.report(1.1, 1500, "RC_CHANNELS")
+    assert not watch.has_ordered and not watch.shown_by and not watch.is_held(1.2, -1.0)
+    watch.ordered(2.0, 1600)
+    assert watch.has_ordered
+
+
+@pytest.mark.parametrize(
+    ("later", "override_time", "is_held"),
+    [(3.5, 3.0, True), (3.51, 3.0, False), (0.5, 0.0, True), (0.51, 0.0, False), (9999.0, -1.0, True)],
+)
+def test_an_override_lasts_for_the_vehicle_s_time_and_half_a_second_of_the_line(
+    later: float, override_time: float, is_held: bool
+) -> None:
+    assert watch_of((0.0, 1500), (100.0, 1700), asked=100.1).is_held(100.0 + later, override_time) is is_held
+
+
+def test_patience_is_a_second_and_five_reports_of_half_a_second_at_most() -> None:
+    watch = watch_of((0.0, 1700), asked=0.0)
+    assert watch.patience == pytest.approx(1.5), "ten reports a second are supposed"
+    for step in range(200):
+        watch.report(0.2 * step, 1700, "RC_CHANNELS")
+    assert watch.patience == pytest.approx(2.0, abs=0.001)
+    for step in range(100):
+        watch.report(100.0 + 7.0 * step, 1700, "RC_CHANNELS")
+    assert watch.patience == pytest.approx(3.5, abs=0.001) and LONGEST_S == 3.5
+    watch.report(800.0, 1700, "RC_CHANNELS")
+    watch.report(800.1, 1700, "RC_CHANNELS")
+    assert watch.patience == pytest.approx(1.0 + 5.0 * (0.5 - 0.2 * 0.4), abs=0.001), "a fifth of the way at a time"
+
+
+def test_a_mark_is_wanted_once_where_reports_still_show_the_order_after_four_tenths_of_a_second() -> None:
+    watch = watch_of((0.0, 1700), asked=1.0)
+    assert watch.wants_mark(5.0) is None, "nothing is reported"
+    watch.report(1.1, 1701, "RC_CHANNELS")
+    assert [watch.wants_mark(1.0 + after) for after in (0.3, 0.39)] == [None, None]
+    assert watch.wants_mark(1.0 + 0.41) == 1701
+    watch.report(1.5, 1400, "RC_CHANNELS")
+    assert watch.wants_mark(1.6) is None, "it differs"
+    watch.report(1.7, 1700, "RC_CHANNELS")
+    watch.mark(1.8, 1710)
+    assert watch.wants_mark(1.9) is None and watch.wants_mark(9.0) is None, "once"
+    watch.ordered(10.0, 1700)
+    watch.asked(11.0)
+    watch.report(11.1, 1700, "RC_CHANNELS")
+    assert watch.wants_mark(12.0) == 1700, "at the next release again"
+
+
+def test_a_servo_that_stands_as_ordered_finds_no_mark_and_one_that_does_not_confirms() -> None:
+    def mirrored(pulse: int) -> int:
+        return 3000 - pulse
+
+    watch = watch_of((0.0, 1700), asked=1.0)
+    watch.report(1.1, 1300, "SERVO_OUTPUT_RAW", mirrored)
+    assert watch.wants_mark(9.0) is None and not watch.shown_by
+    watch.report(1.2, 1700, "SERVO_OUTPUT_RAW", mirrored)
+    watch.report(1.3, 1700, "SERVO_OUTPUT_RAW", mirrored)
+    assert watch.shown_by == "SERVO_OUTPUT_RAW"
+
+
+def test_a_mark_is_sent_ten_times_a_second_for_six_tenths_until_it_is_seen() -> None:
+    watch = watch_of((0.0, 1700), asked=1.0)
+    assert not watch.mark_due(1.0) and not watch.is_marking(1.0)
+    watch.mark(2.0, 1710)
+    sent = [step for step in range(100) if watch.mark_due(2.0 + 0.01 * step + 1.0e-6)]
+    assert sent[0] == 0 and len(sent) == 6 and {b - a for a, b in pairwise(sent)} <= {10, 11}
+    assert watch.is_marking(2.59) and not watch.is_marking(2.6)
+    assert watch.is_held(2.5 + 3.49, 3.0) and not watch.is_held(2.51 + 3.5, 3.0), "a mark is an override too"
+    watch.mark(20.0, 1710)
+    assert watch.mark_due(20.0)
+    watch.report(20.05, 1712, "RC_CHANNELS")
+    assert not watch.is_marking(20.06) and not watch.mark_due(20.2), "it is seen"
+
+
+def test_what_was_marked_is_free_when_the_mark_was_seen_and_is_gone() -> None:
+    for reports, is_shown in (
+        ([1700, 1700, 1700], False),
+        ([1500, 1500], False),  # never seen: another hand may have moved the stick
+        ([1710, 1710], False),
+        ([1713, 1707, 1706], True),
+        ([1714, 1706, 1500], False),
+        ([1710, 1500], True),
+    ):
+        watch = watch_of((0.0, 1700), asked=1.0)
+        watch.mark(2.0, 1710)
+        for place, pulse in enumerate(reports):
+            watch.report(2.1 + 0.1 * place, pulse, "RC_CHANNELS")
+        assert (watch.shown_by == "RC_CHANNELS") is is_shown, reports
+
+
+def test_what_left_over_a_line_without_reports_is_said_three_tenths_of_a_second_later() -> None:
+    line = UnshownRelease("line", "it stops by itself")
+    line.asked(5.0, False)
+    assert line.result(5.0) == Release("line", ReleaseState.NOT_HELD)
+    line.has_ordered = True
+    assert line.result(5.29) is None
+    assert line.result(5.31) == Release("line", ReleaseState.UNSHOWN, lapse="it stops by itself")
+    line.asked(6.0, True)
+    assert line.result(6.0) == Release("line", ReleaseState.LOST, lapse="it stops by itself")
+
+
+def test_every_end_of_a_release_in_its_words() -> None:
+    states = {
+        ReleaseState.NOT_HELD: "rudder not held",
+        ReleaseState.CONFIRMED: "rudder released, confirmed by SERVO_OUTPUT_RAW",
+        ReleaseState.UNCONFIRMED: "rudder released, not confirmed in 1.3 s",
+        ReleaseState.UNSHOWN: "rudder released",
+        ReleaseState.LOST: "rudder not released, the line is gone",
+    }
+    assert set(states) == set(ReleaseState)
+    for state, sentence in states.items():
+        assert Release("a", state, "SERVO_OUTPUT_RAW", 1.26).sentence == sentence
+        has_lapse = state in (ReleaseState.UNCONFIRMED, ReleaseState.UNSHOWN, ReleaseState.LOST)
+        behind = ": it ends by itself" if has_lapse else ""
+        assert Release("a", state, "SERVO_OUTPUT_RAW", 1.26, "it ends by itself").sentence == sentence + behind
