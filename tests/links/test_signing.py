@@ -261,7 +261,7 @@ def test_each_link_of_a_process_signs_under_a_number_of_its_own_and_refusals_are
 
 
 def test_a_process_that_opens_links_for_ever_stays_clear_of_the_ground_stations_numbers() -> None:
-    """Ground stations number their links from 0: ours lie from 64 to 255, and each comes once before one comes again."""
+    """Ground stations number their links from 0: ours lie from 64 to 255, each used once before any again."""
     for first in (64, 100, 255):
         signing = Signing(KEY, CountingTimestamps(NOW), first)
         numbers = [signing.link().link_id for _ in range(2 * 192)]
