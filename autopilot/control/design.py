@@ -136,11 +136,15 @@ def _rough_crossover(model: Norrbin, gains: LoopGains) -> float:
 
 def _crossover(omegas: list[float], values: list[complex]) -> tuple[float, float]:
     """Return the highest frequency [rad/s] where |L| falls through 1, and the phase margin [rad] there."""
-    for index in range(len(values) - 2, -1, -1):
-        if abs(values[index]) >= 1.0 > abs(values[index + 1]):
-            margin = math.remainder(cmath.phase(values[index]) - math.pi, 2.0 * math.pi)
-            return omegas[index], margin
-    return 0.0, math.pi
+    falls = [
+        (omega, here)
+        for omega, (here, above) in zip(omegas, itertools.pairwise(values), strict=False)
+        if abs(here) >= 1.0 > abs(above)
+    ]
+    if not falls:
+        return 0.0, math.pi
+    omega, value = falls[-1]
+    return omega, math.remainder(cmath.phase(value) - math.pi, math.tau)
 
 
 def _gain_margin(omegas: list[float], values: list[complex]) -> float:

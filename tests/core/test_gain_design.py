@@ -13,11 +13,16 @@ from autopilot.control.backstepping import BacksteppingGains
 from autopilot.control.design import (
     WORST_SENSITIVITY,
     LoopGains,
+    Spread,
     design_backstepping,
     equivalent_pid,
+    judge,
     linear_gains_backstepping,
     linear_gains_pid,
+    loop,
     margins,
+    placed,
+    worst_margins,
 )
 from autopilot.errors import RefusedError
 from autopilot.models.norrbin import Norrbin
@@ -146,3 +151,115 @@ def test_designed_gains_place_the_poles_and_keep_the_boat_s_own_damping(
     assert gains.k1 + gains.k2 == pytest.approx(max(2.0 * k, model.n1 / model.time_constant))
     assert gains.k1 <= gains.k2 * (1.0 + 1.0e-9)
     assert gains.smoothing == 0.0
+
+
+def room(model: Norrbin, gear: SteeringGear, level: int) -> tuple[float, float, float]:
+    """How quick the designed loop is, k [1/s], its Ms and the error [deg] that saturates the rudder's rate."""
+    gains = design_backstepping(model, gear, gear.rate_max, 0.05, level)
+    return spare_room(model, gear, 2.0 * math.sqrt(gains.gamma))
+
+
+def spare_room(model: Norrbin, gear: SteeringGear, k: float) -> tuple[float, float, float]:
+    gains = placed(k / math.sqrt(0.8), math.sqrt(0.8))
+    found = margins(model, gear.lag, gear.delay + 0.05, gear.rate_max, linear_gains_backstepping(model, gains))
+    return k, found.sensitivity if found.stable else math.inf, math.degrees(found.saturation)
+
+
+@pytest.mark.parametrize(("model", "gear"), BOATS[:3])
+def test_level_five_is_the_quickest_loop_with_its_margins(model: Norrbin, gear: SteeringGear) -> None:
+    """Ms of 1.6 and one degree of error before the rudder's rate saturates; a tenth quicker breaks one of the two."""
+    k, sensitivity, error = room(model, gear, 5)
+    assert sensitivity <= 1.6 and error >= 1.0
+    _, above, less = spare_room(model, gear, 1.11 * k)
+    assert above > 1.6 or less < 1.0
+
+
+@pytest.mark.parametrize(("model", "gear"), BOATS[:1])
+def test_three_levels_down_halve_the_loop_and_each_level_up_takes_what_it_may(
+    model: Norrbin, gear: SteeringGear
+) -> None:
+    middle, _, _ = room(model, gear, 5)
+    for level in (1, 2, 3, 4):
+        assert room(model, gear, level)[0] / middle == pytest.approx(2.0 ** ((level - 5) / 3.0))
+    for up in (1, 2, 3, 4):
+        k, sensitivity, error = room(model, gear, 5 + up)
+        most, least = 1.6 + 0.1 * up, 2.0 ** (-0.5 * up)
+        assert sensitivity <= most and error >= least and k <= middle * 2.0 ** (up / 3.0) * (1.0 + 1e-9)
+        _, above, less = spare_room(model, gear, 1.11 * k)
+        is_full = k >= middle * 2.0 ** (up / 3.0) * (1.0 - 1e-9)
+        assert is_full or above > most or less < least
+    for level in (0, 10, -5):
+        with pytest.raises(ValueError, match=f"response level {level}: allowed is 1"):
+            design_backstepping(model, gear, gear.rate_max, 0.05, level)
+
+
+@pytest.mark.parametrize("proportional", [0.3, 1.0, 2.5])
+def test_crossover_and_gain_margin_of_a_loop_that_can_be_worked_out(proportional: float) -> None:
+    """p K/(s (T s + 1) (lag s + 1)) turns unstable at p K = 1/T + 1/lag; the grid's steps are 3.5 %."""
+    model, lag = Norrbin(0.4, 2.0), 0.3
+    gains = LoopGains(proportional, 0.0, 0.0)
+    found = margins(model, lag, 0.0, 0.2, gains)
+    assert found.gain == pytest.approx((1.0 / 2.0 + 1.0 / lag) / (0.4 * proportional), rel=0.12)
+    size = abs(loop(model, lag, 0.0, gains, found.crossover))
+    assert 1.0 <= size < 1.12
+    assert all(abs(loop(model, lag, 0.0, gains, found.crossover * up)) < 1.0 for up in (1.04, 1.5, 10.0, 300.0))
+    angle = -math.pi / 2.0 - math.atan(2.0 * found.crossover) - math.atan(lag * found.crossover)
+    assert found.phase == pytest.approx(math.pi + angle)
+    assert found.delay == pytest.approx(found.phase / found.crossover)
+    assert found.saturation == pytest.approx(0.2 / (proportional * found.crossover))
+    finer = [0.01 * 1.01**step for step in range(1000)]
+    worst = max(1.0 / abs(1.0 + loop(model, lag, 0.0, gains, omega)) for omega in finer)
+    assert found.sensitivity == pytest.approx(worst, rel=0.01)
+    assert margins(model, lag, 0.0, math.inf, gains).saturation == math.inf
+
+
+def test_a_loop_that_hardly_steers_has_nothing_to_lose() -> None:
+    found = margins(Norrbin(0.4, 2.0), 0.3, 0.1, 0.2, LoopGains(1e-6, 0.0, 0.0))
+    assert (found.crossover, found.phase, found.delay, found.saturation) == (0.0, math.pi, math.inf, math.inf)
+    assert found.gain > 1e3
+
+
+@pytest.mark.parametrize(("share", "is_refused"), [(0.99, True), (1.01, False), (10.0, False)])
+def test_a_rudder_that_saturates_within_a_tenth_of_a_degree_is_refused(share: float, is_refused: bool) -> None:
+    model, gear = BOATS[1]
+    gains = linear_gains_backstepping(model, design_backstepping(model, gear, gear.rate_max, 0.05))
+    at_one = math.degrees(margins(model, gear.lag, gear.delay + 0.05, 1.0, gains).saturation)
+    said = judge(model, gear, 0.1 * share / at_one, 0.05, gains)
+    assert math.degrees(said.margins.saturation) == pytest.approx(0.1 * share)
+    assert bool(said.refusal) is is_refused
+    if is_refused:
+        assert "0.20 s lag and 0.15 s delay" in said.refusal and "heading error of 0.099 deg" in said.refusal
+
+
+def test_the_worst_of_the_boats_within_the_spread_is_judged() -> None:
+    model, gear = BOATS[1]
+    gains = linear_gains_backstepping(model, design_backstepping(model, gear, gear.rate_max, 0.05))
+    spread = Spread(0.3, 0.4)
+    each = [
+        margins(model._replace(gain=0.2 * a, time_constant=5.0 * b), gear.lag, gear.delay + 0.05, gear.rate_max, gains)
+        for a in (0.7, 1.0, 1.3)
+        for b in (0.6, 1.0, 1.4)
+    ]
+    found = worst_margins(model, gear, gear.rate_max, 0.05, gains, spread)
+    assert found == pytest.approx(max(each, key=lambda one: one.sensitivity))
+    unstable = worst_margins(model, gear, gear.rate_max, 0.05, LoopGains(*(9.0 * gain for gain in gains)), spread)
+    assert not unstable.stable
+    none = worst_margins(model, gear, gear.rate_max, 0.05, gains, Spread(0.0, 0.0))
+    assert none == pytest.approx(each[4])
+
+
+@pytest.mark.parametrize(("bandwidth", "damping"), [(0.5, 0.1), (2.0, 0.9), (0.01, 0.999)])
+def test_placed_gains_have_the_bandwidth_and_damping(bandwidth: float, damping: float) -> None:
+    """z'' + (k1 + k2) z' + (gamma + k1 k2) z = 0."""
+    gains = placed(bandwidth, damping)
+    assert gains.k1 == gains.k2
+    assert gains.k1 + gains.k2 == pytest.approx(2.0 * damping * bandwidth)
+    assert gains.gamma + gains.k1 * gains.k2 == pytest.approx(bandwidth**2)
+
+
+@pytest.mark.parametrize(
+    ("bandwidth", "damping"), [(0.0, 0.5), (-1.0, 0.5), (math.inf, 0.5), (math.nan, 0.5), (1.0, 0.0), (1.0, 1.0)]
+)
+def test_a_bandwidth_or_damping_that_cannot_be_is_refused(bandwidth: float, damping: float) -> None:
+    with pytest.raises(ValueError, match="bandwidth must be positive, and damping above 0 and below 1"):
+        placed(bandwidth, damping)

@@ -6,16 +6,26 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from autopilot.control.rudder_roll import (
     PAPER_ROLL,
+    PROOF,
+    SETTLE,
+    UNPROVEN,
+    Measured,
+    Proof,
     RollSchedule,
     ScheduleParts,
     ScheduleSettings,
+    Shadow,
     begin_schedule,
     blended_rudder,
     linear_response,
     linear_step_of,
+    measured_with,
+    proof_step,
     roll_law,
     roll_reduction,
     roll_rudder,
@@ -100,3 +110,111 @@ def test_the_weight_blends() -> None:
     assert blended_rudder(0.0, 0.1, 0.5) == 0.1
     assert blended_rudder(1.0, 0.1, 0.5) == 0.5
     assert blended_rudder(0.25, 0.1, 0.5) == pytest.approx(0.2)
+
+
+def looked_on(proof: Proof, weight: float, seconds: float, roll: float, promise: float = 0.0) -> Proof:
+    """The proof after so long under one weight, the boat lying over by `roll` [rad] to either side in turn."""
+    for index in range(round(seconds)):
+        proof = proof_step(proof, weight, roll if index % 2 else -roll, promise, 1.0)
+    return proof
+
+
+def judged(share: float, promise: float, proof: Proof = UNPROVEN) -> Proof:
+    """The proof after two minutes without the law and the time it takes to judge it, at `share` of the roll."""
+    without = looked_on(proof, 0.0, SETTLE + PROOF, 0.1)
+    return with_law(without, SETTLE + without.span, 0.1 * share, promise)
+
+
+def with_law(proof: Proof, seconds: float, roll: float, promise: float) -> Proof:
+    """The proof after the weight went up over half a minute, and so long under its full weight."""
+    return looked_on(looked_on(proof, 0.5, 30.0, roll), 1.0, seconds, roll, promise)
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=60))
+def test_what_is_measured_is_mean_and_variance_of_the_roll(rolls: list[float]) -> None:
+    found = Measured()
+    for place, roll in enumerate(rolls):
+        found = measured_with(found, roll, 0.01 * place, 300.0, 0.5)
+    assert found.time == pytest.approx(0.5 * len(rolls))
+    assert found.mean == pytest.approx(np.mean(rolls), abs=1e-9)
+    assert found.variance == pytest.approx(np.var(rolls), abs=1e-9)
+    assert found.promise == pytest.approx(0.005 * (len(rolls) - 1))
+
+
+def test_what_is_measured_forgets_with_its_memory() -> None:
+    found = Measured(1000.0, 0.0, 0.04, 0.5)
+    for _ in range(300):
+        found = measured_with(found, 0.0, 0.0, 300.0, 1.0)
+    assert found.variance / 0.04 == pytest.approx(math.exp(-1.0), rel=0.01)
+    assert found.promise / 0.5 == pytest.approx(math.exp(-1.0), rel=0.01)
+
+
+def test_the_roll_is_measured_when_what_was_before_a_switch_has_died_away() -> None:
+    without = looked_on(UNPROVEN, 0.0, SETTLE, 0.1)
+    assert without.without == Measured()
+    without = looked_on(without, 0.0, 40.0, 0.1)
+    assert without.without.time == 40.0 and without.without.variance == pytest.approx(0.01)
+    started = looked_on(without, 0.5, 30.0, 9.0)
+    assert started == without._replace(so_far=0.0), "while it goes over from the one to the other nothing is measured"
+    under = looked_on(started, 1.0, SETTLE, 9.0)
+    assert (under.so_far, under.under) == (SETTLE, Measured())
+    under = looked_on(under, 1.0, 50.0, 0.2, 0.4)
+    assert under.under.time == 50.0 and under.under.variance == pytest.approx(0.04)
+    assert under.under.promise == pytest.approx(0.4) and under.without == without.without
+
+
+@pytest.mark.parametrize("share", [0.5, 0.74])
+def test_a_law_that_keeps_half_its_promise_stands_for_ten_minutes(share: float) -> None:
+    found = judged(share, 0.5)
+    assert (found.failures, found.barred, found.span, found.so_far) == (0, 0.0, 600.0, SETTLE)
+    again = looked_on(found, 1.0, 599.0, 0.2, 0.5)
+    assert again.failures == 0
+    assert looked_on(again, 1.0, 1.0, 0.2, 0.5).failures == 1, "and then is judged by what it did meanwhile"
+
+
+def test_a_law_that_only_does_no_harm_is_given_five_minutes_more_and_no_third_time() -> None:
+    first = judged(0.9, 0.5)
+    assert (first.failures, first.barred, first.span) == (0, 0.0, 300.0)
+    almost = looked_on(first, 1.0, 299.0, 0.09, 0.5)
+    assert almost.failures == 0
+    second = looked_on(almost, 1.0, 1.0, 0.09, 0.5)
+    assert (second.failures, second.barred, second.so_far) == (1, 120.0, 0.0)
+    kept = looked_on(first, 1.0, 300.0, 0.02, 0.5)
+    assert (kept.failures, kept.span) == (0, 600.0)
+
+
+def test_a_law_that_makes_the_roll_grow_is_barred_for_two_minutes_and_then_for_ten() -> None:
+    first = judged(1.1, 0.5)
+    assert (first.failures, first.barred, first.span, first.so_far) == (1, 120.0, PROOF, 0.0)
+    assert looked_on(first, 1.0, 30.0, 0.3) == first, "while its weight is taken back nothing is measured"
+    halfway = looked_on(first, 0.0, 60.0, 0.1)
+    assert halfway.barred == 60.0
+    rested = looked_on(halfway, 0.0, 90.0, 0.1)
+    assert rested.barred == 0.0
+    second = with_law(rested, SETTLE + PROOF, 0.2, 0.5)
+    assert (second.failures, second.barred) == (2, 600.0)
+    harmless = with_law(rested, SETTLE + PROOF, 0.08, 0.5)
+    assert harmless.failures == 2, "after it fell short once no harm is not enough"
+    better = judged(0.1, 0.5, looked_on(judged(1.01, 0.5), 0.0, 150.0, 0.1))
+    assert (better.failures, better.span) == (0, 600.0), "over both times it kept its promise"
+
+
+def test_on_flat_water_nothing_is_proven_and_nothing_is_held_against_it() -> None:
+    found = with_law(looked_on(UNPROVEN, 0.0, 60.0, 0.0), SETTLE + PROOF, 0.0, 0.0)
+    assert (found.failures, found.barred) == (0, 0.0)
+
+
+def test_a_new_schedule_knows_nothing_and_steers_nothing() -> None:
+    new = begin_schedule()
+    assert (new.time, new.weight, new.own, new.proof) == (0.0, 0.0, REST, UNPROVEN)
+    assert new.free == new.quiet == new.roll == Shadow(REST, 0.0, 0.0, 0.0)
+    assert Proof(Measured(), Measured(), 0.0, 0, 0.0, PROOF) == UNPROVEN
+    assert roll_reduction(new) == 0.0
+
+
+def test_what_the_law_promises_is_against_the_better_of_the_two_others() -> None:
+    new = begin_schedule()
+    for free, quiet, roll, promise in ((4.0, 9.0, 1.0, 0.5), (9.0, 4.0, 1.0, 0.5), (1.0, 4.0, 4.0, -1.0)):
+        shadows = [Shadow(REST, 0.0, 0.0, variance) for variance in (free, quiet, roll)]
+        found = roll_reduction(new._replace(free=shadows[0], quiet=shadows[1], roll=shadows[2]))
+        assert found == pytest.approx(promise)
