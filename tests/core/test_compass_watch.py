@@ -8,6 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from autopilot.angles import wrap
+from autopilot.estimation.compass_watch import CompassWatch
 from autopilot.estimation.source_priority import MONITOR, PrioritySettings, SourcePriority, SourceRule
 from autopilot.signals import AlarmSample, HeadingSample, Sample
 
@@ -119,3 +120,126 @@ def test_one_that_was_switched_off_and_on_begins_anew() -> None:
     heard = Heard().run(10.0, swinging, swinging).run(5.0, lambda now: swinging(now) + 0.7, swinging)
     heard.run(3.0, lambda now: None, swinging).run(6.0, swinging, swinging)
     assert heard.sources_since(heard.now - 1.0) == {GYRO}
+
+
+def heard_by(jump: float = 0.4, *, frozen: bool = True) -> CompassWatch:
+    """Two compasses that have swung together for three seconds, ten headings a second, the second 0.05 s later."""
+    watch = CompassWatch(jump, frozen=frozen)
+    for step in range(31):
+        watch.hear(0.1 * step, "a", 0.001 * (step % 2))
+        watch.hear(0.1 * step + 0.05, "b", 0.001 * (step % 2))
+    return watch
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("by", "is_left"), [(0.399, False), (0.402, True), (3.0, True)])
+def test_a_compass_jumps_that_goes_further_than_a_boat_while_the_other_stays(
+    side: float, by: float, is_left: bool
+) -> None:
+    watch = heard_by()
+    watch.hear(3.1, "a", side * by)
+    assert watch.reason("a") == ("jumps" if is_left else "") and watch.reason("b") == ""
+    assert watch.doubted(3.1) == ([("a", "jumps")] if is_left else [])
+
+
+@pytest.mark.parametrize(("silence", "is_left"), [(0.9, True), (1.1, False)])
+def test_nobody_who_was_silent_for_a_second_says_that_another_jumps(silence: float, is_left: bool) -> None:
+    watch = heard_by()
+    for step in range(1, 20):
+        if 0.1 * step < silence:
+            watch.hear(3.05 + 0.1 * step, "a", 0.001 * (step % 2))
+    watch.hear(3.05 + silence, "a", 0.8)
+    assert bool(watch.reason("a")) is is_left
+
+
+def test_a_jump_to_where_the_others_are_is_none_and_the_word_of_one_that_failed_counts_for_nothing() -> None:
+    watch = heard_by()
+    watch.hear(3.1, "a", 0.8)
+    assert watch.reason("a") == "jumps"
+    watch.hear(3.15, "b", 0.8)
+    assert watch.reason("b") == "", "there is nobody to be believed beside it"
+    other = CompassWatch(0.4, frozen=True)
+    for step in range(5):
+        other.hear(0.1 * step, "a", 0.9)
+        other.hear(0.1 * step + 0.05, "b", 0.0)
+    other.hear(0.5, "b", 0.85)
+    assert other.reason("b") == "", "it came to where the other is"
+
+
+@pytest.mark.parametrize(("turned_deg", "is_left"), [(2.4, False), (2.6, True)])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_compass_stands_that_does_not_go_with_a_turn_of_two_and_a_half_degrees(
+    side: float, turned_deg: float, is_left: bool
+) -> None:
+    for frozen in (True, False):
+        watch = heard_by(frozen=frozen)
+        for step in range(1, 21):
+            watch.hear(3.0 + 0.1 * step, "a", 0.0)
+            watch.hear(3.05 + 0.1 * step, "b", side * math.radians(turned_deg) * step / 20)
+        watch.hear(5.1, "a", 0.0)
+        assert watch.reason("a") == ("stands still" if is_left and frozen else "")
+        assert watch.reason("b") == ""
+
+
+@pytest.mark.parametrize(
+    ("gap", "headings", "is_left"),
+    [(0.2, 3, False), (0.2, 4, True), (0.09, 4, False), (0.09, 5, True), (0.02, 14, False), (0.02, 17, True)],
+)
+def test_it_stands_with_four_headings_alike_and_over_three_tenths_of_a_second(
+    gap: float, headings: int, is_left: bool
+) -> None:
+    watch = CompassWatch(math.inf, frozen=True)
+    watch.hear(0.0, "a", 1.0)
+    watch.hear(0.01, "b", 1.0)
+    watch.hear(0.1, "a", 1.001)
+    for step in range(headings):
+        watch.hear(0.15 + gap * step, "b", 1.0 + 0.2 * step)
+        watch.hear(0.16 + gap * step, "a", 1.002)
+    assert bool(watch.reason("a")) is is_left
+
+
+@pytest.mark.parametrize(("turned_deg", "is_left"), [(9.8, False), (10.2, True)])
+def test_a_compass_of_five_degree_steps_may_stand_while_the_boat_turns_by_two_of_them(
+    turned_deg: float, is_left: bool
+) -> None:
+    watch = CompassWatch(math.inf, frozen=True)
+    for step in range(6):
+        watch.hear(0.1 * step, "a", math.radians(5.0 * (step % 2)))
+        watch.hear(0.1 * step + 0.05, "b", 0.0001 * step)
+    for step in range(6, 30):
+        watch.hear(0.1 * step, "a", math.radians(5.0))
+        watch.hear(0.1 * step + 0.05, "b", math.radians(turned_deg) * (step - 6) / 23)
+    watch.hear(3.0, "a", math.radians(5.0))
+    assert bool(watch.reason("a")) is is_left
+
+
+@pytest.mark.parametrize(("apart_deg", "seconds", "is_well"), [(9.9, 3.3, True), (9.9, 2.8, False), (10.1, 9.0, False)])
+def test_it_is_well_again_within_ten_degrees_of_the_other_for_three_seconds(
+    apart_deg: float, seconds: float, is_well: bool
+) -> None:
+    watch = heard_by()
+    watch.hear(3.1, "a", 0.8)
+    for step in range(1, round(seconds * 10) + 1):
+        watch.hear(3.05 + 0.1 * step, "b", 0.001 * (step % 2))
+        watch.hear(3.1 + 0.1 * step, "a", math.radians(apart_deg) + 0.001 * (step % 2))
+    assert (watch.reason("a") == "") is is_well
+
+
+def test_it_is_not_well_that_agrees_and_stands() -> None:
+    watch = heard_by()
+    watch.hear(3.1, "a", 0.8)
+    for step in range(1, 90):
+        watch.hear(3.05 + 0.1 * step, "b", 0.001 * (step % 2))
+        watch.hear(3.1 + 0.1 * step, "a", 0.0)
+    assert watch.reason("a") == "jumps"
+
+
+@pytest.mark.parametrize(("silence", "is_new"), [(2.0, False), (2.1, True)])
+def test_one_that_was_silent_for_two_seconds_begins_anew_and_is_not_spoken_of(silence: float, is_new: bool) -> None:
+    watch = heard_by()
+    watch.hear(4.0, "a", 0.8)
+    assert bool(watch.doubted(4.0 + silence - 0.001)) is (silence <= 2.0)
+    watch.hear(4.0 + silence, "a", 0.8)
+    assert (watch.reason("a") == "") is is_new
+    watch.reset()
+    assert watch.reason("a") == watch.reason("nobody") == "" and watch.doubted(4.0) == []

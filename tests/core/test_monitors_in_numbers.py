@@ -10,7 +10,7 @@ from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.monitors.answer import first_memory
 from autopilot.monitors.answer_filter import NOTHING, Noise
 from autopilot.monitors.course import OffCourse, Runaway
-from autopilot.monitors.heading import FrozenHeading, RateAgainstHeading
+from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
 from autopilot.monitors.rudder import AtTheStop, Overpowered
 from autopilot.monitors.watched import AlarmLimits, Watched
 from autopilot.signals import HeadingSample, NavState, RateSample
@@ -200,3 +200,76 @@ def test_a_heading_that_stands_while_the_rudder_must_have_turned_her_by_fifteen_
     assert turned(side * 0.01, reached + 0.3, side * math.radians(30.0), moves=False)
     assert not turned(side * 0.01, reached - 0.3, side * math.radians(30.0), moves=False)
     assert not turned(side * 0.01, 20.0, side * math.radians(30.0), moves=True), "a rate that moves speaks for itself"
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.1])
+def test_nine_headings_alike_prove_nothing_and_the_tenth_does(gap: float) -> None:
+    """However fast the rate beside them turns: a compass repeats itself for a moment."""
+    for headings, is_found in ((9, False), (10, True)):
+        monitor = FrozenHeading()
+        for tick in range(headings):
+            monitor.hear(HeadingSample(gap * tick, 0.3, 20.0 + 0.1 * (tick % 2)))
+            found = monitor.is_frozen(BOAT, watched(gap * tick, 0.3))
+        assert found is is_found
+        monitor.hear(HeadingSample(5.0, 0.31, 20.0))
+        assert not monitor.is_frozen(BOAT, watched(5.0, 0.31)), "it moves again"
+
+
+def jumped(*headings: tuple[float, float], most: float = 0.3, rate: float = 0.0, looked_at: float = 0.0) -> str:
+    """What is said at the end, or at `looked_at` [s], of headings (time, degrees)."""
+    monitor = JumpingHeading()
+    for time, heading in headings:
+        monitor.found(watched(time, rate=rate))
+        monitor.hear(HeadingSample(time, math.radians(heading)), most)
+        monitor.found(watched(time, rate=rate))
+    return monitor.found(watched(looked_at or headings[-1][0], rate=rate))
+
+
+def steps(start: float, end: float, heading: float) -> list[tuple[float, float]]:
+    return [(0.1 * n, heading) for n in range(round(start * 10), round(end * 10))]
+
+
+@SIDES
+def test_a_heading_that_jumps_for_good_is_said_by_how_much_after_half_a_second_and_for_five(side: float) -> None:
+    before, after = steps(0.0, 2.0, 350.0), [(time, 350.0 + side * 40.0) for time, _ in steps(2.0, 2.5, 0.0)]
+    settled = (2.5, 350.0 + side * 40.0)
+    said = f"by {'+' if side > 0.0 else '-'}40 deg"
+    assert jumped(*before, *after) == "", "it may be a spike"
+    assert jumped(*before, *after, settled) == said
+    assert jumped(*before, *after, settled, looked_at=7.45) == said
+    assert jumped(*before, *after, settled, looked_at=7.55) == ""
+    assert jumped(*before, *after, *steps(2.5, 3.0, 350.0)) == "", "it came back in time"
+    assert jumped(*before, *[(time, 350.0 + side * 16.0) for time, _ in steps(2.0, 4.0, 0.0)]) == "", "within 17 deg"
+    slow = [(0.4 * n, 350.0 + (side * 40.0 if n > 5 else 0.0)) for n in range(8)]
+    assert jumped(*slow) == "", "two samples"
+    assert jumped(*slow, (3.2, 350.0 + side * 40.0)) == said, "three"
+
+
+def test_a_boat_that_turns_by_her_rate_does_not_jump_and_one_that_was_silent_begins_anew() -> None:
+    turning = [(1.9 * n, 1.9 * 20.0 * n) for n in range(6)]
+    assert jumped(*turning, rate=math.radians(20.0)) == ""
+    assert jumped((0.0, 0.0), (2.0, 60.0), (2.3, 60.0), (2.6, 60.0)) == "by +60 deg"
+    assert jumped((0.0, 0.0), (2.1, 60.0), (2.4, 60.0), (2.7, 60.0)) == ""
+
+
+@pytest.mark.parametrize(("apart", "is_said"), [(4.9, True), (5.2, False)])
+def test_three_jumps_there_and_back_within_ten_seconds_are_a_compass_that_jumps(apart: float, is_said: bool) -> None:
+    headings = [(0.1 * n, 60.0 if n % round(apart * 10) == 5 else 0.0) for n in range(round(20.0 * apart) + 7)]
+    assert bool(jumped(*headings)) is is_said
+    assert jumped(*headings[: round(10.0 * apart)]) == "", "one is a spike"
+
+
+@SIDES
+def test_how_long_it_is_said_that_heading_and_rate_differ(side: float) -> None:
+    """A fixed rate of 3 deg/s beside a heading that stands: 10 deg are passed, then for a second."""
+    monitor, said = RateAgainstHeading(), []
+    for tick in range(400):
+        now = 0.1 * tick
+        rate = side * math.radians(3.0) if tick < 200 else 0.0
+        monitor.hear(HeadingSample(now, 0.0, rate), math.radians(10.0))
+        if monitor.found:
+            said.append(now)
+    assert monitor.found and "deg apart" in monitor.found
+    monitor.hear(HeadingSample(39.9, 0.0, math.nan), math.radians(10.0))
+    monitor.hear(HeadingSample(math.nan, 0.0, 0.0), math.radians(10.0))
+    assert said == [0.1 * tick for tick in range(round(10.0 * said[0]), 400)]

@@ -188,3 +188,32 @@ def test_a_new_order_and_another_s_hand_begin_anew() -> None:
         assert swings.look(BOAT, turned) == (before if goes_on else 0)
         assert swings.look(BOAT, boat.at(30.1)._replace(follows=False)) == 0
         assert swings.look(BOAT, boat.at(30.2)) == 0
+
+
+def swept(ratio: float, *, grows: str, model: Norrbin = BOAT) -> int:
+    """Sweeps in a row of which each lasts, or swings the heading, so many times as much as the one before."""
+    swings, now, order, heading, most = Swings(THROW), 0.0, -STOP, 0.0, 0
+    for number in range(8):
+        power = ratio**number if ratio >= 1.0 else ratio ** (number - 7)
+        lasts = 1.5 * power if grows == "time" else 4.0
+        far = math.radians(12.0) * power if grows == "swing" else math.radians(30.0)
+        side = 1.0 if number % 2 == 0 else -1.0
+        start_order, start_heading = order, heading
+        for tick in range(1, 201):
+            share = tick / 200
+            order = start_order + share * (side * STOP - start_order)
+            heading = start_heading + share * (side * far - start_heading)
+            most = max(most, swings.look(model, watched(now + share * lasts, heading, order)))
+        now += lasts
+    return most
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.3, 1.55, 1.0 / 1.3, 1.0 / 1.55])
+def test_sweeps_as_long_and_as_far_as_each_other_within_a_factor_of_1_6_are_one_swing(ratio: float) -> None:
+    assert swept(ratio, grows="time") >= 5
+    assert swept(min(ratio, 1.3), grows="swing") >= 5
+
+
+@pytest.mark.parametrize("ratio", [1.66, 2.0, 1.0 / 1.66, 0.5])
+def test_sweeps_that_grow_or_shrink_by_more_are_a_sea_s(ratio: float) -> None:
+    assert swept(ratio, grows="time") <= 1

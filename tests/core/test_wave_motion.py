@@ -11,7 +11,17 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from autopilot.estimation import wave_motion
-from autopilot.estimation.wave_motion import Sea, frequency, in_balance, is_extreme, learn, left_alone, wave_step
+from autopilot.estimation.wave_motion import (
+    Sea,
+    believed,
+    frequency,
+    in_balance,
+    is_extreme,
+    known,
+    learn,
+    left_alone,
+    wave_step,
+)
 
 frequencies = st.floats(wave_motion.FREQUENCY_LEAST, wave_motion.FREQUENCY_MOST)
 
@@ -87,3 +97,44 @@ def test_quick_waves_are_left_alone_and_slow_ones_steered_against(w0: float, cor
         assert share < 0.05
     assert left_alone(w0, math.inf) == 0.0, "a trial goes by the heading as it is"
     assert left_alone(w0, 0.0) == 1.0
+
+
+def test_the_waves_are_believed_from_the_fourth_second_on_and_wholly_from_the_eighth() -> None:
+    for seconds, share in ((0.0, 0.0), (4.0, 0.0), (5.0, 0.25), (6.0, 0.5), (7.0, 0.75), (8.0, 1.0), (900.0, 1.0)):
+        assert known(Sea(0.01, 0.01, seconds)) == pytest.approx(share)
+    assert known(wave_motion.FIRST_SEA) == 0.0
+
+
+def test_the_sea_is_averaged_over_four_seconds_at_first_and_forty_in_the_end() -> None:
+    """A step of what is expected is followed as 1 - exp(-t/memory), the memory being the time watched in between."""
+    truth = sea_of(1.0, 0.1)
+    for watched, memory in ((0.0, 4.0), (3.0, 4.0), (19.9, 20.0), (39.9, 40.0), (500.0, 40.0)):
+        before = sea_of(1.0, 0.05)._replace(watched=watched)
+        after = learn(before, truth.heading, truth.rate, 0.1)
+        share = 1.0 - math.exp(-0.1 / memory)
+        assert after.watched == pytest.approx(watched + 0.1)
+        assert after.heading == pytest.approx(before.heading + share * (truth.heading - before.heading))
+        assert after.rate == pytest.approx(before.rate + share * (truth.rate - before.rate))
+
+
+def test_swells_slower_than_waves_count_by_their_rate_and_noise_faster_by_its_heading() -> None:
+    slow, fast = sea_of(0.1, 0.1)._replace(watched=99.0), sea_of(50.0, 0.1)._replace(watched=99.0)
+    assert frequency(learn(slow, slow.heading, slow.rate, 0.1)) == pytest.approx(0.4)
+    assert learn(slow, slow.heading, slow.rate, 0.1).rate == pytest.approx(slow.rate)
+    assert frequency(learn(fast, fast.heading, fast.rate, 0.1)) == pytest.approx(4.0)
+    assert learn(fast, fast.heading, fast.rate, 0.1).heading == pytest.approx(fast.heading)
+    calm = Sea(0.0, 0.0, 99.0)
+    for _ in range(9):
+        calm = learn(calm, 0.0, 0.0, 10.0)
+    assert math.degrees(math.sqrt(calm.heading)) == pytest.approx(0.02), "it never falls quite asleep"
+
+
+@given(st.floats(0.0, 0.2), st.floats(-1.0, 1.0))
+def test_of_a_swing_too_far_for_the_waves_the_rest_is_a_push(deviation: float, wave: float) -> None:
+    """Three deviations and 0.3 degrees, as the root of their squares."""
+    most = math.hypot(3.0 * deviation, math.radians(0.3))
+    share = believed(deviation, wave)
+    assert 0.0 < share <= 1.0
+    assert abs(share * wave) == pytest.approx(min(abs(wave), most))
+    if abs(abs(wave) - most) > 1e-9:
+        assert is_extreme(Sea(deviation**2, 0.0), wave) is (abs(wave) > most)
