@@ -14,7 +14,7 @@ from autopilot.params.any_file import ParameterFile, load_any, load_parameters
 from autopilot.params.firmware_dump import Heading, dump_firmware, implied_kind
 from autopilot.params.firmware_file import FirmwareFile, entries
 from autopilot.params.foreign_files import SUFFIXES, dump_foreign, is_foreign
-from autopilot.params.saving import save_text
+from autopilot.params.saving import save_schema, save_text
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import dump_vessel
 from autopilot.printable import SENTENCE, escaped, printable
@@ -100,7 +100,7 @@ def schema(arguments: argparse.Namespace) -> int:
 
     text = schema_text(arguments.kind)
     if arguments.out:
-        save_text(arguments.out, text)
+        save_schema(arguments.out, text)
         print(f"{arguments.out}: begin your file with '# yaml-language-server: $schema={arguments.out}'")
     else:
         print(text, end="")

@@ -116,6 +116,6 @@ def discard_journal(path: Path) -> None:
 
 def _unusable(path: Path, reason: str) -> InputError:
     return InputError(
-        f"{path}: this journal of an upload cannot be used ({' '.join(reason.split())}); upload your backup file, then "
-        "remove the journal."
+        f"{path}: this journal of an upload cannot be used ({' '.join(reason.split())}); remove it, then restore the "
+        "backup file of that upload: autopilot params restore BACKUP."
     )

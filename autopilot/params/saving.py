@@ -19,7 +19,9 @@ from pathlib import Path
 from autopilot.errors import InputError
 
 MOST_NUMBERS = 100_000
-PAGE_BEGINNINGS = (b"<!doctype html", b"<html")
+PAGE_BEGINNINGS = (b"<!doctypehtml", b"<html")
+SCHEMA_BEGINNINGS = (b'{"$schema"',)
+"""How a file of the kind begins, in small letters and without spaces."""
 FULL = (errno.ENOSPC, errno.EDQUOT)
 """Why a disk takes nothing more, which may pass."""
 
@@ -37,13 +39,22 @@ def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
 
 def save_page(path: str | Path, page: str) -> None:
     """Write an HTML page atomically, over an older page alone: a report is made again, a log is not. InputError."""
+    _save_again(path, page, PAGE_BEGINNINGS, "page of a report; give another name, such as a .html")
+
+
+def save_schema(path: str | Path, schema: str) -> None:
+    """Write a JSON Schema atomically, over an older one alone: never over the file it describes. InputError."""
+    _save_again(path, schema, SCHEMA_BEGINNINGS, "JSON Schema; give another name, such as a .schema.json")
+
+
+def _save_again(path: str | Path, text: str, beginnings: tuple[bytes, ...], kind: str) -> None:
     path = Path(path)
     if path.is_file() and path.stat().st_size:
         with path.open("rb") as file:
-            begins = file.read(64).lstrip().lower()
-        if not begins.startswith(PAGE_BEGINNINGS):
-            raise InputError(f"{path}: exists already and is no page of a report; give another name, such as a .html.")
-    save_text(path, page)
+            begins = b"".join(file.read(64).lower().split())
+        if not begins.startswith(beginnings):
+            raise InputError(f"{path}: exists already and is no {kind}.")
+    save_text(path, text)
 
 
 def save_unused(path: Path, text: str) -> Path:

@@ -114,3 +114,20 @@ def test_the_command_writes_it(tmp_path: Any, capsys: pytest.CaptureFixture[str]
         assert arguments.run(arguments) == 0
     assert capsys.readouterr().out.startswith(schema_text("vessel"))
     assert (tmp_path / "v.json").read_text() == schema_text("vessel")
+
+
+@pytest.mark.parametrize("held", [VESSEL.encode(), b"\x00\x06a log"])
+def test_a_schema_replaces_a_schema_alone(tmp_path: Any, held: bytes) -> None:
+    import argparse
+
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers())
+    out = tmp_path / "my-boat.yaml"
+    arguments = parser.parse_args(["params", "schema", "vessel", "--out", str(out)])
+    out.write_bytes(held)
+    with pytest.raises(InputError, match=r"my-boat\.yaml: exists already and is no JSON Schema"):
+        arguments.run(arguments)
+    assert out.read_bytes() == held
+    out.write_text(schema_text("firmware"))
+    assert arguments.run(arguments) == 0
+    assert out.read_text() == schema_text("vessel")

@@ -221,6 +221,9 @@ def test_a_damaged_journal_is_one_sentence(served: ServedVehicle, text: str) -> 
     with pytest.raises(InputError, match=r"upload-1-1\.json: this journal of an upload cannot be used \(") as caught:
         call(served, "restore")
     assert "\n" not in str(caught.value)
+    assert "remove it, then restore" in str(caught.value)
+    path.unlink()
+    assert call(served, "restore", write("backup.parm", **ALL_NEW)) == 0
 
 
 def test_a_journal_that_cannot_be_kept_stops_the_upload(
