@@ -14,7 +14,12 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 
-NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "a termination signal", signal.SIGHUP: "the terminal's end"}
+NAMES = {
+    signal.SIGINT: "Ctrl-C",
+    signal.SIGQUIT: "Ctrl-\\",
+    signal.SIGTERM: "a termination signal",
+    signal.SIGHUP: "the terminal's end",
+}
 STAYING = ("run", "trial", "web", "signalk", "helm", "serve", "ardupilot-physics")
 """Commands that go on until they are ended: for them a signal is the way it is meant to be."""
 LEFT: list[Callable[[], None]] = []
@@ -32,7 +37,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def take_signals(program: str, command: str) -> None:
-    """Let SIGINT, SIGTERM and SIGHUP end this process at once, with one line."""
+    """Let the signals of NAMES end this process at once, with one line."""
     global _owner, _command
     _owner, _command = os.getpid(), (program, command)
     for number in NAMES:

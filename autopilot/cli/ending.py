@@ -11,7 +11,7 @@ from types import FrameType
 from autopilot.angles import wrap
 from autopilot.cli.terminal import degrees_text
 from autopilot.errors import RefusedError
-from autopilot.interruption import ended_by
+from autopilot.interruption import NAMES, ended_by
 from autopilot.links.arrivals import HeardTransport, came
 from autopilot.links.base import LinkError
 from autopilot.links.release import Release, release_sentence
@@ -21,7 +21,8 @@ from autopilot.signals import Mode, OrderKind, Tick
 
 ENGAGE_PATIENCE = 20.0
 """Time [s] after the first heading in which an ordered engagement must come about."""
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+BACKGROUND = (signal.SIGTTIN, signal.SIGTTOU)
+NOT_STOPPED = "Ctrl-Z is not obeyed: a stopped pilot leaves the rudder where it is; s: standby  q: quit"
 
 
 class Ending:
@@ -34,6 +35,7 @@ class Ending:
         """Takes the lines, by which it says what came where no heading came."""
         self.stop = False
         self.why = ""
+        self._asked_to_stand_still = False
         self._heading_timeout = heading_timeout
         self._signing = signing
         self._links = ", ".join(links)
@@ -87,22 +89,31 @@ class Ending:
 
     @contextlib.contextmanager
     def at_signals(self) -> Iterator[None]:
-        """SIGINT, SIGTERM and SIGHUP end the run after the tick they come in."""
+        """The signals that end a program end the run after the tick they come in; those of job control stop nothing."""
 
         def stop(number: int, _frame: FrameType | None) -> None:
             self.stop = True
             self.why = f"ended by {ended_by(number)}"
 
-        before = {number: signal.getsignal(number) for number in SIGNALS}
+        def stay(_number: int, _frame: FrameType | None) -> None:
+            self._asked_to_stand_still = True
+
+        wanted = dict.fromkeys(NAMES, stop) | {signal.SIGTSTP: stay} | dict.fromkeys(BACKGROUND, signal.SIG_IGN)
+        before = {number: signal.getsignal(number) for number in wanted}
         if before[signal.SIGHUP] is signal.SIG_IGN:  # nohup: it goes on without its terminal
             del before[signal.SIGHUP]
         for number in before:
-            signal.signal(number, stop)
+            signal.signal(number, wanted[number])
         try:
             yield
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+    def news(self) -> str:
+        """Return what is to be said of a key that was pressed, "" where there is nothing."""
+        asked, self._asked_to_stand_still = self._asked_to_stand_still, False
+        return NOT_STOPPED if asked else ""
 
     def _silence(self, seconds: float) -> LinkError:
         return LinkError(

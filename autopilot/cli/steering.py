@@ -94,7 +94,7 @@ def steer(
     resumes: Callable[[float], None] | None = None,
     typed: TypedLines | None = None,
 ) -> int:
-    """Run a session to its end and return the exit code; SIGINT and SIGTERM end it with the rudder released.
+    """Run a session to its end and return the exit code; a signal ends it with the rudder released.
 
     The last line printed says what became of rudder, course and log.
 
@@ -146,6 +146,8 @@ def steer(
             tuner.turn()
             if desk is not None and (news := desk.news(tick)):
                 status.say(news)
+            if said := ending.news():
+                status.say(said)
             upkeep.ticked(tick)
             return ending(tick) or (watch(tick) and ending.is_wanted())
 

@@ -119,7 +119,7 @@ def test_a_command_ends_without_a_trace_at_any_moment(name: str, number: signal.
             assert done or LAST_LINE[number] in said + complained, where
 
 
-def start(command: Command, folder: Path) -> subprocess.Popen[str]:
+def start(command: Command, folder: Path, process_group: int | None = None) -> subprocess.Popen[str]:
     program, *words = command.line(folder)
     return subprocess.Popen(
         [sys.executable, "-m", program, *words],
@@ -128,6 +128,7 @@ def start(command: Command, folder: Path) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        process_group=process_group,
     )
 
 
@@ -195,6 +196,23 @@ def test_a_closed_terminal_ends_a_run_in_good_order(tmp_path: Path) -> None:
     said, complained = pilot.communicate(timeout=20)
     assert (pilot.returncode, complained) == (0, "")
     assert said.startswith("ended by the terminal's end: rudder not held; nothing was steered; log ")
+
+
+def test_a_pilot_cannot_be_stopped_with_the_rudder_where_it_is(tmp_path: Path) -> None:
+    pilot = start(COMMANDS["run"], tmp_path, process_group=0)  # as a shell starts it: Ctrl-Z stops such a group
+    assert pilot.stdout is not None
+    try:
+        assert "STANDBY" in pilot.stdout.readline()
+        for number in (signal.SIGTTIN, signal.SIGTTOU, signal.SIGTSTP):
+            pilot.send_signal(number)
+        time.sleep(0.5)
+        pilot.send_signal(signal.SIGQUIT)
+        said, complained = pilot.communicate(timeout=20)
+    finally:
+        pilot.kill()
+    assert (pilot.returncode, complained) == (0, "")
+    assert said.startswith("Ctrl-Z is not obeyed: a stopped pilot leaves the rudder where it is; ")
+    assert "\nended by Ctrl-\\: rudder not held; nothing was steered; log " in said
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
