@@ -141,6 +141,7 @@ def steer(
         status, held = StatusLine(describe, typed, vessel.sensors.magnetic), Held()
 
         def after(tick: Tick) -> bool:
+            is_over = watch(tick)  # takes the keys before the first status line, into which they would be echoed
             status.show(tick)
             held(tick)
             tuner.turn()
@@ -149,7 +150,7 @@ def steer(
             if said := ending.news():
                 status.say(said)
             upkeep.ticked(tick)
-            return ending(tick) or (watch(tick) and ending.is_wanted())
+            return ending(tick) or (is_over and ending.is_wanted())
 
         session = Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder)
         try:
