@@ -153,7 +153,8 @@ _RUDDER = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "off its order by more than the tolerance and not on its way for 1.2 s and the gear's delay and lag",
+        "off its order by more than the tolerance and not on its way for 1.2 s and the gear's delay and lag; a rudder "
+        "a quarter as quick as filed, with a course-unstable boat",
         "rudder.follow_tolerance_deg",
     ),
     AlarmKind(
@@ -229,8 +230,9 @@ _MOTION = [
         _DEGRADE,
         _WARNING,
         _PILOT,
-        "six like sweeps of the rudder in a row by half its limit, each with 10 deg of heading; the law is soft then, "
-        "with a quarter of the gain; a speed below the trial's is doubted first",
+        "four like or growing sweeps of the rudder in a row by half its limit, each with 10 deg of heading, or two "
+        "that swing the boat three times as far as its model, or twice the rate that the rudder hard over gives; then "
+        "a quarter of the gain, and a sixteenth if need be; a speed below the trial's is doubted first",
     ),
     AlarmKind(
         "swinging",
@@ -239,7 +241,8 @@ _MOTION = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "six such sweeps by its whole limit under the soft law; at once with a course-unstable boat",
+        "six such sweeps by its whole limit under the soft law, or four with a sixteenth of the gain; at once with a "
+        "course-unstable boat",
     ),
     AlarmKind(
         "circling",
@@ -248,7 +251,7 @@ _MOTION = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "one and a half turns away from the heading ordered, on balance",
+        "390 deg away from the heading ordered, on balance",
     ),
     AlarmKind(
         "too_quick",
@@ -257,8 +260,9 @@ _MOTION = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "three times the rate that the rudder hard over gives by the model, for a second or 0.3 time constants; or an "
-        "answer to the rudder of more than four times the model's, to both sides",
+        "three times the rate that the rudder hard over gives by the model, for a second or 0.3 time constants, or "
+        "twice with a sixteenth of the gain; or an answer to the rudder of more than four times the model's, to both "
+        "sides",
         "model.K_1_s, helm.rudder_at_full_pwm_deg",
     ),
     AlarmKind(
@@ -288,8 +292,8 @@ _MOTION = [
         _DEGRADE,
         _WARNING,
         _PILOT,
-        "the answer to the rudder is two and a half times that of the model at this speed, or is missing at a speed "
-        "above the trial's",
+        "the answer to the rudder is two and a half times that of the model at this speed, or the rate of turn half "
+        "again what the rudder hard over gives at it, or the answer is missing at a speed above the trial's",
         "model.reference_speed_m_s",
     ),
     AlarmKind(

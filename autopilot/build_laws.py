@@ -48,6 +48,11 @@ def model_of(vessel: Vessel) -> Norrbin:
     )
 
 
+def gain_per_speed_of(vessel: Vessel) -> float:
+    """Return K/U [1/m] of the vessel, which no speed changes."""
+    return vessel.model.K_1_s / vessel.model.reference_speed_m_s
+
+
 def gear_of(vessel: Vessel) -> SteeringGear:
     """Return the steering gear of the vessel file."""
     rudder = vessel.rudder
@@ -96,7 +101,8 @@ def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
         bound = backstepping.error_max_of(model_of(vessel), gains, limits_of(vessel).rate_max)
         return BacksteppingLaw(gains, vessel.model.reference_speed_m_s, bound, limits_of(vessel).angle_max)
     if chosen == "pid" and control.pid is not None:
-        return PidLaw(PidGains(control.pid.kp, control.pid.ki_1_s, control.pid.kd_s))
+        gains_pid = PidGains(control.pid.kp, control.pid.ki_1_s, control.pid.kd_s)
+        return PidLaw(gains_pid, gain_per_speed_of(vessel))
     if chosen == "sliding" and control.sliding is not None:
         sliding = control.sliding
         reach, boundary = math.radians(sliding.reach_deg_s2), math.radians(sliding.boundary_deg_s)
@@ -139,6 +145,7 @@ def roll_ship_of(vessel: Vessel, section: SlidingRoll) -> tuple[RollShip, SwayYa
         vessel.model.reference_speed_m_s,
         gear._replace(angle_max=limits.angle_max, rate_max=limits.rate_max),
         vessel.sensors.heading_latency_s + vessel.control.loop_delay_s + gear.delay,
+        gain_per_speed_of(vessel),
     )
     return (
         ship,

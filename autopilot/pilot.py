@@ -51,6 +51,8 @@ INTEGRATING_LAW = "pid"
 """It learns wind and trim by itself; the others go by the estimated bias."""
 SPEED_CHANGE = 0.02
 """Turn limits are worked out anew when the speed has changed by this share."""
+CALM = 10.0
+"""Time constants over which the bias is averaged where the boat is steered softly."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
 NO_STEERAGE = text_of("low_speed")
@@ -155,6 +157,7 @@ class Pilot:
         self._number = 0
         self._now: float | None = None
         self._told = RudderCommand(0.0, 0.0, False)
+        self._mean_bias = 0.0
         self._rest = Rest()
         self._turn_limits: TurnLimits | None = None
         self._turn_speed = 0.0
@@ -201,6 +204,9 @@ class Pilot:
         if self.monitors.doubts_speed != self.estimator.doubts_speed:
             self.estimator.doubts_speed = self.monitors.doubts_speed
             self.estimator.forget_disturbances()
+        if self.monitors.softer != self.estimator.liveliness:
+            self.estimator.liveliness, self._mean_bias = self.monitors.softer, 0.0
+            self.estimator.forget_disturbances()
         model = self.estimator.model
         self.estimator.holds_bias = not self._guide.is_late(now) and self._guide.is_turning(
             model, self._limits_at(model)
@@ -212,7 +218,7 @@ class Pilot:
         mode = self.supervisor.decide(now, order, state, found)
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
             state = self._engage(now, state)
-        steady = self._steady(state)
+        steady = self._calm(self._steady(state), dt)
         self._watch_steerage(now, mode, order, steady)
         if mode is Mode.FAILSAFE and self.supervisor.law_steers:
             steady, reference, demand = self._steer_blindly(now, steady, dt)
@@ -328,6 +334,9 @@ class Pilot:
                 self.estimator.rudder.order(now, sample.angle)
 
     def _hear_roll(self, sample: RollSample) -> None:
+        if self.monitors.softer > 1.0:
+            # neither boat nor rudder is what the damping was worked out for
+            return
         if self.damper is not None:
             self.damper.hear(sample)
         if isinstance(self.law, HearsRoll):
@@ -359,6 +368,13 @@ class Pilot:
         waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
         self._met = met(model, config.gear, config.limits, config.wave_corners, quickness, waves)
         return state.without_waves(self._met.alone)
+
+    def _calm(self, state: NavState, dt: float) -> NavState:
+        """Return what is steered softly by: the mean bias of late. What a boat does that is not its model is taken for
+        wind that comes and goes with each swing, and steering against that keeps it swinging."""
+        share = -math.expm1(-dt / (CALM * self.estimator.model.time_constant))
+        self._mean_bias += share * (state.bias - self._mean_bias)
+        return state._replace(bias=self._mean_bias) if self.monitors.softer > 1.0 else state
 
     def _watch_steerage(self, now: float, mode: Mode, order: Order, state: NavState) -> None:
         """Notice when there is too little speed to hold a heading with, and when there is enough again."""

@@ -6,6 +6,9 @@ F is the rudder that the model needs for the planned turn, (T psi_d'' + n1 psi_d
 leaves to the gains only what the model does not know. The integrator is pulled towards the value that reproduces the
 rudder the limits let through (back calculation, Astrom and Wittenmark 1997, section 8.5), so that saturation cannot
 wind it up.
+
+The gains are those of a boat with K/U, which no speed changes. For a model that answers n times as much kp and kd
+become a share 1/n of them, and ki a share n^(-3/2), as the loop's pace goes down with sqrt(kp).
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.models.norrbin import Norrbin, rudder_for
+from autopilot.models.norrbin import Norrbin, liveliness, rudder_for
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Reference
 
@@ -28,6 +31,11 @@ class PidGains(NamedTuple):
     kp: float
     ki: float = 0.0
     kd: float = 0.0
+
+
+def gains_for(gains: PidGains, times: float) -> PidGains:
+    """Return the gains for a boat that answers `times` as much as the one that they were worked out for."""
+    return PidGains(gains.kp / times, gains.ki / (times * math.sqrt(times)), gains.kd / times)
 
 
 class PidMemory(NamedTuple):
@@ -67,14 +75,19 @@ def feed_forward(model: Norrbin, reference: Reference) -> float:
 
 
 class PidLaw:
-    """The law as the pilot holds it; its memory is the integrator alone."""
+    """The law as the pilot holds it; its memory is the integrator alone.
+
+    gain_per_speed: K/U [1/m] of the boat that the gains are for; None: they count for any boat.
+    """
 
     name = "pid"
 
-    def __init__(self, gains: PidGains) -> None:
+    def __init__(self, gains: PidGains, gain_per_speed: float | None = None) -> None:
         if not all(0.0 <= gain < math.inf for gain in gains):
             raise ValueError(f"pid: gains must be finite and not negative, got {gains}")
-        self.gains = gains
+        if gain_per_speed is not None and not 0.0 < gain_per_speed < math.inf:
+            raise ValueError(f"pid: K/U must be positive and finite, got {gain_per_speed}")
+        self.gains, self._gain_per_speed = gains, gain_per_speed
         self._memory = PidMemory()
 
     def reset(self, rudder: float) -> None:
@@ -82,9 +95,15 @@ class PidLaw:
         self._memory = PidMemory(integral=rudder if self.gains.ki > 0.0 else 0.0)
 
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return the rudder demand [rad]; the model serves the feed-forward alone."""
+        """Return the rudder demand [rad]; the model serves the feed-forward, and says how much the boat answers."""
         turning = feed_forward(model, reference)
         demand, self._memory = pid_step(
-            self.gains, self._memory, reference, state.heading, state.rate, last_rudder, dt, turning
+            self._gains_for(model), self._memory, reference, state.heading, state.rate, last_rudder, dt, turning
         )
         return demand
+
+    def _gains_for(self, model: Norrbin) -> PidGains:
+        if self._gain_per_speed is None:
+            return self.gains
+        times = liveliness(model, self._gain_per_speed)
+        return self.gains if times == 1.0 else gains_for(self.gains, times)

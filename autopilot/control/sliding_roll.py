@@ -48,7 +48,7 @@ from autopilot.control.sliding_heading import (
     sway_yaw_rudder,
 )
 from autopilot.models.naval_vessel import LinearMotion, Motion
-from autopilot.models.norrbin import Norrbin, rudder_for
+from autopilot.models.norrbin import Norrbin, liveliness, rudder_for
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import NavState, Reference, RollSample
 
@@ -74,12 +74,13 @@ STEPS_KEPT = 128
 
 class RollShip(NamedTuple):
     """What the law knows of the boat: linear model at `reference_speed` [m/s], steering gear as far as it may be used,
-    dead time [s] from measurement to rudder."""
+    dead time [s] from measurement to rudder, K/U [1/m] of the boat; None: the law orders alike for any boat."""
 
     model: LinearMotion
     reference_speed: float
     gear: SteeringGear
     delay: float = 0.0
+    gain_per_speed: float | None = None
 
 
 class AtSpeed(NamedTuple):
@@ -248,7 +249,9 @@ class SlidingRollLaw:
         self._time = state.time
         self._rate = seen(self._rate, self.ship.gear, state.rudder, last_rudder, dt)
         if sample is None or sample.rate is None:
-            return planned + sway_yaw_rudder(at.quiet, 0.0, rate, error) - state.bias
+            quiet = sway_yaw_rudder(at.quiet, 0.0, rate, error)
+            known = self.ship.gain_per_speed
+            return planned + (quiet if known is None else quiet / liveliness(model, known)) - state.bias
         heel = sample.roll - at.roll_per_rate * reference.rate
         off = Motion(self._sway(), sample.rate, rate, heel - self._list_with(heel, dt), error)
         self._look_on(place, off, state.rudder + state.bias - planned, dt)

@@ -79,6 +79,7 @@ class Estimator:
 
     Slower than `steerage` [m/s], and astern, the rudder tells nothing of the bias: it stays what it was. So it does
     while `holds_bias` is set, for turns that are planned. While `doubts_speed` is set the model is the trial's.
+    Headings are explained by a boat that answers `liveliness` times as much as the model.
     """
 
     def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
@@ -100,6 +101,7 @@ class Estimator:
         self._speeds = ScheduledSpeed()
         self._speed: float | None = None
         self.doubts_speed = False
+        self.liveliness = 1.0
         self.holds_bias = False
         self._takes_rates, self._is_spoilt = True, False
 
@@ -154,6 +156,10 @@ class Estimator:
         self.forget_bias()
         if self._fusion is not None:
             self._fusion = self._fusion._replace(state=ekf.without_sea(self._fusion.state))
+
+    @property
+    def _lively_model(self) -> Norrbin:
+        return self.model if self.liveliness == 1.0 else self.model._replace(gain=self.liveliness * self.model.gain)
 
     def _take_rudder(self, now: float, sample: RudderSample) -> None:
         if not is_rudder(sample.angle) or not math.isfinite(sample.time):
@@ -246,7 +252,7 @@ class Estimator:
         rate = math.nan if sample.rate is None else sample.rate
         self._taken.append(_Taken(before, sample))
         self._fusion, is_fused = fuse_measured(
-            self.model, self._noises, before, self.rudder.past, sample.time, heading, rate
+            self._lively_model, self._noises, before, self.rudder.past, sample.time, heading, rate
         )
         if not is_fused:
             self.counters.spikes += 1
@@ -267,7 +273,7 @@ class Estimator:
         state = fusion.state
         if not is_sound(state):
             return NavState(now, math.nan, math.nan, speed, self.rudder.angle, 0.0, now - self._heading_time, False)
-        heading, rate, wave, wave_rate = mean_at(self.model, self._noises, fusion, self.rudder.past, now)
+        heading, rate, wave, wave_rate = mean_at(self._lively_model, self._noises, fusion, self.rudder.past, now)
         return NavState(
             now,
             wrap(heading + wave),

@@ -12,6 +12,8 @@ from typing import NamedTuple
 SPEED_FLOOR_RATIO = 0.05
 """Below this share of the reference speed the scaling is held: K ~ U/L and T ~ L/U have no sense at rest."""
 
+ROUNDING = 1.0e-9
+
 
 class Norrbin(NamedTuple):
     """Parameters at `reference_speed` U0 [m/s].
@@ -81,6 +83,13 @@ def at_speed_ratio(model: Norrbin, ratio: float) -> Norrbin:
         n0=model.n0 * ratio,
         reference_speed=model.reference_speed * ratio,
     )
+
+
+def liveliness(model: Norrbin, gain_per_speed: float) -> float:
+    """Return how many times as much the model answers its rudder, at any speed, as a boat with K/U of `gain_per_speed`
+    [1/m]: 1 but for the rounding of the speed's scaling."""
+    times = model.gain / (model.reference_speed * gain_per_speed)
+    return 1.0 if abs(times - 1.0) < ROUNDING else times
 
 
 def rate_step(model: Norrbin, rate: float, rudder: float, dt: float) -> float:

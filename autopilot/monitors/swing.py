@@ -2,13 +2,15 @@
 
 No model tells why: the file may have the wrong boat, speed, rudder or delay, and what the loop does is what counts. A
 loop that is unstable by its own rudder ends in a limit cycle: the order goes from one side far to the other, again and
-again, and the heading with it. A heavy sea can look like that. So the law is made soft first (SOFTER): it orders as
-for a boat that answers so many times as much, which has a quarter of the gain and half the bandwidth and with which a
-boat of up to so many times its model's liveliness is stable again. In a sea the rudder then rests more than before, and
-nothing else comes of it; where the swings by the rudder go on all the same, steering makes them, and ends.
+again, and the heading with it. A heavy sea can look like that. So the pilot is made soft first (SOFTER): it supposes a
+boat that answers so many times as much, which has a quarter of the gain and half the bandwidth and with which a boat of
+up to so many times its model's liveliness is stable again; if need be, softer still (SOFTEST). In a sea the rudder then
+rests more than before, and nothing else comes of it; where the swings by the rudder go on all the same, steering makes
+them, and ends.
 
 By the model no steady turn is quicker than that with the rudder hard over. One that is SPIN times as quick for a while,
-as if twice the rudder pushed beside it, and to the rudder's side, is another boat's. A boat that is known to be pushed
+as if twice the rudder pushed beside it, and to the rudder's side, is another boat's; RUSH times, and the law is made
+soft. A boat that is known to be pushed
 harder than its rudder is not taken to go round by itself. Pure.
 """
 
@@ -20,14 +22,17 @@ from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
 from autopilot.monitors.watched import Watched
 
-SOFTER = 4.0
-"""The law orders as for a boat that answers so many times as much."""
-HALF_SWINGS = 6
-ALIKE = 1.6
-LEAST_TIME = 0.5
-"""So many sweeps of the rudder from side to side in a row, each with a swing of the heading, are a limit cycle: a turn
-and its counter-rudder are two, and the third is an overshoot. They last as long as each other, and the swings are as
-far, within this factor; a sea's are not. Sweeps that last less than this many time constants are not the boat's."""
+SOFTER, SOFTEST = 4.0, 16.0
+"""The law orders as for a boat that answers so many times as much, and so many times where that is not enough."""
+SUSPECT_SWINGS, HALF_SWINGS = 4, 6
+ALIKE, GROWS = 1.6, 3.0
+LEAST_TIME = 0.25
+"""So many sweeps of the rudder from side to side in a row, each with a swing of the heading, may be a limit cycle, or
+are one: a turn and its counter-rudder are two, and the third is an overshoot. They last as long as each other, and the
+swings are as far, within this factor, or farther while the cycle grows (GROWS); a sea's are not. Sweeps that last less
+than this many time constants are not the boat's, nor those of one that is sixteen times as quick."""
+BEYOND = 3.0
+"""A swing so many times as far as the rudder from stop to stop makes by the model counts for two."""
 SWEEP, THROW = 0.5, 1.0
 """Each of them, from turning point to turning point, in units of the rudder's limit to one side: to be steered softly,
 and to be let go of."""
@@ -37,13 +42,16 @@ PAUSE = (10.0, 15.0)
 """A sweep that comes later than this [s] and so many time constants after the one before begins the count anew."""
 NEW_COURSE = math.radians(5.0)
 """An order that differs by this [rad] begins a turn: what came before is forgotten."""
-CIRCLES = 3.0 * math.pi
-"""Turned this far [rad] away from the heading ordered, on balance: one that is behind us is reached by half a turn."""
+CIRCLES = math.tau + math.radians(30.0)
+"""Turned this far [rad] away from the heading ordered, on balance: one that is behind us is reached by half a turn or,
+the other way round, by a whole one."""
 SETTLED = math.radians(10.0)
 SETTLED_TIME = 4.0
 """A boat within this [rad] of its course for this time [s], or for so many time constants if that is longer, has not
 gone round: the turns that brought it there are over."""
-SPIN = 3.0
+SPEED_DOUBT = 1.25
+"""A speed further than this from the trial's may be what is wrong where the boat does not answer as it should."""
+OUTRUNS, RUSH, SPIN = 1.5, 2.0, 3.0
 RATE_MOST = 10.0
 """No boat turns as fast [rad/s]: such a step is the compass's, or the estimate's that begins anew."""
 SPIN_TIME = (1.0, 0.3)
@@ -83,12 +91,12 @@ class Swings:
         if is_paused or not abs(shortest_turn(self._wanted, watched.wanted)) < NEW_COURSE:
             self._begin(watched.now)
         self._wanted = watched.wanted
-        # a speed that reads too low makes any boat slow
-        self._least_time = LEAST_TIME * model.time_constant * min(speed_ratio(model, watched), 1.0)
-        self._follow(watched)
+        quickest = at_trial_speed(model, watched)
+        self._least_time = LEAST_TIME * quickest.time_constant
+        self._follow(quickest, watched)
         return self._count
 
-    def _follow(self, watched: Watched) -> None:
+    def _follow(self, model: Norrbin, watched: Watched) -> None:
         """Carry the heading's span since the last turning point of the order on, and look for the next one."""
         order, heading = watched.rudder, watched.state.heading
         if math.isnan(self._last):
@@ -105,8 +113,10 @@ class Swings:
             swung = max(self._span[1], self._before[1]) - min(self._span[0], self._before[0])
             lasted = watched.now - self._swept
             counts = swung >= SWING and lasted >= self._least_time
-            is_alike = _are_alike(swung, self._swung) and _are_alike(lasted, self._lasted)
-            self._count = 0 if not counts else self._count + 1 if is_alike else 1
+            goes_on = self._swung < ALIKE * swung and swung < GROWS * self._swung
+            is_alike = goes_on and _are_alike(lasted, self._lasted)
+            worth = 2 if swung > BEYOND * widest_swing(model, watched.angle_max, lasted) else 1
+            self._count = 0 if not counts else self._count + worth if is_alike else 1
             self._swung, self._lasted = swung, lasted
             self._side, self._extreme, self._swept = -self._side, order, watched.now
             self._span, self._before = (self._turned, self._turned), self._span
@@ -119,6 +129,27 @@ def _are_alike(one: float, other: float) -> bool:
 def speed_ratio(model: Norrbin, watched: Watched) -> float:
     """Return the speed that the model is for over the trial's."""
     return model.reference_speed / watched.trial_speed if watched.trial_speed > 0.0 else 1.0
+
+
+def at_trial_speed(model: Norrbin, watched: Watched) -> Norrbin:
+    """Return the model at the trial's speed where that is the quicker one: a speed that reads too low makes any boat
+    slow."""
+    return at_speed_ratio(model, max(1.0 / speed_ratio(model, watched), 1.0))
+
+
+def widest_swing(model: Norrbin, angle_max: float, lasted: float) -> float:
+    """Return how far [rad] the boat swings whose rudder stands at one stop and the other for `lasted` [s] each.
+
+    By the first harmonic of that rudder, 4/pi angle_max at w = pi/lasted: 2 K 4/pi angle_max/(w |n1 + i w T|). n3 would
+    make it less.
+    """
+    pace = math.pi / max(lasted, 1.0e-3)
+    return 8.0 / math.pi * model.gain * angle_max / (pace * math.hypot(model.n1, pace * model.time_constant))
+
+
+def reads_low(model: Norrbin, watched: Watched) -> bool:
+    """Return whether the speed is so far below the trial's that it may be what is wrong."""
+    return speed_ratio(model, watched) < 1.0 / SPEED_DOUBT
 
 
 class Circles:
@@ -141,7 +172,7 @@ class Circles:
             return False
         if self._last is None:
             self._off = shortest_turn(wanted, heading)
-        elif abs(watched.push) <= watched.angle_max:
+        elif abs(watched.push) <= watched.angle_max or reads_low(model, watched):
             # what is pushed round by more than its rudder is not steered round
             self._off += shortest_turn(self._last[0], heading) - shortest_turn(self._last[1], wanted)
         self._last = heading, wanted
@@ -167,25 +198,37 @@ class Spinning:
     def reset(self) -> None:
         """Forget everything."""
         self._last: tuple[float, float] | None = None
-        self._rate = 0.0
+        self.rate = 0.0
+        self.rushes = self.outruns_speed = False
 
     def too_fast(self, model: Norrbin, watched: Watched) -> float:
-        """Return the rate of turn [rad/s] where it is too fast for the boat of the `model`, else 0.
+        """Return the rate of turn [rad/s] where it is SPIN times too fast for the boat of the `model`, else 0; `rushes`
+        is whether it is RUSH times too fast, and `outruns_speed` whether it is OUTRUNS times what goes with the speed.
 
         A speed that reads too low would make any turn too fast: the model counts at the trial's speed at least.
         """
         last, self._last = self._last, (watched.now, watched.state.heading)
+        self.rushes = self.outruns_speed = False
         if not watched.steers or last is None or not watched.now > last[0]:
-            self._rate = self._rate if watched.steers else 0.0
+            self.rate = self.rate if watched.steers else 0.0
             return 0.0
         step = watched.now - last[0]
         turned = shortest_turn(last[1], watched.state.heading) / step
         if abs(turned) > RATE_MOST:
             turned = 0.0
-        self._rate -= math.expm1(-step / max(SPIN_TIME[0], SPIN_TIME[1] * model.time_constant)) * (turned - self._rate)
-        if self._rate * watched.rudder <= 0.0:
+        quickest = at_trial_speed(model, watched)
+        lasts = max(SPIN_TIME[0], SPIN_TIME[1] * quickest.time_constant)
+        self.rate -= math.expm1(-step / lasts) * (turned - self.rate)
+        is_steered = self.rate * watched.rudder > 0.0
+        # a course-unstable boat outruns its rudder where it is steered by a wrong speed
+        if is_steered or model.n1 <= 0.0:
+            self.outruns_speed = is_beyond(model, self.rate / OUTRUNS, watched.angle_max)
+        if not is_steered:
             return 0.0
-        quickest = at_speed_ratio(model, max(1.0 / speed_ratio(model, watched), 1.0))
-        # the damping grows with the rate: more of it than all the rudder is a rate beyond the rudder's
-        takes = math.copysign(1.0, self._rate) * damping(quickest, self._rate / SPIN)
-        return self._rate if takes > quickest.gain * watched.angle_max else 0.0
+        self.rushes = is_beyond(quickest, self.rate / RUSH, watched.angle_max)
+        return self.rate if is_beyond(quickest, self.rate / SPIN, watched.angle_max) else 0.0
+
+
+def is_beyond(model: Norrbin, rate: float, angle_max: float) -> bool:
+    """Return whether no steady turn is as quick as `rate` [rad/s]: its damping is more than all the rudder."""
+    return math.copysign(1.0, rate) * damping(model, rate) > model.gain * angle_max

@@ -11,7 +11,20 @@ from autopilot.monitors.course import OffCourse, Runaway
 from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
 from autopilot.monitors.rudder import AtTheStop, Overpowered, RudderFollows
 from autopilot.monitors.shown_order import ShownOrder
-from autopilot.monitors.swing import HALF_SWINGS, SOFTER, SWEEP, THROW, Circles, Spinning, Swings, speed_ratio
+from autopilot.monitors.swing import (
+    HALF_SWINGS,
+    SOFTER,
+    SOFTEST,
+    SPEED_DOUBT,
+    SUSPECT_SWINGS,
+    SWEEP,
+    THROW,
+    Circles,
+    Spinning,
+    Swings,
+    reads_low,
+    speed_ratio,
+)
 from autopilot.monitors.watched import NEWS, AlarmLimits, Watched
 from autopilot.signals import (
     ConditionSample,
@@ -26,9 +39,6 @@ from autopilot.signals import (
 ROLL_SECONDS = 2.0
 INNOVATION_TIME = 20.0
 WIND_STALE = 5.0
-SPEED_DOUBT = 1.25
-"""A speed further than this from the trial's may be what is wrong where the boat does not answer as it should."""
-
 FROZEN = text_of("heading_frozen")
 RUNAWAY = text_of("runaway")
 
@@ -72,7 +82,7 @@ class Monitors:
             self._spinning,
         ):
             monitor.reset()
-        self.softer, self.doubts_speed, self._other = 1.0, False, ""
+        self.softer, self._hunts, self.doubts_speed, self._other = 1.0, False, False, ""
         self.findings: dict[str, str] = {}
         self._conditions: dict[tuple[str, str], str] = {}
         self._roll_since: float | None = None
@@ -129,7 +139,7 @@ class Monitors:
         found = {name: text for (name, _), text in self._conditions.items()}
         self._look_at_heading(model, watched, found)
         self._look_at_rudder(model, watched, found)
-        self._look_at_model(watched, found)
+        self._look_at_model(model, watched, found)
         self._look_at_swings(model, watched, found)
         self._course.look(self.limits, watched)
         if self._course.text:
@@ -188,15 +198,13 @@ class Monitors:
     def _is_for_the_speed(self, model: Norrbin, watched: Watched, name: str) -> bool:
         """Return whether the answer to the rudder is one that a wrong speed explains: it is doubted then."""
         ratio = speed_ratio(model, watched)
-        too_low = self._answer.other in ("quick", "lively") and ratio < 1.0 / SPEED_DOUBT
+        too_low = self._answer.other in ("quick", "lively") and reads_low(model, watched)
         if not (too_low or (name == "rudder_stuck" and ratio > SPEED_DOUBT)):
             return False
-        self.doubts_speed = True
-        # the model is the trial's from the next tick on: what was seen is weighed anew by that
-        self._answer.reset()
+        self._doubt_speed()
         return True
 
-    def _look_at_model(self, watched: Watched, found: dict[str, str]) -> None:
+    def _look_at_model(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
         """What the answer to the rudder tells of speed, boat and rudder; what was found counts until we let go."""
         if not watched.steers:
             self.doubts_speed, self._other = False, ""
@@ -204,8 +212,11 @@ class Monitors:
         self._other = next((other for other in ("quick", "slow", "lively") if other in seen), "")
         if self._other == "quick":
             found["too_quick"] = text_of("too_quick")
+        elif self._other == "slow" and model.n1 <= 0.0:
+            # no gain is soft enough for a boat that turns away quicker than its rudder comes
+            found["rudder_not_following"] = text_of("rudder_not_following", "much slower than its file says")
         elif self._other:
-            self.softer = SOFTER
+            self.softer = max(self.softer, SOFTER)
             name = "lively" if self._other == "lively" else "rudder_slow"
             found[name] = text_of(name)
         if self.doubts_speed:
@@ -214,17 +225,20 @@ class Monitors:
     def _look_at_swings(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
         """What steering itself does to the boat: a soft law is tried first, then steering ends."""
         if not watched.steers:
-            self.softer = 1.0
+            self.softer, self._hunts = 1.0, False
         swings, throws = self._swings.look(model, watched), self._throws.look(model, watched)
-        if throws >= HALF_SWINGS and (self.softer > 1.0 or model.n1 <= 0.0):
-            found["swinging"] = text_of("swinging")
-        elif max(swings, throws) >= HALF_SWINGS:
-            self._steer_softer(model, watched)
-        if self.softer > 1.0 and not self._other:
-            found["hunting"] = text_of("hunting")
         fast = self._spinning.too_fast(model, watched)
-        if fast:
-            found["too_quick"] = text_of("too_quick", f"turning at {math.degrees(abs(fast)):.0f} deg/s")
+        is_soft = self.softer > 1.0 or model.n1 <= 0.0
+        if (is_soft and throws >= HALF_SWINGS) or (self.softer >= SOFTEST and swings >= SUSPECT_SWINGS):
+            found["swinging"] = text_of("swinging")
+        elif max(swings, throws) >= SUSPECT_SWINGS or (watched.follows and self._spinning.rushes):
+            self._steer_softer(model, watched)
+        elif self._spinning.outruns_speed and reads_low(model, watched):
+            self._doubt_speed()
+        if self._hunts and not self._other:
+            found["hunting"] = text_of("hunting")
+        if fast or (self.softer >= SOFTEST and self._spinning.rushes):
+            found["too_quick"] = text_of("too_quick", f"turning at {math.degrees(abs(self._spinning.rate)):.0f} deg/s")
         if self._circles.goes_round(model, watched):
             found["circling"] = text_of("circling")
         if watched.speeds_apart > 0.0:
@@ -233,15 +247,21 @@ class Monitors:
     def _steer_softer(self, model: Norrbin, watched: Watched) -> None:
         """A speed that is too low is the likeliest cause of swings, the trial's speed the worst that is plausible; then
         less is ordered. A course-unstable boat would be lost with less than it needs against its own wish to turn."""
-        if speed_ratio(model, watched) < 1.0 / SPEED_DOUBT:
-            self.doubts_speed = True
-            self._answer.reset()
-        elif self.softer == 1.0 and model.n1 > 0.0:
-            self.softer = SOFTER
+        if reads_low(model, watched):
+            self._doubt_speed()
+        elif model.n1 > 0.0:
+            self._hunts, self.softer = True, min(SOFTER * self.softer, SOFTEST)
         else:
+            self._hunts = True
             return
         self._swings.reset()
         self._throws.reset()
+        self._spinning.reset()
+
+    def _doubt_speed(self) -> None:
+        # the model is the trial's from the next tick on: what was seen is weighed anew by that
+        self.doubts_speed = True
+        self._answer.reset()
 
     def _hear_condition(self, sample: ConditionSample) -> None:
         key = (sample.name, sample.source)

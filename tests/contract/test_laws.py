@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.build_laws import law_of
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
-from autopilot.control.pid import INTEGRAL_MAX, PidGains, PidLaw
+from autopilot.control.pid import INTEGRAL_MAX, PidGains, PidLaw, gains_for
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.params.vessel_file import load_vessel
@@ -25,8 +25,8 @@ ROLLING = law_of(load_vessel("naval_vessel"), "sliding_roll")
 LAWS: dict[str, Callable[[], HeadingLaw]] = {
     "backstepping": lambda: BacksteppingLaw(BacksteppingGains(2.0, 2.0), 4.63),
     "backstepping that spares the rudder": lambda: BacksteppingLaw(BacksteppingGains(2.0, 2.0, 1.0, 0.3), 4.63),
-    "pid": lambda: PidLaw(PidGains(2.4, 0.24, 0.47)),
-    "pid without integral": lambda: PidLaw(PidGains(2.4, 0.0, 0.47)),
+    "pid": lambda: PidLaw(PidGains(2.4, 0.24, 0.47), LANXIN.gain / LANXIN.reference_speed),
+    "pid without integral": lambda: PidLaw(PidGains(2.4, 0.0, 0.47), LANXIN.gain / LANXIN.reference_speed),
     "sliding": lambda: SlidingLaw(SlidingGains(2.0, 1.1, 0.55), 4.63),
     "sliding_roll": lambda: ROLLING,
 }
@@ -135,6 +135,27 @@ def test_at_half_speed_a_spared_rudder_takes_twice_the_time() -> None:
     law.reset(0.0)
     slow = law.update(at_speed(LANXIN, 0.5 * 4.63), NORTH, state(0.01), 0.0, 2.0 * DT)
     assert slow == pytest.approx(quick, rel=1e-9)
+
+
+@pytest.mark.parametrize("speed", [2.0, 4.63, 6.0])
+def test_a_boat_that_answers_four_times_as_much_is_given_a_quarter_of_the_rudder(
+    make: Callable[[], HeadingLaw], speed: float
+) -> None:
+    at = at_speed(LANXIN, speed)
+    for heading, rate in ((0.02, 0.0), (0.0, 0.03), (-0.02, 0.02)):
+        law, told = make(), []
+        for model in (at, at._replace(gain=4.0 * at.gain)):
+            law.reset(0.0)
+            # without a dt there is nothing yet for an integrator
+            told.append(law.update(model, NORTH, state(heading, rate), 0.0, 1.0e-9))
+        assert told[1] == pytest.approx(0.25 * told[0], rel=1e-3, abs=1e-12)
+
+
+def test_pid_gains_for_a_livelier_boat_make_the_same_loop_slower() -> None:
+    assert gains_for(PidGains(2.0, 0.8, 0.4), 4.0) == pytest.approx(PidGains(0.5, 0.1, 0.1))
+    for bad in (0.0, -1.0, math.inf, math.nan):
+        with pytest.raises(ValueError, match="K/U"):
+            PidLaw(PidGains(2.0), bad)
 
 
 def test_at_half_speed_backstepping_slows_its_error_dynamics_with_the_boat() -> None:

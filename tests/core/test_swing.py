@@ -9,7 +9,17 @@ import pytest
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
-from autopilot.monitors.swing import CIRCLES, HALF_SWINGS, SWEEP, THROW, Circles, Spinning, Swings, speed_ratio
+from autopilot.monitors.swing import (
+    CIRCLES,
+    HALF_SWINGS,
+    SWEEP,
+    THROW,
+    Circles,
+    Spinning,
+    Swings,
+    speed_ratio,
+    widest_swing,
+)
 from autopilot.monitors.watched import Watched
 from autopilot.signals import NavState
 
@@ -83,13 +93,15 @@ def circled(turned: float, side: float, **change: float) -> bool:
 
 
 @SIDES
-def test_one_and_a_half_turns_are_going_round(side: float) -> None:
-    assert math.degrees(CIRCLES) == pytest.approx(540.0)
+def test_a_whole_turn_and_30_degrees_are_going_round(side: float) -> None:
+    assert math.degrees(CIRCLES) == pytest.approx(390.0)
     assert circled(1.01 * CIRCLES, side)
     assert not circled(0.99 * CIRCLES, side)
     assert circled(1.01 * CIRCLES, side, push=STOP)
     assert not circled(1.01 * CIRCLES, side, push=1.01 * STOP), "more than her rudder pushes her round"
     assert not circled(1.01 * CIRCLES, side, push=-1.01 * STOP)
+    assert circled(1.01 * CIRCLES, side, push=2.0 * STOP, trial_speed=6.0), "a push learnt with a wrong speed is none"
+    assert not circled(1.01 * CIRCLES, side, push=2.0 * STOP, trial_speed=4.9)
     assert not circled(2.0 * CIRCLES, side, follows=False)
 
 
@@ -167,10 +179,61 @@ def test_a_heading_that_swings_less_than_ten_degrees_is_a_quick_boat_in_a_sea(si
     assert counted(Swinging(side=side, swing=math.radians(9.7))) == 0
 
 
-@pytest.mark.parametrize(("time_constant", "is_hers"), [(2.0, True), (7.6, True), (8.4, False)])
-def test_sweeps_quicker_than_half_a_time_constant_are_not_the_boat_s(time_constant: float, is_hers: bool) -> None:
+@pytest.mark.parametrize(("time_constant", "is_hers"), [(2.0, True), (15.2, True), (16.8, False)])
+def test_sweeps_quicker_than_a_quarter_of_a_time_constant_are_not_the_boat_s(
+    time_constant: float, is_hers: bool
+) -> None:
     model = BOAT._replace(time_constant=time_constant)
     assert (counted(Swinging(), model=model) >= HALF_SWINGS) is is_hers
+
+
+def test_a_swing_beyond_three_times_what_the_rudder_can_make_counts_for_two() -> None:
+    """Rudder from stop to stop every 4 s: K 0.5 rad 8/pi/(w |1 + i w T|) = 10 deg either way with T 2 s."""
+    widest = widest_swing(BOAT, STOP, 4.0)
+    pace = math.pi / 4.0
+    assert widest == pytest.approx(8.0 / math.pi * 0.2 * STOP / (pace * math.hypot(1.0, 2.0 * pace)))
+    far, near = (counted(Swinging(swing=share * 3.0 * widest), 30.0) for share in (1.1, 0.9))
+    assert far == 2 * near - 1, "the first of them is not like the one before"
+
+
+@pytest.mark.parametrize(("grows", "goes_on"), [(1.0, True), (1.7, True), (2.9, True), (3.2, False), (0.5, False)])
+def test_swings_that_grow_are_one_cycle_and_others_are_not(grows: float, goes_on: bool) -> None:
+    swings, turned, most = Swings(THROW), 0.0, 0
+    boat = BOAT._replace(gain=20.0)
+    for sweep in range(7):
+        swing = math.radians(12.0) * grows**sweep if grows >= 1.0 else math.radians(600.0) * grows**sweep
+        for tick in range(40):
+            now, side = 4.0 * sweep + tick * DT, (-1.0) ** sweep
+            turned += side * min(swing, math.radians(4000.0)) / 40.0
+            most = max(most, swings.look(boat, watched(now, turned, side * STOP)))
+    assert (most >= 4) is goes_on
+
+
+@SIDES
+def test_a_boat_that_rushes_turns_twice_and_one_that_outruns_its_speed_half_again_as_fast(side: float) -> None:
+    """At a third of the trial's speed K and the steady turn of a linear boat are a third."""
+    slow = BOAT._replace(n3=0.0)
+    for rate, trial, rushes, outruns in (
+        (2.05 * 0.1, 4.0, True, True),
+        (1.95 * 0.1, 4.0, False, True),
+        (1.55 * 0.1, 12.0, False, True),
+        (1.45 * 0.1, 12.0, False, False),
+        (6.05 * 0.1, 12.0, True, True),
+    ):
+        spinning = Spinning()
+        for tick in range(200):
+            at = watched(tick * DT, side * rate * tick * DT, side * STOP)._replace(trial_speed=trial)
+            spinning.too_fast(slow, at)
+        assert (spinning.rushes, spinning.outruns_speed) == (rushes, outruns), (rate, trial)
+
+
+@pytest.mark.parametrize(("n1", "found"), [(1.0, False), (-1.0, True)])
+def test_only_a_course_unstable_boat_outruns_its_rudder_against_it(n1: float, found: bool) -> None:
+    spinning, model = Spinning(), BOAT._replace(n1=n1, n3=20.0)
+    for tick in range(200):
+        spinning.too_fast(model, watched(tick * DT, 0.6 * tick * DT, -STOP))
+    assert spinning.outruns_speed is found
+    assert not spinning.rushes
 
 
 @pytest.mark.parametrize(("lasts", "counts"), [(39.0, True), (41.5, False)])
