@@ -7,8 +7,9 @@
 A mutant is the program with one operator, number, condition or constant changed, by the operators of cosmic-ray. The
 places are drawn evenly over all rooms together, then the change. Each mutant runs against the tests that reach its
 line (of a line that only an import reaches, those of its module), the quickest first, in a fork that finds it in the
-place of the module. Which tests reach which line comes from one run of them with coverage, kept in --map until the code
-changes. Tests that live in real time, and those of compiled code, are left out.
+place of the module. Which tests reach which line comes from one run of them with coverage, kept in --map; after a
+change only the tests that are new, or reached what changed, are run again for it. Tests that live in real time, and
+those of compiled code, are left out.
 
 What survives is either in EXPLAINED, with the reason why nobody could notice, or a gap in the tests; both are printed.
 """
@@ -16,8 +17,10 @@ What survives is either in EXPLAINED, with the reason why nobody could notice, o
 from __future__ import annotations
 
 import argparse
+import ast
 import contextlib
 import datetime
+import difflib
 import hashlib
 import importlib
 import importlib.abc
@@ -107,6 +110,20 @@ EXPLAINED: dict[tuple[str, str], str] = {
     ("core/ReplaceComparisonOperator_Lt_NotEq", "if len(upload.items) != upload.wanted:"): (
         "items come one at a time, and with the last one wanted the upload ends: there are never more"
     ),
+    ("core/NumberReplacer", "blank = dict(vars(kind(*[ 1] * len(kind.fieldnames))))"): (
+        "what is read is written over every field"
+    ),
+    ("core/NumberReplacer", "blank = dict(vars(kind(*[ -1] * len(kind.fieldnames))))"): (
+        "what is read is written over every field"
+    ),
+    (
+        "core/ReplaceComparisonOperator_Gt_NotEq",
+        "read = attrgetter(*names) if len(names) != 1 else lambda message: (getattr(message, names[0]),)",
+    ): "every message has a field",
+    (
+        "core/NumberReplacer",
+        "read = attrgetter(*names) if len(names) > 1 else lambda message: (getattr(message, names[ -1]),)",
+    ): "the only field is the last one, too",
 }
 """Operator and the line as it became -> why no test can tell the difference."""
 
@@ -176,7 +193,7 @@ def places_of(path: Path) -> list[Place]:
         occurrence = 0
         for node in nodes:
             for start, _ in operator().mutation_positions(node):
-                if not _is_annotation(node):
+                if not _is_annotation(node) and not _is_strict(node):
                     found[start].append((name, occurrence))
                 occurrence += 1
     return [Place(str(path.relative_to(ROOT)), line, tuple(found[line, column])) for line, column in sorted(found)]
@@ -196,6 +213,11 @@ def _is_annotation(node: Any) -> bool:
         if node is not None and node.type == "funcdef" and node.annotation is before:
             return True
     return False
+
+
+def _is_strict(node: Any) -> bool:
+    """Return whether a node is the value of `strict=`: what it guards against is a mistake in the line itself."""
+    return node.parent is not None and node.parent.type == "argument" and node.parent.children[0].value == "strict"
 
 
 def drawn(rooms: Sequence[str], count: int, seed: str) -> list[Mutant]:
@@ -281,50 +303,155 @@ def _prepare() -> None:
 
 
 def reach(folder: Path) -> Reach:
-    """Return which tests reach which line: from `folder` where the code is the same as then, else by running them."""
-    kept = folder / f"reach-{_state_of_code()}.json"
-    if not kept.exists():
+    """Return which tests reach which line: from `folder` as far as it still holds, the rest by running tests anew."""
+    kept = folder / "reach.json"
+    tests, sources = _tests(), {_name(path): path.read_text(encoding="utf-8") for path in _modules()}
+    if kept.exists():
+        before = json.loads(kept.read_text())
+        stale = stale_tests(before, tests, sources)
+        document = _carried(before, stale, tests, sources)
+    else:
+        before, stale = {}, set(tests)
+        document = {"lines": {}, "imported": {}, "seconds": {}}
+    if stale:
         folder.mkdir(parents=True, exist_ok=True)
-        for old in folder.glob("reach-*.json"):
-            old.unlink()
-        kept.write_text(json.dumps(_traced(folder)))
-    document = json.loads(kept.read_text())
+        found = _traced(folder, sorted(stale))
+        document["seconds"] |= found["seconds"]
+        document["imported"] |= found["imported"]
+        for file, by_line in found["lines"].items():
+            known = document["lines"].setdefault(file, {})
+            for line, names in by_line.items():
+                known[line] = sorted({*known.get(line, ()), *names})
+    document |= {"tests": tests, "sources": sources}
+    if document != before:
+        kept.write_text(json.dumps(document))
     lines = {file: {int(line): names for line, names in each.items()} for file, each in document["lines"].items()}
     return Reach(lines, document["seconds"])
 
 
-def _state_of_code() -> str:
-    digest = hashlib.sha256()
-    for folder in ("autopilot", "tests"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+def _name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
 
 
-def _traced(folder: Path) -> dict[str, Any]:
-    """Run the tests once with coverage and return what they reach; only those that pass count."""
+def _modules() -> list[Path]:
+    return sorted((ROOT / "autopilot").rglob("*.py"))
+
+
+def _tests() -> dict[str, str]:
+    """Return every file of tests with a digest of it and of what it and its helpers import from `tests`."""
+    paths = sorted((ROOT / "tests").rglob("*.py"))
+    helpers = {path.stem: path for path in paths if not path.stem.startswith("test_") and path.stem != "conftest"}
+
+    def read(path: Path, seen: set[Path]) -> bytes:
+        seen.add(path)
+        content = path.read_bytes()
+        for name in re.findall(r"^(?:from|import) (\w+)", content.decode(), re.MULTILINE):
+            if name in helpers and helpers[name] not in seen:
+                content += read(helpers[name], seen)
+        return content
+
+    common = (ROOT / "tests" / "conftest.py").read_bytes()
+    return {
+        _name(path): hashlib.sha256(common + read(path, set())).hexdigest()[:16]
+        for folder in TESTS
+        for path in sorted((ROOT / "tests" / folder).rglob("test_*.py"))
+    }
+
+
+def stale_tests(before: dict[str, Any], tests: dict[str, str], sources: dict[str, str]) -> set[str]:
+    """Return the files of tests that are new or changed, or of which a test reached a line that is not as it was."""
+    reached: set[str] = set()
+    for file, old in before["sources"].items():
+        by_line, imported = before["lines"].get(file, {}), set(before["imported"].get(file, ()))
+        for line in touched(old, sources.get(file, ""), {*map(int, by_line), *imported}):
+            if names := by_line.get(str(line)):
+                reached |= set(names)
+            elif line in imported:  # a constant or a signature: whoever uses the module may notice
+                reached |= {name for each in by_line.values() for name in each}
+    changed = {file for file, digest in tests.items() if before["tests"].get(file) != digest}
+    return changed | {name.partition("::")[0] for name in reached} & tests.keys()
+
+
+def touched(old: str, new: str, known: set[int]) -> set[int]:
+    """Return those of the `known` lines of `old`, 1-based, that are not in `new`, or between which something is new."""
+    if old == new:
+        return set()
+    silent = _silent(old)
+    found: set[int] = set()
+    matcher = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
+    for kind, start, end, *_ in matcher.get_opcodes():
+        if kind in ("replace", "delete"):
+            for line in set(range(start + 1, end + 1)) - silent:
+                # of a statement over several lines only some are known
+                found |= {max((each for each in known if each <= line), default=0)}
+        if kind == "insert":
+            found |= {max((each for each in known if each <= start), default=0)}
+            found |= {min((each for each in known if each > start), default=0)}
+    return found - {0}
+
+
+def _silent(source: str) -> set[int]:
+    """Return the lines of a module that do nothing: empty ones, comments and docstrings."""
+    found = {n for n, line in enumerate(source.splitlines(), 1) if not line.strip() or line.strip().startswith("#")}
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            found |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    return found
+
+
+def _carried(before: dict[str, Any], stale: set[str], tests: dict[str, str], sources: dict[str, str]) -> dict[str, Any]:
+    """Return the map of the tests that are not stale, its lines moved to where they are now."""
+
+    def holds(name: str) -> bool:
+        file = name.partition("::")[0]
+        return file in tests and file not in stale
+
+    document: dict[str, Any] = {"lines": {}, "imported": {}}
+    document["seconds"] = {name: seconds for name, seconds in before["seconds"].items() if holds(name)}
+    for file, source in sources.items():
+        moved = _moved(before["sources"].get(file, ""), source)
+        by_line, imported = before["lines"].get(file, {}), before["imported"].get(file, [])
+        document["imported"][file] = [moved[line] for line in imported if line in moved]
+        document["lines"][file] = {
+            str(moved[int(line)]): still
+            for line, names in by_line.items()
+            if int(line) in moved and (still := [name for name in names if holds(name)])
+        }
+    return document
+
+
+def _moved(old: str, new: str) -> dict[int, int]:
+    """Return where each line that stayed as it was is now, 1-based."""
+    matcher = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
+    return {a + n + 1: b + n + 1 for a, b, size in matcher.get_matching_blocks() for n in range(size)}
+
+
+def _traced(folder: Path, files: Sequence[str]) -> dict[str, Any]:
+    """Run files of tests once with coverage and return what they reach; only tests that pass count."""
     from coverage import CoverageData
 
     data, times = (folder / "coverage").absolute(), (folder / "times.xml").absolute()
     data.unlink(missing_ok=True)
-    print("finding out which tests reach which line; some minutes", file=sys.stderr, flush=True)
+    print(f"finding out which lines {len(files)} files of tests reach", file=sys.stderr, flush=True)
     command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", f"--junitxml={times}"]
-    command += ["--cov=autopilot", "--cov-context=test", "--cov-report=", "-o", "filterwarnings=default"]
-    command += [f"tests/{name}" for name in TESTS]
+    command += ["--cov=autopilot", "--cov-context=test", "--cov-report=", "-o", "filterwarnings=default", *files]
     environment = {**os.environ, "COVERAGE_FILE": str(data), "NORRBIN_HYPOTHESIS": "gate"}
     subprocess.run(command, cwd=ROOT, env=environment, check=False, stdout=sys.stderr)
     seconds = _passed(ElementTree.parse(times).getroot())
     coverage = CoverageData(str(data))
     coverage.read()
-    lines: dict[str, dict[int, list[str]]] = {}
+    lines: dict[str, dict[str, list[str]]] = {}
+    imported: dict[str, list[int]] = {}
     for file in coverage.measured_files():
         by_line = coverage.contexts_by_lineno(file)
-        lines[str(Path(file).relative_to(ROOT))] = {
-            line: sorted(names & seconds.keys())
+        name = _name(Path(file))
+        imported[name] = sorted(line for line, contexts in by_line.items() if "" in contexts)
+        lines[name] = {
+            str(line): sorted(names & seconds.keys())
             for line, contexts in by_line.items()
             if (names := {context.partition("|")[0] for context in contexts if context}) & seconds.keys()
         }
-    return {"lines": lines, "seconds": seconds}
+    return {"lines": lines, "imported": imported, "seconds": seconds}
 
 
 def _passed(suites: ElementTree.Element) -> dict[str, float]:
