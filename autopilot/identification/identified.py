@@ -129,4 +129,9 @@ def _too_uncertain(solution: Solution) -> dict[str, str]:
                 f"{symbol}: {value:.3g} with a standard error of {error:.2g} {unit} is not determined by these runs; "
                 "record a zigzag in which the rudder goes over several times."
             )
+    if "time_constant" in solution.at_bound:
+        reasons["T"] = (
+            f"T: below {solution.model.time_constant:.2g} s, a fifth of the time between two samples: the boat answers "
+            "faster than these runs can show; record heading and rate more often."
+        )
     return reasons

@@ -38,6 +38,9 @@ STEPS_PER_TIME_CONSTANT = 4.0
 SAMPLES_TOGETHER = 200.0
 """Samples closer than a time constant by this number are stepped over together: what lies inside a step, the rudder's
 movement and the motion between two samples, is otherwise known only roughly."""
+SHORTEST_SHARE = 0.2
+"""A time constant below this share of the time between two samples is not told from none: it is held there, or each
+round of the fit would take it for shorter still, on steps that are smaller by as much."""
 LARGE_TURN = 2.0
 """Cubic damping shortens the memory in a turn; it is reckoned with at the largest rates measured, at most at this many
 times the typical rate."""
@@ -75,8 +78,8 @@ class Solution(NamedTuple):
 
     around: what propeller and wind add. covariance: of the free parameters in their own units, shape (F, F).
     noise: of rate and heading residuals.
-    at_bound: those that cannot be negative, were fitted, and ended at their bound 0. train: the way from the recorded
-    rudder to the water. trims: of the runs.
+    at_bound: those that were fitted and ended at their bound: 0 where they cannot be negative, T at its shortest.
+    train: the way from the recorded rudder to the water. trims: of the runs.
     """
 
     model: Norrbin
@@ -148,7 +151,13 @@ def fit_steps(segments: Sequence[Segment], model: Norrbin, typical_rate: float) 
     What counts is T/(1 + 3 n3 r^2) in a large turn, the linearised time constant there.
     """
     memory = model.time_constant / (1.0 + 3.0 * model.n3 * _large_rate(segments, typical_rate) ** 2)
+    memory = max(memory, shortest_time_constant(segments))
     return forcing(segments, memory / STEPS_PER_TIME_CONSTANT, memory / SAMPLES_TOGETHER)
+
+
+def shortest_time_constant(segments: Sequence[Segment]) -> float:
+    """Return the shortest time constant [s] that samples so far apart can tell."""
+    return SHORTEST_SHARE * float(np.median(np.concatenate([np.diff(segment.time) for segment in segments])))
 
 
 def _large_rate(segments: Sequence[Segment], typical_rate: float) -> float:
@@ -216,6 +225,8 @@ def _bounds(problem: Problem, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     for i, name in enumerate(problem.free):
         if name in NOT_NEGATIVE:
             low[i] = 0.0
+        if name == "time_constant":
+            low[i] = np.log(shortest_time_constant(problem.segments))
         if name == "drift":
             high[i] = LARGEST_DRIFT
         if name == "n2":
@@ -259,6 +270,9 @@ def _solution(problem: Problem, z: FloatArray) -> Solution:
     at_bound = tuple(
         name for name, value in zip(problem.free, z, strict=False) if name in NOT_NEGATIVE and value < AT_BOUND
     )
+    shortest = shortest_time_constant(problem.segments)
+    if "time_constant" in problem.free and model.time_constant < (1.0 + SETTLED) * shortest:
+        at_bound = (*at_bound, "time_constant")
     train = problem.rudder_train(z)
     around, trims = problem.race_and_wind(z), problem.run_trims(z)
     return Solution(model, around, problem.free, covariance, noise, at_bound, train, trims)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
 from autopilot.errors import InputError
-from autopilot.identification.forcing import at_samples, forcing
+from autopilot.identification import output_error
+from autopilot.identification.forcing import Forcing, at_samples, forcing
 from autopilot.identification.identified import SteadyTurns
 from autopilot.identification.identify import identify, mean_speed
 from autopilot.identification.prediction import predict
@@ -200,3 +203,49 @@ def test_standard_errors_cover_the_truth_under_gusts_that_last() -> None:
             inside.append(abs(getattr(found.model, name) - truth) < 1.96 * error)
     # 95 % intended; 16 draws, correlated by twos, of an estimator with a small-sample bias
     assert np.mean(inside) >= 0.75
+
+
+def spinning_boat(seed: int) -> dict[str, np.ndarray]:
+    """A boat of K 10.75 1/s and T 0.1 s at 10 Hz for 43 s: straight on, then spun at 28 deg of rudder."""
+    dt, random = 0.001, np.random.default_rng(seed)
+    rate = heading = rudder = 0.0
+    rows = []
+    for i in range(43_000):
+        order = np.radians(28.0) if i >= 12_000 else 0.0
+        rudder += min(order - rudder, np.radians(60.0) * dt)
+        rate += dt * (10.75 * rudder - rate - 0.3 * rate**3) / 0.1
+        heading += dt * rate
+        if i % 100 == 0:
+            rows.append((i * dt, heading, rate, rudder))
+    table = np.array(rows)
+    table[:, 1] += random.normal(0.0, HEADING_NOISE, len(rows))
+    table[:, 2] += random.normal(0.0, RATE_NOISE, len(rows))
+    names = ("time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad")
+    return {**dict(zip(names, table.T, strict=True)), "speed_m_s": 3.0 + 0.3 * np.sin(table[:, 0] / 3.0)}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_boat_quicker_than_its_samples_ends_in_a_sentence_and_not_in_ever_smaller_steps(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps: list[int] = []
+
+    def counted(*arguments: Any) -> Forcing:
+        found = fit_steps(*arguments)
+        steps.append(found.step.size)
+        assert steps[-1] < 21 * 430, "four steps in a fifth of the time between samples are enough"
+        return found
+
+    fit_steps = output_error.fit_steps
+    monkeypatch.setattr(output_error, "fit_steps", counted)
+    found = identify([run_of(spinning_boat(seed))])
+    assert steps
+    assert "T" not in found.unidentifiable or "faster than these runs can show" in found.unidentifiable["T"]
+    assert found.model.time_constant >= 0.02 * (1.0 - 1.0e-6)
+
+
+def test_a_time_constant_far_below_the_samples_is_not_told() -> None:
+    table = zigzag(np.radians(15.0), 60.0, 0.1, T=0.004, n3=0.0, rudder_rate=np.radians(60.0))
+    found = identify([run_of(noisy(table, RATE_NOISE, HEADING_NOISE, 1))], "nomoto")
+    assert "faster than these runs can show; record heading and rate more often" in found.unidentifiable["T"]
+    assert found.model.gain == pytest.approx(LANXIN["K"], rel=0.05)
