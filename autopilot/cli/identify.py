@@ -10,7 +10,6 @@ from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
     from autopilot.cli.identify_report import Result
-    from autopilot.cli.identify_vessel import Given
     from autopilot.identification.identified import ModelKind, SteadyTurns
     from autopilot.identification.runs import Run
 
@@ -130,14 +129,22 @@ def run(arguments: argparse.Namespace) -> int:
         assert steady is not None
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
+    from autopilot.cli.log_options import log_options, say_newer, vessel_of
     from autopilot.identification.registry import method_named
+    from autopilot.loop.recordings import load_run
 
     method_named(arguments.method, arguments.gain)  # said before the logs are read
-    fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
+    vessel = vessel_of(arguments)
+    options = log_options(arguments, vessel)
+    say_newer([*arguments.logs, *arguments.holdout])
+    fitted, held_out = (
+        [load_run(path, None, arguments.reverse_rudder, options) for path in paths]
+        for paths in (arguments.logs, arguments.holdout)
+    )
     if arguments.out:
-        from autopilot.cli.identify_vessel import boat_for
+        from autopilot.cli.identify_vessel import Given, boat_for
 
-        given = _given(arguments)
+        given = Given(vessel, arguments.rudder_max_deg, arguments.rudder_at_full_deg)
         boat = boat_for(arguments.out, fitted, given)
     result = _identify(arguments, steady, fitted, held_out)
     if arguments.out:
@@ -203,14 +210,6 @@ def _steady_turns(path: str) -> SteadyTurns:
 
     table = read_csv(path, None, STEADY_TURN_NEEDS)
     return SteadyTurns(table["rudder_rad"], table["yaw_rate_rad_s"], table.get("speed_m_s"))
-
-
-def _given(arguments: argparse.Namespace) -> Given:
-    from autopilot.cli.identify_vessel import Given
-    from autopilot.params.vessel_file import load_vessel
-
-    vessel = load_vessel(arguments.vessel) if arguments.vessel else None
-    return Given(vessel, arguments.rudder_max_deg, arguments.rudder_at_full_deg)
 
 
 def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None, fitted: list[Run], held_out: list[Run]) -> Any:
@@ -296,11 +295,3 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
 
 def _kind(result: Result) -> ModelKind:
     return "nomoto" if result.kind.startswith("nomoto") else "norrbin"
-
-
-def _load(paths: list[str], arguments: argparse.Namespace) -> list[Run]:
-    from autopilot.cli.log_options import log_options
-    from autopilot.loop.recordings import load_run
-
-    options = log_options(arguments)
-    return [load_run(path, None, arguments.reverse_rudder, options) for path in paths]

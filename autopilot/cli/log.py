@@ -52,11 +52,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the log and do what was asked; return the exit code."""
-    from autopilot.cli.log_options import log_options
+    from autopilot.cli.log_options import log_options, say_newer, vessel_of
     from autopilot.loop.recordings import load_recording
     from autopilot.params.saving import refuse_existing
 
-    options = log_options(arguments)
+    say_newer([arguments.log])
+    options = log_options(arguments, vessel_of(arguments))
     if arguments.action in ("csv", "export") and not arguments.overwrite:
         refuse_existing(arguments.out if arguments.action == "csv" else arguments.to)
     recording = load_recording(arguments.log, options.reading)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
+from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from autopilot.errors import InputError
+from autopilot.params.saving import newer_numbered
 
 if TYPE_CHECKING:
     from autopilot.loop.recordings import LogOptions
+    from autopilot.params.vessel import Vessel
 
 KINDS_HELP = """\
 a LOG is a .tlog (any MAVLink vehicle, or our own), an ArduPilot .BIN, a PX4 .ulg (extra `ulog`), NMEA 0183 sentences in
@@ -41,20 +46,33 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def log_options(arguments: argparse.Namespace) -> LogOptions:
-    """Return the options as the readers take them. Raises InputError."""
+def vessel_of(arguments: argparse.Namespace) -> Vessel | None:
+    """Return the vessel of `--vessel`, None without one. Raises InputError."""
+    from autopilot.params.vessel_file import load_vessel
+
+    return load_vessel(arguments.vessel) if arguments.vessel else None
+
+
+def say_newer(logs: Iterable[str]) -> None:
+    """Say on standard error which of `logs` an earlier run wrote: `--log` leaves what exists, and takes a new name."""
+    for log in logs:
+        newer = newer_numbered(Path(log))
+        if newer is not None:
+            print(f"{log} is read; the newest log of that name is {newer}", file=sys.stderr)
+
+
+def log_options(arguments: argparse.Namespace, vessel: Vessel | None) -> LogOptions:
+    """Return the options as the readers take them; `vessel`: of `--vessel`. Raises InputError."""
     from autopilot.build_laws import gear_of
     from autopilot.loop.csv_log import load_column_map
     from autopilot.loop.logs.reading import ReadOptions
     from autopilot.loop.logs.rudder import RudderSettings
     from autopilot.loop.logs.servo import Servo, ServoScale, servo_from_text
     from autopilot.loop.recordings import LogOptions
-    from autopilot.params.vessel_file import load_vessel
 
     variation = arguments.variation_deg
     if variation is not None and not -180.0 <= variation <= 180.0:
         raise InputError(f"--variation-deg {variation:g}: allowed is -180 to 180")
-    vessel = load_vessel(arguments.vessel) if arguments.vessel else None
     full = arguments.rudder_at_full_deg
     if full is not None and not 1.0 <= abs(full) <= 90.0:
         raise InputError(f"--rudder-at-full-deg {full:g}: allowed is 1 to 90, negative where the servo is reversed")

@@ -37,6 +37,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay and report; exit code 6 where a command differs."""
+    from autopilot.cli.log_options import say_newer
+
+    say_newer([str(arguments.log)])
     if arguments.link:
         return _play(arguments)
     from autopilot.loop.replay import replay

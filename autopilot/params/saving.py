@@ -10,6 +10,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import itertools
+import math
 import os
 import stat
 import tempfile
@@ -108,6 +110,18 @@ def create_unused(path: Path) -> tuple[int, Path]:
         lock(descriptor)
         return descriptor, name
     raise FileExistsError(errno.EEXIST, "all numbers are taken")
+
+
+def newer_numbered(path: Path) -> Path | None:
+    """Return the newest file that was written because `path` existed, run-2.tlog beside run.tlog; None: none is."""
+    newest, newest_time = None, -math.inf
+    with contextlib.suppress(OSError, ValueError):
+        newest_time = path.stat().st_mtime
+        for name in itertools.islice(numbered(path), 1, None):
+            written = name.stat().st_mtime
+            if written > newest_time:
+                newest, newest_time = name, written
+    return newest
 
 
 def unused_folder(path: Path) -> Path:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from autopilot.cli.main import main
+from autopilot.params import vessel_file
 from autopilot.params.vessel_file import load_vessel
 
 DATA = Path(os.environ.get("NORRBIN_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -107,3 +108,46 @@ def test_a_wrong_unit_in_the_column_map_is_named(tmp_path: Path, capsys: pytest.
 def test_no_log_at_all_says_what_is_needed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify"]) == 2
     assert "LOG" in capsys.readouterr().err
+
+
+def zigzag_table(path: Path) -> Path:
+    rows, heading, rate, rudder = ["time_s,rudder_deg,speed_m_s,yaw_rate_deg_s"], 0.0, 0.0, 15.0
+    for step in range(600):
+        if heading * rudder > 225.0:
+            rudder = -rudder
+        rate += 0.1 * (0.4 * rudder - rate) / 2.0
+        heading += 0.1 * rate
+        rows.append(f"{0.1 * step:.1f},{rudder},2.0,{rate:.4f}")
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_the_vessel_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, read = zigzag_table(tmp_path / "zigzag.csv"), []
+
+    def counted(path: str) -> Any:
+        read.append(path)
+        return load_vessel(path)
+
+    monkeypatch.setattr(vessel_file, "load_vessel", counted)
+    out = tmp_path / "out.yaml"
+    assert main(["identify", str(log), "--holdout", str(log), "--vessel", "lanxin", "--out", str(out)]) == 0
+    assert read == ["lanxin"]
+
+
+def test_an_older_log_is_read_as_named_and_the_newest_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = zigzag_table(tmp_path / "zigzag.csv")
+    for number, age in (("-2", 20.0), ("-3", 10.0)):
+        newer = zigzag_table(tmp_path / f"zigzag{number}.csv")
+        os.utime(newer, (newer.stat().st_mtime - age,) * 2)
+    os.utime(log, (log.stat().st_mtime - 30.0,) * 2)
+    assert main(["log", "info", str(log)]) == 0
+    assert capsys.readouterr().err == f"{log} is read; the newest log of that name is {tmp_path / 'zigzag-3.csv'}\n"
+    assert main(["identify", str(log), "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err == f"{log} is read; the newest log of that name is {tmp_path / 'zigzag-3.csv'}\n"
+    json.loads(said.out)
+    assert main(["log", "info", str(tmp_path / "zigzag-3.csv")]) == 0
+    assert capsys.readouterr().err == ""
