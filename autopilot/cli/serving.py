@@ -15,7 +15,7 @@ from autopilot.build_links import networks_of
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide
 from autopilot.guidance.wind_vane import WindGuide
-from autopilot.links.admission import Doors
+from autopilot.links.admission import LOOKING_ONLY, Doors
 from autopilot.links.base import Link
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands, Helmsman
@@ -36,17 +36,12 @@ from autopilot.regular_file import read_regular
 
 SYSTEM_MAX = 255
 ROUTE_MOST_BYTES = 1 << 20
-LOOKING_ONLY = (
-    "other machines can look and give no orders: no signing key is set. Give --signing-key FILE, or "
-    "--orders-without-key to obey everybody who reaches it"
-)
 
 
 class Serving(NamedTuple):
     """What `--serve` asks for: where, under which system id, and who carries out what is ordered there.
 
     `mission` is the route, whose guide leads the helmsman; so does `wind`.
-    `orders_without_key`: whether orders are taken from other machines without a signing key, whatever the file says.
     `reconnect`: lines that are lost, or not there yet, are opened again.
     """
 
@@ -56,23 +51,17 @@ class Serving(NamedTuple):
     mission: Mission
     armed: bool
     wind: WindGuide | None = None
-    orders_without_key: bool = False
     reconnect: bool = False
 
 
 def add_serving_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--serve`, `--orders-without-key` and `--system`."""
+    """Add `--serve` and `--system`."""
     parser.add_argument(
         "--serve",
         action="append",
         default=[],
         metavar="URL",
         help="be a MAVLink surface boat for ground stations: udpout:127.0.0.1:14550, tcpin:127.0.0.1:5762; repeatable",
-    )
-    parser.add_argument(
-        "--orders-without-key",
-        action="store_true",
-        help="take orders over --serve from other machines though no --signing-key says whose they are",
     )
     parser.add_argument("--system", type=int, default=1, metavar="ID", help="our system id for --serve (default 1)")
 
@@ -85,7 +74,7 @@ def serving_of(arguments: argparse.Namespace, helmsman: Helmsman, mission: Missi
         if parse_url(url).protocol != "mavlink":
             raise InputError(f"--serve {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")
     serving = Serving(tuple(arguments.serve), arguments.system, helmsman, mission, armed)
-    return serving._replace(orders_without_key=arguments.orders_without_key, reconnect=arguments.reconnect)
+    return serving._replace(reconnect=arguments.reconnect)
 
 
 class BackgroundSaver:

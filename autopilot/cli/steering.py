@@ -68,6 +68,11 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
         metavar="URL",
         help="let a ground station at this MAVLink link see and command the flight controller through us; repeatable",
     )
+    parser.add_argument(
+        "--orders-without-key",
+        action="store_true",
+        help="take orders over --serve and --forward from other machines though no --signing-key says whose they are",
+    )
     add_signing_option(parser)
     parser.add_argument("--vehicle-system", type=int, metavar="ID", help="MAVLink system id of the vehicle")
     parser.add_argument(
@@ -104,7 +109,7 @@ def steer(
     pilot = build_pilot(vessel, law, learns=desk is not None)
     clock = MonotonicClock(arguments.speedup)
     signing = signing_of(arguments)
-    doors = Doors(_admission(vessel, serving))
+    doors = Doors(_admission(vessel, arguments))
     ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
     options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward), doors)
     options = options._replace(with_other_pilot=arguments.with_other_pilot)
@@ -176,10 +181,9 @@ def steer(
     return int(ExitCode.OK)
 
 
-def _admission(vessel: Vessel, serving: Serving | None) -> Admission:
+def _admission(vessel: Vessel, arguments: argparse.Namespace) -> Admission:
     admission = admission_of(vessel)
-    is_asked = serving is not None and serving.orders_without_key
-    return admission._replace(orders_without_key=admission.orders_without_key or is_asked)
+    return admission._replace(orders_without_key=admission.orders_without_key or arguments.orders_without_key)
 
 
 def _print_refusals(signing: Signing | None, doors: Doors) -> None:

@@ -28,6 +28,8 @@ MEASURED_S = 3.0
 """So long after its last word a rudder sensor counts as one."""
 NARROWEST = 20
 WIDEST_TYPED = 30
+TYPED_MOST = 200
+"""Characters of a typed line; what a held key or a pasted file brings beyond them is dropped."""
 BACKSPACE = "\b\x7f"
 KILL = "\x15"
 """Ctrl-U: the line is begun anew."""
@@ -116,7 +118,7 @@ class TypedLines:
                 self.text = self.text[:-1]
             elif key == KILL:
                 self.text = ""
-            elif key.isprintable():
+            elif key.isprintable() and len(self.text) < TYPED_MOST:
                 self.text += key
         return lines
 

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import Transport
 from autopilot.links.boat.modes import MANUAL
-from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink_codec import MavlinkCodec, Message
 from autopilot.signals import ConditionSample, Sample
 
 STATION_SILENT_S = 5.0
@@ -33,6 +33,13 @@ QUESTIONS = frozenset(
     }
 )
 """Commands that order nothing: they ask for messages."""
+LOOKS = frozenset(
+    {
+        *("HEARTBEAT", "PING", "TIMESYNC", "PARAM_REQUEST_READ", "PARAM_REQUEST_LIST", "AUTOPILOT_VERSION_REQUEST"),
+        *("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_REQUEST_LIST", "MISSION_ACK"),
+    }
+)
+"""What a station that only looks says to a flight controller. The rates of its streams are ours: it shares our line."""
 ORDERS = frozenset(
     {
         *("COMMAND_LONG", "COMMAND_INT", "COMMAND_CANCEL", "SET_MODE", "PARAM_SET"),
@@ -47,7 +54,12 @@ COMMANDS = frozenset(
     }
 )
 STRANGERS_AT_ONCE = 20
+LOOKING_ONLY = (
+    "other machines can look and give no orders: no signing key is set. Give --signing-key FILE, or "
+    "--orders-without-key to obey everybody who reaches it"
+)
 NOT_THE_PEER = "datagrams from others than the station that is heard"
+NO_KEY = "orders from another machine without a key"
 STRANGER, TOO_MANY_COMMANDS, TOO_MANY_WRITES = "from system ids not allowed", "commands too many", "writes too many"
 
 
@@ -84,7 +96,7 @@ class Admission(NamedTuple):
     """What is let in. systems: MAVLink system ids of ground stations, all where empty.
 
     commands_hz, writes_hz: commands and parameter writes a second over one link, four seconds' worth at once.
-    orders_without_key: whether orders are taken from other machines where no key is set.
+    orders_without_key: whether orders are taken, and passed on, from other machines where no key is set.
     """
 
     systems: frozenset[int] = frozenset()
@@ -161,6 +173,14 @@ class Door:
         """Return whether what comes over `transport` may be an order, and not only a question."""
         return has_key or is_local(transport) or self._doors.admission.orders_without_key
 
+    def passes_on(self, frame: bytes) -> bool:
+        """Return whether a frame for a flight controller is passed on over a link that takes no orders; counts it."""
+        messages = MavlinkCodec().decode(frame)
+        if messages and all(map(only_looks, messages)):
+            return True
+        self._doors.refused[NO_KEY] += 1
+        return False
+
     def refusal(self, now: float, message: Message) -> str:
         """Return '' where `message`, of a system that is heard, is let in at `now` [s]; else the sentence why not."""
         kind = message.get_type()
@@ -224,6 +244,14 @@ def is_order(message: Message) -> bool:
     return kind in ORDERS
 
 
+def only_looks(message: Message) -> bool:
+    """Return whether a message to a flight controller changes nothing there, nor on the line to it."""
+    kind = message.get_type()
+    if kind in ("COMMAND_LONG", "COMMAND_INT"):
+        return message.command in QUESTIONS and message.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+    return kind in LOOKS
+
+
 def is_local(transport: Transport) -> bool:
     """Return whether nobody but programs of this machine, or who is wired to it, can be at the other side."""
     found: bool = getattr(transport, "is_local", True)
@@ -238,9 +266,12 @@ def strangers_of(transport: Transport) -> int:
 
 def gives_rudder_back(message: Message) -> bool:
     """Return whether a message takes the pilot from the helm: disarm, mode MANUAL, the end of a trial."""
+    return message.get_type() == "COMMAND_CANCEL" or stands_by(message)
+
+
+def stands_by(message: Message) -> bool:
+    """Return whether a message lets the pilot stand by: disarm, mode MANUAL. Behind the end of a trial it steers on."""
     kind = message.get_type()
-    if kind == "COMMAND_CANCEL":
-        return True
     if kind == "SET_MODE":
         return bool(message.custom_mode == MANUAL)
     if kind not in ("COMMAND_LONG", "COMMAND_INT"):

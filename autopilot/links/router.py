@@ -52,6 +52,7 @@ class Router:
         self.now = 0.0
         self.counts: Counter[str] = Counter()
         self._senders: list[Sender] = []
+        self._left: list[int] = []
         self._vehicles: set[int] = set()
         self._heard: dict[int, set[Address]] = {OURSELVES: set()}
         self._order: deque[bytes] = deque()
@@ -62,8 +63,12 @@ class Router:
 
         `has_vehicle`: the flight controller is there, and nobody elsewhere may speak in its name.
         """
-        number = len(self._senders)
-        self._senders.append(send)
+        if self._left:
+            number = self._left.pop()
+            self._senders[number] = send
+        else:
+            number = len(self._senders)
+            self._senders.append(send)
         self._heard[number] = set()
         if has_vehicle:
             self._vehicles.add(number)
@@ -71,6 +76,8 @@ class Router:
 
     def leave(self, number: int) -> None:
         """Send nothing more to an endpoint, and forget who was there: its line is closed."""
+        if number not in self._left:
+            self._left.append(number)
         self._senders[number] = lambda _: False
         self._heard[number] = set()
         self._vehicles.discard(number)

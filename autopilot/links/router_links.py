@@ -91,6 +91,7 @@ class ForwardLink:
     budget: shared by all such links of a flight controller.  door: which system ids are heard; None: all.
 
     Attributes:
+        takes_orders: whether all that a station says is passed on; else it only looks.
         lost: why the line is gone, '' while it is there; steering goes on without it.
         dropped: frames beyond what a turn or the budget allows.
     """
@@ -110,6 +111,7 @@ class ForwardLink:
         self._budget = budget
         self._signing = signing
         self._door = door or Doors().link()
+        self.takes_orders = self._door.takes_orders(transport, signing is not None)
         self._framer = Framer(transport.is_stream)
         self._number = router.join(self._sent)
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
@@ -142,7 +144,9 @@ class ForwardLink:
                     self.dropped += 1
                 elif not self._door.lets_in_system(source_of(frame).system):
                     continue
-                elif self._signing is None or not self._signing.refuses(frame):
+                elif (self._signing is None or not self._signing.refuses(frame)) and (
+                    self.takes_orders or self._door.passes_on(frame)
+                ):
                     self._presence.heard(now, identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT)
                     if is_mavlink(frame):  # the log's readers know no other messages
                         self._packets.append((now, frame))
@@ -174,7 +178,8 @@ class ForwardLink:
         return packets
 
     def close(self) -> None:
-        """Close the transport."""
+        """Leave the router, and close the transport."""
+        self._router.leave(self._number)
         self._transport.close()
 
     def _sent(self, frame: bytes) -> bool:

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from lockstep import Lockstep
 
-from autopilot.cli.terminal import Steady, course_text, degrees_text, line_of, status_text
+from autopilot.cli.terminal import TYPED_MOST, Steady, TypedLines, course_text, degrees_text, line_of, status_text
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import Order, OrderKind, Tick
 
@@ -172,3 +172,18 @@ def test_a_terminal_that_is_stopped_does_not_stop_the_steering(tmp_path: Path) -
         assert at.pilot.wait(20) == 0
     finally:
         at.close()
+
+
+def test_a_key_that_is_held_fills_no_memory_and_the_line_can_still_be_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Path(os.devnull).open() as nothing, monkeypatch.context() as patch:
+        patch.setattr(sys, "stdin", nothing)
+        typed = TypedLines()
+    keys = ["x" * 512] * 40 + ["\b\b\b\n"]
+    monkeypatch.setattr(typed, "_is_ours", lambda: True)
+    monkeypatch.setattr(typed, "_take_keys", lambda: None)
+    monkeypatch.setattr(typed, "_keys", lambda: keys.pop(0))
+    typed._input = 0
+    for _ in range(40):
+        assert typed.poll() == []
+        assert len(typed.text) <= TYPED_MOST
+    assert typed.poll() == ["x" * (TYPED_MOST - 3)]

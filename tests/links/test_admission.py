@@ -45,7 +45,7 @@ from autopilot.params.strict_yaml import parse_document
 from autopilot.params.vessel import Security
 from autopilot.params.vessel_file import dump_vessel, load_vessel, vessel_from
 from autopilot.params.vessel_parameters import parameters_of
-from autopilot.signals import Mode
+from autopilot.signals import AlarmSample, Mode, NavState, Order, Reference, RudderCommand, Tick
 
 ARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
 DISARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -443,7 +443,6 @@ def test_a_forwarding_link_lets_go_of_a_silent_station_too() -> None:
 ITEM = dialect.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 0, 1, 0, 0, 0, 0, 590000000, 180000000, 0)
 ORDERED = [
     ARM,
-    DISARM,
     dialect.MAVLink_command_int_message(1, 1, 0, dialect.MAV_CMD_DO_REPOSITION, 0, 0, -1, 1, 0, 0, 1, 1, 0),
     *[
         dialect.MAVLink_command_long_message(1, 1, command, 0, 1, 1, 1, 0, 0, 0, 0)
@@ -508,6 +507,37 @@ def test_without_a_key_another_machine_gives_no_order_and_hears_why_once() -> No
             )
     assert not commands.armed and not store.written and not commands.mission.items
     assert Hand.released == 0 and "".join(texts).count("signing key") == 1
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        DISARM,
+        dialect.MAVLink_set_mode_message(1, 1, 0),
+        dialect.MAVLink_command_long_message(1, 1, 176, 0, 1, *[0] * 6),
+    ],
+)
+@pytest.mark.parametrize("engaged", [True, False])
+def test_without_a_key_another_machine_may_let_the_pilot_stand_by_and_everybody_hears_of_it(
+    message: Any, engaged: bool
+) -> None:
+    boat, far, commands, _ = lan_boat()
+    state = NavState(0.0, 0.7, 0.0, 2.0, 0.0, 0.0, 0.0, True)
+    mode = Mode.ENGAGED if engaged else Mode.STANDBY
+    boat.show(Tick(1, 0.0, (), Order(), state, Reference(0.7), 0.0, RudderCommand(0.0, 0.0, engaged), mode, ()))
+    far.send(MavlinkCodec(255, 190).encode(message))
+    said = [sample.text for sample in boat.receive(0.1) if isinstance(sample, AlarmSample)]
+    assert commands._helmsman.released == 1
+    assert said == ["a ground station without a key has let the pilot stand by: steer by hand"] * engaged
+    assert boat.receive(29.0) == []
+    assert [sample.text for sample in boat.receive(31.0) if isinstance(sample, AlarmSample)] == [""] * engaged
+
+
+def test_with_a_key_an_unsigned_disarm_is_refused() -> None:
+    boat, far, commands, _ = lan_boat(signing=signing_of_two()[0])
+    far.send(MavlinkCodec(255, 190).encode(DISARM))
+    boat.receive(0.1)
+    assert commands._helmsman.released == 0
 
 
 def test_without_a_key_another_machine_sees_everything() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from typing import Any
 
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.admission import Budget
+from autopilot.build_links import LinkOptions, build_links
+from autopilot.links.admission import Admission, Budget, Doors
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.mavlink_frames import EVERYBODY, Address, Framer, source_of, target_of
@@ -19,6 +21,7 @@ from autopilot.links.router_links import FRAMES_PER_TURN, ForwardLink, RoutedTra
 from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpServerTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
+from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import AlarmSample
 
 BEAT = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
@@ -470,3 +473,124 @@ def test_a_stray_beginning_directly_before_a_frame_hides_it_from_nobody(stray: b
     assert Framer(is_stream).frames(stray + 30 * frame) == [frame] * 30
     decoded = MavlinkCodec(is_stream=is_stream).decode(stray + 30 * frame)
     assert [message.get_type() for message in decoded] == ["HEARTBEAT"] * 30
+
+
+class Lan:
+    """A transport to another machine, over a loopback."""
+
+    is_local = False
+
+    def __init__(self, near: Any) -> None:
+        self._near = near
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._near, name)
+
+
+def forwarded(message: Any, *, is_local: bool = False, admission: Admission | None = None, key: bool = False) -> bool:
+    """Return whether the vehicle gets what a station behind us says."""
+    signing = Signing(bytes(range(32)), CountingTimestamps(10**12)) if key else None
+    router, (near, vehicle), (behind, station) = Router(), loopback_pair(), loopback_pair()
+    ours = RoutedTransport(near, router)
+    transport = behind if is_local else Lan(behind)
+    door = Doors(admission or Admission()).link()
+    link = ForwardLink(transport, router, budget_for(0), signing and signing.link(), door)
+    vehicle.send(packed(BEAT, speaker(1, 1)))
+    ours.receive()
+    other = Signing(bytes(range(32)), CountingTimestamps(2 * 10**12)) if key else None
+    station.send(MavlinkCodec(255, 190, signing=other and other.link()).encode(message))
+    link.receive(0.1)
+    return bool(vehicle.receive())
+
+
+OVERRIDE = dialect.MAVLink_rc_channels_override_message(1, 1, *[1900] * 8, *[0] * 10)
+INTERVAL = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 30, -1, *[0] * 5)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        command(1, 1),
+        OVERRIDE,
+        INTERVAL,
+        dialect.MAVLink_set_mode_message(1, 1, 4),
+        dialect.MAVLink_param_set_message(1, 1, b"RC1_REVERSED", 1.0, 9),
+        dialect.MAVLink_mission_clear_all_message(1, 1, 0),
+        dialect.MAVLink_request_data_stream_message(1, 1, 10, 0, 0),
+        dialect.MAVLink_manual_control_message(1, 0, 1000, 0, 0, 0),
+        dialect.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 1.0),
+        dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251),
+    ],
+    ids=lambda message: message.get_type(),
+)
+def test_without_a_key_another_machine_gives_the_flight_controller_no_order(message: Any) -> None:
+    assert not forwarded(message)
+    assert forwarded(message, is_local=True)
+    assert forwarded(message, admission=Admission(orders_without_key=True))
+    assert forwarded(message, key=True)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        STATION_BEAT,
+        dialect.MAVLink_param_request_list_message(1, 1),
+        dialect.MAVLink_param_request_read_message(1, 1, b"RC1_TRIM", -1),
+        dialect.MAVLink_mission_request_list_message(1, 1, 0),
+        dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_REQUEST_MESSAGE, 0, 148, *[0] * 6),
+    ],
+    ids=lambda message: message.get_type(),
+)
+def test_without_a_key_another_machine_may_look_at_the_flight_controller(message: Any) -> None:
+    assert forwarded(message)
+
+
+def test_a_line_that_is_opened_again_and_again_takes_no_new_place() -> None:
+    router = Router()
+    seen: list[bytes] = []
+    router.join(lambda frame: seen.append(frame) or True, has_vehicle=True)
+    for _ in range(5):
+        behind, station = loopback_pair()
+        link = ForwardLink(behind, router, budget_for(0))
+        station.send(packed(STATION_BEAT, speaker(255, 190)))
+        router.now += 10.0
+        link.receive(router.now)
+        link.close()
+    assert len(router._senders) == 2
+    assert len(seen) == 5
+
+
+def test_with_reconnect_a_forward_that_is_lost_is_opened_again(capsys: pytest.CaptureFixture[str]) -> None:
+    vessel = load_vessel("lanxin")
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        url = f"tcp:127.0.0.1:{server.getsockname()[1]}"
+        options = LinkOptions(reconnect=True, forward=(url,))
+        boat, forward = build_links(vessel, ["udpin:127.0.0.1:0"], options)
+        first, _ = server.accept()
+        first.close()
+        server.settimeout(10.0)
+        for second in range(200):
+            forward.receive(0.1 * second)
+            time.sleep(0.02)
+            try:
+                server.setblocking(False)
+                again, _ = server.accept()
+                break
+            except BlockingIOError:
+                continue
+        else:
+            pytest.fail("not opened again")
+        again.close()
+        for link in (boat, forward):
+            link.close()
+
+
+def test_a_forward_to_other_machines_says_that_it_takes_no_orders(capsys: pytest.CaptureFixture[str]) -> None:
+    vessel = load_vessel("lanxin")
+    for reconnect in (False, True):
+        options = LinkOptions(reconnect=reconnect, forward=("udpin:0.0.0.0:0", "udpin:127.0.0.1:0"))
+        for link in build_links(vessel, ["udpin:127.0.0.1:0"], options):
+            link.close()
+        assert capsys.readouterr().err.count("give no orders: no signing key is set") == 1

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.admission import Door, Doors, Presence, is_order, strangers_of
+from autopilot.links.admission import Door, Doors, Presence, is_order, stands_by, strangers_of
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.alarm_list import ALARMS, alarm_list
 from autopilot.links.boat.commands import Commands
@@ -39,6 +39,8 @@ SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL, Mode.FAULT: dialect.
 REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"
 STRANGERS = "refused: a system id that is not allowed"
+STOPPED_S = 30.0
+STOPPED = "a ground station without a key has let the pilot stand by: steer by hand"
 LOOKING_ONLY = "no orders without a signing key from another machine: set a key, or allow security.orders_without_key"
 
 
@@ -50,7 +52,8 @@ class BoatLink:
     `files`: what is served over MAVLink FTP, by path; the file GENERAL is announced as metadata of our parameters.
 
     Attributes:
-        takes_orders: whether orders are carried out; else a station on this link only looks.
+        takes_orders: whether orders are carried out; else a station on this link only looks, and may let the pilot
+            stand by: taking the helm away needs no leave.
         lost: why the line is gone, '' while it is there; steering goes on without it.
         dropped: packets that the transport could not take, and messages beyond what a turn heeds.
     """
@@ -84,8 +87,8 @@ class BoatLink:
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[str, ...] = ()
         self.lost = ""
-        self._flooded = -math.inf
-        self._says_flooded = False
+        self._flooded = self._stopped = -math.inf
+        self._says_flooded = self._says_stopped = False
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
@@ -120,7 +123,7 @@ class BoatLink:
         self._door.count_strangers(strangers_of(self._transport) - strangers)
         if self._codec.refused > refused:
             self._refuse(now, REFUSAL)
-        return [*self._flood(now), *(self._presence.update(now) if not self.lost else [])]
+        return [*self._flood(now), *self._stop(now), *(self._presence.update(now) if not self.lost else [])]
 
     def _flood(self, now: float) -> list[Sample]:
         """Return word of a flood that has begun, or is over for some seconds."""
@@ -136,11 +139,22 @@ class BoatLink:
         refusal = self._door.refusal(now, message)
         if refusal:
             self._refuse(now, refusal)
-        elif not self.takes_orders and is_order(message):
+        elif not self.takes_orders and is_order(message) and not stands_by(message):
             self._refuse(now, LOOKING_ONLY)
             self._transmit(now, *self._service.denied(message))
         else:
+            tick = self._telemetry.tick
+            if not self.takes_orders and is_order(message) and tick is not None and tick.command.engaged:
+                self._stopped = now
             self._transmit(now, *self._service.take(now, message))
+
+    def _stop(self, now: float) -> list[Sample]:
+        """Return word that a station which only looks has let the pilot stand by, and the end of that word."""
+        says = now - self._stopped < STOPPED_S
+        if says == self._says_stopped:
+            return []
+        self._says_stopped = says
+        return [AlarmSample(now, STOPPED if says else "", f"{self.name} standing by")]
 
     def _refuse(self, now: float, reason: str) -> None:
         if now >= self._refusals.get(reason, -math.inf):
