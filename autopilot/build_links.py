@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ from autopilot.build_laws import radians_or_unlimited
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.admission import Admission, Budget, Door, Doors
+from autopilot.links.admission import LOOKING_ONLY, Admission, Budget, Door, Doors
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
 from autopilot.links.arrivals import HeardTransport
 from autopilot.links.base import Link
@@ -129,6 +130,7 @@ class LinkOptions(NamedTuple):
     `with_other_pilot`: engage though another pilot steers the boat.
     `reconnect`: lines that are lost, or not there yet, are opened again.
     `opened`: returns what an opener opens, in its own time.  `heard`: takes the lines, to say what came over them.
+    `has_compass`: headings may come over other links than the flight controller's, so slow ones there are no bar.
     """
 
     as_gcs: bool = False
@@ -141,6 +143,7 @@ class LinkOptions(NamedTuple):
     with_other_pilot: bool = False
     opened: Callable[[Callable[[], Link]], Link] = opened_now
     heard: dict[str, HeardTransport] | None = None
+    has_compass: bool = False
 
 
 def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | None = None) -> Link:
@@ -166,6 +169,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
         command_rate_hz=helm.rate_hz,
         attitude_rate_hz=vessel.control.rate_hz,
         heading_latency=vessel.sensors.heading_latency_s,
+        heading_timeout=math.inf if options.has_compass else vessel.failsafe.heading_timeout_s,
         vehicle_system=options.vehicle_system,
         as_gcs=options.as_gcs,
         with_other_pilot=options.with_other_pilot,
@@ -204,7 +208,7 @@ def build_forward_links(
             signing = options.signing.link() if options.signing else None
             door = options.doors.link() if options.doors else None
             opener = partial(_forward_link, url, allow, router, budget, signing, door)
-            links.append(options.opened(opener))
+            links.append(KeptLink(url, False, opener) if options.reconnect else options.opened(opener))
     except BaseException:
         for link in links:
             link.close()
@@ -220,7 +224,10 @@ def _forward_link(
     signing: LinkSigning | None,
     door: Door | None,
 ) -> Link:
-    return ForwardLink(open_transport(url, allow), router, budget, signing, door)
+    link = ForwardLink(open_transport(url, allow), router, budget, signing, door)
+    if not link.takes_orders:
+        print(f"--forward {url}: {LOOKING_ONLY}", file=sys.stderr)
+    return link
 
 
 def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
@@ -284,6 +291,7 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     refuse_failsafe(vessel, urls)
     links: list[Link] = []
     router = Router() if options.forward else None
+    options = options._replace(has_compass=any(parse_url(url).protocol in ("nmea", "n2k") for url in urls))
     try:
         for url in urls:
             opener = partial(build_link, vessel, url, options, router)

@@ -124,10 +124,11 @@ class Supervisor:
         against = self._first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE)
         self._watch_heading(now, against)
         self._watch_reboot(now)
-        taken = next((sample for sample in self._helm.values() if not sample.available), None)
+        away = [sample for sample in self._helm.values() if not sample.available]
+        taken = min(away, key=lambda sample: sample.cause is HelmCause.UNPROVEN, default=None)
         if order.kind is OrderKind.STANDBY:
             self._fire(now, Event.RELEASE, order)
-        elif taken is not None and self.state not in (SupervisorState.STANDBY, SupervisorState.OVERRIDE):
+        elif taken is not None and self._is_taken(taken):
             self._fire(now, Event.HELM_TAKEN, order, *_word_of(taken))
         elif against and self._is_ended_by(against):
             self._fire(now, _event_of(against), order, against, found[against])
@@ -137,6 +138,13 @@ class Supervisor:
             self._wait(now, order, state, taken, against, found)
         self._watch_reason(now, lost)
         return self.mode
+
+    def _is_taken(self, away: HelmSample) -> bool:
+        """Return whether a helm that is away was taken from us, and not only has to be proved on engaging."""
+        return away.cause is not HelmCause.UNPROVEN and self.state not in (
+            SupervisorState.STANDBY,
+            SupervisorState.OVERRIDE,
+        )
 
     def _is_ended_by(self, against: str) -> bool:
         """A fail-safe that moves the rudder is ended by what is worse than a lost heading, too."""
@@ -339,6 +347,7 @@ TAKEN_BY = {
     HelmCause.REBOOTED: "firmware_rebooted",
     HelmCause.SILENT: LINK_SILENT,
     HelmCause.RADIO_LOST: "radio_lost",
+    HelmCause.UNPROVEN: "human_override",
 }
 """The alarm that each cause of a lost helm is."""
 

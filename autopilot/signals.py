@@ -65,6 +65,8 @@ class HelmCause(IntEnum):
     REBOOTED = 1
     SILENT = 2
     RADIO_LOST = 3
+    UNPROVEN = 4
+    """Nobody has it: whether it can be had is found out when an order to engage waits."""
 
 
 class HelmSample(NamedTuple):

@@ -91,10 +91,13 @@ class SteeringOutput:
         if channel.scale is None or degrees > ordered - REACH_TOLERANCE_DEG:
             return ""
         low, middle, high = (round(pulse) for pulse in channel.scale)
+        share = self._angle_max * abs(self._share_per_radian)
+        least, most = round(middle - share * (middle - low)), round(middle + share * (high - middle))
         return (
             f"SERVO{servo}_MIN to _MAX, {channel.servo_min} to {channel.servo_max} us, is {degrees:.0f} deg of rudder "
-            f"by helm.servo_us [{low}, {middle}, {high}], and rudder.angle_max_deg is {ordered:.0f}; widen them, lower "
-            "rudder.angle_max_deg, or correct helm.servo_us"
+            f"by helm.servo_us [{low}, {middle}, {high}], and rudder.angle_max_deg is {ordered:.0f}; set "
+            f"SERVO{servo}_MIN to {least} and SERVO{servo}_MAX to {most}, or rudder.angle_max_deg to "
+            f"{math.floor(degrees)}, or correct helm.servo_us"
         )
 
     def forget(self) -> None:

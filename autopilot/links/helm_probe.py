@@ -4,13 +4,16 @@ ArduPilot ignores overrides in silence: from a system id that is not its ground 
 switch is off, or when its parameters are other than they were read. So a pulse is sent that differs from the present
 one by a few microseconds, inside the dead zone where there is one, and RC_CHANNELS must show exactly that pulse. Then
 nothing is sent for a moment, in which it must stay: whoever else overrides the input shows then.
+
+It is proved at the start, so that the skipper hears early of what stands in the way, and anew for each engagement:
+another pilot may have taken the helm since.
 """
 
 from __future__ import annotations
 
 import math
 
-from autopilot.links.companion_output import SteeringOutput
+from autopilot.links.companion_output import TOLD_APART_US, SteeringOutput
 from autopilot.links.mavlink_codec import Message
 
 REPEAT_S = 0.1
@@ -19,18 +22,27 @@ PATIENCE_S = 2.5
 RETRY_S = 4.0
 SEEN_REPORTS = 3
 """So many reports in a row must show the pulse: a stick that a hand moves passes by."""
+STRANGE_REPORTS = 2
+"""One report may have been overtaken on its way."""
 PAUSE_S = 0.35
 """Others repeat their overrides at 5 Hz at least."""
 PAUSE_REPORTS = 2
+SHARED = "another pilot"
 OTHER = (
     "another pilot or ground station overrides the steering input: RC channel {number} went to {pulse} us while "
     "{ours} us was sent last; stop it, or start with --with-other-pilot"
 )
+MOVES = (
+    "another pilot or ground station, or a hand, moves the steering input (RC channel {number}) and ours does not "
+    "show: hold the stick still, and stop what else steers"
+)
 REPORT_TIMEOUT_S = 3.0
+CHECKED_ON_ENGAGING = "the steering input is checked anew when an order to engage comes"
+CHECKING = "checking the steering input"
 
 
 class HelmProbe:
-    """One proof for each start of the vehicle. `may_share`: others may override the input too.
+    """One proof when the vehicle starts and one for each engagement. `may_share`: others may override the input too.
 
     Attributes:
         reason: why the helm is not ours yet; empty once the vehicle has shown that it takes our steering.
@@ -39,6 +51,7 @@ class HelmProbe:
     def __init__(self, output: SteeringOutput, may_share: bool = False) -> None:
         self._output = output
         self._may_share = may_share
+        self._is_waited_for = True
         self.reset()
 
     def reset(self) -> None:
@@ -49,8 +62,22 @@ class HelmProbe:
         self._message: Message | None = None
         self._pulse = 0
         self._began = self._next = -math.inf
-        self._seen = 0
+        self._base = self._seen = self._strange = self._moves = 0
+        self._has_shown = False
         self._paused: float | None = None
+
+    def wanted(self, waits: bool) -> None:
+        """Take whether an order to engage waits, while we do not steer: a proof that nobody waits for grows old.
+
+        Where others may override the input too the first proof is enough, and another would not come through.
+        """
+        if self._may_share:
+            return
+        self._is_waited_for = waits
+        if waits and self.reason == CHECKED_ON_ENGAGING:
+            self.reason = CHECKING
+        elif not waits and self.passed:
+            self.reason = CHECKED_ON_ENGAGING
 
     @property
     def pulse(self) -> int:
@@ -77,16 +104,33 @@ class HelmProbe:
             self._judge_pause(now, number, pulse)
             return
         self._seen = self._seen + 1 if pulse == self._pulse else 0
-        if self._seen >= SEEN_REPORTS:
+        self._has_shown = self._has_shown or self._seen > 0
+        # an override stays for seconds: what shows behind ours is no stick
+        self._strange += self._has_shown and pulse != self._pulse
+        if self._strange >= STRANGE_REPORTS and not self._may_share:
+            self._refuse(now, OTHER.format(number=number, pulse=pulse, ours=self._pulse))
+        elif self._seen >= SEEN_REPORTS:
             self._paused, self._seen = now, 0
             if self._may_share:
                 self.reason, self._message = "", None
+        elif now - self._began > PATIENCE_S and self._moves >= STRANGE_REPORTS:
+            self._refuse(now, MOVES.format(number=number))
         elif now - self._began > PATIENCE_S:
             self._refuse(
                 now,
                 f"the vehicle does not take our steering: RC channel {number} stays at {pulse} us while {self._pulse} "
                 "us is sent; switch radio override on, close other ground stations, or start with --as-gcs",
             )
+        elif not self._has_shown and abs(pulse - self._base) > TOLD_APART_US:
+            self._moves += 1
+            self._aim(pulse)  # where the rudder was is no place to hold it
+
+    def _aim(self, pulse: int) -> None:
+        """Have a pulse sent that leaves the servo where an input `pulse` [us] has it."""
+        found = self._output.unmoving(pulse)
+        if found is not None:
+            self._base = pulse
+            self._message, self._pulse = found
 
     def _judge_pause(self, now: float, number: int, pulse: int) -> None:
         assert self._paused is not None
@@ -103,8 +147,10 @@ class HelmProbe:
 
     def due(self, now: float) -> Message | None:
         """Return the message to send at `now` [s], None where none is."""
-        if self.passed or now < self._next:
+        if self.passed or self.reason == CHECKED_ON_ENGAGING or now < self._next:
             return None
+        if self._message is None and not self._is_waited_for and self.reason.startswith(SHARED):
+            return None  # to try again would disturb who steers
         if now - self._report_time > REPORT_TIMEOUT_S:
             self._message = self._paused = None
             return None
@@ -113,12 +159,11 @@ class HelmProbe:
         if self._message is None:
             if self._reported is None:
                 return None
-            found = self._output.unmoving(self._reported)
-            if found is None:
+            self._aim(self._reported)
+            if self._message is None:
                 return None
-            self._message, self._pulse = found
-            self._began, self._seen = now, 0
-            tried = self.reason.startswith(("the vehicle does", "another pilot"))
-            self.reason = self.reason if tried else "checking the steering input"
+            self._began, self._seen, self._strange, self._moves, self._has_shown = now, 0, 0, 0, False
+            tried = self.reason.startswith(("the vehicle does", SHARED))
+            self.reason = self.reason if tried else CHECKING
         self._next = now + REPEAT_S
         return self._message

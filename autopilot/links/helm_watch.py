@@ -47,10 +47,10 @@ FORGIVEN_S = 2.0
 HISTORY_S = 1.0
 PULSE_TOLERANCE_US = 3
 STRANGE_REPORTS = 3
-STRANGE_S = 3.0
+STRANGE_S = 10.0
 STRANGE_LASTS_S = 8.0
-"""So many reports of the input within this time are somebody else's; the alarm lasts from one of their tries to the
-next."""
+"""So many reports of the input within this time are somebody else's, who tries every few seconds; the alarm lasts from
+one of their tries to the next."""
 STANDBY_STATE = 3
 STICK_MOVED_US = 150
 """A stick that is moved this far is meant."""

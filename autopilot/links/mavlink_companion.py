@@ -25,6 +25,7 @@ from autopilot.links.companion_messages import (
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.hand_back import HandBack
+from autopilot.links.helm_probe import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
 from autopilot.links.other_pilot import OVERRIDDEN, OtherPilot
 from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
@@ -34,7 +35,8 @@ from autopilot.links.url import let_in
 from autopilot.links.vehicle_health import VehicleHealth
 from autopilot.links.vehicle_parameters import OVERRIDE_TIME, VehicleParameters
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
-from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.safety import waits_to_engage
+from autopilot.signals import AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
 
 COMPONENT = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
@@ -83,7 +85,8 @@ class CompanionSettings(NamedTuple):
     below it is an alarm.
     servo_us: servo pulses at full rudder to one side, amidships, to the other, where they are not the vehicle's end
     points and trim.  angle_max [rad]: what the rudder can do.
-    with_other_pilot: engage though another pilot steers the boat.
+    with_other_pilot: engage though another pilot steers the boat.  heading_timeout [s]: age at which a heading counts
+    as lost; slower ones are not engaged on.
     """
 
     rudder_at_full: float
@@ -101,6 +104,7 @@ class CompanionSettings(NamedTuple):
     servo_us: tuple[float, float, float] | None = None
     angle_max: float = 0.0
     with_other_pilot: bool = False
+    heading_timeout: float = math.inf
 
 
 class CompanionLink:
@@ -137,7 +141,12 @@ class CompanionLink:
             settings.method, settings.rudder_at_full, settings.reversed, settings.servo_us, settings.angle_max
         )
         self._reader = VehicleReader(
-            self._output, settings.attitude_rate_hz, settings.heading_latency, guided, settings.with_other_pilot
+            self._output,
+            settings.attitude_rate_hz,
+            settings.heading_latency,
+            guided,
+            settings.with_other_pilot,
+            settings.heading_timeout,
         )
         self._watch, self._probe = self._reader.watch, self._reader.probe
         self._guided = GuidedTargets(self._watch, settings.guided_speed_share) if guided else None
@@ -248,6 +257,8 @@ class CompanionLink:
         """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""
         if self._sounder is not None:
             self._sounder.show(tick)
+        if tick.mode is not Mode.ENGAGED and not self._watch.steering:
+            self._probe.wanted(waits_to_engage(tick))
         if self._guided is not None:
             target = self._guided.show(tick, self._may_prove)
             if target is not None:
@@ -422,9 +433,12 @@ class CompanionLink:
         if self._watch.disobeyed or obstacle:
             proof.reset()
         self._may_prove = not obstacle
-        self._reason = obstacle or proof.reason or self._reader.streams.waiting or self._other.waiting(now)
-        if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, self._watch.cause):
-            self._helm = HelmSample(now, not self._reason, self._reason, self.name, self._watch.cause)
+        # once we steer, the age of each heading decides
+        slow = "" if self._watch.steering else self._reader.streams.waiting
+        self._reason = obstacle or proof.reason or slow or self._other.waiting(now)
+        cause = HelmCause.UNPROVEN if self._reason == CHECKED_ON_ENGAGING else self._watch.cause
+        if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):
+            self._helm = HelmSample(now, not self._reason, self._reason, self.name, cause)
             samples.insert(0, self._helm)
 
     def _note(self, now: float, source: str, text: str, samples: list[Sample]) -> None:

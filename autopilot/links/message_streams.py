@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import math
+
 FIRST_CHECK_S = 0.7
 CHECK_S = 2.0
 ENOUGH = 0.6
 """A stream below this share of its rate is asked for again: requests get lost, and ground stations change rates."""
 PATIENT_CHECKS = 3
 """So many checks in a row may find the most wanted stream too slow before people are told."""
+HEADINGS_IN_TIMEOUT = 3
+"""Headings that must come within the time in which they grow too old: two may be lost in a row, as one in ten are on a
+line that loses a third."""
 WAITING = "waiting for headings (ATTITUDE) at the rate asked for"
 SLOW = (
     "headings (ATTITUDE) come at {rate:.0f} Hz though {wanted:.0f} Hz were asked for again and again: raise the link's "
     "baud rate (SERIALn_BAUD), let ground stations ask for less (SRn_ parameters), or lower control.rate_hz"
+)
+
+
+TOO_SLOW = (
+    "headings (ATTITUDE) come at {rate:.1f} Hz, and {least:.1f} Hz is the least to steer by "
+    "(3 within failsafe.heading_timeout_s); they are asked for on and on: raise the link's baud rate (SERIALn_BAUD), "
+    "or let ground stations ask for less (SRn_ parameters)"
 )
 
 
@@ -20,16 +32,22 @@ class MessageStreams:
 
     Args:
         rates_hz: wanted rate by message id, the most wanted first.
+        timeout [s]: age at which the most wanted counts as lost; inf: at none.
     """
 
-    def __init__(self, rates_hz: dict[int, float]) -> None:
+    def __init__(self, rates_hz: dict[int, float], timeout: float = math.inf) -> None:
         self._rates = dict(rates_hz)
+        # what was asked for cannot be too slow
+        self._least = min(HEADINGS_IN_TIMEOUT / timeout, ENOUGH * next(iter(self._rates.values())))
         self.reset()
 
     @property
     def waiting(self) -> str:
-        """The sentence about a first stream that has not come at its rate yet; '' once it has, or will not."""
-        return "" if self._settled else WAITING
+        """Why it is too soon to engage: the first stream has not come at its rate yet, or stays too slow to steer by.
+
+        '' once it has come, or is slower than asked for and fast enough.
+        """
+        return self._too_slow if self._settled else WAITING
 
     @property
     def slow(self) -> str:
@@ -38,7 +56,7 @@ class MessageStreams:
 
     def reset(self) -> None:
         """Ask for everything anew, as after a reboot."""
-        self._slow = ""
+        self._slow = self._too_slow = ""
         self._slow_checks = 0
         self._settled = False
         self._counts = dict.fromkeys(self._rates, 0)
@@ -71,6 +89,7 @@ class MessageStreams:
     def _watch_first(self, seconds: float) -> None:
         identity, wanted = next(iter(self._rates.items()))
         rate = self._counts[identity] / seconds
+        self._too_slow = TOO_SLOW.format(rate=rate, least=self._least) if 0.0 < rate < self._least else ""
         if rate >= wanted * ENOUGH:
             self._slow, self._slow_checks, self._settled = "", 0, True
             return

@@ -54,7 +54,7 @@ class VehicleReader:
         output: learns the vehicle's steering parameters as they come.
         attitude_rate_hz: rate wanted of ATTITUDE.  heading_latency [s]: its age when the vehicle stamps it.
         steers_itself: whether the vehicle is given headings rather than rudder angles.  may_share: another pilot may
-        override the steering input too.
+        override the steering input too.  heading_timeout [s]: age at which a heading counts as lost.
 
     Attributes:
         guided: who hears the bearing that such a vehicle reports to steer.
@@ -69,6 +69,7 @@ class VehicleReader:
         heading_latency: float,
         steers_itself: bool = False,
         may_share: bool = False,
+        heading_timeout: float = math.inf,
     ) -> None:
         self.watch = HelmWatch(steers_itself)
         self.probe = HelmProbe(output, may_share)
@@ -89,7 +90,7 @@ class VehicleReader:
         }
         if steers_itself:
             rates_hz[NAVIGATION] = rates_hz[HUD] = 5.0
-        self.streams = MessageStreams(rates_hz)
+        self.streams = MessageStreams(rates_hz, heading_timeout)
         self._output = output
         self._latency = heading_latency
         self._clock = VehicleClock()

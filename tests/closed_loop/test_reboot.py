@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot import safety
 from autopilot.build_laws import TRIAL_LAW
+from autopilot.links.helm_probe import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.loop.replay import replay
 from autopilot.params.vessel import Vessel
@@ -129,7 +130,7 @@ def test_a_human_s_override_is_no_reboot_though_one_follows() -> None:
     boat.run(5.0)
     boat.firmware.set_armed(True)
     boat.run(8.0)
-    assert boat.link._reason == "", "the helm is free again"
+    assert boat.link._reason == CHECKED_ON_ENGAGING, "the helm is free again"
     assert boat.tick.mode is Mode.OVERRIDE
 
 
@@ -162,7 +163,7 @@ def test_a_lost_line_is_no_reboot(silence: float) -> None:
     boat = engaged_bench("rc_override", gap, reengage=True)
     gap.until = boat.now + silence
     boat.run(silence + 8.0)
-    assert boat.link._reason == ""
+    assert boat.link._reason == CHECKED_ON_ENGAGING
     assert boat.tick.mode is Mode.OVERRIDE
 
 

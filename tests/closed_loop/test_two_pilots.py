@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import pytest
-from lockstep import Lockstep
+from lockstep import BadLine, Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.helm_probe import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import Mode
+from autopilot.signals import HelmCause, HelmSample, Mode
 from sitl.wire_mavlink import MavlinkVehicle
 
 VESSEL = load_vessel("lanxin")
@@ -24,7 +26,14 @@ def alarms_of(boat: Lockstep, since: float) -> str:
 class TwoPilots:
     """A first pilot that steers, and a second on a port of its own of the same vehicle."""
 
-    def __init__(self, routed: bool, method: str = "rc_override", starts_later: bool = False, **settings: Any) -> None:
+    def __init__(
+        self,
+        routed: bool,
+        method: str = "rc_override",
+        starts_later: bool = False,
+        engages: bool = True,
+        **settings: Any,
+    ) -> None:
         boat = dataclasses.replace(VESSEL, helm=dataclasses.replace(VESSEL.helm, method=method))  # type: ignore[arg-type]
         self.first = Lockstep(boat)
         self.second = Lockstep(boat, settings=settings)
@@ -32,13 +41,14 @@ class TwoPilots:
         self.second.vehicle = MavlinkVehicle(self.first.firmware)
         if not routed:
             self.first.firmware.ports.clear()
-        self.first.engage(60.0)
+        if engages:
+            self.first.engage(60.0)
         if starts_later:
             self.first.run(10.0)
             self.second.clock.time = self.first.now
         else:
             self.sail(10.0)
-        assert self.first.tick.mode is Mode.ENGAGED
+        assert (self.first.tick.mode is Mode.ENGAGED) == engages
 
     def sail(self, seconds: float) -> None:
         for _ in range(round(seconds / 0.025)):
@@ -122,3 +132,38 @@ def test_our_own_words_that_come_back_are_nobody_else_s() -> None:
     boat.run(12.0)
     assert boat.tick.mode is Mode.ENGAGED
     assert boat.tick.alarms == ()
+
+
+@pytest.mark.parametrize("method", ["rc_override", "manual_control"])
+@pytest.mark.parametrize("later", [1.0, 5.0])
+def test_of_two_that_proved_control_at_rest_the_second_asks_again_and_leaves_the_first_alone(
+    method: str, later: float
+) -> None:
+    both = TwoPilots(False, method, engages=False)
+    for pilot in (both.first, both.second):
+        helms = [sample for tick in pilot.ticks for sample in tick.samples if isinstance(sample, HelmSample)]
+        assert (helms[-1].cause, helms[-1].reason) == (HelmCause.UNPROVEN, CHECKED_ON_ENGAGING), "proved once"
+    begun = both.first.now
+    both.first.engage(60.0)
+    both.sail(later)
+    both.second.engage(120.0)
+    both.sail(30.0)
+    assert {tick.mode for tick in both.second.ticks} == {Mode.STANDBY}
+    assert {tick.mode for tick in both.first.ticks if tick.now > begun + 1.0} == {Mode.ENGAGED}
+    assert abs(math.degrees(both.first.tick.state.heading) - 60.0) < 3.0
+    assert "overrides the steering input" in alarms_of(both.second, begun)
+    said = alarms_of(both.first, begun)
+    assert "overrides the steering input now and then" in said
+    assert "slow" not in said
+
+
+def test_a_fail_safe_that_has_let_go_is_not_taken_for_a_lost_helm_and_resumes() -> None:
+    boat = Lockstep(dataclasses.replace(VESSEL, failsafe=dataclasses.replace(VESSEL.failsafe, resume=True)))
+    boat.engage(60.0)
+    boat.run(15.0)
+    assert boat.tick.mode is Mode.ENGAGED
+    boat.down = BadLine(1, loss=1.0)
+    assert boat.run(2.9, until=lambda tick: tick.mode is Mode.FAILSAFE)
+    boat.down = BadLine()
+    boat.run(10.0)
+    assert boat.tick.mode is Mode.ENGAGED, boat.tick.alarms

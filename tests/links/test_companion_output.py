@@ -180,6 +180,7 @@ def test_end_points_short_of_what_may_be_ordered_are_said(low: int, high: int, s
     if short:
         assert said.startswith(f"SERVO1_MIN to _MAX, {low} to {high} us, is 19 deg of rudder by helm.servo_us")
         assert "[1000, 1500, 2000], and rudder.angle_max_deg is 20;" in said
+        assert "set SERVO1_MIN to 1167 and SERVO1_MAX to 1833, or rudder.angle_max_deg to 19" in said
 
 
 @pytest.mark.parametrize(

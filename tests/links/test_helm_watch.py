@@ -9,7 +9,7 @@ import pytest
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.helm_probe import HelmProbe
 from autopilot.links.helm_watch import HelmWatch
-from autopilot.links.message_streams import SLOW, WAITING, MessageStreams
+from autopilot.links.message_streams import SLOW, TOO_SLOW, WAITING, MessageStreams
 from autopilot.links.steering_pwm import SteeringChannel
 from autopilot.links.vehicle_parameters import VehicleParameters
 
@@ -321,8 +321,8 @@ def test_a_pause_without_reports_for_three_seconds_begins_anew() -> None:
     assert proof.due(3.4) is not None
 
 
-def test_pulses_of_another_are_said_after_three_in_three_seconds_for_eight() -> None:
-    for spacing, is_other in ((1.5, True), (1.6, False)):
+def test_pulses_of_another_are_said_after_three_in_ten_seconds_for_eight() -> None:
+    for spacing, is_other in ((5.0, True), (5.1, False)):
         found = watch()
         for step in range(200):
             now = 0.1 * step
@@ -418,4 +418,27 @@ def test_a_first_stream_that_does_not_come_at_all_is_said_by_others() -> None:
     for now in (0.0, 0.7, 2.7, 4.7, 6.7):
         streams.due(now)
         assert streams.slow == ""
+    assert streams.waiting == ""
+
+
+def test_headings_of_which_three_do_not_come_before_one_is_too_old_are_waited_for_on_and_on() -> None:
+    streams = MessageStreams({30: 10.0, 33: 5.0}, timeout=1.0)
+    streams.due(0.0)
+    for now in (0.7, 2.7):
+        assert 30 in asked(streams, now, m30=2)
+        assert streams.waiting == WAITING
+    for now, count in ((4.75, 2), (6.8, 5), (8.85, 1)):
+        assert 30 in asked(streams, now, m30=count)
+        assert streams.waiting == TOO_SLOW.format(rate=count / 2.05, least=3.0)
+    assert 30 in asked(streams, 10.9, m30=7), "slower than asked for, and fast enough"
+    assert streams.waiting == ""
+    asked(streams, 13.0)
+    assert streams.waiting == "", "that none come others say"
+
+
+def test_a_rate_that_was_asked_for_is_not_too_slow() -> None:
+    streams = MessageStreams({30: 2.0}, timeout=0.5)
+    streams.due(0.0)
+    for now in (0.7, 2.7, 4.7):
+        asked(streams, now, m30=3)
     assert streams.waiting == ""
