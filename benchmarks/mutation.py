@@ -217,7 +217,8 @@ def _is_annotation(node: Any) -> bool:
 
 def _is_strict(node: Any) -> bool:
     """Return whether a node is the value of `strict=`: what it guards against is a mistake in the line itself."""
-    return node.parent is not None and node.parent.type == "argument" and node.parent.children[0].value == "strict"
+    argument = node.parent
+    return argument is not None and argument.type == "argument" and argument.get_code(False).startswith("strict=")
 
 
 def drawn(rooms: Sequence[str], count: int, seed: str) -> list[Mutant]:
