@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
+import numpy as np
 import pytest
 from boats import BOATS, vessel_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.build import build_pilot
-from autopilot.control.roll_damping import FADE, OLD, PERIOD, SETTLE, Phase, RollDamper, RollDamping
+from autopilot.control.roll_damping import FADE, OLD, PERIOD, SETTLE, Phase, RollDamper, RollDamping, Tally
 from autopilot.params.vessel import Roll
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RollSample, SpeedSample
 
@@ -166,3 +168,94 @@ def test_a_fail_safe_that_steers_ends_it_and_it_begins_anew_after() -> None:
     assert phase is Phase.KEPT_ON
     for mode in (Mode.FAILSAFE, Mode.ENGAGED):
         assert max(map(abs, demands[mode])) < math.radians(0.2)
+
+
+@given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), min_size=1, max_size=50))
+def test_the_tally_is_deviation_and_mean_frequency_of_what_was_measured(rolled: list[tuple[float, float]]) -> None:
+    tally = Tally()
+    for roll, rate in rolled:
+        tally = tally.with_sample(roll, rate, 0.5)
+    rolls, rates = ([each[n] for each in rolled] for n in (0, 1))
+    assert tally.time == pytest.approx(0.5 * len(rolled))
+    deviation = float(np.std(rolls))
+    assert tally.deviation == pytest.approx(deviation, abs=1e-7)
+    if deviation > 1e-3:
+        assert tally.frequency == pytest.approx(math.sqrt(np.mean(np.square(rates))) / deviation, rel=1e-4)
+    assert (Tally().deviation, Tally().frequency) == (0.0, 0.0)
+
+
+class Rolled:
+    """A damper in a roll of a given size and frequency, a tenth of a second a tick."""
+
+    def __init__(self, least: float = 0.1, lowest: float = 0.5) -> None:
+        self.damper = RollDamper(RollDamping(2.0, 0.1, lowest, least))
+        self.now = 0.0
+
+    def on(self, seconds: float, size: float, frequency: float = 1.0) -> list[Phase]:
+        phases = []
+        for _ in range(round(seconds / 0.1)):
+            self.now += 0.1
+            phase = frequency * self.now
+            self.damper.hear(RollSample(self.now, size * math.sin(phase), size * frequency * math.cos(phase)))
+            self.damper.update(self.now, 0.1, engaged=True)
+            phases.append(self.damper.phase)
+        return phases
+
+
+def test_a_minute_without_and_a_minute_with_are_measured_each_after_ten_seconds() -> None:
+    rolled = Rolled()
+    phases = rolled.on(145.0, 0.1)
+    changes = [(n, phase) for n, (before, phase) in enumerate(pairwise(phases), 1) if phase is not before]
+    assert [phase for _, phase in changes] == [Phase.WITH, Phase.KEPT_OFF], "as much roll with as without is no help"
+    assert [n for n, _ in changes] == pytest.approx([700, 1400], abs=4)
+
+
+@pytest.mark.parametrize(("share", "phase"), [(0.88, Phase.KEPT_ON), (0.92, Phase.KEPT_OFF), (1.5, Phase.KEPT_OFF)])
+def test_it_stays_where_the_roll_is_less_by_the_share_that_the_file_asks_for(share: float, phase: Phase) -> None:
+    rolled = Rolled(least=0.1)
+    rolled.on(70.5, 0.1)
+    assert rolled.on(70.5, 0.1 * share)[-1] is phase
+
+
+@pytest.mark.parametrize(("frequency", "phase"), [(0.45, Phase.KEPT_OFF), (0.55, Phase.WITH)])
+def test_a_roll_slower_than_the_lowest_frequency_is_not_even_tried(frequency: float, phase: Phase) -> None:
+    assert Rolled(lowest=0.5).on(70.5, 0.1, frequency)[-1] is phase
+
+
+@pytest.mark.parametrize(("grown", "phase"), [(1.15, Phase.KEPT_ON), (1.35, Phase.WITHOUT)])
+def test_a_roll_grown_by_a_quarter_over_that_without_is_measured_anew_within_a_minute(
+    grown: float, phase: Phase
+) -> None:
+    rolled = Rolled()
+    rolled.on(71.0, 0.1)
+    assert rolled.on(71.0, 0.05)[-1] is Phase.KEPT_ON
+    assert rolled.on(130.0, 0.1 * grown)[-1] is phase
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_a_decision_stands_for_ten_minutes(share: float) -> None:
+    rolled = Rolled()
+    rolled.on(71.0, 0.1)
+    kept = rolled.on(71.0, 0.1 * share)[-1]
+    assert kept in (Phase.KEPT_ON, Phase.KEPT_OFF)
+    later = rolled.on(720.0, 0.1 * share)
+    assert len([phase for phase in later if phase is kept]) == pytest.approx(6500, abs=620)
+    assert set(later[:5900]) == {kept} and Phase.WITHOUT in later
+
+
+def test_the_weight_comes_and_goes_in_five_seconds_and_is_gone_at_once_without_the_helm() -> None:
+    rolled = Rolled()
+    rolled.on(69.8, 0.1)
+    weights = []
+    for _ in range(80):
+        rolled.on(0.1, 0.1)
+        weights.append(rolled.damper.weight)
+    steps = [after - before for before, after in pairwise(weights) if 0.0 < after < 1.0 and before > 0.0]
+    assert steps == pytest.approx([0.02] * len(steps)) and len(steps) > 40 and weights[-1] == 1.0
+    rolled.damper.hear(RollSample(rolled.now, 0.0, 0.01))
+    assert rolled.damper.update(rolled.now, 0.0, engaged=True) == pytest.approx(-0.02), "k p against the roll's rate"
+    rolled.damper.hear(RollSample(rolled.now, 0.0, -1.0))
+    assert rolled.damper.update(rolled.now, 0.0, engaged=True) == pytest.approx(0.1), "and no more than the file says"
+    assert rolled.damper.update(rolled.now + 0.5, 0.0, engaged=True) != 0.0
+    assert rolled.damper.update(rolled.now, 0.1, engaged=False) == rolled.damper.weight == 0.0
+    assert rolled.damper.phase is Phase.WITHOUT

@@ -700,3 +700,29 @@ def test_what_the_transport_cannot_take_is_counted_and_not_kept() -> None:
         assert link.dropped == number
         link.report(0.0, "x", 1.0)
     assert link.take_packets() == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "firmware", "spoken"),
+    [
+        (CompanionSettings(FULL, as_gcs=True), 255, {255}),
+        (CompanionSettings(FULL, as_gcs=True), 250, {250}),
+        (CompanionSettings(FULL, as_gcs=True, gcs_system=200), 250, {200}),
+        (CompanionSettings(FULL, as_gcs=True, gcs_system=200), 200, {200}),
+        (CompanionSettings(FULL), 250, set()),
+        (CompanionSettings(FULL, gcs_system=200), 250, set()),
+    ],
+)
+def test_a_ground_station_s_id_is_the_one_given_or_else_the_vehicle_s(
+    settings: CompanionSettings, firmware: int, spoken: set[int]
+) -> None:
+    bench = Bench(settings, SYSID_MYGCS=firmware)
+    bench.run(4.0)
+    bench.rover.received.clear()
+    bench.run(2.0)
+    beats = [m for m in bench.rover.received if m.get_type() == "HEARTBEAT"]
+    assert {m.get_srcSystem() for m in beats if m.type == dialect.MAV_TYPE_GCS} == spoken
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in beats if m.type == 18} == {(1, 191)}
+    steering = [m for m in bench.overrides() if m.get_type() == "RC_CHANNELS_OVERRIDE"]
+    assert {m.get_srcSystem() for m in steering} <= (spoken or {1})
+    assert bench.helm.available is (spoken == {firmware})
