@@ -29,7 +29,8 @@ class Ring(Protocol):
 class RudderPast(NamedTuple):
     """Rudder angles [rad] from their times [s] on, in rings: tick n, of `ticks` so far, is at n modulo their length.
 
-    The length is a power of two, so that n & (length - 1) is that place, for which no division is needed.
+    The length is a power of two, so that n & (length - 1) is that place, for which no division is needed. The rings
+    begin with zeros: before the first tick the rudder is amidships.
     """
 
     times: Ring
@@ -52,7 +53,7 @@ def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float)
     """
     times, angles, newest, ring = past.times, past.angles, past.ticks - 1, len(past.times) - 1
     if newest < 0 or begun >= times[newest & ring]:
-        return end, angles[newest & ring] if newest >= 0 else 0.0, newest
+        return end, angles[newest & ring], newest
     at, turned = begun, 0.0
     while at < end:
         until = min(times[(tick + 1) & ring], end) if tick < newest else end
@@ -67,7 +68,7 @@ def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float)
 
 
 def tick_at(past: RudderPast, time: float) -> int:
-    """Return the newest tick at or before `time` [s], or the oldest that is known; there must be one."""
+    """Return the newest tick at or before `time` [s], or the oldest that is known."""
     tick, ring = past.ticks - 1, len(past.times) - 1
     oldest = max(past.ticks - ring - 1, 0)
     while tick > oldest and past.times[tick & ring] > time:
@@ -77,7 +78,7 @@ def tick_at(past: RudderPast, time: float) -> int:
 
 def angle_at(past: RudderPast, time: float) -> float:
     """Return the rudder's angle [rad] at `time` [s]; 0 where none is known."""
-    return past.angles[tick_at(past, time) & (len(past.times) - 1)] if past.ticks > 0 else 0.0
+    return past.angles[tick_at(past, time) & (len(past.times) - 1)]
 
 
 class RudderTrack:
@@ -113,7 +114,7 @@ class RudderTrack:
     @property
     def angle(self) -> float:
         """Newest estimate [rad]."""
-        return self._angles[(self._ticks - 1) & (KEPT - 1)] if self._ticks else 0.0
+        return self._angles[(self._ticks - 1) & (KEPT - 1)]
 
     def is_known(self, now: float) -> bool:
         """Return whether feedback at `now` [s] says where the rudder is, whoever moves it."""

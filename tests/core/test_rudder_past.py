@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.estimation.rudder_track import RudderPast, held, tick_at
+from autopilot.estimation.rudder_track import FEEDBACK_FRESH, RudderPast, RudderTrack, angle_at, held, tick_at
+from autopilot.models.steering_gear import SteeringGear
 
 RING = 16
 Past = tuple[RudderPast, list[float], list[float]]
@@ -63,3 +64,30 @@ def test_the_tick_at_a_time_is_the_newest_not_after_it(kept: Past, time: float) 
 def test_an_empty_past_is_a_rudder_amidships() -> None:
     empty = RudderPast([0.0] * RING, [0.0] * RING, 0)
     assert list(held(empty, 1.0, 2.0, 0.1)) == [(2.0, 0.0)]
+    for time in (-1.0, 0.0, 3.0):
+        assert angle_at(empty, time) == 0.0
+    track = RudderTrack(SteeringGear(0.5, 0.1, 0.1))
+    assert (track.angle, angle_at(track.past, 1.0)) == (0.0, 0.0)
+
+
+@given(pasts(), st.floats(-1.0, 25.0))
+def test_the_angle_at_a_time_is_that_of_its_tick(kept: Past, time: float) -> None:
+    past, times, angles = kept
+    known = list(zip(times, angles, strict=True))[-RING:]
+    assert angle_at(past, time) == next((angle for at, angle in reversed(known) if at <= time), known[0][1])
+
+
+def test_feedback_counts_until_it_is_stale_and_the_newest_counts() -> None:
+    track = RudderTrack(SteeringGear(0.5, 0.1, 0.0))
+    assert not track.is_known(0.0)
+    track.advance(0.0)
+    track.feed_back(1.0, 0.2)
+    track.feed_back(0.9, 0.4)
+    assert track.advance(1.0) == pytest.approx(0.2), "an older one that comes later is ignored"
+    track.feed_back(1.0, 0.3)
+    assert track.advance(1.1) == pytest.approx(0.3), "of one time the last counts"
+    assert track.is_known(1.0 + 0.99 * FEEDBACK_FRESH) and not track.is_known(1.0 + FEEDBACK_FRESH)
+    assert track.advance(1.0 + FEEDBACK_FRESH) == pytest.approx(0.0), "the model alone"
+    assert track.advance(0.5) == track.angle == pytest.approx(0.0), "time does not go back"
+    track.reset()
+    assert (track.angle, track.past.ticks) == (0.0, 0)
