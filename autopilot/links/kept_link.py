@@ -139,7 +139,8 @@ class KeptLink:
 
     def _lost(self, now: float, error: LinkError) -> None:
         # what the error says behind this is to start anew, which is not needed here
-        self.trouble = f"{str(error).partition('; ')[0]}; it is opened again as soon as it is there"
+        why = str(error).partition("; ")[0]
+        self.trouble = f"{why}; it is opened again as soon as it is there"
         self._next = now + RETRY_S
         link, self._link = self._link, None
         if link is not None:
@@ -149,7 +150,8 @@ class KeptLink:
             self._packets += link.take_packets()
             with contextlib.suppress(LinkError):
                 link.close()
-        self._news += [HelmSample(now, False, self.trouble, source) for source in sorted(self._helms)]
+        # the reason of an override stands until the next order, when the line may long be back
+        self._news += [HelmSample(now, False, f"line lost: {why}", source) for source in sorted(self._helms)]
         self._news += [AlarmSample(now, "", source) for source in sorted(self._alarmed)]
         self._news.append(AlarmSample(now, self.trouble, f"{self.name} line"))
         self._alarmed.clear()
