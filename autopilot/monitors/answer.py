@@ -84,13 +84,19 @@ STRANGE_TIME = 2.0
 """Where headings of this time [s], or of a time constant, lie so much further off, squared, than such an answer
 explains, it is not what turns the boat."""
 WEAK, STRONG = 0.5, 1.6
+COLOUR_TIME = 0.5
+"""What the best share of the answer leaves over is white noise where it is a compass's. Where it lies to one side for
+so long [s], a sea other than the one that is estimated turns the boat, and the rudder follows it at the sea's own pace:
+one heading then tells little that those before it have not."""
 
 
 class Others(NamedTuple):
     """What else may turn the boat as it turns. slow: the answer to a rudder that is SLOW times slower [rad]; lively and
     quick: how much likelier each is, to starboard and to port; strange and strange_slow: squares that no answer
     explains, nor a slow rudder; weak, right, strong and late: how much likelier a slow rudder is than a boat that
-    answers in this way."""
+    answers in this way; fit: sums of innovation times answer and of the answer's square, over the variance; left: the
+    mean of late of what the best share of the answer leaves over [standard deviations]; colour: its square, 1 where
+    that is white noise."""
 
     slow: Mean
     lively: tuple[float, float]
@@ -101,6 +107,9 @@ class Others(NamedTuple):
     right: float
     strong: float
     late: float
+    fit: tuple[float, float] = (0.0, 0.0)
+    left: float = 0.0
+    colour: float = 1.0
 
 
 NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
@@ -193,6 +202,8 @@ def answer_step(
         )
     share = 1.0 - math.exp(-dt / ODD_TIME)
     least = min(max(LEAST_SHARE * memory.usual / memory.shown, LEAST[0]), LEAST[1])
+    kept_others = math.exp(-dt / max(FADES_TIME, FADES_SLOW * model.time_constant))
+    fit, left, colour = _colour(memory.others, gains, off, answer.psi, kept_others, 1.0 - math.exp(-dt / COLOUR_TIME))
     kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
     silent = max(kept * memory.silent + _evidence(gains, off, least * answer.psi, 0.0, most), 0.0)
     silent_late = max(kept * memory.silent_late + _evidence(gains, off, least * late_answer.psi, 0.0, most), 0.0)
@@ -224,8 +235,8 @@ def answer_step(
             (answer.psi, late_answer.psi),
             slow_answer,
             1.0 - math.exp(-dt / max(STRANGE_TIME, model.time_constant)),
-            math.exp(-dt / max(FADES_TIME, FADES_SLOW * model.time_constant)),
-        ),
+            kept_others,
+        )._replace(fit=fit, left=left, colour=colour),
     )
 
 
@@ -270,6 +281,19 @@ def _others(
         grown(before.strong, STRONG * answer, slow.psi, most_slow),
         grown(before.late, late, slow.psi, most_slow),
     )
+
+
+def _colour(
+    before: Others, gains: Gains, off: float, answer: float, kept: float, share: float
+) -> tuple[tuple[float, float], float, float]:
+    """Return `fit`, `left` and `colour` after an innovation `off` [rad] beside an `answer` [rad]; kept: of what was
+    before; share: of the newest in `left`. The mean of white noise has the variance share/(2 - share)."""
+    both, squares = before.fit
+    fit = kept * both + off * answer / gains.variance, kept * squares + answer * answer / gains.variance
+    best = max(fit[0] / fit[1], 1.0) if fit[1] > 0.0 else 1.0
+    left = before.left + share * ((off - best * answer) / math.sqrt(gains.variance) - before.left)
+    square = left * left * (2.0 - share) / share
+    return fit, left, square + kept * (before.colour - square)
 
 
 def _unexplained(off: float, answer: float) -> float:
@@ -326,9 +350,10 @@ def other_verdict(others: Others) -> str:
     allows for, "slow" where its rudder is slow, "" where nothing tells."""
     if min(others.weak, others.right, others.strong, others.late) >= SURE:
         return "slow"
-    if min(others.quick) >= SURE:
+    sure = SURE * max(others.colour, 1.0)
+    if min(others.quick) >= sure:
         return "quick"
-    return "lively" if min(others.lively) >= SURE else ""
+    return "lively" if min(others.lively) >= sure else ""
 
 
 class RudderAnswer:

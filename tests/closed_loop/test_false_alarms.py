@@ -94,6 +94,15 @@ def test_minutes_with_healthy_instruments_are_quiet(name: str, number: int) -> N
     assert minutes.ended == {}
 
 
+def test_a_rudder_that_follows_the_sea_at_its_own_pace_is_no_livelier_boat() -> None:
+    """A short sea within a long one, of which the filter knows one frequency: the rudder went with it, and the boat was
+    given back for one that turns much faster than its file says, after 433 s."""
+    middle = endurance_alarms.plants()["tests' middle"]
+    _, minutes = endurance_alarms.hour_of(middle, 2, seed=1, seconds=440.0)
+    assert minutes.false == {}
+    assert minutes.ended == {}
+
+
 class LateLoop:
     """A loop of 20 Hz of which a third of the ticks stalls by 0.1 to 0.7 s, several in a row at times.
 

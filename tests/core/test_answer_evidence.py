@@ -42,6 +42,8 @@ class Judge:
         self.sums |= dict.fromkeys(("weak", "right", "strong", "late"), 0.0)
         self.pairs = {"lively": [0.0, 0.0], "quick": [0.0, 0.0]}
         self.usual, self.shown, self.odd, self.strange, self.strange_slow = 45.0, 60.0, 1.0, 0.5, 1.0
+        self.past: list[tuple[float, float, float]] = []
+        self.left, self.colour = 0.0, 1.0
 
     def hear(self, heading: float, rate: float, rudders: dict[str, float]) -> None:
         step = step_of(BOAT, rate, NOISE, DT)
@@ -92,6 +94,7 @@ class Judge:
         self.odd += (1.0 - math.exp(-DT / 0.25)) * (min(left, 36.0) - self.odd)
         # time constant 4 s: what is strange over 4 s, what fades over 8 of it
         share, kept = 1.0 - math.exp(-DT / 4.0), math.exp(-DT / 32.0)
+        self._colour(off, sigma, s, kept)
         against = min(off * math.copysign(1.0, s), 0.0)
         self.strange += share * (min((against / sigma) ** 2, 36.0) - self.strange)
         self.strange_slow += share * (min(((off - slow) / sigma) ** 2, 36.0) - self.strange_slow)
@@ -102,6 +105,16 @@ class Judge:
             self.pairs[name][side] = max(self.pairs[name][side] + more(low * s, high * s, most), 0.0)
         for name, answer in (("weak", 0.5 * s), ("right", s), ("strong", 1.6 * s), ("late", late)):
             self.sums[name] = max(kept * self.sums[name] + more(answer, slow, most_slow), 0.0)
+
+    def _colour(self, off: float, sigma: float, s: float, kept: float) -> None:
+        """The best share by weighed least squares over all that was, and what it leaves, averaged over 0.5 s."""
+        self.past.append((off / sigma, s / sigma, sigma))
+        offs, answers, _ = np.array(self.past).T
+        weights = kept ** np.arange(len(offs))[::-1]
+        best = max(float(weights @ (offs * answers)) / float(weights @ answers**2), 1.0)
+        share = 1.0 - math.exp(-DT / 0.5)
+        self.left += share * ((off - best * s) / sigma - self.left)
+        self.colour = kept * self.colour + (1.0 - kept) * self.left**2 * (2.0 - share) / share
 
 
 def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -> list[tuple[Memory, Judge]]:
@@ -153,6 +166,8 @@ def test_the_evidence_is_the_difference_of_log_likelihoods(share: float, slownes
         for name in ("lively", "quick"):
             assert getattr(memory.others, name) == pytest.approx(tuple(judge.pairs[name]), abs=1e-6), name
         assert memory.others.strange == pytest.approx(judge.strange, abs=1e-9)
+        assert memory.others.left == pytest.approx(judge.left, abs=1e-6)
+        assert memory.others.colour == pytest.approx(judge.colour, rel=1e-6)
         assert memory.others.strange_slow == pytest.approx(judge.strange_slow, abs=1e-9)
 
 
@@ -209,6 +224,11 @@ def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer
         both = min(sides) >= SURE
         assert other_verdict(NO_OTHERS._replace(lively=sides)) == ("lively" if both else "")
         assert other_verdict(NO_OTHERS._replace(quick=sides, lively=(99.0, 99.0))) == ("quick" if both else "lively")
+    # what is left over lies to one side for long: one heading tells a third of what it seems to
+    coloured = NO_OTHERS._replace(colour=3.0)
+    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 31.0), quick=(31.0, 99.0))) == ""
+    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 99.0), quick=(31.0, 99.0))) == "lively"
+    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 99.0), quick=(32.0, 99.0))) == "quick"
     for four in itertools.product((10.3, SURE), repeat=4):
         names = dict(zip(("weak", "right", "strong", "late"), four, strict=True))
         found = other_verdict(NO_OTHERS._replace(quick=(99.0, 99.0), **names))
