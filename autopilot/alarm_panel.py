@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
-from autopilot.alarms import CATALOGUE, Response, Severity, kind_of, past_of
-from autopilot.signals import AcknowledgeSample, AlarmState, Order, Sample, Siren
+from autopilot.alarms import kind_of
+from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmState, Order, Sample, Siren
 
 ESCALATES_AFTER = 30.0
-UNHEARD = "NOT ACKNOWLEDGED: "
-"""Before the text of an alarm that has escalated: it is said again."""
 REMEMBERED = 10.0
 """An alarm that comes back within this time [s] is the same one."""
 
@@ -27,7 +25,7 @@ class AlarmPanel:
     """`update` every tick with what is the case; an order of the skipper's acknowledges what sounds by then.
 
     Attributes:
-        states: of the texts that `update` returned last.
+        states: of the events that `update` returned last.
     """
 
     def __init__(self) -> None:
@@ -42,15 +40,15 @@ class AlarmPanel:
     def update(
         self,
         now: float,
-        raised: Mapping[str, str],
+        raised: Mapping[str, AlarmEvent],
         samples: tuple[Sample, ...],
         order: Order,
         past: Container[str] = (),
-    ) -> tuple[tuple[str, ...], Siren]:
-        """Return the texts to be shown at `now` [s], and what is to be heard.
+    ) -> tuple[tuple[AlarmEvent, ...], Siren]:
+        """Return the alarms to be shown at `now` [s], and what is to be heard.
 
-        raised: the texts by the alarms' names; names that are not in the catalogue are taken for warnings.
-        past: names of the catalogue that are the case no more: said as past until they are acknowledged, then gone.
+        raised: the alarms by their names, or by who says them.
+        past: names that are the case no more: said as past until they are acknowledged, then gone.
         """
         self._forget(now)
         for sample in samples:
@@ -60,29 +58,29 @@ class AlarmPanel:
         if self._order is not None and given != self._order:
             self._acknowledge("")
         self._order = given
-        texts, states, siren = [], [], Siren.QUIET
-        for name, text in raised.items():
+        shown, states, siren = [], [], Siren.QUIET
+        for name, event in raised.items():
             entry = self._entries.setdefault(name, _Entry(now, now))
             entry.last = now
             if name in past:
                 entry.past_since = now if entry.past_since is None else entry.past_since
                 if entry.is_heard:
                     continue
-                text = past_of(name, text)
+                event = event._replace(is_past=True)
             elif entry.past_since is not None:
                 if now - entry.past_since > REMEMBERED:
                     entry = self._entries[name] = _Entry(now, now)
                 entry.past_since = None
             heard = AlarmState.ACKNOWLEDGED if entry.is_heard else AlarmState.SOUNDING
-            state = heard if _sounds(name, text) else AlarmState.NOTICE
+            state = heard if kind_of(event).sounds else AlarmState.NOTICE
             sounds = state is AlarmState.SOUNDING
             states.append(state)
             escalated = sounds and now - entry.since >= ESCALATES_AFTER
-            texts.append(f"{UNHEARD}{text}" if escalated else text)
+            shown.append(event._replace(is_escalated=True) if escalated else event)
             if sounds:
                 siren = max(siren, Siren.ESCALATED if escalated else Siren.SOUNDING)
         self.states = tuple(states)
-        return tuple(texts), siren
+        return tuple(shown), siren
 
     def _acknowledge(self, name: str) -> None:
         for known, entry in self._entries.items():
@@ -92,9 +90,3 @@ class AlarmPanel:
     def _forget(self, now: float) -> None:
         for name in [name for name, entry in self._entries.items() if not now - entry.last <= REMEMBERED]:
             del self._entries[name]
-
-
-def _sounds(name: str, text: str) -> bool:
-    """Notices make no noise and never escalate; what links say in the catalogue's words is of that kind."""
-    kind = CATALOGUE.get(name) or kind_of(text)
-    return kind is None or (kind.severity <= Severity.WARNING and kind.response is not Response.WAIT)

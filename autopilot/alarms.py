@@ -1,14 +1,17 @@
 """Every alarm in one table: what it says, what to do about it, what the pilot does, and where its limit stands.
 
-The pages docs/alarms.md and the pilot both come from it (`python -m autopilot.report.supervisor`). Who watches for
-something outside of the pilot says so with a `ConditionSample` of the alarm's name. Pure.
+The pages docs/alarms.md and the pilot both come from it (`python -m autopilot.report.supervisor`). What happens travels
+as an `AlarmEvent` with a name of this table; all that follows is looked up here, and nothing from words, which
+`autopilot.alarm_words` makes where they are shown. Who watches for something outside of the pilot says so with a
+`ConditionSample` of the alarm's name. Pure.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from enum import Enum, IntEnum
 from typing import NamedTuple
+
+from autopilot.signals import AlarmEvent
 
 
 class Severity(IntEnum):
@@ -42,8 +45,22 @@ class Watcher(Enum):
     VEHICLE = "the vehicle, in SYS_STATUS, BATTERY_STATUS or STATUSTEXT"
 
 
+OVERRIDDEN, AT_STOP, APART, FAILED, RECORDED = "overridden", "at_stop", "apart", "failed", "recorded"
+"""Forms of an `AlarmEvent`: the helm is taken; off course, hard over; compasses far apart, one that has failed; and
+what older logs hold, a sentence."""
+OTHER = "other"
+"""The kind of what has none: no more than its words is known."""
+PLAIN = "{text}{bracketed}: {remedy}"
+"""How an alarm is said where its row says nothing else: what is the case, the detail in brackets, what to do."""
+
+
 class AlarmKind(NamedTuple):
-    """One alarm. text: what is the case; remedy: what to do; limit: when it is raised; key: where the file says so."""
+    """One alarm. text: what is the case; remedy: what to do; limit: when it is raised; key: where the file says so.
+
+    sentence: how it is said, see `autopilot.alarm_words`. is_heard: it sounds though it is no more than a notice.
+    is_borne: a trial goes on under it: its rudder may stand at the stop, it is sailed because the model is in doubt, it
+    holds no course, and a record has its times even where the loop runs late or is sent too much, and whoever looks on.
+    """
 
     name: str
     text: str
@@ -53,6 +70,29 @@ class AlarmKind(NamedTuple):
     watcher: Watcher
     limit: str
     key: str = ""
+    sentence: str = PLAIN
+    is_heard: bool = False
+    is_borne: bool = False
+
+    @property
+    def sounds(self) -> bool:
+        """Whether it is to be acknowledged: notices make no noise and never escalate."""
+        return self.is_heard or (self.severity <= Severity.WARNING and self.response is not Response.WAIT)
+
+    @property
+    def ends_steering(self) -> bool:
+        """Whether it ends the engagement, and forbids another while it lasts."""
+        return self.response in (Response.FAULT, Response.LET_GO, Response.FAILSAFE)
+
+    @property
+    def is_doubt(self) -> bool:
+        """Whether it puts in doubt what steering rests on: the pilot steers on, degraded."""
+        return self.response is Response.DEGRADE
+
+    @property
+    def ends_trials(self) -> bool:
+        """Whether a trial ends where it begins."""
+        return self.severity <= Severity.WARNING and self.response is not Response.WAIT and not self.is_borne
 
 
 _PILOT, _LINK, _LOOP, _VEHICLE = Watcher.PILOT, Watcher.LINK, Watcher.LOOP, Watcher.VEHICLE
@@ -131,6 +171,7 @@ _HEADING = [
         _PILOT,
         "measurements off to one side by so many standard deviations for 20 s",
         "alarms.innovation_sigmas",
+        is_borne=True,
     ),
 ]
 
@@ -188,6 +229,7 @@ _RUDDER = [
         _PILOT,
         "nine tenths of the limit for 15 s, turns apart",
         "limits.angle_max_deg",
+        is_borne=True,
     ),
 ]
 
@@ -201,6 +243,8 @@ _MOTION = [
         _PILOT,
         "this angle for this time, not while a turn may last",
         "alarms.off_course_deg, alarms.off_course_s",
+        sentence="{text} {detail}: {remedy}",
+        is_borne=True,
     ),
     AlarmKind(
         "overpowered",
@@ -212,6 +256,7 @@ _MOTION = [
         "what turns the boat beside rudder and waves, by the model, is worth more than the rudder's limit for 2 s; or, "
         "rudder hard over for a time constant, it turns to the other side by 20 deg and twice the waves' yaw",
         "alarms.reversed_rudder",
+        is_borne=True,
     ),
     AlarmKind(
         "low_speed",
@@ -314,6 +359,7 @@ _MOTION = [
         _PILOT,
         "this angle for 2 s",
         "alarms.roll_deg",
+        sentence="{text} {detail}: {remedy}",
     ),
     AlarmKind(
         "no_wind",
@@ -356,6 +402,7 @@ _OWN = [
         _LOOP,
         "three ticks within 10 s that come three control periods after the one before",
         "control.rate_hz",
+        is_borne=True,
     ),
     AlarmKind(
         "clock_stepped",
@@ -374,6 +421,7 @@ _OWN = [
         _WARNING,
         _LOOP,
         "a write to the log fails (said in the words of what failed)",
+        sentence="{detail}",
     ),
 ]
 
@@ -424,6 +472,7 @@ _OUTSIDE = [
         _WARNING,
         _LINK,
         "a ground station's messages dropped to keep the loop in time",
+        is_borne=True,
     ),
     AlarmKind(
         "station_silent",
@@ -433,6 +482,7 @@ _OUTSIDE = [
         Severity.NOTICE,
         _LINK,
         "a ground station that was heard sends nothing for 5 s: its place is free for another",
+        is_borne=True,
     ),
     AlarmKind(
         "handback_refused",
@@ -492,6 +542,7 @@ _WAITING = [
         _WARNING,
         _PILOT,
         "an order to engage while the helm is taken or a trouble lasts",
+        sentence="{text}: {detail}",
     ),
     AlarmKind(
         "order_dropped",
@@ -501,6 +552,7 @@ _WAITING = [
         _WARNING,
         _PILOT,
         "such an order has waited 30 s",
+        sentence="{text}: {because}; order again",
     ),
 ]
 
@@ -513,6 +565,7 @@ _ARRIVED = [
         Severity.NOTICE,
         _LOOP,
         "the last waypoint is passed: the last course is held",
+        sentence="{text}: {detail}; {remedy}",
     ),
     AlarmKind(
         "place_reached",
@@ -522,33 +575,206 @@ _ARRIVED = [
         Severity.NOTICE,
         _LOOP,
         "the place that a ground station sent her to: the last course is held",
+        sentence="{text}: {detail}; {remedy}",
     ),
 ]
 
-CATALOGUE = {kind.name: kind for kind in (*_HEADING, *_RUDDER, *_MOTION, *_OWN, *_OUTSIDE, *_WAITING, *_ARRIVED)}
+
+def _notice(name: str, text: str, remedy: str, watcher: Watcher, limit: str, sentence: str = PLAIN) -> AlarmKind:
+    """Return what is shown as no more than a notice, and heard all the same."""
+    return AlarmKind(
+        name, text, remedy, _TELL, Severity.NOTICE, watcher, limit, key="", sentence=sentence, is_heard=True
+    )
+
+
+_GUIDES = [
+    _notice(
+        "position_lost",
+        "position lost, the route is not followed",
+        "check the GPS and its link",
+        _LOOP,
+        "no position for the time in the file while a route leads",
+        "{text}: {detail}; {remedy}",
+    ),
+    _notice(
+        "position_jumped",
+        "position jumped",
+        "check the GPS, then begin the route again",
+        _LOOP,
+        "further than the boat can have gone, while a route leads",
+        "{text} by {detail}; {remedy}",
+    ),
+    _notice(
+        "off_track",
+        "off the track",
+        "check the current, the rudder and the speed",
+        _LOOP,
+        "further off the leg than the file says",
+        "more than {detail} of the track: {remedy}",
+    ),
+    _notice(
+        "plotter_turn",
+        "the chart plotter wants a turn",
+        "not turning; type f to turn",
+        _LOOP,
+        "its new leg turns the boat further than 100 deg",
+        "{text} to {detail}: {remedy}",
+    ),
+    _notice(
+        "plotter_invalid",
+        "the chart plotter does not lead",
+        "check its route",
+        _LOOP,
+        "its sentences say that they are not valid",
+        "{text} {detail}",
+    ),
+    _notice(
+        "plotter_silent",
+        "the chart plotter has been silent",
+        "check its route and its link",
+        _LOOP,
+        "no sentence for 8 s",
+        "{text} {detail}; {remedy}",
+    ),
+    _notice(
+        "wind_awaited",
+        "no wind is heard",
+        "engaging when it is; check the wind vane and its link (MWV)",
+        _LOOP,
+        "the wind hold is ordered before a wind is known",
+    ),
+    _notice(
+        "wind_lost",
+        "wind lost",
+        "check the wind vane and its link, then order the wind hold again",
+        _LOOP,
+        "no wind for 5 s while it leads",
+        "{text}: {detail}; {remedy}",
+    ),
+    _notice(
+        "wind_shifted",
+        "the wind has shifted",
+        "check the course",
+        _LOOP,
+        "30 deg from where the boat went when the wind hold began",
+        "{text} by more than {detail}: {remedy}",
+    ),
+]
+
+_LINES = [
+    _notice(
+        "compass_silent",
+        "one of two compasses is silent",
+        "check its plug and power",
+        _LINK,
+        "while another steers, for a minute",
+        "{text}: {detail}: {remedy}",
+    ),
+    _notice(
+        "headings_slow",
+        "headings come more slowly than asked for",
+        "raise the link's baud rate (SERIALn_BAUD), let ground stations ask for less (SRn_ parameters), or lower "
+        "control.rate_hz",
+        _LINK,
+        "asked for again and again",
+        "headings (ATTITUDE) come at {detail} were asked for again and again: {remedy}",
+    ),
+    _notice(
+        "targets_lag",
+        "the vehicle takes our headings but does not turn",
+        "check that it makes way (throttle stick, helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, "
+        "ATC_STR_ANG_P)",
+        _LINK,
+        "far off the heading ordered, and no nearer for long",
+    ),
+    _notice(
+        "other_pilot",
+        "another pilot steers this boat too",
+        "two helms fight, let one stand by",
+        _LINK,
+        "it says so while we steer",
+    ),
+    _notice(
+        "other_pilot_waits",
+        "another pilot wants to engage on this boat",
+        "let one stand by",
+        _LINK,
+        "it says so while we steer",
+        "{text}",
+    ),
+    _notice(
+        "input_shared",
+        "another pilot or ground station overrides the steering input now and then",
+        "let one stand by",
+        _LINK,
+        "the steering input shows pulses that are none of ours",
+        "{text}",
+    ),
+    _notice(
+        "motor_current",
+        "the rudder motor draws too much",
+        "look whether the rudder is jammed",
+        _LINK,
+        "more than drive.current_max_a for longer than a motor takes to start",
+        "the rudder motor draws {detail}: {remedy}",
+    ),
+    _notice("drive_warning", "the rudder drive warns", "as it says", _LINK, "the drive reports it", "{detail}"),
+    _notice(
+        "line_lost",
+        "a line is lost",
+        "check plug and adapter; it is opened again as soon as it is there",
+        _LINK,
+        "an adapter is pulled, or a connection closed",
+        "{detail}",
+    ),
+    _notice(
+        "station_lost",
+        "ground station lost, steering goes on",
+        "check its link, as it says",
+        _LINK,
+        "the line to a ground station fails",
+        "{text}: {detail}",
+    ),
+    _notice(
+        "station_stopped",
+        "a ground station without a key has let the pilot stand by",
+        "steer by hand, or order the course again",
+        _LINK,
+        "an order to stand by from a station that only looks, while the rudder was ours",
+        "{text}: steer by hand",
+    ),
+    _notice(
+        "forwarding_ended",
+        "forwarding to a ground station ended, steering goes on",
+        "check its link, as it says",
+        _LINK,
+        "the line to a ground station behind the router fails",
+        "{text}: {detail}",
+    ),
+    _notice(
+        "output_failed",
+        "the alarm output cannot be written",
+        "check alarms.outputs and its permissions",
+        _LOOP,
+        "a write to the file of an alarm output fails",
+    ),
+    _notice(
+        OTHER,
+        "what has no kind of its own",
+        "as it says",
+        _LINK,
+        "only in logs of older versions, which hold no more than its words",
+        "{detail}",
+    ),
+]
+
+_GROUPS = (_HEADING, _RUDDER, _MOTION, _OWN, _OUTSIDE, _WAITING, _ARRIVED, _GUIDES, _LINES)
+CATALOGUE = {kind.name: kind for group in _GROUPS for kind in group}
 """Every alarm by its name."""
 
-assert len(CATALOGUE) == sum(map(len, (_HEADING, _RUDDER, _MOTION, _OWN, _OUTSIDE, _WAITING, _ARRIVED)))
+assert len(CATALOGUE) == sum(map(len, _GROUPS))
 
 
-def text_of(name: str, detail: str = "") -> str:
-    """Return what is said: the alarm, the detail, and what to do. KeyError for a name that is not in the catalogue."""
-    kind = CATALOGUE[name]
-    return f"{kind.text}{f' ({detail})' if detail else ''}: {kind.remedy}"
-
-
-def past_of(name: str, text: str) -> str:
-    """Return what is said of an alarm of the catalogue that is over and that nobody has acknowledged yet."""
-    said = CATALOGUE[name].text
-    return text.replace(said, f"{said} (past)", 1) if said in text else f"past: {text}"
-
-
-def kind_of(text: str) -> AlarmKind | None:
-    """Return the alarm that a text shown is of, None where it is of none: what links say in their own words."""
-    return next((kind for kind in CATALOGUE.values() if text.startswith(kind.text)), None)
-
-
-def doubts_of(texts: Iterable[str]) -> dict[str, str]:
-    """Return those texts, by name, that are doubts of the catalogue: what links say in its words, no more than that."""
-    kinds = ((kind_of(text), text) for text in texts)
-    return {kind.name: text for kind, text in kinds if kind is not None and kind.response is Response.DEGRADE}
+def kind_of(event: AlarmEvent) -> AlarmKind:
+    """Return the row that an event is of; KeyError for a name that is not in the table."""
+    return CATALOGUE[event.name]

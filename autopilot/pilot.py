@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from autopilot.alarm_panel import AlarmPanel
-from autopilot.alarms import doubts_of, text_of
+from autopilot.alarms import kind_of
 from autopilot.control.met_waves import NOT_MET, Corners, Waves, met
 from autopilot.control.roll_damping import RollDamper, RollDamping
 from autopilot.envelope import Envelope, Picture
@@ -26,6 +26,7 @@ from autopilot.monitors import AlarmLimits, Monitors, Watched
 from autopilot.safety import STEERING_ACTIONS, FailsafeAction, Supervisor
 from autopilot.signals import (
     AcknowledgeSample,
+    AlarmEvent,
     AlarmSample,
     ConditionSample,
     HelmSample,
@@ -55,7 +56,6 @@ CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
-NO_STEERAGE = text_of("low_speed")
 EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
 """Samples of what happened: nothing depends on when."""
 
@@ -214,7 +214,8 @@ class Pilot:
         state = self.estimator.update(now, timely)
         was = self.supervisor.mode
         self.monitors.look(self.estimator.model, self._watched(now, state, gap))
-        found = {**self.monitors.findings, **doubts_of(self.supervisor.noted.values())}
+        doubts = {event.name: event for event in self.supervisor.noted.values() if kind_of(event).is_doubt}
+        found = {**self.monitors.findings, **doubts}
         mode = self.supervisor.decide(now, order, state, found)
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
             state = self._engage(now, state)
@@ -236,7 +237,8 @@ class Pilot:
             self.estimator.rudder.order(now, command.angle)
         self._told = command
         self._number += 1
-        past = (self.supervisor.name,) if self.supervisor.is_over else ()
+        ended = self.supervisor.alarm
+        past = (ended.name,) if ended is not None and self.supervisor.is_over else ()
         alarms, siren = self._panel.update(now, self._raised(), samples, order, past)
         return Tick(
             number=self._number,
@@ -254,13 +256,13 @@ class Pilot:
             heard=self._panel.states,
         )
 
-    def _raised(self) -> dict[str, str]:
+    def _raised(self) -> dict[str, AlarmEvent]:
         """Return what is to be said, by name: what ended steering or keeps it from beginning, then the rest."""
-        supervisor = self.supervisor
-        raised = {supervisor.name: supervisor.reason} if supervisor.reason else {}
-        raised.update(supervisor.noted)
-        for name, text in self.monitors.findings.items():
-            raised.setdefault(name, text)
+        alarm = self.supervisor.alarm
+        raised = {alarm.name: alarm} if alarm is not None else {}
+        raised.update(self.supervisor.noted)
+        for name, event in self.monitors.findings.items():
+            raised.setdefault(name, event)
         return raised
 
     def _steer_blindly(self, now: float, state: NavState, dt: float) -> tuple[NavState, Reference, float]:

@@ -10,9 +10,10 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from autopilot.alarms import CATALOGUE, Response, text_of
+from autopilot.alarms import CATALOGUE, OVERRIDDEN, Response
 from autopilot.envelope import NOT_FINITE, CommandCheck, Envelope, Picture
 from autopilot.signals import (
+    AlarmEvent,
     AlarmSample,
     HelmCause,
     HelmSample,
@@ -36,13 +37,12 @@ HEADING_LOST = "heading_lost"
 LINK_SILENT = "link_silent"
 STEERING_ACTIONS = ("dead_reckoning", "windward")
 """Fail-safe actions that the law carries out; the others need no more than the rudder's last place."""
-OVERRIDDEN = "overridden"
-CANNOT_ENGAGE = "cannot engage"
+CANNOT_ENGAGE = "cannot_engage"
 
 
 def waits_to_engage(tick: Tick) -> bool:
     """Return whether an order to engage waits at `tick` for nothing but the helm."""
-    return tick.mode is not Mode.ENGAGED and any(alarm.startswith(CANNOT_ENGAGE) for alarm in tick.alarms)
+    return tick.mode is not Mode.ENGAGED and any(alarm.name == CANNOT_ENGAGE for alarm in tick.alarms)
 
 
 class FailsafeAction(NamedTuple):
@@ -72,9 +72,8 @@ class Supervisor:
     def reset(self) -> None:
         """Stand by, with no order seen."""
         self.state = SupervisorState.STANDBY
-        self.reason = ""
-        self.name = ""
-        """Which alarm of the catalogue `reason` is."""
+        self.alarm: AlarmEvent | None = None
+        """What ended the engagement, or keeps one from beginning."""
         self._command_check.reset()
         self._cause = ""
         self._since = -math.inf
@@ -83,11 +82,11 @@ class Supervisor:
         self._blocked: tuple[int, float] | None = None
         """The order that is blocked, by its serial, and since when [s]."""
         self._helm: dict[str, HelmSample] = {}
-        self._notes: dict[str, str] = {}
+        self._notes: dict[str, AlarmEvent] = {}
         self._heading_since: float | None = None
         self._over_since: float | None = None
         self.is_over = False
-        """Whether what `reason` names is no longer the case: headings, or a vehicle that was silent, are back."""
+        """Whether what `alarm` names is no longer the case: headings, or a vehicle that was silent, are back."""
         self._rebooted = False
         self._reboot_time = -math.inf
 
@@ -107,20 +106,22 @@ class Supervisor:
 
     def note(self, sample: AlarmSample) -> None:
         """Take a link's word on what the skipper should know though steering goes on."""
-        if sample.text:
-            self._notes[sample.source] = sample.text
+        if sample.event is not None:
+            self._notes[sample.source] = sample.event
         else:
             self._notes.pop(sample.source, None)
 
-    def decide(self, now: float, order: Order, state: NavState, findings: Mapping[str, str] | None = None) -> Mode:
+    def decide(
+        self, now: float, order: Order, state: NavState, findings: Mapping[str, AlarmEvent] | None = None
+    ) -> Mode:
         """Return the mode at `now` [s].
 
-        `findings`: what the monitors have found, the texts by the names of the catalogue.
+        `findings`: what the monitors have found, by the names of the catalogue.
         """
         found = dict(findings or {})
         lost = self._lost(state)
         if lost:
-            found = {lost: text_of(lost), **found}
+            found = {lost: AlarmEvent(lost), **found}
         against = self._first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE)
         self._watch_heading(now, against)
         self._watch_reboot(now)
@@ -129,14 +130,14 @@ class Supervisor:
         if order.kind is OrderKind.STANDBY:
             self._fire(now, Event.RELEASE, order)
         elif taken is not None and self._is_taken(taken):
-            self._fire(now, Event.HELM_TAKEN, order, *_word_of(taken))
+            self._fire(now, Event.HELM_TAKEN, order, _alarm_of(taken))
         elif against and self._is_ended_by(against):
-            self._fire(now, _event_of(against), order, against, found[against])
+            self._fire(now, _event_of(against), order, found[against])
         elif self.state in ENGAGED:
             self._change(now, order, found)
         else:
             self._wait(now, order, state, taken, against, found)
-        self._watch_reason(now, lost)
+        self._watch_alarm(now, lost)
         return self.mode
 
     def _is_taken(self, away: HelmSample) -> bool:
@@ -151,11 +152,10 @@ class Supervisor:
         moves = self.state is SupervisorState.FAILSAFE and self._rudder is not Action.RELEASE
         return self.state in ENGAGED or (moves and CATALOGUE[against].response is not Response.FAILSAFE)
 
-    def _change(self, now: float, order: Order, found: Mapping[str, str]) -> None:
+    def _change(self, now: float, order: Order, found: Mapping[str, AlarmEvent]) -> None:
         """While engaged: what doubts come and go, and what is ordered instead."""
-        doubt = self._first(found, Response.DEGRADE)
-        if doubt:
-            self._fire(now, Event.DOUBT, order, doubt)
+        if self._first(found, Response.DEGRADE):
+            self._fire(now, Event.DOUBT, order)
         else:
             self._fire(now, Event.DOUBT_OVER, order)
             self._fire(now, _order_event(order), order)
@@ -167,7 +167,7 @@ class Supervisor:
         state: NavState,
         taken: HelmSample | None,
         against: str,
-        found: Mapping[str, str],
+        found: Mapping[str, AlarmEvent],
     ) -> None:
         """While not engaged: whether an order, or what has come back, engages."""
         back = self._returned(now)
@@ -175,27 +175,25 @@ class Supervisor:
             self._blocked = None
             return
         if taken is not None:
-            self._block(now, order, state, "cannot_engage", taken.reason)
+            self._block(now, order, state, AlarmEvent(CANNOT_ENGAGE, taken.reason))
         elif against:
             waits = against == HEADING_LOST
-            self._block(now, order, state, "waiting_heading" if waits else against, "" if waits else found[against])
+            self._block(now, order, state, AlarmEvent("waiting_heading") if waits else found[against])
         else:
             self._fire(now, _order_event(order) if order.serial != self._spent else back, order)
             # what came back holds a heading; what it is that was ordered is seen at once
             self._fire(now, _order_event(order), order)
 
-    def _block(self, now: float, order: Order, state: NavState, name: str, text: str) -> None:
+    def _block(self, now: float, order: Order, state: NavState, alarm: AlarmEvent) -> None:
         """An order that cannot be carried out yet: said, and dropped when nobody expects it any more."""
-        said = f"{CANNOT_ENGAGE}: {text}" if name == "cannot_engage" else text or text_of(name)
-        self._fire(now, Event.ORDER_BLOCKED, order, name, said)
+        self._fire(now, Event.ORDER_BLOCKED, order, alarm)
         if order.serial == self._spent or not state.valid:
             # what comes back by itself is no order, and a pilot that never had a heading is not ready yet
             self._blocked = None
         elif self._blocked is None or self._blocked[0] != order.serial:
             self._blocked = (order.serial, now)
         elif now - self._blocked[1] >= ORDER_WAITS:
-            dropped = f"{CATALOGUE['order_dropped'].text}: {text or said}; order again"
-            self._fire(now, Event.ORDER_EXPIRED, order, "order_dropped", dropped)
+            self._fire(now, Event.ORDER_EXPIRED, order, AlarmEvent("order_dropped", because=alarm))
 
     def _run_out(self, now: float, order: Order) -> None:
         held = self._rudder is not Action.RELEASE
@@ -222,7 +220,7 @@ class Supervisor:
             name, wrong = self._command_check.fault(now, previous, demand, limited, dt, picture)
             if not name:
                 return RudderCommand(now, limited, True)
-            self._fire(now, Event.UNFIT_COMMAND, order, name, text_of(name, wrong))
+            self._fire(now, Event.UNFIT_COMMAND, order, AlarmEvent(name, wrong))
         if self._rudder is Action.RELEASE:
             return RudderCommand(now, 0.0, False)
         return self._held_command(now, previous, dt)
@@ -234,14 +232,14 @@ class Supervisor:
         return self.state in ENGAGED or (self.state is SupervisorState.FAILSAFE and by_law)
 
     @property
-    def noted(self) -> dict[str, str]:
+    def noted(self) -> dict[str, AlarmEvent]:
         """What the links want the skipper to know, by who says it."""
-        return {f"note of {source}": text for source, text in self._notes.items()}
+        return {f"note of {source}": event for source, event in self._notes.items()}
 
-    def alarms(self) -> tuple[str, ...]:
+    def alarms(self) -> tuple[AlarmEvent, ...]:
         """Return what the skipper must hear now, with what to do; () when all is well."""
         notes = tuple(self._notes.values())
-        return (self.reason, *notes) if self.reason else notes
+        return (self.alarm, *notes) if self.alarm is not None else notes
 
     def _lost(self, state: NavState) -> str:
         if math.isnan(state.heading) or math.isnan(state.rate):
@@ -251,7 +249,7 @@ class Supervisor:
         return ""
 
     @staticmethod
-    def _first(found: Mapping[str, str], *responses: Response) -> str:
+    def _first(found: Mapping[str, AlarmEvent], *responses: Response) -> str:
         """Return the name of the first finding that calls for one of `responses`, in their order."""
         for response in responses:
             for name in found:
@@ -265,10 +263,11 @@ class Supervisor:
         elif self._heading_since is None:
             self._heading_since = now
 
-    def _watch_reason(self, now: float, lost: str) -> None:
+    def _watch_alarm(self, now: float, lost: str) -> None:
         """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
         is_silent = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
-        on = {HEADING_LOST: lost == HEADING_LOST, LINK_SILENT: is_silent}.get(self.name, True)
+        name = self.alarm.name if self.alarm is not None else ""
+        on = {HEADING_LOST: lost == HEADING_LOST, LINK_SILENT: is_silent}.get(name, True)
         if on or self.state not in ENDED:
             self._over_since = None
         elif self._over_since is None:
@@ -295,8 +294,8 @@ class Supervisor:
         failed = self.state is SupervisorState.FAILSAFE
         return Event.HEADING_BACK if failed and self._failsafe.resume and self._cause == HEADING_LOST else None
 
-    def _fire(self, now: float, event: Event | None, order: Order, name: str = "", text: str = "") -> None:
-        """Carry out the row of the table for the present state and `event`; `name` and `text` are of its alarm."""
+    def _fire(self, now: float, event: Event | None, order: Order, alarm: AlarmEvent | None = None) -> None:
+        """Carry out the row of the table for the present state and `event`; `alarm` is what is said of it."""
         if event is None:
             return
         row = TABLE[self.state, event]
@@ -310,10 +309,10 @@ class Supervisor:
         if row.next is not self.state:
             self._since = now
             self._command_check.reset()
-            self._cause = name
+            self._cause = alarm.name if alarm is not None else ""
         self.state = row.next
         if row.says is not Says.NOTHING:
-            self.name, self.reason = name, text
+            self.alarm = alarm
 
     def _told_by(self, action: Action) -> Action:
         """Return what moves the rudder from now on: a file that says release, or firmware, leaves it nothing."""
@@ -352,7 +351,6 @@ TAKEN_BY = {
 """The alarm that each cause of a lost helm is."""
 
 
-def _word_of(taken: HelmSample) -> tuple[str, str]:
-    """Return the name of the alarm, and what is said, where a link gives a cause and a reason for the lost helm."""
-    name = TAKEN_BY[taken.cause]
-    return name, f"{OVERRIDDEN}: {taken.reason}; {CATALOGUE[name].remedy}"
+def _alarm_of(taken: HelmSample) -> AlarmEvent:
+    """Return the alarm where a link gives a cause and a reason for the lost helm."""
+    return AlarmEvent(TAKEN_BY[taken.cause], taken.reason, OVERRIDDEN)

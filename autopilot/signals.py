@@ -88,11 +88,28 @@ class PositionSample(NamedTuple):
     source: str = ""
 
 
+class AlarmEvent(NamedTuple):
+    """Something the skipper should know, as it travels. What follows from it stands under `name` in the table of
+    `autopilot.alarms`; `autopilot.alarm_words` makes the sentence where it is shown.
+
+    `detail` is what is known of the case, for people: nothing follows from its words. `form`: which of the alarm's
+    sentences it is, where it has several. `because`: the alarm that stands behind it. `is_past`: it is the case no
+    more, and nobody has acknowledged it yet. `is_escalated`: nobody has acknowledged it for long.
+    """
+
+    name: str
+    detail: str = ""
+    form: str = ""
+    because: AlarmEvent | None = None
+    is_past: bool = False
+    is_escalated: bool = False
+
+
 class AlarmSample(NamedTuple):
-    """What the skipper should know though steering goes on; an empty text takes back what `source` said before."""
+    """What the skipper should know though steering goes on; None takes back what `source` said before."""
 
     time: float
-    text: str
+    event: AlarmEvent | None
     source: str = ""
 
 
@@ -274,7 +291,7 @@ class Tick(NamedTuple):
     demand: float
     command: RudderCommand
     mode: Mode
-    alarms: tuple[str, ...]
+    alarms: tuple[AlarmEvent, ...]
     supervisor: SupervisorState = SupervisorState.STANDBY
     siren: Siren = Siren.QUIET
     heard: tuple[AlarmState, ...] = ()

@@ -49,6 +49,7 @@ from endurance_day import LIMITS, PERIODS_MISSED, Day
 from endurance_page import Reading, page, print_table, reading_of
 from wired_vehicle import WiredVehicle
 
+from autopilot.alarm_words import sentences_of
 from autopilot.loop.log_files import following_parts
 from autopilot.loop.record import read_logs
 from autopilot.loop.session import PATIENCE
@@ -170,7 +171,7 @@ def _pace(ticks: list[Tick], gaps: np.ndarray[Any, Any], rate_hz: float) -> list
     quantiles = ", ".join(f"{1e3 * float(np.quantile(gaps, share)):.0f}" for share in (0.5, 0.99, 0.999, 1.0))
     return [
         f"ticks {len(ticks)}, engaged {engaged}, other modes after engaging: {_others(ticks)}",
-        f"alarms: {'; '.join(dict.fromkeys(alarm for tick in ticks for alarm in tick.alarms)) or 'none'}",
+        f"alarms: {'; '.join(dict.fromkeys(said for tick in ticks for said in sentences_of(tick.alarms))) or 'none'}",
         f"between ticks, 50 %, 99 %, 99.9 %, longest: {quantiles} ms of {1e3 / rate_hz:.0f}",
         f"missed deadlines (more than {PERIODS_MISSED:g} periods): {late} of {len(gaps)}",
         f"missed releases (a tick that the timer owed and that did not come): {skipped}",

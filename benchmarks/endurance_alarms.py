@@ -82,7 +82,7 @@ def sailed(boat: StudyBoat, sea: StudySea, random: np.random.Generator, seconds:
             (hour.true if is_so(alarm, pilot, vessel.state, order) else hour.false)[alarm] += 1
         on = found
         if tick.mode not in (Mode.ENGAGED, Mode.STANDBY) and math.isinf(ended):
-            hour.ended[pilot.supervisor.name] += 1
+            hour.ended[ended.name if (ended := pilot.supervisor.alarm) is not None else ""] += 1
             ended = now
         if AGAIN_S < now - ended < math.inf:
             order, ended = order._replace(serial=order.serial + 1), -math.inf

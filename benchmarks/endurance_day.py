@@ -9,6 +9,8 @@ import time
 from array import array
 from pathlib import Path
 
+from autopilot.signals import AlarmEvent
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from endurance_page import Reading, reading_of
@@ -62,7 +64,7 @@ class DirectLink:
     def fileno(self) -> int:
         return -1
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None: ...
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None: ...
 
     def keep(self, now: float) -> None: ...
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, cast
 from fault_boat import FaultBoat, Moment, bring_into, deviation_deg, is_engaged
 from fault_rows import Row
 
+from autopilot.alarm_words import sentences_of
 from autopilot.signals import Mode, Tick
 
 LATE_LIMIT_S = 15.0
@@ -139,7 +140,7 @@ def cell(boat: FaultBoat, row: Row, state: str, clean: list[Moment]) -> Cell:
         passed=tuple(name for name, _ in itertools.groupby(state_name(moment.tick) for moment in moments)),
         ends=state_name(last),
         rudder=_rudder(moments),
-        alarms=tuple(dict.fromkeys(alarm for tick in news for alarm in tick.alarms if alarm not in known)),
+        alarms=sentences_of(dict.fromkeys(alarm for tick in news for alarm in tick.alarms if alarm not in known)),
         off_deg=max((degrees for _, degrees in off), default=0.0),
         unnoticed_deg=max((degrees for time, degrees in off if time <= unnoticed_until), default=0.0),
         broken=broken,

@@ -38,6 +38,7 @@ from autopilot.links.vehicle_parameters import RELEVANT
 from autopilot.loop.vessel_in_force import VesselInForce
 from autopilot.params.vessel_file import load_vessel, problems
 from autopilot.signals import (
+    AlarmEvent,
     HeadingSample,
     HelmSample,
     Mode,
@@ -200,7 +201,7 @@ def tick_of(now: float, mode: Mode, order: Order) -> Tick:
     """Return a tick that the pilot might make."""
     state = NavState(now, 0.5, 0.0, 3.0, 0.0, 0.0, 0.1, True)
     engaged = mode is Mode.ENGAGED
-    alarms = () if engaged else ("cannot engage: waiting",)
+    alarms = () if engaged else (AlarmEvent("cannot_engage", "waiting"),)
     return Tick(1, now, (), order, state, Reference(0.6), 0.0, RudderCommand(now, 0.1, engaged), mode, alarms)
 
 

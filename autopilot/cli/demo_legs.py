@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from autopilot import __version__
+from autopilot.alarm_words import sentences_of
 from autopilot.build import build_pilot
 from autopilot.build_laws import TRIAL_LAW, model_of
 from autopilot.build_links import LinkOptions, build_links
@@ -201,7 +202,7 @@ def _steer(leg: Leg, vessel: Vessel, url: str, log: Path, pace: float) -> tuple[
     with Session(build_pilot(vessel, leg.law), links, clock, vessel.control.rate_hz, script, recorder) as session:
         session.run(clock.now() + longest, watch)
     if not script.is_complete:
-        why = next((alarm for tick in reversed(ticks) for alarm in tick.alarms), "time is up")
+        why = next((said for tick in reversed(ticks) for said in sentences_of(tick.alarms)), "time is up")
         raise RefusedError(f"demo leg {leg.name} ended early: {why}")
     return ticks, script.begun_at
 

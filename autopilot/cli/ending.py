@@ -8,6 +8,7 @@ import signal
 from collections.abc import Iterator, Sequence
 from types import FrameType
 
+from autopilot.alarm_words import sentences_of
 from autopilot.angles import wrap
 from autopilot.cli.terminal import degrees_text
 from autopilot.errors import RefusedError
@@ -84,7 +85,7 @@ class Ending:
         if tick.mode is Mode.OVERRIDE and tick.state.heading_age > self._heading_timeout:
             raise LinkError(
                 f"no heading has come over {self._links} for {tick.state.heading_age:.0f} s, at the end of the run "
-                f"({'; '.join(tick.alarms)}): check that the vehicle is on and still connected"
+                f"({'; '.join(sentences_of(tick.alarms))}): check that the vehicle is on and still connected"
             )
 
     @contextlib.contextmanager
@@ -122,7 +123,7 @@ class Ending:
         )
 
     def _refusal(self, tick: Tick) -> RefusedError:
-        return RefusedError("; ".join(tick.alarms) or "the pilot did not engage")
+        return RefusedError("; ".join(sentences_of(tick.alarms)) or "the pilot did not engage")
 
 
 class Held:

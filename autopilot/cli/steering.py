@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
+from autopilot.alarm_words import sentences_of
 from autopilot.angles import compass_deg
 from autopilot.build import build_pilot
 from autopilot.build_links import LinkOptions, admission_of, alarm_outputs_of, build_links, refuse_failsafe
@@ -175,7 +176,7 @@ def steer(
             print(last_line(ending, held, recorder, session.releases), flush=True)
     last = session.tick
     if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):
-        why = f": {'; '.join(last.alarms)}" if last.alarms else ""
+        why = f": {'; '.join(sentences_of(last.alarms))}" if last.alarms else ""
         print(f"ended in {'fault' if last.mode is Mode.FAULT else 'fail-safe'}{why}", file=sys.stderr)
         return int(ExitCode.FAILSAFE)
     return int(ExitCode.OK)

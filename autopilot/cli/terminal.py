@@ -17,9 +17,10 @@ import termios
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
+from autopilot.alarm_words import sentences_of
 from autopilot.angles import compass_deg
 from autopilot.printable import PrintableStream, printable, rewrite_line
-from autopilot.signals import Mode, OrderKind, RudderSample, Tick
+from autopilot.signals import AlarmEvent, Mode, OrderKind, RudderSample, Tick
 
 STATUS_PERIOD = 0.5
 ALARM_CHARACTERS = 400
@@ -171,7 +172,7 @@ class StatusLine:
         self._typed = typed
         self._live = sys.stdout.isatty()
         self._next = -math.inf
-        self._said: tuple[Mode, tuple[str, ...]] | None = None
+        self._said: tuple[Mode, tuple[AlarmEvent, ...]] | None = None
         self._shown_text = ""
         self._measured = -math.inf
 
@@ -182,7 +183,7 @@ class StatusLine:
         text = self._typed.text if self._typed is not None else ""
         if (tick.mode, tick.alarms) != self._said:
             self._said = (tick.mode, tick.alarms)
-            said = "".join(f"  ! {printable(alarm, ALARM_CHARACTERS)}" for alarm in tick.alarms)
+            said = "".join(f"  ! {printable(said, ALARM_CHARACTERS)}" for said in sentences_of(tick.alarms))
             self.say(f"{tick.now:8.1f} s  {tick.mode.name}{said}")
         elif self._live and (tick.now >= self._next or text != self._shown_text):
             self._next = tick.now + STATUS_PERIOD

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from autopilot.alarm_words import sentence_of, sentences_of
 from autopilot.guidance.trial_limits import TrialLimits, TrialWatch
 from autopilot.signals import Mode, Order, OrderKind, Tick
 
@@ -108,7 +109,8 @@ class TrialScript:
         if self.is_over:
             return
         if self._watch is not None and (reason := self._watch.reason(tick)):
-            self.is_over, self.reason = True, reason
+            self.is_over = True
+            self.reason = reason if isinstance(reason, str) else f"alarm: {sentence_of(reason)}"
             return
         if self._since is None:
             self._begin(now)
@@ -130,5 +132,5 @@ class TrialScript:
 def _taken(tick: Tick | None) -> str:
     if tick is None:
         return "the pilot gave no tick"
-    why = f": {'; '.join(tick.alarms)}" if tick.alarms else ""
+    why = f": {'; '.join(sentences_of(tick.alarms))}" if tick.alarms else ""
     return f"the pilot left the helm ({tick.mode.name.lower()}){why}"

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from autopilot.errors import InputError, NotYetError
-from autopilot.links.base import NotThereError
+from autopilot.links.base import NotThereError, parted
 
 LINK_WAIT_S = 10.0
 PAUSE_S = 0.1
@@ -52,7 +52,7 @@ class Patience:
                 if not is_said:
                     is_said = True
                     left = self._until - now
-                    what = str(error).partition(";")[0]
+                    what, _ = parted(str(error))
                     print(f"{what}: waiting up to {left:.0f} s for it (--link-wait)", file=sys.stderr, flush=True)
             time.sleep(PAUSE_S)
 

@@ -7,13 +7,14 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from autopilot.alarm_words import sentences_of
 from autopilot.doctor.finding import Finding, Verdict, share_below
 from autopilot.doctor.firmware import firmware_findings
-from autopilot.links.base import Link, LinkError
+from autopilot.links.base import Link, LinkError, parted
 from autopilot.links.mavlink_companion import CompanionLink
 from autopilot.loop.clock import Clock
 from autopilot.params.vessel import Vessel
-from autopilot.signals import AlarmSample, HeadingSample, HelmSample
+from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample
 
 SLOW_HZ = 4.0
 PACE_S = 0.05
@@ -25,7 +26,7 @@ class Heard(NamedTuple):
     arrivals: dict[str, list[float]]
     ages: dict[str, list[float]]
     helm: dict[str, str]
-    alarms: dict[str, str]
+    alarms: dict[str, AlarmEvent | None]
     seconds: float
 
 
@@ -49,7 +50,7 @@ def _take(heard: Heard, now: float, sample: object) -> None:
     elif isinstance(sample, HelmSample):
         heard.helm[sample.source] = "" if sample.available else sample.reason
     elif isinstance(sample, AlarmSample):
-        heard.alarms[sample.source] = sample.text
+        heard.alarms[sample.source] = sample.event
 
 
 def nothing_known() -> str:
@@ -66,7 +67,8 @@ def judged(heard: Heard, timeout: float, came: Callable[[], str] = nothing_known
     for source, reason in heard.helm.items():
         verdict = Verdict.NO_GO if reason else Verdict.GO
         findings.append(Finding("helm", verdict, f"{source}: {reason or 'obeys us'}", "as it says; see --as-gcs"))
-    findings += [Finding("alarm", Verdict.WARN, text, "as it says") for text in heard.alarms.values() if text]
+    said = sentences_of(event for event in heard.alarms.values() if event is not None)
+    findings += [Finding("alarm", Verdict.WARN, text, "as it says") for text in said]
     return findings
 
 
@@ -110,7 +112,7 @@ def examine(
     try:
         links = open_links()
     except LinkError as error:
-        return [Finding("link", Verdict.NO_GO, *_parted(str(error)))]
+        return [Finding("link", Verdict.NO_GO, *parted(str(error)))]
     try:
         findings = judged(listen(links, clock, seconds), timeout, came)
         for link in links:
@@ -118,14 +120,8 @@ def examine(
                 findings += firmware_findings(link.vehicle_parameters, vessel)
         return findings
     except LinkError as error:
-        return [Finding("link", Verdict.NO_GO, *_parted(str(error)))]
+        return [Finding("link", Verdict.NO_GO, *parted(str(error)))]
     finally:
         for link in links:
             link.release(clock.now())
             link.close()
-
-
-def _parted(sentence: str) -> tuple[str, str]:
-    """Links say what is wrong; what to do."""
-    found, _, cure = sentence.partition("; ")
-    return found, cure

@@ -14,9 +14,10 @@ from collections import deque
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
+from autopilot.alarms import APART, FAILED
 from autopilot.angles import compass_deg, shortest_turn
 from autopilot.estimation.compass_watch import CompassWatch
-from autopilot.signals import AlarmSample, HeadingSample, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, RateSample, RudderSample, Sample, SpeedSample
 
 SETTLE_S = 3.0
 MONITOR_S = 3.0
@@ -82,9 +83,9 @@ class SourcePriority:
         self._believed: dict[str, str] = {}
         self._apart, self._compared = 0.0, math.inf
         self._headings: deque[tuple[float, float]] = deque()
-        self._alarm = ""
-        self._disagree = ""
-        """The sentence about two headings that disagree, as it was first said: one that changes with every reading is a
+        self._alarm: AlarmEvent | None = None
+        self._disagree: AlarmEvent | None = None
+        """Two headings that disagree, as it was first said: what changes with every reading is a
         new alarm each time."""
         self._left: tuple[str, float] | None = None
         """The compass that fell silent last, and when another took its place [s]."""
@@ -146,35 +147,33 @@ class SourcePriority:
         is_settled = now - entry.first >= SETTLE_S or best.first == entry.first or now - best.first < SETTLE_S
         return entry.rank < best.rank and is_settled
 
-    def _failed(self, now: float) -> str:
-        """Return the sentence about a compass that has failed by the word of another; empty where none has."""
+    def _failed(self, now: float) -> AlarmEvent | None:
+        """Return the alarm of a compass that has failed by the word of another; None where none has."""
         for name, reason in self._compasses.doubted(now):
             believed = self._believed.get("heading", "")
             if name != believed:
-                return (
-                    f"two compasses disagree: {name.partition('@')[0]} {reason}, {believed.partition('@')[0]} steers; "
-                    "restart the one that failed, and compare both with a bearing"
-                )
-        return ""
+                told = f"{name.partition('@')[0]} {reason}, {believed.partition('@')[0]} steers"
+                return AlarmEvent("heading_disagrees", told, FAILED)
+        return None
 
-    def _silent(self, now: float) -> str:
-        """Return the sentence about a compass that has fallen silent while another steers, for a minute."""
+    def _silent(self, now: float) -> AlarmEvent | None:
+        """Return the alarm of a compass that has fallen silent while another steers, for a minute."""
         if self._left is None:
-            return ""
+            return None
         name, since = self._left
         entry = self._heard["heading"][name]
         if now - since > SILENT_SAID_S or now - entry.last <= entry.stale:
             self._left = None
-            return ""
+            return None
         believed = self._believed["heading"].partition("@")[0]
-        return f"one of two compasses is silent: {name.partition('@')[0]}; {believed} steers: check its plug and power"
+        return AlarmEvent("compass_silent", f"{name.partition('@')[0]}; {believed} steers")
 
-    def _compare(self, now: float) -> str:
-        """Return the sentence about two fresh headings that disagree for long; empty where they agree."""
+    def _compare(self, now: float) -> AlarmEvent | None:
+        """Return the alarm of two fresh headings that disagree for long; None where they agree."""
         heard = self._heard.get("heading", {})
         best = heard.get(self._believed.get("heading", ""))
         if best is None or best.heading is None or not math.isfinite(self._settings.disagree):
-            return ""
+            return None
         others = [
             (name, entry) for name, entry in heard.items() if entry is not best and now - entry.last <= entry.stale
         ]
@@ -186,13 +185,13 @@ class SourcePriority:
         ]
         elapsed, self._compared = min(max(now - self._compared, 0.0), LATENCIES_S), now
         if now - best.last > best.stale or (not far and self._apart >= MONITOR_S):
-            self._apart, self._disagree = 0.0, ""
-            return ""
+            self._apart, self._disagree = 0.0, None
+            return None
         # a swell that brings them together for a moment takes back no more than that moment
         self._apart = min(self._apart + elapsed, MONITOR_S) if far else max(self._apart - elapsed, 0.0)
         if self._apart < MONITOR_S:
-            return ""
-        self._disagree = self._disagree or self._sentence(best.heading, *far[0])
+            return None
+        self._disagree = self._disagree or self._apart_by(best.heading, *far[0])
         return self._disagree
 
     def _turning(self, now: float, heading: float) -> float:
@@ -203,13 +202,13 @@ class SourcePriority:
             headings.popleft()
         return abs(shortest_turn(headings[0][1], heading)) / MONITOR_S
 
-    def _sentence(self, heading: float, other: str, other_heading: float) -> str:
+    def _apart_by(self, heading: float, other: str, other_heading: float) -> AlarmEvent:
         apart = abs(math.degrees(shortest_turn(heading, other_heading)))
-        return (
-            f"two compasses disagree by {apart:.0f} deg: {self._believed['heading'].partition('@')[0]} "
-            f"{compass_deg(heading):05.1f}, {other.partition('@')[0]} {compass_deg(other_heading):05.1f}; compare with "
-            "a bearing, then put the right one first in sensors.priority, check deviation and variation"
+        detail = (
+            f"{apart:.0f} deg: {self._believed['heading'].partition('@')[0]} {compass_deg(heading):05.1f}, "
+            f"{other.partition('@')[0]} {compass_deg(other_heading):05.1f}"
         )
+        return AlarmEvent("heading_disagrees", detail, APART)
 
 
 def _kind(sample: Sample) -> str:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from autopilot.angles import compass_deg, shortest_turn
 from autopilot.guidance.line_of_sight import LOOKAHEAD_LEAST, LOOKAHEAD_S, line_of_sight
+from autopilot.signals import AlarmEvent
 
 TIMEOUT_S = 8.0
 """A plotter sends once a second or two; silent for this long it leads nobody any more."""
@@ -61,7 +62,7 @@ class PlotterGuide:
     """What the plotter wants, as a course. Memory: the leg steered, one that waits, the integral.
 
     Attributes:
-        alarm: what the skipper must know, empty when all is well; only while `following`.
+        alarm: what the skipper must know, None when all is well; only while `following`.
         cross_track: the error [m] of the leg steered, nan without one.
     """
 
@@ -71,7 +72,7 @@ class PlotterGuide:
     def reset(self) -> None:
         """Forget the plotter."""
         self.following = False
-        self.alarm = ""
+        self.alarm: AlarmEvent | None = None
         self.cross_track = math.nan
         self._message: PlotterLeg | PlotterHeading | None = None
         self._candidate: PlotterLeg | PlotterHeading | None = None
@@ -97,7 +98,7 @@ class PlotterGuide:
     def leave(self) -> None:
         """Follow no longer."""
         self.following = False
-        self.alarm = ""
+        self.alarm = None
         self._confirmed = False
 
     def take(self, message: PlotterMessage) -> None:
@@ -142,7 +143,7 @@ class PlotterGuide:
         elif self._held is None:
             self._held = heading
         self.cross_track = message.cross_track if isinstance(message, PlotterLeg) else math.nan
-        self.alarm = self._reason(now, message)
+        self.alarm = self._event(now, message)
         return self._held
 
     def _fresh(self, now: float) -> PlotterLeg | PlotterHeading | None:
@@ -150,20 +151,18 @@ class PlotterGuide:
             self._message = None
         return self._message
 
-    def _reason(self, now: float, message: PlotterLeg | PlotterHeading | None) -> str:
+    def _event(self, now: float, message: PlotterLeg | PlotterHeading | None) -> AlarmEvent | None:
         held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
         newest = self._candidate
         is_heard = newest is not None and now - newest.time <= TIMEOUT_S
         if is_heard and newest is not None and message is not newest and not self._may_turn(newest):
-            return (
-                f"the chart plotter wants a turn to {compass_deg(self._wants_far):05.1f} deg, further than "
-                f"{math.degrees(TURN_MOST):.0f} deg from the leg before: not turning; type f to turn"
-            )
+            far = f"further than {math.degrees(TURN_MOST):.0f} deg from the leg before"
+            return AlarmEvent("plotter_turn", f"{compass_deg(self._wants_far):05.1f} deg, {far}")
         if message is not None or is_heard or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
-            return ""
+            return None
         if self._invalid:
-            return f"the chart plotter does not lead ({self._invalid}): {held}"
-        return f"the chart plotter has been silent for {TIMEOUT_S:.0f} s or more: {held}; check its route and its link"
+            return AlarmEvent("plotter_invalid", f"({self._invalid}): {held}")
+        return AlarmEvent("plotter_silent", f"for {TIMEOUT_S:.0f} s or more: {held}")
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:
         ahead = max(LOOKAHEAD_LEAST, LOOKAHEAD_S * abs(speed), STEPS_IN_LOOKAHEAD * leg.step)

@@ -17,7 +17,7 @@ from autopilot.angles import compass_deg, shortest_turn, wrap
 from autopilot.guidance.fix import Fix
 from autopilot.guidance.line_of_sight import LOOKAHEAD_LEAST, LOOKAHEAD_S, line_of_sight
 from autopilot.guidance.rhumb import Place, bearing_and_distance, offset
-from autopilot.signals import PositionSample
+from autopilot.signals import AlarmEvent, PositionSample
 
 DT_MOST = 2.0
 SHORTEST_LEG = 1.0
@@ -80,7 +80,7 @@ class TrackGuide:
         following: whether it leads.  route: the waypoints.  target: the one the present leg ends at.
         is_complete: the last one has been passed.  passed: how many have been passed since `follow`, and
         last_passed which one was the last of them.  leg: as steered now, None without a position or after the end.
-        alarm: what the skipper must know, empty when all is well.
+        alarm: what the skipper must know, None when all is well.
     """
 
     def __init__(self, settings: TrackSettings = TrackSettings()) -> None:  # noqa: B008 - a tuple, never changed
@@ -99,8 +99,9 @@ class TrackGuide:
         self._drift = 0.0
         self.leave()
 
-    def follow(self, route: Sequence[Waypoint], target: int = 0, ending: str = "the route has ended") -> None:
-        """Begin to lead along `route`, from where the boat is to the waypoint `target`; `ending` is said at its end.
+    def follow(self, route: Sequence[Waypoint], target: int = 0, ending: str = "route_ended") -> None:
+        """Begin to lead along `route`, from where the boat is to the waypoint `target`; `ending` names the alarm at its
+        end.
 
         ValueError where there is no such waypoint.
         """
@@ -116,7 +117,7 @@ class TrackGuide:
         """Lead no longer."""
         self._remember()
         self.following = self.is_complete = self._is_off = False
-        self.alarm = ""
+        self.alarm: AlarmEvent | None = None
         self.leg = None
         self._start: Place | None = None
         self._held: float | None = None
@@ -142,7 +143,7 @@ class TrackGuide:
             self._held = self._along(now, heading, speed, dt)
         elif self._held is None:
             self._held = heading
-        self.alarm = self._reason(now)
+        self.alarm = self._event(now)
         return self._held
 
     def _begin(self, now: float) -> None:
@@ -236,25 +237,22 @@ class TrackGuide:
         way = settings.turn_radius * min(tangent, WHEEL_OVER_MOST) + settings.turn_reach * min(tangent, 1.0)
         return min(way, 0.5 * length, 0.5 * leg.length)
 
-    def _reason(self, now: float) -> str:
+    def _event(self, now: float) -> AlarmEvent | None:
         held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
         if self.is_complete:
-            return f"{self._ending}: {held}; give a heading or take the helm"
+            return AlarmEvent(self._ending, held)
         if not self.following:
-            return ""
+            return None
         if self.fix.jump > 0.0:
-            return (
-                f"position jumped by {self.fix.jump:.0f} m, the route is not followed: {held}; "
-                "check the GPS, then begin the route again"
-            )
+            return AlarmEvent("position_jumped", f"{self.fix.jump:.0f} m, the route is not followed: {held}")
         if self.leg is None:
             since = max(self._began or 0.0, self.fix.newest.time if self.fix.newest is not None else -math.inf)
             if now - since <= self.settings.position_timeout:
                 return self.alarm
-            return f"position lost, the route is not followed: {held}; check the GPS and its link"
+            return AlarmEvent("position_lost", held)
         limit = self.settings.alarm_distance
         self._is_off = abs(self.leg.cross_track) > (ALARM_OFF * limit if self._is_off else limit)
         if not self._is_off:
-            return ""
+            return None
         side = "starboard" if self.leg.cross_track > 0.0 else "port"
-        return f"more than {limit:g} m to {side} of the track: check the current, the rudder and the speed"
+        return AlarmEvent("off_track", f"{limit:g} m to {side}")

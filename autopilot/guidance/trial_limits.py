@@ -5,20 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.alarm_panel import UNHEARD
-from autopilot.alarms import AlarmKind, Response, Severity, kind_of
+from autopilot.alarms import kind_of
 from autopilot.angles import wrap
 from autopilot.guidance.rhumb import Place, offset
-from autopilot.signals import PositionSample, Tick
-
-BORNE = frozenset(
-    {
-        *("rudder_at_stop", "innovation", "overpowered", "off_course"),
-        *("deadline_missed", "link_flooded", "station_silent"),
-    }
-)
-"""Alarms that end no trial: its rudder may stand at the stop, it is sailed because the model is in doubt, it holds no
-course, and a record has its times even where the loop runs late or is sent too much, and whoever looks on."""
+from autopilot.signals import AlarmEvent, PositionSample, Tick
 
 
 class TrialLimits(NamedTuple):
@@ -51,15 +41,15 @@ class TrialWatch:
         """How far [m] the boat is from where the trial began."""
         return math.hypot(self.north, self.east)
 
-    def reason(self, tick: Tick) -> str:
-        """Return why the trial must end, in one sentence, or ''."""
+    def reason(self, tick: Tick) -> AlarmEvent | str:
+        """Return why the trial must end: a new alarm, or one sentence about a limit; '' while it need not."""
         if self._begun is None:
             self._begun, self._now = tick, tick.now
-            self._known = frozenset(_events(tick))
+            self._known = frozenset(event.name for event in _ending(tick))
         self._carry(tick)
-        for name, text in _events(tick).items():
-            if name not in self._known:
-                return f"alarm: {text}"
+        for event in _ending(tick):
+            if event.name not in self._known:
+                return event._replace(is_escalated=False)
         limits, state = self._limits, tick.state
         swing = wrap(state.heading - self._begun.state.heading)
         if tick.now - self._begun.now > limits.time:
@@ -91,12 +81,6 @@ class TrialWatch:
                 self.north, self.east = self._start[0] + north, self._start[1] + east
 
 
-def _events(tick: Tick) -> dict[str, str]:
-    """Return the texts, by name, of the alarms that end a trial where they were not there when it began."""
-    told = [text.removeprefix(UNHEARD) for text in tick.alarms]
-    kinds = [(kind_of(text), text) for text in told]
-    return {kind.name: text for kind, text in kinds if kind is not None and _ends_trials(kind)}
-
-
-def _ends_trials(kind: AlarmKind) -> bool:
-    return kind.severity <= Severity.WARNING and kind.response is not Response.WAIT and kind.name not in BORNE
+def _ending(tick: Tick) -> list[AlarmEvent]:
+    """Return the alarms that end a trial where they were not there when it began."""
+    return [event for event in tick.alarms if kind_of(event).ends_trials]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from autopilot.angles import compass_deg, shortest_turn, wrap
-from autopilot.signals import WindSample
+from autopilot.signals import AlarmEvent, WindSample
 
 FRESH_S = 5.0
 """A wind older than this leads nobody."""
@@ -19,19 +19,19 @@ WIND_LEAST = 0.5
 """In less apparent wind [m/s] than this a vane points anywhere."""
 SHIFT = math.radians(30.0)
 """A wind that leads the boat this far from where she went when the hold began is told of."""
-WAITING = "no wind is heard: engaging when it is; check the wind vane and its link (MWV)"
 
 
 class WindGuide:
     """What the wind wants, as a heading. Memory: the wind, the angle held, the heading ordered last.
 
     Attributes:
-        following: whether it leads.  alarm: what the skipper must know, '' while all is well.
+        following: whether it leads.  alarm: what the skipper must know, None while all is well.
     """
 
     def __init__(self) -> None:
         self._time = -math.inf
         self._north = self._east = 0.0
+        self.alarm: AlarmEvent | None = None
         self.leave()
 
     def hear(self, sample: WindSample, heading: float) -> None:
@@ -58,12 +58,12 @@ class WindGuide:
     def wait(self) -> None:
         """Say that the hold waits for a wind."""
         self.leave()
-        self.alarm = WAITING
+        self.alarm = AlarmEvent("wind_awaited")
 
     def leave(self) -> None:
         """Lead no longer."""
         self.following = False
-        self.alarm = ""
+        self.alarm = None
         self._angle: float | None = None
         self._began = self._held = 0.0
         self._is_lost = False
@@ -79,13 +79,9 @@ class WindGuide:
             self._angle = wrap(bearing - heading)
         self._is_lost = self._is_lost or not self.is_known(now)
         if self._is_lost:
-            self.alarm = (
-                f"wind lost: holding {compass_deg(self._held):05.1f} deg; check the wind vane and its link, "
-                "then order the wind hold again"
-            )
+            self.alarm = AlarmEvent("wind_lost", f"holding {compass_deg(self._held):05.1f} deg")
             return self._held
         self._held = wrap(bearing - self._angle)
         shifted = abs(shortest_turn(self._began, self._held)) > SHIFT
-        degrees = math.degrees(SHIFT)
-        self.alarm = f"the wind has shifted by more than {degrees:.0f} deg: check the course" if shifted else ""
+        self.alarm = AlarmEvent("wind_shifted", f"{math.degrees(SHIFT):.0f} deg") if shifted else None
         return self._held

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.companion_messages import AUTOPILOT_COMPONENT
 from autopilot.links.mavlink_codec import Message
-from autopilot.signals import AcknowledgeSample, AlarmSample, Mode, RudderCommand, Sample, Siren, Tick
+from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmSample, Mode, RudderCommand, Sample, Siren, Tick
 
 BELL_S = {Siren.SOUNDING: 2.0, Siren.ESCALATED: 0.5}
 TUNE_S = {Siren.SOUNDING: 4.0, Siren.ESCALATED: 1.5}
@@ -41,7 +41,7 @@ class SilentLink:
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing."""
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Do nothing."""
 
     def keep(self, now: float) -> None:
@@ -108,8 +108,8 @@ class SwitchFile(SilentLink):
         self.name = f"alarm output {path}"
         self._path = path
         self._is_on: bool | None = None
-        self._failed = ""
-        self._said = ""
+        self._failed: AlarmEvent | None = None
+        self._said: AlarmEvent | None = None
 
     def receive(self, now: float) -> list[Sample]:
         """Return an alarm where the file could not be written."""
@@ -132,9 +132,9 @@ class SwitchFile(SilentLink):
         self._is_on = is_on
         try:
             self._path.write_text("1\n" if is_on else "0\n", encoding="ascii")
-            self._failed = ""
+            self._failed = None
         except OSError as error:
-            self._failed = f"the alarm output cannot be written ({error}): check alarms.outputs and its permissions"
+            self._failed = AlarmEvent("output_failed", str(error))
 
 
 class VehicleSounder:

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 
 from autopilot.links.release import Release
 from autopilot.printable import brief
-from autopilot.signals import Mode, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmEvent, Mode, RudderCommand, Sample, Tick
 
 
 class LinkError(Exception):
@@ -19,6 +19,12 @@ class LinkError(Exception):
 
     def __init__(self, message: str = "") -> None:
         super().__init__(brief(message))
+
+
+def parted(sentence: str) -> tuple[str, str]:
+    """Return what a link says has happened, and what to do about it, which stands behind a semicolon."""
+    happened, _, remedy = sentence.partition("; ")
+    return happened, remedy
 
 
 class NotThereError(LinkError):
@@ -92,7 +98,7 @@ class Link(Protocol):
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command, or the release where it is not engaged. The command leaves first."""
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Pass on who has the rudder and what is wrong, where the link has a way to say it."""
 
     def keep(self, now: float) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from autopilot.estimation.source_priority import SourcePriority
 from autopilot.links.base import ConfirmsRelease, Link, Shows
 from autopilot.links.release import Release, not_held
-from autopilot.signals import Mode, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmEvent, Mode, RudderCommand, Sample, Tick
 
 
 class BelievedLink:
@@ -28,7 +28,7 @@ class BelievedLink:
         """Pass on."""
         self.inside.send(now, command)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Pass on."""
         self.inside.tell(now, mode, alarms)
 

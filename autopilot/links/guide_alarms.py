@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, Mode, RudderCommand, Sample
 
 
 class Guide(Protocol):
     """Who has something to say."""
 
     @property
-    def alarm(self) -> str:
-        """What the skipper should know, '' while all is well."""
+    def alarm(self) -> AlarmEvent | None:
+        """What the skipper should know, None while all is well."""
 
 
 class GuideAlarms:
@@ -21,7 +21,7 @@ class GuideAlarms:
     def __init__(self, guide: Guide, name: str) -> None:
         self.name = name
         self._guide = guide
-        self._said = ""
+        self._said: AlarmEvent | None = None
 
     def fileno(self) -> int:
         """Return -1: there is nothing to wait for."""
@@ -37,7 +37,7 @@ class GuideAlarms:
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing."""
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Do nothing."""
 
     def keep(self, now: float) -> None:

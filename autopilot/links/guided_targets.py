@@ -22,7 +22,7 @@ from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.mavlink_codec import Message
 from autopilot.links.release import Release, ReleaseState, not_held
 from autopilot.safety import waits_to_engage
-from autopilot.signals import Mode, OrderKind, Tick
+from autopilot.signals import AlarmEvent, Mode, OrderKind, Tick
 
 IGNORED = (
     dialect.ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
@@ -56,14 +56,9 @@ GOES_ON = (
     "loiters"
 )
 
-TRIED = ("the vehicle does not take", "the vehicle reports its steering servo too seldom")
 UNPROVEN = "checking that the vehicle takes heading targets"
 UNFIT = "the firmware steers (guided): only headings can be ordered, no rudder angles"
 TURNS_AWAY = "the boat turns away from the headings we send: another companion or ground station guides it"
-LAGGING = (
-    "the vehicle takes our headings but does not turn: check that it makes way (throttle stick, "
-    "helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, ATC_STR_ANG_P)"
-)
 
 
 class GuidedTargets:
@@ -94,7 +89,7 @@ class GuidedTargets:
     def reset(self) -> None:
         """Ask for the proof anew, as after a reboot, an override, or a pause."""
         self._watch.released()
-        self._refusal = UNPROVEN
+        self._refusal, self._has_failed = UNPROVEN, False
         self._passed = False
         self._proof: GuidedProof | None = None
         self._was_at_rest = True
@@ -103,7 +98,7 @@ class GuidedTargets:
         self._last: float | None = None
         self._nearest: tuple[float, float] | None = None
         self._away_since: float | None = None
-        self.alarm = ""
+        self.alarm: AlarmEvent | None = None
 
     @property
     def reason(self) -> str:
@@ -157,9 +152,9 @@ class GuidedTargets:
         self._watch_side(tick)
         if heading is None:
             if self._sent:
-                refusal, next_try = self._refusal, self._next_try
+                refusal, has_failed, next_try = self._refusal, self._has_failed, self._next_try
                 self.reset()
-                self._refusal, self._next_try = refusal, next_try
+                self._refusal, self._has_failed, self._next_try = refusal, has_failed, next_try
             return None
         last_time, last = self._sent[-1] if self._sent else (-math.inf, heading)
         # a proof has little time for each side, and a bad line loses some of it
@@ -203,14 +198,15 @@ class GuidedTargets:
             if now < self._next_try:
                 return None
             if obstacle := shown.obstacle(now):
-                self._refusal = obstacle
+                self._refusal, self._has_failed = obstacle, False
                 return None
             self._proof, self._passed = GuidedProof(now, shown.has_servo), False
             self._was_at_rest = not shown.is_under_way(now)
             # what the last try found stays said while the next is under way
-            self._refusal = self._refusal if self._refusal.startswith(TRIED) else UNPROVEN
+            self._refusal = self._refusal if self._has_failed else UNPROVEN
         elif self._was_at_rest and shown.stick_asks and not self._passed:
             self._fail(now, STICK)
+            self._has_failed = False
             return None
         elif not self._passed:
             if not shown.has_servo:
@@ -223,17 +219,17 @@ class GuidedTargets:
         return self._proof.heading(tick.state.heading) if not self._passed else tick.state.heading
 
     def _fail(self, now: float, refusal: str) -> None:
-        self._proof, self._refusal, self._next_try = None, refusal, now + RETRY_S
+        self._proof, self._refusal, self._has_failed, self._next_try = None, refusal, True, now + RETRY_S
 
     def _watch_course(self, tick: Tick) -> None:
         """A vehicle without way on takes every target and turns to none."""
         error = abs(shortest_turn(tick.order.heading, tick.state.heading)) if tick.mode is Mode.ENGAGED else 0.0
         if not error > FAR_OFF:
-            self._nearest, self.alarm = None, ""
+            self._nearest, self.alarm = None, None
         elif self._nearest is None or error < self._nearest[1] - PROGRESS or error > self._nearest[1] + FAR_OFF:
-            self._nearest, self.alarm = (tick.now, error), ""
+            self._nearest, self.alarm = (tick.now, error), None
         elif tick.now - self._nearest[0] > PROGRESS_S:
-            self.alarm = LAGGING
+            self.alarm = AlarmEvent("targets_lag")
 
     def _watch_side(self, tick: Tick) -> None:
         """Give the helm up where the boat follows another's headings, which no report shows."""

@@ -12,6 +12,7 @@ another pilot may have taken the helm since.
 from __future__ import annotations
 
 import math
+from enum import Enum
 
 from autopilot.links.companion_output import TOLD_APART_US, SteeringOutput
 from autopilot.links.mavlink_codec import Message
@@ -27,7 +28,6 @@ STRANGE_REPORTS = 2
 PAUSE_S = 0.35
 """Others repeat their overrides at 5 Hz at least."""
 PAUSE_REPORTS = 2
-SHARED = "another pilot"
 OTHER = (
     "another pilot or ground station overrides the steering input: RC channel {number} went to {pulse} us while "
     "{ours} us was sent last; stop it, or start with --with-other-pilot"
@@ -41,11 +41,23 @@ CHECKED_ON_ENGAGING = "the steering input is checked anew when an order to engag
 CHECKING = "checking the steering input"
 
 
+class Stage(Enum):
+    """How far a proof is; the reason says it in words."""
+
+    WAITING = "nothing is reported yet"
+    CHECKING = "a pulse of ours is sent, or will be"
+    NOT_TAKEN = "the vehicle does not take our steering"
+    SHARED = "somebody else, or a hand, moves the input"
+    GROWN_OLD = "proved once, and proved anew when somebody waits for it"
+    PASSED = "the vehicle takes our steering"
+
+
 class HelmProbe:
     """One proof when the vehicle starts and one for each engagement. `may_share`: others may override the input too.
 
     Attributes:
         reason: why the helm is not ours yet; empty once the vehicle has shown that it takes our steering.
+        stage: how far the proof is.
     """
 
     def __init__(self, output: SteeringOutput, may_share: bool = False) -> None:
@@ -56,6 +68,7 @@ class HelmProbe:
 
     def reset(self) -> None:
         """Ask for the proof anew, as after a reboot."""
+        self.stage = Stage.WAITING
         self.reason = "waiting for the vehicle to report its steering input (RC_CHANNELS)"
         self._reported: int | None = None
         self._report_time = -math.inf
@@ -74,10 +87,10 @@ class HelmProbe:
         if self._may_share:
             return
         self._is_waited_for = waits
-        if waits and self.reason == CHECKED_ON_ENGAGING:
-            self.reason = CHECKING
+        if waits and self.stage is Stage.GROWN_OLD:
+            self.stage, self.reason = Stage.CHECKING, CHECKING
         elif not waits and self.passed:
-            self.reason = CHECKED_ON_ENGAGING
+            self.stage, self.reason = Stage.GROWN_OLD, CHECKED_ON_ENGAGING
 
     @property
     def pulse(self) -> int:
@@ -87,7 +100,7 @@ class HelmProbe:
     @property
     def passed(self) -> bool:
         """Whether the vehicle has shown that it takes our steering."""
-        return not self.reason
+        return self.stage is Stage.PASSED
 
     @property
     def under_way(self) -> bool:
@@ -108,16 +121,17 @@ class HelmProbe:
         # an override stays for seconds: what shows behind ours is no stick
         self._strange += self._has_shown and pulse != self._pulse
         if self._strange >= STRANGE_REPORTS and not self._may_share:
-            self._refuse(now, OTHER.format(number=number, pulse=pulse, ours=self._pulse))
+            self._refuse(now, Stage.SHARED, OTHER.format(number=number, pulse=pulse, ours=self._pulse))
         elif self._seen >= SEEN_REPORTS:
             self._paused, self._seen = now, 0
             if self._may_share:
-                self.reason, self._message = "", None
+                self.stage, self.reason, self._message = Stage.PASSED, "", None
         elif now - self._began > PATIENCE_S and self._moves >= STRANGE_REPORTS:
-            self._refuse(now, MOVES.format(number=number))
+            self._refuse(now, Stage.SHARED, MOVES.format(number=number))
         elif now - self._began > PATIENCE_S:
             self._refuse(
                 now,
+                Stage.NOT_TAKEN,
                 f"the vehicle does not take our steering: RC channel {number} stays at {pulse} us while {self._pulse} "
                 "us is sent; switch radio override on, close other ground stations, or start with --as-gcs",
             )
@@ -135,21 +149,21 @@ class HelmProbe:
     def _judge_pause(self, now: float, number: int, pulse: int) -> None:
         assert self._paused is not None
         if pulse != self._pulse:
-            self._refuse(now, OTHER.format(number=number, pulse=pulse, ours=self._pulse))
+            self._refuse(now, Stage.SHARED, OTHER.format(number=number, pulse=pulse, ours=self._pulse))
             return
         self._seen += 1
         if now - self._paused >= PAUSE_S and self._seen >= PAUSE_REPORTS:
-            self.reason, self._message, self._paused = "", None, None
+            self.stage, self.reason, self._message, self._paused = Stage.PASSED, "", None, None
 
-    def _refuse(self, now: float, reason: str) -> None:
+    def _refuse(self, now: float, stage: Stage, reason: str) -> None:
         self._message, self._reported, self._paused, self._next = None, None, None, now + RETRY_S
-        self.reason = reason
+        self.stage, self.reason = stage, reason
 
     def due(self, now: float) -> Message | None:
         """Return the message to send at `now` [s], None where none is."""
-        if self.passed or self.reason == CHECKED_ON_ENGAGING or now < self._next:
+        if self.stage in (Stage.PASSED, Stage.GROWN_OLD) or now < self._next:
             return None
-        if self._message is None and not self._is_waited_for and self.reason.startswith(SHARED):
+        if self._message is None and not self._is_waited_for and self.stage is Stage.SHARED:
             return None  # to try again would disturb who steers
         if now - self._report_time > REPORT_TIMEOUT_S:
             self._message = self._paused = None
@@ -163,7 +177,8 @@ class HelmProbe:
             if self._message is None:
                 return None
             self._began, self._seen, self._strange, self._moves, self._has_shown = now, 0, 0, 0, False
-            tried = self.reason.startswith(("the vehicle does", SHARED))
-            self.reason = self.reason if tried else CHECKING
+            # what the last try found stays said while the next is under way
+            if self.stage not in (Stage.NOT_TAKEN, Stage.SHARED):
+                self.stage, self.reason = Stage.CHECKING, CHECKING
         self._next = now + REPEAT_S
         return self._message

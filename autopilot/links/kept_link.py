@@ -12,9 +12,10 @@ import math
 import threading
 from collections.abc import Callable
 
-from autopilot.links.base import ConfirmsRelease, Link, LinkError, Shows
+from autopilot.alarm_words import sentence_of
+from autopilot.links.base import ConfirmsRelease, Link, LinkError, Shows, parted
 from autopilot.links.release import Release, ReleaseState, not_held
-from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 
 RETRY_S = 1.0
 """Pause between tries to open."""
@@ -73,8 +74,8 @@ class KeptLink:
         if self._link is not None:
             try:
                 self._note(self._link.receive(now))
-                if lost := str(getattr(self._link, "lost", "")):
-                    raise LinkError(lost)
+                if (lost := getattr(self._link, "lost", None)) is not None:
+                    raise LinkError(sentence_of(lost))
             except LinkError as error:
                 self._lost(now, error)
         # what was said at an unknown time, when the link was made, is said now
@@ -86,7 +87,7 @@ class KeptLink:
         """Pass on."""
         self._do(now, lambda link: link.send(now, command))
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Pass on."""
         self._do(now, lambda link: link.tell(now, mode, alarms))
 
@@ -139,7 +140,7 @@ class KeptLink:
 
     def _lost(self, now: float, error: LinkError) -> None:
         # what the error says behind this is to start anew, which is not needed here
-        why = str(error).partition("; ")[0]
+        why, _ = parted(str(error))
         self.trouble = f"{why}; it is opened again as soon as it is there"
         self._next = now + RETRY_S
         link, self._link = self._link, None
@@ -152,8 +153,8 @@ class KeptLink:
                 link.close()
         # the reason of an override stands until the next order, when the line may long be back
         self._news += [HelmSample(now, False, f"line lost: {why}", source) for source in sorted(self._helms)]
-        self._news += [AlarmSample(now, "", source) for source in sorted(self._alarmed)]
-        self._news.append(AlarmSample(now, self.trouble, f"{self.name} line"))
+        self._news += [AlarmSample(now, None, source) for source in sorted(self._alarmed)]
+        self._news.append(AlarmSample(now, AlarmEvent("line_lost", self.trouble), f"{self.name} line"))
         self._alarmed.clear()
 
     def _look_for(self, now: float) -> None:
@@ -164,7 +165,7 @@ class KeptLink:
             # under its own name the new link speaks for itself, when it knows
             ours = sorted(self._helms - {self._link.name})
             self._news += [HelmSample(now, True, "", source) for source in ours]
-            self._news.append(AlarmSample(now, "", f"{self.name} line"))
+            self._news.append(AlarmSample(now, None, f"{self.name} line"))
         elif not self._opening and now >= self._next:
             self._opening = True
             self._next = now + RETRY_S

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.alarm_words import sentence_of
 from autopilot.links.alarm_outputs import VehicleSounder
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.companion_messages import (
@@ -25,9 +26,9 @@ from autopilot.links.companion_messages import (
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.hand_back import HandBack
-from autopilot.links.helm_probe import CHECKED_ON_ENGAGING
+from autopilot.links.helm_probe import Stage
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
-from autopilot.links.other_pilot import OVERRIDDEN, OtherPilot
+from autopilot.links.other_pilot import OtherPilot
 from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
@@ -36,7 +37,7 @@ from autopilot.links.vehicle_health import VehicleHealth
 from autopilot.links.vehicle_parameters import OVERRIDE_TIME, VehicleParameters
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
 from autopilot.safety import waits_to_engage
-from autopilot.signals import AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
 
 COMPONENT = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
@@ -164,8 +165,8 @@ class CompanionLink:
         self._reason = self._watch.obstacle
         self._judge_at = -math.inf
         self._may_prove = False
-        self._alarms: tuple[str, ...] = ()
-        self._noted: dict[str, str] = {}
+        self._alarms: tuple[AlarmEvent, ...] = ()
+        self._noted: dict[str, AlarmEvent | None] = {}
         self._start: float | None = None
         self._release = self._reader.release
         self._leaving: float | None = None
@@ -222,7 +223,7 @@ class CompanionLink:
         if news or not self._watch.booted:
             self._judge_at = now + JUDGE_S
             self._judge_helm(now, samples)
-            overridden = OVERRIDDEN if self._watch.others_override(now) else ""
+            overridden = AlarmEvent("input_shared") if self._watch.others_override(now) else None
             self._note(now, "other pilot", self._other.alarm(now, self._watch.steering) or overridden, samples)
             self._note(now, "attitude rate", self._reader.streams.slow, samples)
             if self._guided is not None:
@@ -379,7 +380,7 @@ class CompanionLink:
         """Close the transport; call `release` first."""
         self._transport.close()
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Keep the state in our heartbeat honest, and say every new alarm as STATUSTEXT."""
         self.state = STATES[mode]
         self._other.tell(now, mode, alarms)
@@ -388,7 +389,7 @@ class CompanionLink:
         if alarms != self._alarms:
             for alarm in alarms:
                 if alarm not in self._alarms:
-                    self.say(now, severity_of(alarm, SEVERITIES[mode]), alarm)
+                    self.say(now, severity_of(alarm, SEVERITIES[mode]), sentence_of(alarm))
             self._alarms = alarms
 
     def say(self, now: float, severity: int, text: str) -> None:
@@ -436,15 +437,16 @@ class CompanionLink:
         # once we steer, the age of each heading decides
         slow = "" if self._watch.steering else self._reader.streams.waiting
         self._reason = obstacle or proof.reason or slow or self._other.waiting(now)
-        cause = HelmCause.UNPROVEN if self._reason == CHECKED_ON_ENGAGING else self._watch.cause
+        is_old = self._guided is None and not obstacle and self._probe.stage is Stage.GROWN_OLD
+        cause = HelmCause.UNPROVEN if is_old else self._watch.cause
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):
             self._helm = HelmSample(now, not self._reason, self._reason, self.name, cause)
             samples.insert(0, self._helm)
 
-    def _note(self, now: float, source: str, text: str, samples: list[Sample]) -> None:
-        if self._noted.get(source, "") != text:
-            self._noted[source] = text
-            samples.append(AlarmSample(now, text, f"{self.name} {source}"))
+    def _note(self, now: float, source: str, event: AlarmEvent | None, samples: list[Sample]) -> None:
+        if self._noted.get(source) != event:
+            self._noted[source] = event
+            samples.append(AlarmSample(now, event, f"{self.name} {source}"))
 
     def _send_heartbeats(self, now: float) -> None:
         self._transmit(now, companion_heartbeat(self.state), self._codec)

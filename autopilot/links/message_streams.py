@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from autopilot.signals import AlarmEvent
+
 FIRST_CHECK_S = 0.7
 CHECK_S = 2.0
 ENOUGH = 0.6
@@ -14,10 +16,6 @@ HEADINGS_IN_TIMEOUT = 3
 """Headings that must come within the time in which they grow too old: two may be lost in a row, as one in ten are on a
 line that loses a third."""
 WAITING = "waiting for headings (ATTITUDE) at the rate asked for"
-SLOW = (
-    "headings (ATTITUDE) come at {rate:.0f} Hz though {wanted:.0f} Hz were asked for again and again: raise the link's "
-    "baud rate (SERIALn_BAUD), let ground stations ask for less (SRn_ parameters), or lower control.rate_hz"
-)
 
 
 TOO_SLOW = (
@@ -50,13 +48,14 @@ class MessageStreams:
         return self._too_slow if self._settled else WAITING
 
     @property
-    def slow(self) -> str:
-        """The sentence about a first stream that stays slow however often it is asked for; '' where it does not."""
+    def slow(self) -> AlarmEvent | None:
+        """The alarm of a first stream that stays slow however often it is asked for; None where it does not."""
         return self._slow
 
     def reset(self) -> None:
         """Ask for everything anew, as after a reboot."""
-        self._slow = self._too_slow = ""
+        self._slow: AlarmEvent | None = None
+        self._too_slow = ""
         self._slow_checks = 0
         self._settled = False
         self._counts = dict.fromkeys(self._rates, 0)
@@ -91,7 +90,7 @@ class MessageStreams:
         rate = self._counts[identity] / seconds
         self._too_slow = TOO_SLOW.format(rate=rate, least=self._least) if 0.0 < rate < self._least else ""
         if rate >= wanted * ENOUGH:
-            self._slow, self._slow_checks, self._settled = "", 0, True
+            self._slow, self._slow_checks, self._settled = None, 0, True
             return
         self._slow_checks += 1
         if self._slow_checks < PATIENT_CHECKS:
@@ -99,4 +98,4 @@ class MessageStreams:
         self._settled = True
         # said once: a rate that wavers is no news; that nothing comes at all others will say
         if self._counts[identity] and not self._slow:
-            self._slow = SLOW.format(rate=rate, wanted=wanted)
+            self._slow = AlarmEvent("headings_slow", f"{rate:.0f} Hz though {wanted:.0f} Hz")

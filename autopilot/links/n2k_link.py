@@ -30,7 +30,17 @@ from autopilot.links.north import UnusableHeadings
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import StandingOrder
-from autopilot.signals import HeadingSample, HelmSample, Mode, OrderKind, RudderCommand, RudderSample, Sample, Tick
+from autopilot.signals import (
+    AlarmEvent,
+    HeadingSample,
+    HelmSample,
+    Mode,
+    OrderKind,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    Tick,
+)
 
 FRAMES_MOST = 500
 """Frames taken in one `receive`, so that a busy bus cannot hold the loop."""
@@ -169,7 +179,7 @@ class N2kLink:
             self._release.has_ordered = self._release.has_ordered or self._settings.steers
         self._push(now)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Nothing here: the mode leaves with `show`."""
 
     def keep(self, now: float) -> None:

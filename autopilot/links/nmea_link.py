@@ -23,6 +23,7 @@ from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 from autopilot.signals import (
+    AlarmEvent,
     AlarmSample,
     HeadingSample,
     HelmSample,
@@ -91,7 +92,7 @@ class NmeaLink:
         )
         self._unusable = UnusableHeadings(self.name)
         self._guide = guide
-        self._guide_alarm = ""
+        self._guide_alarm: AlarmEvent | None = None
         self._heard = -math.inf
         self._repeater = NmeaRepeater(settings.sends, settings.variation, settings.talker, settings.magnetic)
         self._repeated: deque[bytes] = deque(maxlen=REPEATED_WAITING)
@@ -189,7 +190,7 @@ class NmeaLink:
             self._command, self._pending = None, False
         self._push(now)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Nothing: a rudder drive knows no modes."""
 
     def keep(self, now: float) -> None:

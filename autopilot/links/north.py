@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from autopilot.alarms import text_of
 from autopilot.angles import wrap
-from autopilot.signals import AlarmSample, HeadingSample, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, Sample
 
 UNUSABLE_FOR_S = 3.0
 """Headings that take an unknown variation are told of after this long without others on the same link."""
@@ -51,4 +50,4 @@ class UnusableHeadings:
         if is_due == self._is_told:
             return []
         self._is_told = is_due
-        return [AlarmSample(now, text_of("variation_unknown") if is_due else "", self._source)]
+        return [AlarmSample(now, AlarmEvent("variation_unknown") if is_due else None, self._source)]

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import Message, message_id
 from autopilot.safety import CANNOT_ENGAGE
-from autopilot.signals import Mode
+from autopilot.signals import AlarmEvent, Mode
 
 NAME = "PILOT"
 
@@ -36,9 +36,6 @@ OWN_KEPT = 8
 
 LISTENING = "listening for another pilot on this boat"
 STEERED = "another pilot steers this boat; let it stand by, or start with --with-other-pilot"
-BOTH = "another pilot steers this boat too: two helms fight, let one stand by"
-OVERRIDDEN = "another pilot or ground station overrides the steering input now and then"
-WAITS = "another pilot wants to engage on this boat"
 
 
 class OtherPilot:
@@ -52,12 +49,12 @@ class OtherPilot:
         self._began: float | None = None
         self._steers_time = self._waits_time = -math.inf
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Take our own mode and alarms; a change of what we are is said at once."""
         state = PilotState.IDLE
         if mode in (Mode.ENGAGED, Mode.FAILSAFE):
             state = PilotState.STEERS
-        elif any(alarm.startswith(CANNOT_ENGAGE) for alarm in alarms):
+        elif any(alarm.name == CANNOT_ENGAGE for alarm in alarms):
             state = PilotState.WAITS
         if state is not self._state:
             self._state, self._next = state, now
@@ -92,13 +89,13 @@ class OtherPilot:
         is_new = self._began is not None and now - self._began < LISTENS_S
         return LISTENING if is_new and not self._is_forced else ""
 
-    def alarm(self, now: float, is_steering: bool) -> str:
+    def alarm(self, now: float, is_steering: bool) -> AlarmEvent | None:
         """Return what the skipper of a boat that we steer should know of another pilot."""
         if not is_steering:
-            return ""
+            return None
         if self._steers(now):
-            return BOTH
-        return WAITS if now - self._waits_time <= SILENT_S else ""
+            return AlarmEvent("other_pilot")
+        return AlarmEvent("other_pilot_waits") if now - self._waits_time <= SILENT_S else None
 
     def _steers(self, now: float) -> bool:
         return now - self._steers_time <= SILENT_S

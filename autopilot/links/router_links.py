@@ -13,7 +13,7 @@ from autopilot.links.mavlink_frames import Framer, source_of
 from autopilot.links.router import OWN_COMPONENT, Router
 from autopilot.links.signing import LinkSigning, identity_of
 from autopilot.links.url import believe_signed
-from autopilot.signals import AlarmSample, Mode, RudderCommand, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, Mode, RudderCommand, Sample
 
 FRAMES_PER_TURN = 200
 """Frames of one ground station passed on in one turn of the loop; what a flood brings beyond them is dropped."""
@@ -115,7 +115,7 @@ class ForwardLink:
         self._framer = Framer(transport.is_stream)
         self._number = router.join(self._sent)
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
-        self.lost = ""
+        self.lost: AlarmEvent | None = None
         self._presence = Presence(transport)
         believe_signed(transport, signing, self._door.hears)
 
@@ -132,7 +132,7 @@ class ForwardLink:
         try:
             chunks = self._transport.receive()
         except LinkError as error:
-            self.lost = f"forwarding to a ground station ended, steering goes on: {error}"
+            self.lost = AlarmEvent("forwarding_ended", str(error))
             return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
         taken, room = 0, BYTES_PER_TURN
         for chunk in chunks:
@@ -158,7 +158,7 @@ class ForwardLink:
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing: the rudder is elsewhere."""
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Say nothing: what is wrong goes out as STATUSTEXT over the flight controller's link, which is shown here.
 
         A station that floods us has been looked away from since; a tick has passed, it may wake the loop again.

@@ -7,9 +7,9 @@ from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarm_panel import UNHEARD
 from autopilot.alarms import kind_of
 from autopilot.links.mavlink_codec import Message
+from autopilot.signals import AlarmEvent
 
 PIECE = 50
 SPACING_S = 0.2
@@ -18,13 +18,11 @@ REPEAT_S = 10.0
 """The same text is sent again only after this."""
 
 
-def severity_of(alarm: str, usual: int) -> int:
-    """Return the MAV_SEVERITY of an alarm's text: its own in the catalogue, `usual` where it is in none, and the worst
-    but one for what nobody has acknowledged."""
-    if alarm.startswith(UNHEARD):
-        return min(usual, int(dialect.MAV_SEVERITY_ALERT))
-    kind = kind_of(alarm)
-    return usual if kind is None else min(usual, int(kind.severity))
+def severity_of(alarm: AlarmEvent, usual: int) -> int:
+    """Return the MAV_SEVERITY of an alarm: its own in the table or `usual`, whichever is worse, and the worst but one
+    for what nobody has acknowledged."""
+    own = dialect.MAV_SEVERITY_ALERT if alarm.is_escalated else kind_of(alarm).severity
+    return min(usual, int(own))
 
 
 class StatusTexts:

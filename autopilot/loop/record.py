@@ -34,7 +34,7 @@ from autopilot.loop.tick_codec import (
     encode_tick,
 )
 from autopilot.regular_file import read_regular
-from autopilot.signals import Tick
+from autopilot.signals import AlarmEvent, Tick
 
 PAYLOAD_TYPE = 0x8E52
 """TUNNEL payload type of our records: above 32767, where the MAVLink standard leaves them to everybody."""
@@ -70,9 +70,9 @@ class Recorder:
         return self._stopped or self._sink.trouble
 
     @property
-    def alarm(self) -> str:
+    def alarm(self) -> AlarmEvent | None:
         """The same, for whoever brings it to the skipper."""
-        return self.failed
+        return AlarmEvent("disk_full", self.failed) if self.failed else None
 
     @property
     def path(self) -> Path:

@@ -13,6 +13,7 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 
+from autopilot.alarm_words import sentences_of
 from autopilot.signals import Tick
 
 FEEDS_A_PERIOD = 4
@@ -45,7 +46,7 @@ class ServiceManager:
         if self._socket is None:
             return
         lines = []
-        status = "; ".join((tick.mode.name, *tick.alarms))
+        status = "; ".join((tick.mode.name, *sentences_of(tick.alarms)))
         if not self._status:
             lines.append("READY=1")
         if status != self._status:

@@ -2,6 +2,9 @@
 
 Little-endian. A record is its kind (one byte) and its body: HEADER is JSON text, TICK is described by the
 structures below. Sources and reasons are UTF-8 with a length byte before them.
+
+Alarms are events by name. Older logs hold their sentences, and the reason alone of a lost helm: here, and nowhere else,
+is looked at how those were worded, to find out what they were.
 """
 
 from __future__ import annotations
@@ -11,9 +14,12 @@ import math
 import struct
 from typing import Any
 
+from autopilot.alarm_words import FORMS, UNHEARD
+from autopilot.alarms import CATALOGUE, OTHER, RECORDED
 from autopilot.errors import InputError
 from autopilot.signals import (
     AcknowledgeSample,
+    AlarmEvent,
     AlarmSample,
     AlarmState,
     ConditionSample,
@@ -48,8 +54,10 @@ TICK_BEFORE_SUPERVISOR = 4
 """A tick whose mode is all that is known of the supervisor."""
 TICK_BEFORE_ACKNOWLEDGING = 5
 """A tick that does not know which of its alarms have been acknowledged."""
-TICK = 6
-TICKS = (TICK, TICK_BEFORE_ACKNOWLEDGING, TICK_BEFORE_SUPERVISOR, TICK_BEFORE_WAVES)
+TICK_BEFORE_EVENTS = 6
+"""A tick that holds its alarms as sentences."""
+TICK = 7
+TICKS = (TICK, TICK_BEFORE_EVENTS, TICK_BEFORE_ACKNOWLEDGING, TICK_BEFORE_SUPERVISOR, TICK_BEFORE_WAVES)
 """Every kind of record that is a tick."""
 
 MOST_SAMPLES = 255
@@ -129,7 +137,7 @@ def encode_tick(tick: Tick) -> bytes:
         )
     )
     heard = tick.heard if len(tick.heard) == len(tick.alarms) else (_UNKNOWN,) * len(tick.alarms)
-    parts.extend(bytes([state]) + _text(alarm) for state, alarm in zip(heard, tick.alarms, strict=True))
+    parts.extend(bytes([state]) + _encode_event(alarm) for state, alarm in zip(heard, tick.alarms, strict=True))
     return b"".join(parts)
 
 
@@ -159,12 +167,17 @@ def _decode_tick(record: bytes) -> Tick:
     else:
         out = _OUTPUTS.unpack_from(record, place)
         place += _OUTPUTS.size
-    alarms, heard = [], []
+    alarms: list[AlarmEvent] = []
+    heard: list[int] = []
     while place < len(record):
-        if record[0] == TICK:
+        if record[0] in (TICK, TICK_BEFORE_EVENTS):
             heard.append(record[place])
             place += 1
-        alarm, place = _read_text(record, place)
+        if record[0] == TICK:
+            alarm, place = _decode_event(record, place)
+        else:
+            sentence, place = _read_text(record, place)
+            alarm = _event_of(sentence)
         alarms.append(alarm)
     return Tick(
         number=number,
@@ -196,18 +209,22 @@ _KINDS: tuple[type[Any], ...] = (
     AcknowledgeSample,
     WindSample,
 )
+_SENTENCE = _KINDS.index(AlarmSample)
+"""An `AlarmSample` of an older log: its sentence, empty where it takes back."""
+_EVENT = len(_KINDS)
 _STATES = (SupervisorState.STANDBY, SupervisorState.HEADING, SupervisorState.OVERRIDE, SupervisorState.FAILSAFE)
 """What an old log's mode comes to."""
 
 
 def _encode_sample(sample: Sample) -> bytes:
-    kind = _KINDS.index(type(sample))
+    kind = _EVENT if isinstance(sample, AlarmSample) else _KINDS.index(type(sample))
     if isinstance(sample, HelmSample):
         # the cause counts up from 1 where the helm is ours, else down from -1; older logs have 1 and 0
         value = 1.0 + sample.cause if sample.available else -1.0 - sample.cause
         body = _SAMPLE.pack(kind, sample.time, value) + _text(sample.reason)
     elif isinstance(sample, AlarmSample):
-        body = _SAMPLE.pack(kind, sample.time, 0.0) + _text(sample.text)
+        event = b"" if sample.event is None else _encode_event(sample.event)
+        body = _SAMPLE.pack(kind, sample.time, float(sample.event is not None)) + event
     elif isinstance(sample, ConditionSample):
         body = _SAMPLE.pack(kind, sample.time, float(sample.present)) + _text(sample.name) + _text(sample.detail)
     elif isinstance(sample, AcknowledgeSample):
@@ -239,15 +256,19 @@ def _cause_of(value: float, reason: str) -> HelmCause:
 def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     kind, time, value = _SAMPLE.unpack_from(record, place)
     place += _SAMPLE.size
+    if kind == _EVENT:
+        event, place = _decode_event(record, place) if value else (None, place)
+        source, place = _read_text(record, place)
+        return AlarmSample(time, event, source), place
     made = _KINDS[kind]
     if made is HelmSample:
         reason, place = _read_text(record, place)
         source, place = _read_text(record, place)
         return HelmSample(time, value > 0.0, reason, source, _cause_of(value, reason)), place
-    if made is AlarmSample:
+    if kind == _SENTENCE:
         text, place = _read_text(record, place)
         source, place = _read_text(record, place)
-        return AlarmSample(time, text, source), place
+        return AlarmSample(time, _event_of(text) if text else None, source), place
     if made is ConditionSample:
         (name, detail, source), place = _read_texts(record, place, 3)
         return ConditionSample(time, name, bool(value), detail, source), place
@@ -269,6 +290,38 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     source, place = _read_text(record, place + 1)
     sample: Sample = made(time, value, flag, source)
     return sample, place
+
+
+_PAST, _ESCALATED, _HAS_REASON = 1, 2, 4
+
+
+def _encode_event(event: AlarmEvent) -> bytes:
+    """Return flags, name, detail and form, and the same of the event that stands behind it."""
+    flags = (_PAST if event.is_past else 0) | (_ESCALATED if event.is_escalated else 0)
+    behind = b"" if event.because is None else _encode_event(event.because._replace(because=None))
+    flags |= _HAS_REASON if behind else 0
+    return bytes([flags]) + _text(event.name) + _text(event.detail) + _text(event.form) + behind
+
+
+def _decode_event(record: bytes, place: int, is_behind: bool = False) -> tuple[AlarmEvent, int]:
+    """Return an event; of a kind that is not known, as a newer version may write it, no more than its detail."""
+    flags = record[place]
+    (name, detail, form), place = _read_texts(record, place + 1, 3)
+    if name not in CATALOGUE or (form and form not in FORMS):
+        name, detail, form = OTHER, detail or name, ""
+    because = None
+    if flags & _HAS_REASON:
+        if is_behind:
+            raise ValueError("an alarm stands behind one that stands behind another")
+        because, place = _decode_event(record, place, is_behind=True)
+    return AlarmEvent(name, detail, form, because, bool(flags & _PAST), bool(flags & _ESCALATED)), place
+
+
+def _event_of(sentence: str) -> AlarmEvent:
+    """Return the alarm that a sentence of an older log is of, by how it begins; the sentence stays as it was."""
+    said = sentence.removeprefix(UNHEARD)
+    name = next((name for name, kind in CATALOGUE.items() if said.startswith(kind.text)), OTHER)
+    return AlarmEvent(name, said, RECORDED, is_escalated=said != sentence)
 
 
 _ABSENT = struct.pack("<Q", 0x7FF8_4E4F_4E45_0000)

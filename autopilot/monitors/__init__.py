@@ -3,7 +3,7 @@ follows from it. Pure: memory is a few numbers, `reset` forgets them."""
 
 from autopilot.monitors.heading import FROZEN_SAMPLES
 from autopilot.monitors.rudder import AT_THE_STOP
-from autopilot.monitors.watch import FROZEN, RUNAWAY, Monitors
+from autopilot.monitors.watch import Monitors
 from autopilot.monitors.watched import AlarmLimits, Watched
 
-__all__ = ["AT_THE_STOP", "FROZEN", "FROZEN_SAMPLES", "RUNAWAY", "AlarmLimits", "Monitors", "Watched"]
+__all__ = ["AT_THE_STOP", "FROZEN_SAMPLES", "AlarmLimits", "Monitors", "Watched"]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+from autopilot.alarms import AT_STOP
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, steady_rudder
 from autopilot.monitors.rudder import is_hard_over
 from autopilot.monitors.watched import NEWS, AlarmLimits, Watched
+from autopilot.signals import AlarmEvent
 
 BACK_ON_COURSE = 0.7
 """An off-course alarm ends when the error is back within this share of its limit."""
@@ -48,7 +50,7 @@ class OffCourse:
         """Forget everything."""
         self._since, self._is_off = math.nan, False
         self._told = 0.0
-        self.text = ""
+        self.found: AlarmEvent | None = None
 
     def look(self, limits: AlarmLimits, watched: Watched) -> None:
         """Judge a tick; not while a turn may last."""
@@ -58,16 +60,14 @@ class OffCourse:
         error = shortest_turn(watched.wanted, watched.state.heading)
         self._since, self._is_off = course_step(limits, self._since, self._is_off, watched.now, error)
         if not self._is_off:
-            self.text = ""
-        elif not self.text or abs(error - self._told) > NEWS:
-            self.text, self._told = _text(error, watched), error
+            self.found = None
+        elif self.found is None or abs(error - self._told) > NEWS:
+            self.found, self._told = _event(error, watched), error
 
 
-def _text(error: float, watched: Watched) -> str:
-    off = f"off course by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
-    if is_hard_over(watched):
-        return f"{off}, the rudder at its stop: more way or less sail, check that the rudder moves"
-    return f"{off}: check rudder, speed and wind, or order another course"
+def _event(error: float, watched: Watched) -> AlarmEvent:
+    off = f"by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
+    return AlarmEvent("off_course", off, AT_STOP if is_hard_over(watched) else "")
 
 
 class Runaway:

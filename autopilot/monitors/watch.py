@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from autopilot.alarms import CATALOGUE, Response, text_of
+from autopilot.alarms import CATALOGUE, kind_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.monitors.answer import RudderAnswer
 from autopilot.monitors.course import OffCourse, Runaway
@@ -27,6 +27,7 @@ from autopilot.monitors.swing import (
 )
 from autopilot.monitors.watched import NEWS, AlarmLimits, Watched
 from autopilot.signals import (
+    AlarmEvent,
     ConditionSample,
     HeadingSample,
     RateSample,
@@ -39,15 +40,13 @@ from autopilot.signals import (
 ROLL_SECONDS = 2.0
 INNOVATION_TIME = 20.0
 WIND_STALE = 5.0
-FROZEN = text_of("heading_frozen")
-RUNAWAY = text_of("runaway")
 
 
 class Monitors:
     """`hear` and `look` every tick; then `findings` has what is the case.
 
     Attributes:
-        findings: the texts of the alarms by their names in the catalogue.
+        findings: the alarms by their names in the catalogue.
         softer: the law is to order as for a boat that answers so many times as much.
         doubts_speed: whether the boat's own turns contradict its speed.
     """
@@ -83,8 +82,8 @@ class Monitors:
         ):
             monitor.reset()
         self.softer, self._hunts, self.doubts_speed, self._other = 1.0, False, False, ""
-        self.findings: dict[str, str] = {}
-        self._conditions: dict[tuple[str, str], str] = {}
+        self.findings: dict[str, AlarmEvent] = {}
+        self._conditions: dict[tuple[str, str], AlarmEvent] = {}
         self._roll_since: float | None = None
         self._roll, self._told_roll = "", 0.0
         self._surprised_since: float | None = None
@@ -92,13 +91,13 @@ class Monitors:
         self._wind_time = -math.inf
 
     @property
-    def trouble(self) -> str:
-        """Return the text of what is a reason to leave off steering, "" where nothing is."""
-        return next((text for name, text in self.findings.items() if _ends_steering(name)), "")
+    def trouble(self) -> AlarmEvent | None:
+        """Return what is a reason to leave off steering, None where nothing is."""
+        return next((event for event in self.findings.values() if kind_of(event).ends_steering), None)
 
-    def alarms(self) -> tuple[str, ...]:
+    def alarms(self) -> tuple[AlarmEvent, ...]:
         """Return what is to be said though steering goes on."""
-        return tuple(text for name, text in self.findings.items() if not _ends_steering(name))
+        return tuple(event for event in self.findings.values() if not kind_of(event).ends_steering)
 
     @property
     def doubts_rate(self) -> bool:
@@ -136,30 +135,30 @@ class Monitors:
 
     def look(self, model: Norrbin, watched: Watched) -> None:
         """Judge a tick; `model` at the present speed."""
-        found = {name: text for (name, _), text in self._conditions.items()}
+        found = {name: event for (name, _), event in self._conditions.items()}
         self._look_at_heading(model, watched, found)
         self._look_at_rudder(model, watched, found)
         self._look_at_model(model, watched, found)
         self._look_at_swings(model, watched, found)
         self._course.look(self.limits, watched)
-        if self._course.text:
-            found["off_course"] = self._course.text
+        if self._course.found is not None:
+            found["off_course"] = self._course.found
         if watched.waits:
-            found["low_speed"] = text_of("low_speed")
+            found["low_speed"] = AlarmEvent("low_speed")
         if self._roll:
-            found["roll"] = self._roll
+            found["roll"] = AlarmEvent("roll", self._roll)
         if self.limits.wind_wanted and watched.now - self._wind_time > WIND_STALE:
-            found["no_wind"] = text_of("no_wind")
+            found["no_wind"] = AlarmEvent("no_wind")
         self.findings = found
 
-    def _look_at_heading(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
+    def _look_at_heading(self, model: Norrbin, watched: Watched, found: dict[str, AlarmEvent]) -> None:
         if self.limits.frozen_heading and self._frozen.is_frozen(model, watched):
-            found["heading_frozen"] = FROZEN
+            found["heading_frozen"] = AlarmEvent("heading_frozen")
         jumped = self._jumping.found(watched)
         if jumped:
-            found["heading_jumping"] = text_of("heading_jumping", jumped)
+            found["heading_jumping"] = AlarmEvent("heading_jumping", jumped)
         if self._against_rate.found:
-            found["rate_disagrees"] = text_of("rate_disagrees", self._against_rate.found)
+            found["rate_disagrees"] = AlarmEvent("rate_disagrees", self._against_rate.found)
         if not (watched.has_way and abs(watched.surprise) > self.limits.innovation):
             self._surprised_since, self._surprise = None, ""
         elif self._surprised_since is None:
@@ -167,13 +166,13 @@ class Monitors:
         elif watched.now - self._surprised_since >= INNOVATION_TIME:
             # as it is at first: each tenth would be a new text
             self._surprise = self._surprise or f"{abs(watched.surprise):.1f} standard deviations"
-            found["innovation"] = text_of("innovation", self._surprise)
+            found["innovation"] = AlarmEvent("innovation", self._surprise)
 
-    def _look_at_rudder(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
+    def _look_at_rudder(self, model: Norrbin, watched: Watched, found: dict[str, AlarmEvent]) -> None:
         self._follows.look(watched, self.limits)
         name, shown = self._follows.found
         if name:
-            found[name] = text_of(name, shown)
+            found[name] = AlarmEvent(name, shown)
         if watched.steers and self._shown.is_anothers(watched.now, watched.rudder):
             # a boat that follows somebody else proves nothing; the link finds out who has the helm
             self._answer.reset()
@@ -183,17 +182,17 @@ class Monitors:
             if self._is_for_the_speed(model, watched, name):
                 name = ""
             if name:
-                found[name] = text_of(name, shown)
+                found[name] = AlarmEvent(name, shown)
             self._overpowered.look(watched)
             if self._overpowered.found:
-                found["overpowered"] = text_of("overpowered", self._overpowered.found)
+                found["overpowered"] = AlarmEvent("overpowered", self._overpowered.found)
         self._runaway.look(model, watched)
         if self._runaway.has_run:
-            found["runaway"] = RUNAWAY
+            found["runaway"] = AlarmEvent("runaway")
         if self._runaway.overpowered:
-            found["overpowered"] = text_of("overpowered", self._runaway.overpowered)
+            found["overpowered"] = AlarmEvent("overpowered", self._runaway.overpowered)
         if self._stop.is_there(watched):
-            found["rudder_at_stop"] = text_of("rudder_at_stop")
+            found["rudder_at_stop"] = AlarmEvent("rudder_at_stop")
 
     def _is_for_the_speed(self, model: Norrbin, watched: Watched, name: str) -> bool:
         """Return whether the answer to the rudder is one that a wrong speed explains: it is doubted then."""
@@ -204,25 +203,25 @@ class Monitors:
         self._doubt_speed()
         return True
 
-    def _look_at_model(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
+    def _look_at_model(self, model: Norrbin, watched: Watched, found: dict[str, AlarmEvent]) -> None:
         """What the answer to the rudder tells of speed, boat and rudder; what was found counts until we let go."""
         if not watched.steers:
             self.doubts_speed, self._other = False, ""
         seen = {self._answer.other, self._other, "slow" if self._follows.is_slow else ""}
         self._other = next((other for other in ("quick", "slow", "lively") if other in seen), "")
         if self._other == "quick":
-            found["too_quick"] = text_of("too_quick")
+            found["too_quick"] = AlarmEvent("too_quick")
         elif self._other == "slow" and model.n1 <= 0.0:
             # no gain is soft enough for a boat that turns away quicker than its rudder comes
-            found["rudder_not_following"] = text_of("rudder_not_following", "much slower than its file says")
+            found["rudder_not_following"] = AlarmEvent("rudder_not_following", "much slower than its file says")
         elif self._other:
             self.softer = max(self.softer, SOFTER)
             name = "lively" if self._other == "lively" else "rudder_slow"
-            found[name] = text_of(name)
+            found[name] = AlarmEvent(name)
         if self.doubts_speed:
-            found["speed_doubtful"] = text_of("speed_doubtful")
+            found["speed_doubtful"] = AlarmEvent("speed_doubtful")
 
-    def _look_at_swings(self, model: Norrbin, watched: Watched, found: dict[str, str]) -> None:
+    def _look_at_swings(self, model: Norrbin, watched: Watched, found: dict[str, AlarmEvent]) -> None:
         """What steering itself does to the boat: a soft law is tried first, then steering ends."""
         if not watched.steers:
             self.softer, self._hunts = 1.0, False
@@ -230,19 +229,20 @@ class Monitors:
         fast = self._spinning.too_fast(model, watched)
         is_soft = self.softer > 1.0 or model.n1 <= 0.0
         if (is_soft and throws >= HALF_SWINGS) or (self.softer >= SOFTEST and swings >= SUSPECT_SWINGS):
-            found["swinging"] = text_of("swinging")
+            found["swinging"] = AlarmEvent("swinging")
         elif max(swings, throws) >= SUSPECT_SWINGS or (watched.follows and self._spinning.rushes):
             self._steer_softer(model, watched)
         elif self._spinning.outruns_speed and reads_low(model, watched):
             self._doubt_speed()
         if self._hunts and not self._other:
-            found["hunting"] = text_of("hunting")
+            found["hunting"] = AlarmEvent("hunting")
         if fast or (self.softer >= SOFTEST and self._spinning.rushes):
-            found["too_quick"] = text_of("too_quick", f"turning at {math.degrees(abs(self._spinning.rate)):.0f} deg/s")
+            turning = f"turning at {math.degrees(abs(self._spinning.rate)):.0f} deg/s"
+            found["too_quick"] = AlarmEvent("too_quick", turning)
         if self._circles.goes_round(model, watched):
-            found["circling"] = text_of("circling")
+            found["circling"] = AlarmEvent("circling")
         if watched.speeds_apart > 0.0:
-            found["speeds_disagree"] = text_of("speeds_disagree")
+            found["speeds_disagree"] = AlarmEvent("speeds_disagree")
 
     def _steer_softer(self, model: Norrbin, watched: Watched) -> None:
         """A speed that is too low is the likeliest cause of swings, the trial's speed the worst that is plausible; then
@@ -266,7 +266,7 @@ class Monitors:
     def _hear_condition(self, sample: ConditionSample) -> None:
         key = (sample.name, sample.source)
         if sample.present and sample.name in CATALOGUE:
-            self._conditions[key] = text_of(sample.name, sample.detail)
+            self._conditions[key] = AlarmEvent(sample.name, sample.detail)
         else:
             self._conditions.pop(key, None)
 
@@ -278,9 +278,5 @@ class Monitors:
         elif sample.time - self._roll_since >= ROLL_SECONDS:
             heel = abs(sample.roll)
             if not self._roll or heel - self._told_roll > NEWS:
-                self._roll = f"heeling {math.degrees(heel):.0f} deg: ease sheets, slow down, or change course"
+                self._roll = f"{math.degrees(heel):.0f} deg"
                 self._told_roll = heel
-
-
-def _ends_steering(name: str) -> bool:
-    return CATALOGUE[name].response in (Response.FAILSAFE, Response.LET_GO, Response.FAULT)

@@ -66,19 +66,22 @@ def values_of(station: Station, now: float) -> dict[str, Any]:
 
 def notifications_of(station: Station) -> dict[str, Any]:
     """Return the notification of each alarm that is on, by path: it sounds until somebody has acknowledged it."""
-    return {
-        path_of(alarm): {
+    told: dict[str, Any] = {}
+    for alarm in station.alarms.shown:
+        path = path_of(alarm)
+        alike = sum(each.startswith(path) for each in told)
+        # two lines may be lost at a time
+        told[f"{path}{alike + 1}" if path in told else path] = {
             "state": "alarm" if alarm["sounds"] or alarm["acknowledged"] else "alert",
             "method": ["visual", "sound"] if alarm["sounds"] else ["visual"],
             "message": alarm["words"],
             **OURS_ALONE,
         }
-        for alarm in station.alarms.shown
-    }
+    return told
 
 
 def path_of(alarm: dict[str, Any]) -> str:
-    """Return the path of an alarm's notification; what a link says in its own words has none but those."""
+    """Return the path of an alarm's notification; what is of no kind, as older boats say it, has none but its words."""
     first, *rest = (alarm["name"] or f"other_{zlib.crc32(alarm['words'].encode()):08x}").split("_")
     return NOTIFICATIONS + first + "".join(word.capitalize() for word in rest)
 

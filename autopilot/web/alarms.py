@@ -10,7 +10,6 @@ import json
 import math
 from typing import Any
 
-from autopilot.alarm_panel import UNHEARD
 from autopilot.links.boat.alarm_list import ALARMS
 from autopilot.signals import AlarmState
 from autopilot.web.ftp_client import FtpClient
@@ -77,11 +76,7 @@ class AlarmBoard:
         self._is_asked = False
         try:
             entries = json.loads(content or b"null")
-            # one that nobody has acknowledged for long is said again under another heading: it is the same alarm
-            self._on = {
-                str(entry["words"]).removeprefix(UNHEARD): (str(entry["name"]), STATES[entry["state"]])
-                for entry in entries
-            }
+            self._on = {str(entry["words"]): (str(entry["name"]), STATES[entry["state"]]) for entry in entries}
         except (ValueError, TypeError, KeyError):
             return
         self._seen &= self._on.keys()

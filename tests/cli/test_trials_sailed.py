@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from alarm_texts import other
 from plant import Plant
 
-from autopilot.alarm_panel import UNHEARD
-from autopilot.alarms import CATALOGUE, text_of
+from autopilot.alarms import CATALOGUE
 from autopilot.angles import wrap
 from autopilot.build import build_pilot
 from autopilot.build_laws import TRIAL_LAW, gear_of, limits_of, model_of
@@ -26,7 +26,7 @@ from autopilot.identification.trial_measures import Measures, measures_of
 from autopilot.identification.trial_record import TrialRecord, record_of
 from autopilot.params.vessel_file import load_vessel
 from autopilot.report.trials import trials_page
-from autopilot.signals import HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
+from autopilot.signals import AlarmEvent, HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
 
 VESSEL = load_vessel("lanxin")
 SPEED = VESSEL.model.reference_speed_m_s
@@ -233,7 +233,7 @@ def test_a_supervisor_event_ends_the_trial_with_its_reason(how: str) -> None:
         assert "the skipper moved the stick" in script.reason
     else:
         ticks, _ = sail(script, 5.0)
-        pilot_lost = ticks[-1]._replace(mode=Mode.FAILSAFE, alarms=("heading lost",))
+        pilot_lost = ticks[-1]._replace(mode=Mode.FAILSAFE, alarms=(other("heading lost"),))
         script(pilot_lost.now + DT, pilot_lost)
         assert script.reason == "the pilot left the helm (failsafe): heading lost"
     assert script.is_over
@@ -244,7 +244,7 @@ def test_a_supervisor_event_ends_the_trial_with_its_reason(how: str) -> None:
 def test_an_alarm_that_comes_up_ends_the_trial(name: str) -> None:
     script = script_of("zigzag", TrialLimits())
     ticks, _ = sail(script, 3.0)
-    script(ticks[-1].now + DT, ticks[-1]._replace(alarms=(text_of(name, "seen just now"),)))
+    script(ticks[-1].now + DT, ticks[-1]._replace(alarms=(AlarmEvent(name, "seen just now"),)))
     assert script.is_over
     assert script.reason.startswith(f"alarm: {CATALOGUE[name].text} (seen just now)")
 
@@ -253,16 +253,19 @@ def test_an_alarm_that_comes_up_ends_the_trial(name: str) -> None:
 def test_what_a_trial_brings_with_it_or_is_sailed_for_does_not_end_it(name: str) -> None:
     script = script_of("zigzag", TrialLimits())
     ticks, _ = sail(script, 3.0)
-    script(ticks[-1].now + DT, ticks[-1]._replace(alarms=(text_of(name), "what a link says in words of its own")))
+    script(
+        ticks[-1].now + DT, ticks[-1]._replace(alarms=(AlarmEvent(name), other("what a link says in words of its own")))
+    )
     assert not script.is_over
 
 
 def test_an_alarm_that_was_there_before_is_no_news_even_said_again() -> None:
     watch, (tick,) = TrialWatch(TrialLimits()), sail(script_of("zigzag", duration=2.0))[0][-1:]
-    low = text_of("battery_low")
+    low = AlarmEvent("battery_low")
     assert watch.reason(tick._replace(alarms=(low,))) == ""
-    assert watch.reason(tick._replace(alarms=(UNHEARD + low,))) == ""
-    assert watch.reason(tick._replace(alarms=(UNHEARD + low, text_of("shallow")))).startswith("alarm: shallow water")
+    assert watch.reason(tick._replace(alarms=(low._replace(is_escalated=True),))) == ""
+    shallow = AlarmEvent("shallow")
+    assert watch.reason(tick._replace(alarms=(low._replace(is_escalated=True), shallow))) == shallow
 
 
 def test_progress_is_told_in_words() -> None:

@@ -11,6 +11,7 @@ import math
 from typing import Any
 
 import pytest
+from alarm_texts import words_of
 from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -82,7 +83,7 @@ def assert_only_what_was_measured(boat: Lockstep, truth: Truth, younger: float) 
 
 def assert_held(boat: Lockstep, heading_deg: float, since: float, within_deg: float = 3.0) -> None:
     late = [tick for tick in boat.ticks if tick.now > since]
-    assert {tick.mode for tick in late} == {Mode.ENGAGED}, {tick.alarms for tick in late}
+    assert {tick.mode for tick in late} == {Mode.ENGAGED}, {words_of(tick) for tick in late}
     errors = [abs(wrap(tick.state.heading - math.radians(heading_deg))) for tick in late]
     assert math.degrees(max(errors)) < within_deg
     assert math.degrees(abs(wrap(boat.world.boat.state.heading - math.radians(heading_deg)))) < within_deg
@@ -107,7 +108,7 @@ def test_a_heading_is_changed_and_held_over_a_bad_line(name: str, method: str) -
     boat = bench(method, lines)
     truth = Truth(boat)
     boat.engage(50.0)
-    assert boat.run(12.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(12.0, until=boat.engaged), words_of(boat.tick)
     boat.run(12.0)
     settled = boat.now
     boat.run(8.0)
@@ -219,7 +220,7 @@ def test_a_stranger_on_the_line_is_never_mixed_up_with_the_vehicle(
     assert boat.link.vehicle_system == 1
     Stranger(boat, system, component, make)
     boat.engage(50.0)
-    assert boat.run(10.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(10.0, until=boat.engaged), words_of(boat.tick)
     boat.run(20.0)
     assert_held(boat, 50.0, 16.0)
     assert_only_what_was_measured(boat, truth, 0.05)
@@ -257,7 +258,7 @@ def test_a_ground_station_that_steers_too_gets_the_helm() -> None:
         return tick.mode is Mode.OVERRIDE
 
     assert boat.run(10.0, until=let_go)
-    assert "another ground station steers" in boat.tick.alarms[0]
+    assert "another ground station steers" in words_of(boat.tick)[0]
     boat.run(3.0)
     assert boat.tick.mode is Mode.OVERRIDE
     assert boat.firmware.servos[0] > 1600, "the joystick's"

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from alarm_texts import words_of
 from lockstep import Lockstep
 from plant import Plant
 
@@ -151,7 +152,7 @@ def test_windward_turns_slowly_into_the_wind_without_a_compass(wind_from: float)
 
 def test_windward_without_wind_is_amidships_and_that_is_said_beforehand() -> None:
     ticks, _ = sail("windward")
-    assert any("the wind is not known" in alarm for alarm in ticks[0].alarms)
+    assert any("the wind is not known" in alarm for alarm in words_of(ticks[0]))
     assert all(tick.command.angle == 0.0 for tick in failing(ticks)[20:])
 
 
@@ -171,8 +172,8 @@ def test_the_flight_controller_is_ordered_to_hold_and_takes_over() -> None:
     assert boat.run(3.0, until=lambda tick: tick.mode is Mode.OVERRIDE)
     assert boat.firmware.mode is FirmwareMode.HOLD
     boat.run(5.0)
-    assert any("HOLD" in alarm for alarm in boat.tick.alarms)
-    assert not any("did not take over" in alarm for alarm in boat.tick.alarms)
+    assert any("HOLD" in alarm for alarm in words_of(boat.tick))
+    assert not any("did not take over" in alarm for alarm in words_of(boat.tick))
     # the skipper takes it out of that mode again: nobody orders it back
     assert boat.firmware.set_mode(FirmwareMode.MANUAL)
     boat.run(5.0)
@@ -184,7 +185,7 @@ def test_a_flight_controller_that_refuses_is_told_of() -> None:
     boat = afloat("RTL")
     boat.run(5.0)
     assert boat.tick.mode is Mode.FAILSAFE
-    assert any(alarm.startswith("the vehicle did not take over") for alarm in boat.tick.alarms)
+    assert any(alarm.startswith("the vehicle did not take over") for alarm in words_of(boat.tick))
 
 
 def test_a_vessel_whose_links_cannot_do_its_fail_safe_is_refused() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from alarm_texts import words_of
 from boats import BOATS, Boat, vessel_of
 from plant import Plant
 
@@ -48,7 +49,7 @@ def sailed(
         now, (moved, moves) = plant.time, yaw(plant.time)
         heading = HeadingSample(now, wrap(plant.heading + moved), plant.rate + moves, "compass")
         tick = pilot.step(now, (heading,), Order(OrderKind.HEADING, course(now), serial=1))
-        assert tick.mode is Mode.ENGAGED, tick.alarms
+        assert tick.mode is Mode.ENGAGED, words_of(tick)
         found = dict.fromkeys(pilot.monitors.findings, now) | found
         error = math.degrees(abs(wrap(plant.heading - course(now))))
         plant.step(tick.command.angle, STEP)
@@ -131,7 +132,7 @@ class LateLoop:
         samples = [sample._replace(time=now) if self.stamped_on_arrival else sample for sample in self.queue]
         self.queue = []
         tick = self.pilot.step(now, tuple(samples), Order(OrderKind.HEADING, course, serial=1))
-        assert tick.mode is Mode.ENGAGED, tick.alarms
+        assert tick.mode is Mode.ENGAGED, words_of(tick)
         self.findings |= set(self.pilot.monitors.findings)
         return tick.command.angle
 

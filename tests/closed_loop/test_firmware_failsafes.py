@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from alarm_texts import words_of
 from lockstep import STEP, Lockstep
 
 from autopilot.params.firmware_file import load_firmware, wanted_parameters
@@ -89,8 +90,8 @@ def test_a_receiver_that_sends_low_throttle_when_the_radio_dies_releases_at_once
     run.firmware.sticks[2] = 900
     assert lost_radio(run, 1.0)
     assert run.tick.mode is Mode.OVERRIDE
-    assert run.tick.alarms[0].startswith("overridden: the radio is lost: ")
-    assert "FS_THR_VALUE" in run.tick.alarms[0]
+    assert words_of(run.tick)[0].startswith("overridden: the radio is lost: ")
+    assert "FS_THR_VALUE" in words_of(run.tick)[0]
     run.run(5.0)
     assert (run.firmware.mode, run.firmware.throttle) == (HOLD, 0)
     assert "Radio Failsafe" in said(run)
@@ -107,7 +108,7 @@ def test_an_rssi_that_falls_to_nothing_releases_and_the_firmware_stops_the_boat(
     run = engaged(RSSI_TYPE=1)
     run.firmware.receiver = run.firmware.has_receiver = False
     assert lost_radio(run, 2.5)
-    assert "the radio is lost" in run.tick.alarms[0]
+    assert "the radio is lost" in words_of(run.tick)[0]
     run.run(6.0)
     assert (run.firmware.mode, run.firmware.throttle) == (HOLD, 0)
 
@@ -139,8 +140,8 @@ def test_the_steering_stick_takes_the_helm_where_the_firmware_lets_it(version: s
         assert run.tick.mode is Mode.ENGAGED, "an overridden stick is not seen: the page says so"
         return
     assert run.tick.mode is Mode.OVERRIDE
-    assert "the stick was moved" in run.tick.alarms[0]
-    assert "switch" in run.tick.alarms[0]
+    assert "the stick was moved" in words_of(run.tick)[0]
+    assert "switch" in words_of(run.tick)[0]
     assert run.firmware.channels[0] == 2000
     run.firmware.sticks[0], run.firmware.sticks[6] = 1500, 1000
     run.run(1.0)
@@ -154,7 +155,7 @@ def test_a_steering_stick_mixed_into_the_yaw_channel_takes_the_helm() -> None:
     run = engaged()
     run.firmware.sticks[0] = run.firmware.sticks[3] = 1800
     assert lost_radio(run, 0.5)
-    assert "the stick on RC channel 4 was moved" in run.tick.alarms[0]
+    assert "the stick on RC channel 4 was moved" in words_of(run.tick)[0]
 
 
 def test_hard_to_port_at_rest_does_not_disarm() -> None:
@@ -184,4 +185,4 @@ def test_a_servo_that_stops_short_of_what_may_be_ordered_is_not_steered() -> Non
     run = Lockstep(VESSEL, parameters={**SHIPPED, "SERVO1_MIN": 1100.0, "SERVO1_MAX": 1900.0})
     run.engage(20.0)
     assert not run.run(20.0, run.engaged)
-    assert any("is 24 deg of rudder" in alarm for alarm in run.tick.alarms), run.tick.alarms
+    assert any("is 24 deg of rudder" in alarm for alarm in words_of(run.tick)), words_of(run.tick)

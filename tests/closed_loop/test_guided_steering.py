@@ -8,6 +8,7 @@ import math
 from typing import Any
 
 import pytest
+from alarm_texts import words_of
 from lockstep import BadLine, Lockstep, goes_guided
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -64,10 +65,10 @@ def test_a_turn_is_led_and_the_heading_held_with_no_rudder_command_sent() -> Non
     boat = guided()
     kept = keep_packets(boat)
     boat.engage(60.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
     boat.run(20.0)
     assert boat.tick.mode is Mode.ENGAGED
-    assert boat.tick.alarms == ()
+    assert words_of(boat.tick) == ()
     assert math.degrees(boat.world.boat.state.heading) == pytest.approx(60.0, abs=1.5)
     assert boat.world.boat.state.speed == pytest.approx(boat.world.cruise_speed, rel=0.1), "the stick has the throttle"
     kinds = {message.get_type() for _, message in kept if message.get_srcComponent() == 191}
@@ -98,7 +99,7 @@ def test_not_engaged_before_the_vehicle_shows_our_heading() -> None:
     boat.engage(60.0)
     boat.run(8.0)
     assert all(tick.mode is Mode.STANDBY for tick in boat.ticks)
-    assert "does not take our heading targets" in boat.tick.alarms[0]
+    assert "does not take our heading targets" in words_of(boat.tick)[0]
     boat.vehicle._handlers[dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET] = takes
     boat.firmware.sticks[2] = 1500
     assert boat.run(16.0, until=boat.engaged), "tried again"
@@ -119,7 +120,7 @@ def test_the_rudder_proves_it_at_rest_and_the_boat_is_not_started(firmware: str)
     throttles: set[int] = set()
     boat.hooks.append(lambda bench: throttles.add(bench.firmware.throttle))
     boat.engage(60.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
     boat.run(2.0)
     assert throttles == {0}
     boat.firmware.sticks[2] = boat.ahead_us
@@ -137,7 +138,7 @@ def test_a_firmware_that_ignores_headings_is_refused_again_and_again_and_never_s
     boat.engage(60.0)
     boat.run(25.0)
     assert {tick.mode for tick in boat.ticks} == {Mode.STANDBY}
-    assert "its steering servo does not move to their side" in boat.tick.alarms[0]
+    assert "its steering servo does not move to their side" in words_of(boat.tick)[0]
     assert throttles == {0}
 
 
@@ -161,7 +162,7 @@ def test_a_throttle_stick_ahead_at_rest_is_refused_before_anything_is_sent() -> 
     boat.engage(60.0)
     boat.run(8.0)
     assert boat.tick.mode is Mode.STANDBY
-    assert "put the stick to neutral" in boat.tick.alarms[0]
+    assert "put the stick to neutral" in words_of(boat.tick)[0]
     assert not targets(kept)
     assert boat.world.boat.state.speed < 0.2
 
@@ -171,7 +172,7 @@ def test_a_boat_handed_over_under_way_is_neither_stopped_nor_slowed_by_the_proof
     speeds: list[float] = []
     boat.hooks.append(lambda bench: speeds.append(bench.world.boat.state.speed))
     boat.engage(0.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
     boat.run(5.0)
     assert min(speeds) > 0.6 * max(speeds)
     assert not [text for _, text in boat.firmware.notices if "stopping" in text]
@@ -190,7 +191,7 @@ def test_a_boat_that_another_guides_is_not_engaged() -> None:
     boat.engage(90.0)
     boat.run(10.0)
     assert {tick.mode for tick in boat.ticks} == {Mode.STANDBY}
-    assert "another companion or ground station guides the vehicle already" in boat.tick.alarms[0]
+    assert "another companion or ground station guides the vehicle already" in words_of(boat.tick)[0]
 
 
 def test_a_vehicle_that_hears_only_its_ground_station_is_steered_in_that_one_s_name() -> None:
@@ -198,7 +199,7 @@ def test_a_vehicle_that_hears_only_its_ground_station_is_steered_in_that_one_s_n
     boat.engage(60.0)
     boat.run(8.0)
     assert all(tick.mode is Mode.STANDBY for tick in boat.ticks)
-    assert "SYSID_ENFORCE" in boat.tick.alarms[0]
+    assert "SYSID_ENFORCE" in words_of(boat.tick)[0]
     boat = guided(parameters={"SYSID_ENFORCE": 1}, settings={"as_gcs": True})
     boat.engage(60.0)
     assert boat.run(8.0, until=boat.engaged)
@@ -220,12 +221,12 @@ def test_nothing_is_sent_before_an_order_and_then_a_heading_to_each_side() -> No
 def test_the_human_s_change_of_mode_takes_the_helm_and_keeps_it(mode: int) -> None:
     boat = guided()
     boat.engage(60.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
     boat.run(2.0)
     kept = keep_packets(boat)
     assert boat.firmware.set_mode(mode)
     assert boat.run(1.5, until=lambda tick: tick.mode is Mode.OVERRIDE)
-    assert "switch it to GUIDED" in boat.tick.alarms[0]
+    assert "switch it to GUIDED" in words_of(boat.tick)[0]
     boat.firmware.set_mode(15)
     kept.clear()
     boat.run(6.0)
@@ -234,17 +235,17 @@ def test_the_human_s_change_of_mode_takes_the_helm_and_keeps_it(mode: int) -> No
     assert boat.firmware.guided.target is None
     boat.firmware.sticks[2] = 1500
     boat.engage(30.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
 
 
 def test_a_hand_on_the_steering_stick_takes_the_helm() -> None:
     boat = guided()
     boat.engage(60.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
     boat.run(2.0)
     boat.firmware.sticks[0] = 1750
     assert boat.run(0.5, until=lambda tick: tick.mode is Mode.OVERRIDE)
-    assert "stick on RC channel 1" in boat.tick.alarms[0]
+    assert "stick on RC channel 1" in words_of(boat.tick)[0]
 
 
 def test_wrong_mode_is_a_sentence_and_nothing_is_sent() -> None:
@@ -253,7 +254,7 @@ def test_wrong_mode_is_a_sentence_and_nothing_is_sent() -> None:
     boat.engage(60.0)
     boat.run(5.0)
     assert boat.tick.mode is Mode.STANDBY
-    assert "mode MANUAL, where heading targets are not obeyed; switch it to GUIDED" in boat.tick.alarms[0]
+    assert "mode MANUAL, where heading targets are not obeyed; switch it to GUIDED" in words_of(boat.tick)[0]
     assert not targets(kept)
 
 
@@ -272,13 +273,13 @@ def test_another_s_targets_take_the_helm() -> None:
 
     boat.hooks.append(steal)
     assert boat.run(8.0, until=lambda tick: tick.mode is Mode.OVERRIDE)
-    assert "another companion or ground station guides it" in boat.tick.alarms[0]
+    assert "another companion or ground station guides it" in words_of(boat.tick)[0]
 
 
 def test_standing_by_stops_the_targets_and_the_firmware_stops_the_boat() -> None:
     boat = guided()
     boat.engage(60.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
     boat.run(2.0)
     boat.order = Order(serial=9)
     boat.run(4.0)
@@ -291,14 +292,14 @@ def test_a_silent_line_ends_in_the_firmware_s_own_timeout_and_no_belief_in_being
     up, down = BadLine(), BadLine()
     boat = guided(lines=(up, down))
     boat.engage(60.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
     boat.run(2.0)
     up.put = down.put = lambda now, data: None  # type: ignore[method-assign]
     boat.run(1.6)
     assert boat.tick.mode is Mode.FAILSAFE
     boat.run(6.0)
     assert boat.tick.mode is Mode.OVERRIDE
-    assert "no heartbeat from the vehicle" in boat.tick.alarms[0]
+    assert "no heartbeat from the vehicle" in words_of(boat.tick)[0]
     assert boat.firmware.guided.target is None
     assert boat.firmware.throttle == 0
 
@@ -322,9 +323,9 @@ def test_rudder_orders_are_refused_with_a_sentence() -> None:
     boat.order = Order(OrderKind.RUDDER, rudder=0.1, serial=3)
     boat.run(3.0)
     assert boat.tick.mode is Mode.STANDBY
-    assert "only headings can be ordered" in boat.tick.alarms[0]
+    assert "only headings can be ordered" in words_of(boat.tick)[0]
     boat.engage(20.0)
-    assert boat.run(8.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(8.0, until=boat.engaged), words_of(boat.tick)
     boat.run(2.0)
     boat.order = boat.order._replace(kind=OrderKind.ZIGZAG, rudder=0.1, heading_change=0.1)
     boat.run(0.5)
@@ -337,10 +338,10 @@ def test_a_boat_without_way_on_is_said() -> None:
     boat.engage(90.0)
     boat.run(55.0)
     assert boat.tick.mode is Mode.ENGAGED
-    assert "makes way" in boat.tick.alarms[0]
+    assert "makes way" in words_of(boat.tick)[0]
     boat.firmware.sticks[2] = 1765
     boat.run(25.0)
-    assert boat.tick.alarms == ()
+    assert words_of(boat.tick) == ()
     assert math.degrees(wrap(boat.world.boat.state.heading)) == pytest.approx(90.0, abs=2.0)
 
 

@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from alarm_texts import text_of, words_of
 from boats import BOATS, vessel_of
 from lockstep import Lockstep
 from plant import Plant, sail
 
-from autopilot.alarms import text_of
 from autopilot.angles import wrap
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, limits_of, model_of
@@ -139,14 +139,14 @@ def told_at_the_stop() -> float:
     stop = 0.9 * limits_of(vessel).angle_max
     ticks, _ = sailed(vessel, HOLD, 50.0, lambda t: math.radians(40.0) if t > 10.0 else 0.0)
     at = next(tick.now for tick in ticks if abs(tick.command.angle) > stop)
-    return next(tick.now for tick in ticks if any(STOP_TOLD in alarm for alarm in tick.alarms)) - at
+    return next(tick.now for tick in ticks if any(STOP_TOLD in alarm for alarm in words_of(tick))) - at
 
 
 def off_heading_alarm() -> float:
     """Return how long [s] after 20 deg off the heading the alarm comes."""
     ticks, headings = sailed(noisy("middle"), HOLD, 50.0, lambda t: math.radians(40.0) if t > 10.0 else 0.0)
     off = next(index for index, heading in enumerate(headings) if abs(heading) > math.radians(20.0))
-    told = next(tick.now for tick in ticks if any(OFF_TOLD in alarm for alarm in tick.alarms))
+    told = next(tick.now for tick in ticks if any(OFF_TOLD in alarm for alarm in words_of(tick)))
     return told - ticks[off].now
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 import pytest
+from alarm_texts import words_of
 
 from autopilot.angles import shortest_turn
 from autopilot.build import build_pilot, track_settings_of
@@ -91,7 +92,7 @@ def test_without_a_variation_a_magnetic_compass_never_passes_for_true() -> None:
     assert tick.mode is Mode.STANDBY and not tick.state.valid
     assert any(
         "the magnetic variation, and it is not known: set sensors.variation_deg, or sensors.magnetic: true" in alarm
-        for alarm in tick.alarms
+        for alarm in words_of(tick)
     )
 
 
@@ -99,7 +100,7 @@ def test_magnetic_courses_are_held_and_shown_as_such() -> None:
     boat = Boat(with_sensors(magnetic=True))
     boat.skipper.engage(math.radians(50.0))
     tick = boat.sail(60.0)
-    assert tick.mode is Mode.ENGAGED and not tick.alarms
+    assert tick.mode is Mode.ENGAGED and not words_of(tick)
     assert boat.holds(50.0 + VARIATION_DEG)
     assert math.degrees(tick.state.heading) == pytest.approx(50.0, abs=1.5)
     assert "course 050M  heading 0" in status_text(tick, True, 79, north="M")
@@ -109,7 +110,7 @@ def test_a_gps_that_brings_the_variation_makes_true_headings_of_a_magnetic_compa
     boat = Boat(LANXIN, ("HDM", "RMC"))
     boat.skipper.engage(math.radians(50.0))
     tick = boat.sail(60.0)
-    assert tick.mode is Mode.ENGAGED and not tick.alarms
+    assert tick.mode is Mode.ENGAGED and not words_of(tick)
     assert boat.holds(50.0)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from alarm_texts import words_of
 from boats import BOATS, Boat, vessel_of
 from plant import Plant
 
@@ -63,7 +64,7 @@ class Outcome:
         return math.inf if last.mode is Mode.ENGAGED else last.now - self.begins
 
     def said(self, words: str) -> bool:
-        return any(words in alarm for tick in self.ticks for alarm in tick.alarms)
+        return any(words in alarm for tick in self.ticks for alarm in words_of(tick))
 
 
 def run(

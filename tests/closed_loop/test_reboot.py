@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from alarm_texts import words_of
 from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -109,12 +110,12 @@ def test_where_the_vessel_file_says_so_it_engages_again_once_the_vehicle_is_arme
     reboot(boat, gap, silence)
     boat.run(silence + 8.0)
     assert boat.tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE)
-    assert any("disarmed; arm it" in alarm for alarm in boat.tick.alarms), boat.tick.alarms
+    assert any("disarmed; arm it" in alarm for alarm in words_of(boat.tick)), words_of(boat.tick)
     assert boat.firmware.set_armed(True)
     assert boat.run(9.0, until=boat.engaged)
     boat.run(12.0)
     assert boat.tick.mode is Mode.ENGAGED
-    assert boat.tick.alarms == ()
+    assert words_of(boat.tick) == ()
     assert math.degrees(boat.world.boat.state.heading) == pytest.approx(40.0, abs=2.0)
     boat.session.close()
     replayed = replay(log)
@@ -184,7 +185,7 @@ def test_nothing_is_asked_or_ordered_before_the_firmware_is_up(method: str) -> N
     assert "HEARTBEAT" in early
     assert early <= {"HEARTBEAT", "STATUSTEXT"}, "texts are for ground stations"
     assert {"COMMAND_LONG", "PARAM_REQUEST_READ"} <= {kind for _, kind in heard}
-    assert boat.tick.mode is Mode.ENGAGED, boat.tick.alarms
+    assert boat.tick.mode is Mode.ENGAGED, words_of(boat.tick)
 
 
 def test_heading_is_held_long_before_there_is_a_position() -> None:
@@ -208,7 +209,7 @@ def test_a_mode_that_the_radio_s_switch_overwrites_after_the_start_is_not_believ
     assert boat.firmware.set_armed(True)
     boat.run(8.0)
     assert boat.tick.mode is not Mode.ENGAGED
-    assert f"the vehicle is in mode {switch}" in boat.tick.alarms[0]
+    assert f"the vehicle is in mode {switch}" in words_of(boat.tick)[0]
     assert boat.firmware.set_mode(wanted)
     boat.engage(20.0)
     assert boat.run(9.0, until=boat.engaged), "set once more, now that it is armed"
@@ -219,12 +220,12 @@ def test_the_mode_counts_as_it_is_after_arming() -> None:
     boat = bench("rc_override", armed=False)
     boat.engage(20.0)
     boat.run(4.0)
-    assert boat.tick.alarms == ("cannot engage: the vehicle is disarmed; arm it",)
+    assert words_of(boat.tick) == ("cannot engage: the vehicle is disarmed; arm it",)
     boat.firmware.set_mode(4)
     boat.firmware.set_armed(True)
     boat.run(4.0)
     assert boat.tick.mode is Mode.STANDBY
-    assert "mode HOLD" in boat.tick.alarms[0]
+    assert "mode HOLD" in words_of(boat.tick)[0]
 
 
 def test_a_forced_reboot_is_carried_out_though_armed() -> None:

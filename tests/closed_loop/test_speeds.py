@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import pytest
+from alarm_texts import words_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
@@ -17,8 +18,7 @@ from autopilot.control.design import design_backstepping
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Backstepping, Control, Model, Rudder, Vessel
-from autopilot.pilot import NO_STEERAGE
-from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
+from autopilot.signals import AlarmEvent, HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
 
 COURSE = Order(OrderKind.HEADING, 0.0, serial=1)
 
@@ -32,6 +32,9 @@ class Sailing(Plant):
 
     def sense(self) -> list[Sample]:
         return [*super().sense(), SpeedSample(self.time, self.speed, self.over_ground)]
+
+
+NO_STEERAGE = AlarmEvent("low_speed")
 
 
 def vessel_of(gain: float, time_constant: float, n3: float, speed: float, rudder_deg_s: float) -> Vessel:
@@ -93,7 +96,7 @@ def test_without_steerage_the_rudder_waits_amidships_and_the_bias_stays(speed: f
     assert tick.mode is Mode.ENGAGED
     assert tick.command == tick.command._replace(angle=0.0, engaged=True)
     # it has stood for minutes, and nobody has acknowledged it
-    assert tick.alarms == (f"NOT ACKNOWLEDGED: {NO_STEERAGE}",)
+    assert tick.alarms == (NO_STEERAGE._replace(is_escalated=True),)
     assert abs(tick.state.bias - learnt) < math.radians(0.3)
 
 
@@ -106,7 +109,7 @@ def test_under_way_again_the_preset_course_is_taken_up_without_a_jump() -> None:
     assert math.degrees(box.heading) == pytest.approx(-50.0, abs=0.1)
     box.speed = 4.63
     ticks += sail(pilot, box, COURSE, 40.0, 0.05)
-    assert ticks[-1].alarms == ()
+    assert words_of(ticks[-1]) == ()
     assert abs(math.degrees(ticks[-1].state.heading)) < 0.2
     assert max(math.degrees(tick.state.heading) for tick in ticks) < 1.0, "no overshoot"
     steps = [abs(b.command.angle - a.command.angle) for a, b in itertools.pairwise(ticks[1:])]
@@ -118,7 +121,7 @@ def test_a_slow_speed_over_the_ground_is_no_standstill_unless_the_file_says_so()
     box = Sailing(model_of(LANXIN), gear_of(LANXIN), speed=0.1, over_ground=True)
     box.heading = math.radians(-10.0)
     ticks = sail(build_pilot(LANXIN), box, COURSE, 30.0, 0.05)
-    assert ticks[-1].alarms == ()
+    assert words_of(ticks[-1]) == ()
     assert max(abs(tick.command.angle) for tick in ticks) > math.radians(1.0)
     said = dataclasses.replace(LANXIN, control=dataclasses.replace(LANXIN.control, steerage_m_s=0.5))
     box = Sailing(model_of(LANXIN), gear_of(LANXIN), speed=0.1, over_ground=True)

@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import pytest
+from alarm_texts import words_of
 from lockstep import BadLine, Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -20,7 +21,7 @@ VESSEL = load_vessel("lanxin")
 
 
 def alarms_of(boat: Lockstep, since: float) -> str:
-    return " | ".join(alarm for tick in boat.ticks if tick.now > since for alarm in tick.alarms)
+    return " | ".join(alarm for tick in boat.ticks if tick.now > since for alarm in words_of(tick))
 
 
 class TwoPilots:
@@ -116,7 +117,7 @@ def test_a_ground_station_s_joystick_is_another_source_too() -> None:
     boat.engage(60.0)
     boat.run(20.0)
     assert {tick.mode for tick in boat.ticks} == {Mode.STANDBY}
-    assert "RC channel 1" in boat.tick.alarms[0]
+    assert "RC channel 1" in words_of(boat.tick)[0]
 
 
 def test_our_own_words_that_come_back_are_nobody_else_s() -> None:
@@ -131,7 +132,7 @@ def test_our_own_words_that_come_back_are_nobody_else_s() -> None:
     boat.engage(60.0)
     boat.run(12.0)
     assert boat.tick.mode is Mode.ENGAGED
-    assert boat.tick.alarms == ()
+    assert words_of(boat.tick) == ()
 
 
 @pytest.mark.parametrize("method", ["rc_override", "manual_control"])

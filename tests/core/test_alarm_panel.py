@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from alarm_texts import other, words, words_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.alarm_panel import ESCALATES_AFTER, UNHEARD, AlarmPanel
-from autopilot.alarms import CATALOGUE, Severity, kind_of, text_of
+from autopilot.alarm_panel import ESCALATES_AFTER, AlarmPanel
+from autopilot.alarm_words import sentence_of
+from autopilot.alarms import CATALOGUE, Severity
 from autopilot.build import build_pilot
 from autopilot.build_links import alarm_outputs_of
 from autopilot.cli.skipper import Skipper
@@ -23,6 +25,7 @@ from autopilot.links.status_text import severity_of
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import (
     AcknowledgeSample,
+    AlarmEvent,
     AlarmState,
     HeadingSample,
     Mode,
@@ -36,7 +39,7 @@ from autopilot.signals import (
 )
 
 COURSE = Order(OrderKind.HEADING, 1.0, serial=1)
-OFF = {"off_course": text_of("off_course")}
+OFF = {"off_course": AlarmEvent("off_course")}
 
 
 def tick(now: float, siren: Siren) -> Tick:
@@ -52,7 +55,7 @@ def test_an_alarm_sounds_escalates_after_half_a_minute_and_is_silent_when_heard(
         assert panel.update(float(second), OFF, (), COURSE)[1] is Siren.SOUNDING
     texts, siren = panel.update(ESCALATES_AFTER, OFF, (), COURSE)
     assert siren is Siren.ESCALATED
-    assert texts == (UNHEARD + OFF["off_course"],)
+    assert texts == (OFF["off_course"]._replace(is_escalated=True),)
     assert panel.states == (AlarmState.SOUNDING,)
     assert panel.update(31.0, OFF, (AcknowledgeSample(31.0),), COURSE) == ((OFF["off_course"],), Siren.QUIET)
     assert panel.states == (AlarmState.ACKNOWLEDGED,)
@@ -64,8 +67,8 @@ def test_another_alarm_sounds_though_one_was_heard() -> None:
     panel.update(0.0, OFF, (), COURSE)
     heard = (AcknowledgeSample(1.0, "off_course"),)
     assert panel.update(1.0, OFF, heard, COURSE)[1] is Siren.QUIET
-    assert panel.update(2.0, {**OFF, "roll": text_of("roll")}, (), COURSE)[1] is Siren.SOUNDING
-    assert panel.update(3.0, {**OFF, "roll": text_of("roll")}, (AcknowledgeSample(3.0, "other"),), COURSE)[1]
+    assert panel.update(2.0, {**OFF, "roll": AlarmEvent("roll")}, (), COURSE)[1] is Siren.SOUNDING
+    assert panel.update(3.0, {**OFF, "roll": AlarmEvent("roll")}, (AcknowledgeSample(3.0, "other"),), COURSE)[1]
 
 
 def test_one_that_comes_and_goes_is_the_same_and_escalates() -> None:
@@ -75,8 +78,8 @@ def test_one_that_comes_and_goes_is_the_same_and_escalates() -> None:
     assert panel.update(32.0, OFF, (), COURSE)[1] is Siren.ESCALATED
 
 
-LOST = {"heading_lost": text_of("heading_lost")}
-PAST = LOST["heading_lost"].replace("heading lost", "heading lost (past)")
+LOST = {"heading_lost": AlarmEvent("heading_lost")}
+PAST = LOST["heading_lost"]._replace(is_past=True)
 
 
 def test_what_is_over_is_said_as_past_until_it_is_acknowledged() -> None:
@@ -84,11 +87,10 @@ def test_what_is_over_is_said_as_past_until_it_is_acknowledged() -> None:
     over = ("heading_lost",)
     assert panel.update(0.0, LOST, (), COURSE) == ((LOST["heading_lost"],), Siren.SOUNDING)
     assert panel.update(5.0, LOST, (), COURSE, over) == ((PAST,), Siren.SOUNDING)
-    kind = kind_of(PAST)
-    assert kind is not None and kind.name == "heading_lost"
+    assert sentence_of(PAST).startswith("heading lost (past): ")
     for second in range(6, 601):
         shown = panel.update(float(second), LOST, (), COURSE, over)
-    assert shown == ((UNHEARD + PAST,), Siren.ESCALATED)
+    assert shown == ((PAST._replace(is_escalated=True),), Siren.ESCALATED)
     assert panel.update(601.0, LOST, (AcknowledgeSample(601.0, "heading_lost"),), COURSE, over) == ((), Siren.QUIET)
     assert panel.states == ()
     for second in range(602, 661):
@@ -116,9 +118,9 @@ def test_the_alarm_of_a_pilot_follows_the_headings() -> None:
         if 640.0 <= now < 640.05:
             heard = (*heard, AcknowledgeSample(now, "heading_lost"))
         tick = pilot.step(now, heard, Order(OrderKind.HEADING, 0.0, serial=serial))
-        if tick.alarms != texts:
-            said.append(f"{now:.0f} {'; '.join(tick.alarms).split(':')[0]}")
-            texts = tick.alarms
+        if words_of(tick) != texts:
+            said.append(f"{now:.0f} {'; '.join(words_of(tick)).split(':')[0]}")
+            texts = words_of(tick)
     assert tick.mode is Mode.FAILSAFE
     assert said[-5:] == ["11 heading lost", "17 heading lost (past)", "41 NOT ACKNOWLEDGED", "640 "]
 
@@ -133,23 +135,23 @@ def test_whoever_gives_an_order_has_heard() -> None:
 @pytest.mark.parametrize("name", ["cannot_engage", "waiting_heading", "clock_stepped"])
 def test_what_only_waits_makes_no_noise(name: str) -> None:
     panel = AlarmPanel()
-    assert panel.update(100.0, {name: text_of(name)}, (), COURSE)[1] is Siren.QUIET
+    assert panel.update(100.0, {name: AlarmEvent(name)}, (), COURSE)[1] is Siren.QUIET
     assert panel.states == (AlarmState.NOTICE,)
 
 
-@pytest.mark.parametrize("words", ["the route has ended", "the place has been reached"])
-def test_having_arrived_is_a_notice_and_never_escalates(words: str) -> None:
+@pytest.mark.parametrize("name", ["route_ended", "place_reached"])
+def test_having_arrived_is_a_notice_and_never_escalates(name: str) -> None:
     panel = AlarmPanel()
-    said = {"note of track": f"{words}: holding 040.0 deg; give a heading or take the helm"}
+    said = {"note of track": AlarmEvent(name, "holding 040.0 deg")}
     for second in range(100):
         texts, siren = panel.update(float(second), said, (), COURSE)
         assert siren is Siren.QUIET
-        assert not texts[0].startswith(UNHEARD)
+        assert not texts[0].is_escalated
     assert panel.states == (AlarmState.NOTICE,)
 
 
 def test_what_links_say_in_their_own_words_sounds() -> None:
-    assert AlarmPanel().update(0.0, {"note of drive": "9 A"}, (), COURSE) == (("9 A",), Siren.SOUNDING)
+    assert AlarmPanel().update(0.0, {"note of drive": other("9 A")}, (), COURSE) == ((other("9 A"),), Siren.SOUNDING)
 
 
 @given(st.lists(st.tuples(st.floats(allow_nan=True), st.sampled_from(["", "roll", "x"]), st.integers(0, 2))))
@@ -162,12 +164,9 @@ def test_no_time_and_no_name_makes_it_stumble(steps: list[tuple[float, str, int]
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_a_text_shows_which_alarm_it_is_and_how_bad(name: str) -> None:
-    kind = kind_of(text_of(name, "12 deg"))
-    assert kind is not None
-    assert kind.name == name
-    assert severity_of(text_of(name), 6) == min(6, kind.severity)
-    assert severity_of(UNHEARD + text_of(name), 6) == Severity.ALERT
+def test_a_status_text_is_as_bad_as_the_table_says(name: str) -> None:
+    assert severity_of(AlarmEvent(name), 6) == min(6, CATALOGUE[name].severity)
+    assert severity_of(AlarmEvent(name, is_escalated=True), 6) == Severity.ALERT
 
 
 def test_the_terminal_rings_and_rings_faster() -> None:
@@ -198,7 +197,7 @@ def test_a_file_is_switched_and_a_file_that_cannot_be_is_told_of(tmp_path: Path)
     broken = SwitchFile(tmp_path / "no" / "such" / "pin")
     broken.show(tick(0.0, Siren.SOUNDING))
     (told,) = broken.receive(0.0)
-    assert "alarms.outputs" in told.text  # type: ignore[union-attr]
+    assert "alarms.outputs" in words(told.event)  # type: ignore[union-attr]
     assert broken.receive(1.0) == []
 
 

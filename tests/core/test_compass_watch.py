@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import pytest
+from alarm_texts import words
 
 from autopilot.angles import wrap
 from autopilot.estimation.compass_watch import CompassWatch
@@ -52,7 +53,7 @@ class Heard:
                         self.passed.append(sample)
                     elif isinstance(sample, AlarmSample):
                         assert sample.source == MONITOR
-                        self.said.append(sample.text)
+                        self.said.append(words(sample.event))
         return self
 
     def sources_since(self, begin: float) -> set[str]:

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from autopilot.alarm_words import sentences_of
 from autopilot.envelope import Envelope
 from autopilot.limits import RudderLimits, limit
 from autopilot.safety import RESUME_AFTER, FailsafeAction, Supervisor
@@ -56,7 +57,7 @@ def test_an_override_releases_and_only_a_new_serial_engages_again() -> None:
     made = engaged()
     made.hear(human(False))
     assert made.decide(0.1, COURSE, state()) is Mode.OVERRIDE
-    assert made.alarms()[0].startswith("overridden: mode HOLD; the helm is yours")
+    assert sentences_of(made.alarms())[0].startswith("overridden: mode HOLD; the helm is yours")
     assert not made.check(0.1, COURSE, 0.2, 0.3, 0.2, DT).engaged
     made.hear(human(True))
     for now in (0.2, 10.0, 100.0):

@@ -31,6 +31,7 @@ from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.pilot import Pilot
 from autopilot.signals import (
+    AlarmEvent,
     HeadingSample,
     NavState,
     Order,
@@ -85,7 +86,7 @@ class Boat:
     def send(self, now: float, command: RudderCommand) -> None:
         self.commands.append(command)
 
-    def tell(self, now: float, mode: PilotMode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: PilotMode, alarms: tuple[AlarmEvent, ...]) -> None:
         pass
 
     def keep(self, now: float) -> None:

@@ -14,7 +14,7 @@ from autopilot.loop.record import Recorder, read_log
 from autopilot.loop.session import Session, newest
 from autopilot.loop.tick_codec import MOST_SAMPLES
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import HeadingSample, HelmSample, Mode, Order, OrderKind, RudderCommand, Sample
+from autopilot.signals import AlarmEvent, HeadingSample, HelmSample, Mode, Order, OrderKind, RudderCommand, Sample
 
 VESSEL = load_vessel("lanxin")
 NORTH = Order(OrderKind.HEADING, 0.0, serial=1)
@@ -43,7 +43,7 @@ class FakeLink:
             raise LinkError("fake: unplugged; plug it in")
         self.sent.append(command)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         pass
 
     def keep(self, now: float) -> None:

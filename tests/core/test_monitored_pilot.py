@@ -6,14 +6,24 @@ import math
 from collections.abc import Callable
 
 import pytest
+from alarm_texts import words_of
 from plant import Plant, sail
 
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
-from autopilot.monitors import FROZEN
 from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import Pilot
-from autopilot.signals import AlarmSample, HeadingSample, Mode, Order, OrderKind, Sample, SupervisorState, Tick
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    HeadingSample,
+    Mode,
+    Order,
+    OrderKind,
+    Sample,
+    SupervisorState,
+    Tick,
+)
 
 VESSEL = load_vessel("lanxin")
 DT = 0.05
@@ -51,7 +61,7 @@ def test_a_compass_that_freezes_ends_in_the_fail_safe(has_rate: bool) -> None:
 
     ticks = sail_altered(pilot, plant, 60.0, frozen)
     ended = next(tick for tick in ticks if tick.mode is Mode.FAILSAFE)
-    assert ended.alarms[0] == FROZEN
+    assert ended.alarms[0] == AlarmEvent("heading_frozen")
     assert ended.now - ticks[0].now < 30.0
     # a new order does not engage while the compass is still frozen
     again = pilot.step(plant.time, tuple(frozen(sample) for sample in plant.sense()), course(0.0, serial=2))
@@ -71,7 +81,7 @@ def test_a_rudder_of_the_wrong_sign_is_given_up(has_rate: bool) -> None:
     ticks = sail_altered(pilot, plant, 120.0, seen, rudder_sign=-1.0)
     ended = [tick for tick in ticks if tick.mode is Mode.FAILSAFE]
     assert ended
-    assert ended[0].alarms[0].startswith("the rudder moves the wrong way")
+    assert words_of(ended[0])[0].startswith("the rudder moves the wrong way")
     assert not ended[0].command.engaged
 
 
@@ -81,7 +91,7 @@ def test_wind_that_is_too_much_is_an_alarm_and_steering_goes_on() -> None:
 
     pilot, plant = build_pilot(VESSEL), boat(gale)
     ticks = sail(pilot, plant, course(0.0), 140.0, DT)
-    said = [tick for tick in ticks if any("off course" in alarm for alarm in tick.alarms)]
+    said = [tick for tick in ticks if any("off course" in alarm for alarm in words_of(tick))]
     assert said
     assert all(tick.mode is Mode.ENGAGED for tick in ticks)
     assert abs(ticks[-1].state.heading) < math.radians(2.0)
@@ -98,19 +108,19 @@ def test_turns_gusts_and_noise_raise_no_alarm() -> None:
 
     ticks = sail(pilot, plant, orders, 150.0, DT)
     assert ticks[-1].mode is Mode.ENGAGED
-    assert not any("off course" in alarm or "frozen" in alarm for tick in ticks for alarm in tick.alarms)
+    assert not any("off course" in alarm or "frozen" in alarm for tick in ticks for alarm in words_of(tick))
 
 
 def test_a_doubt_that_a_link_tells_of_degrades_and_nothing_else_that_it_says_ends_steering() -> None:
     pilot, plant = build_pilot(VESSEL), boat()
 
-    def told(*texts: str) -> SupervisorState:
-        notes = tuple(AlarmSample(plant.time, text, str(place)) for place, text in enumerate(texts))
+    def told(*events: AlarmEvent | None) -> SupervisorState:
+        notes = tuple(AlarmSample(plant.time, event, str(place)) for place, event in enumerate(events))
         tick = pilot.step(plant.time, (*plant.sense(), *notes), course(0.0))
         plant.step(tick.command.angle, DT)
         assert tick.mode is Mode.ENGAGED
         return tick.supervisor
 
-    assert told("", "") is SupervisorState.HEADING
-    assert told("two compasses disagree by 20 deg: compare them", "heading lost: says who") is SupervisorState.DEGRADED
-    assert told("", "heading lost: says who") is SupervisorState.HEADING
+    assert told(None, None) is SupervisorState.HEADING
+    assert told(AlarmEvent("heading_disagrees"), AlarmEvent("heading_lost")) is SupervisorState.DEGRADED
+    assert told(None, AlarmEvent("heading_lost")) is SupervisorState.HEADING

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from alarm_texts import words
 
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.monitors.answer import first_memory
@@ -61,7 +62,7 @@ def test_off_course_by_side_with_the_rudder_at_its_stop_and_back_within_seven_te
 
     def look(now: float, error_deg: float, rudder: float = 0.0) -> str:
         monitor.look(limits, watched(now, side * math.radians(error_deg), rudder))
-        return monitor.text
+        return words(monitor.found)
 
     name = "starboard" if side > 0.0 else "port"
     assert [look(now, 20.4) for now in (0.0, 5.0, 9.9)] == ["", "", ""]

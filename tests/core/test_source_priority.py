@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -92,7 +93,7 @@ def test_two_compasses_that_disagree_for_long_are_one_alarm_and_it_is_taken_back
         off = math.radians(22.0 + math.sin(now)) if 50 <= step < 400 else 0.0
         for source, value in (("HEHDT", math.radians(359.0)), ("HCHDG", math.radians(359.0) + off)):
             kept = priority.admit(now, heading(now, source, value), LINK)
-            alarms += [(now, sample.text) for sample in kept if isinstance(sample, AlarmSample)]
+            alarms += [(now, words(sample.event)) for sample in kept if isinstance(sample, AlarmSample)]
     assert [bool(text) for _, text in alarms] == [True, False]
     assert alarms[0][0] == pytest.approx(8.0, abs=0.2)
     assert alarms[1][0] == pytest.approx(40.0, abs=0.2)
@@ -179,7 +180,7 @@ def test_a_compass_that_jumped_and_is_well_again_is_not_said_to_jump_any_more() 
         for source, value in (("HEHDT", 0.0), ("HCHDG", math.radians(off) + 1.0e-4 * (step % 3))):
             for sample in priority.admit(now, heading(now, source, value), LINK):
                 if isinstance(sample, AlarmSample):
-                    said[now] = sample.text
+                    said[now] = words(sample.event)
     texts = [text.partition(";")[0] for text in said.values()]
     apart = "two compasses disagree by 8 deg: HEHDT 000.0, HCHDG 008.0"
     assert texts == [apart, "two compasses disagree: HCHDG jumps, HEHDT steers", apart, ""]

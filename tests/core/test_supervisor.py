@@ -5,10 +5,22 @@ from __future__ import annotations
 import math
 
 import pytest
+from alarm_texts import other
 
+from autopilot.alarm_words import sentences_of
 from autopilot.envelope import Envelope
 from autopilot.safety import RESUME_AFTER, FailsafeAction, Supervisor
-from autopilot.signals import AlarmSample, HelmSample, Mode, NavState, Order, OrderKind, RudderCommand, SupervisorState
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    RudderCommand,
+    SupervisorState,
+)
 
 ENVELOPE = Envelope(0.5, 0.3)
 ENGAGE = Order(OrderKind.HEADING, 1.0, serial=1)
@@ -38,22 +50,22 @@ def test_it_stands_by_without_an_order() -> None:
 def test_it_waits_for_a_heading_and_says_so() -> None:
     tested = supervisor()
     assert tested.decide(0.0, ENGAGE, state(0.0, math.inf)) is Mode.STANDBY
-    assert "waiting for a heading" in tested.alarms()[0]
+    assert "waiting for a heading" in sentences_of(tested.alarms())[0]
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
     assert tested.alarms() == ()
 
 
 def test_a_note_is_an_alarm_that_changes_nothing_until_its_source_takes_it_back() -> None:
     tested = engaged()
-    tested.note(AlarmSample(1.0, "the rudder motor draws 9 A", "drive"))
-    tested.note(AlarmSample(1.0, "two compasses disagree", "heading monitor"))
+    tested.note(AlarmSample(1.0, other("the rudder motor draws 9 A"), "drive"))
+    tested.note(AlarmSample(1.0, other("two compasses disagree"), "heading monitor"))
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
     assert tested.check(1.0, ENGAGE, 0.1, 0.1, 0.1, 0.1).engaged
-    assert tested.alarms() == ("the rudder motor draws 9 A", "two compasses disagree")
-    tested.note(AlarmSample(2.0, "", "drive"))
+    assert sentences_of(tested.alarms()) == ("the rudder motor draws 9 A", "two compasses disagree")
+    tested.note(AlarmSample(2.0, None, "drive"))
     tested.hear(HelmSample(2.0, False, "mode HOLD was chosen", "link"))
     tested.decide(2.0, ENGAGE, state(2.0))
-    overridden, note = tested.alarms()
+    overridden, note = sentences_of(tested.alarms())
     assert overridden.startswith("overridden: mode HOLD was chosen")
     assert note == "two compasses disagree"
     tested.reset()
@@ -69,7 +81,7 @@ def test_a_human_takes_over_at_once_and_keeps_the_helm() -> None:
     tested.hear(HelmSample(1.0, False, "mode HOLD was chosen", "link"))
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.OVERRIDE
     assert not tested.check(1.0, ENGAGE, 0.1, 0.2, 0.1, 0.1).engaged
-    assert "mode HOLD" in tested.alarms()[0]
+    assert "mode HOLD" in sentences_of(tested.alarms())[0]
     tested.hear(HelmSample(2.0, True, "", "link"))
     assert tested.decide(2.0, ENGAGE, state(2.0)) is Mode.OVERRIDE, "the same order does not engage again"
     assert tested.decide(3.0, ENGAGE._replace(serial=2), state(3.0)) is Mode.ENGAGED
@@ -79,7 +91,7 @@ def test_it_does_not_engage_against_a_human() -> None:
     tested = supervisor()
     tested.hear(HelmSample(0.0, False, "disarmed", "link"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
-    assert tested.alarms() == ("cannot engage: disarmed",)
+    assert sentences_of(tested.alarms()) == ("cannot engage: disarmed",)
 
 
 def test_another_link_cannot_free_the_helm_that_one_has_taken() -> None:
@@ -94,7 +106,7 @@ def test_a_stale_heading_is_a_fail_safe(age: float) -> None:
     tested = engaged()
     assert tested.decide(1.0, ENGAGE, state(1.0, 0.99)) is Mode.ENGAGED
     assert tested.decide(2.0, ENGAGE, state(2.0, age)) is Mode.FAILSAFE
-    assert "heading lost" in tested.alarms()[0]
+    assert "heading lost" in sentences_of(tested.alarms())[0]
     assert tested.decide(3.0, ENGAGE, state(3.0)) is Mode.FAILSAFE, "only a new order engages again"
     assert tested.decide(4.0, ENGAGE._replace(serial=2), state(4.0)) is Mode.ENGAGED
 
@@ -163,7 +175,7 @@ def test_it_resumes_by_itself_only_where_the_file_says_so() -> None:
 def test_a_fault_holds_the_rudder_for_a_while_and_then_lets_go() -> None:
     tested = engaged()
     assert tested.check(1.0, ENGAGE, 0.1, math.nan, 0.1, 0.1) == RudderCommand(1.0, 0.1, True)
-    assert "not finite" in tested.alarms()[0]
+    assert "not finite" in sentences_of(tested.alarms())[0]
     assert tested.check(5.9, ENGAGE, 0.1, 0.0, 0.1, 0.1) == RudderCommand(5.9, 0.1, True)
     assert not tested.check(6.0, ENGAGE, 0.1, 0.0, 0.1, 0.1).engaged
     assert tested.decide(6.1, ENGAGE, state(6.1)) is Mode.FAULT, "nothing but a new order ends it"
@@ -175,9 +187,9 @@ def test_an_order_that_meets_a_taken_helm_waits_half_a_minute_and_is_dropped() -
     tested.hear(HelmSample(0.0, False, "disarmed; arm it", "link"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
     assert tested.decide(29.0, ENGAGE, state(29.0)) is Mode.STANDBY
-    assert tested.alarms() == ("cannot engage: disarmed; arm it",)
+    assert sentences_of(tested.alarms()) == ("cannot engage: disarmed; arm it",)
     tested.decide(30.0, ENGAGE, state(30.0))
-    assert tested.alarms() == ("the order to engage was dropped: disarmed; arm it; order again",)
+    assert sentences_of(tested.alarms()) == ("the order to engage was dropped: disarmed; arm it; order again",)
     tested.hear(HelmSample(31.0, True, "", "link"))
     assert tested.decide(31.0, ENGAGE, state(31.0)) is Mode.STANDBY, "nobody expects to be obeyed by now"
     assert tested.decide(32.0, ENGAGE._replace(serial=2), state(32.0)) is Mode.ENGAGED
@@ -185,7 +197,7 @@ def test_an_order_that_meets_a_taken_helm_waits_half_a_minute_and_is_dropped() -
 
 def test_a_trouble_of_the_rudder_lets_go_at_once() -> None:
     tested = engaged()
-    assert tested.decide(1.0, ENGAGE, state(1.0), {"rudder_stuck": "the rudder does not move"}) is Mode.FAILSAFE
+    assert tested.decide(1.0, ENGAGE, state(1.0), {"rudder_stuck": AlarmEvent("rudder_stuck")}) is Mode.FAILSAFE
     assert not tested.check(1.0, ENGAGE, 0.2, 0.2, 0.2, 0.1).engaged
 
 
@@ -194,7 +206,7 @@ def test_a_doubt_degrades_and_its_end_gives_back_what_was_ordered() -> None:
     track = ENGAGE._replace(is_led=True)
     assert tested.decide(0.5, track, state(0.5)) is Mode.ENGAGED
     assert tested.state is SupervisorState.TRACK
-    assert tested.decide(1.0, track, state(1.0), {"rate_disagrees": "rate"}) is Mode.ENGAGED
+    assert tested.decide(1.0, track, state(1.0), {"rate_disagrees": AlarmEvent("rate_disagrees")}) is Mode.ENGAGED
     assert tested.state is SupervisorState.DEGRADED
     assert tested.check(1.0, track, 0.1, 0.1, 0.1, 0.1).engaged
     tested.decide(2.0, track, state(2.0))

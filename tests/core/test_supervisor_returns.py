@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+from alarm_texts import other
 
+from autopilot.alarm_words import sentence_of, sentences_of
 from autopilot.envelope import Envelope
 from autopilot.safety import (
     ORDER_WAITS,
@@ -16,6 +18,7 @@ from autopilot.safety import (
     waits_to_engage,
 )
 from autopilot.signals import (
+    AlarmEvent,
     AlarmSample,
     HelmCause,
     HelmSample,
@@ -64,14 +67,14 @@ def test_the_cause_says_which_alarm_it_is_whatever_the_words(cause: HelmCause, n
     tested = made()
     tested.hear(helm(words, cause))
     assert tested.decide(10.0, COURSE, state()) is Mode.OVERRIDE
-    assert tested.name == name
-    assert words in tested.reason
+    assert tested.alarm is not None
+    assert (tested.alarm.name, tested.alarm.detail) == (name, words)
 
 
 def rebooted(tested: Supervisor, at: float = 10.0) -> Supervisor:
     tested.hear(helm("the vehicle is disarmed; arm it", REBOOTED))
     assert tested.decide(at, COURSE, state()) is Mode.OVERRIDE
-    assert tested.name == "firmware_rebooted"
+    assert tested.alarm is not None and tested.alarm.name == "firmware_rebooted"
     tested.hear(helm("the vehicle is disarmed; arm it"))
     return tested
 
@@ -80,9 +83,9 @@ def test_after_a_reboot_it_engages_again_when_the_vehicle_is_ready_where_the_fil
     tested = rebooted(made(reengage=True))
     assert tested.decide(12.0, COURSE, state()) is Mode.OVERRIDE
     assert tested.decide(15.0, COURSE, state()) is Mode.OVERRIDE
-    assert tested.alarms() == ("cannot engage: the vehicle is disarmed; arm it",)
+    assert sentences_of(tested.alarms()) == ("cannot engage: the vehicle is disarmed; arm it",)
     assert tested.decide(15.0 + ORDER_WAITS, COURSE, state()) is Mode.OVERRIDE
-    assert "cannot engage" in tested.alarms()[0], "what comes back by itself is not dropped"
+    assert "cannot engage" in sentences_of(tested.alarms())[0], "what comes back by itself is not dropped"
     tested.hear(helm())
     assert tested.decide(60.0, COURSE, state()) is Mode.ENGAGED
     assert tested.alarms() == ()
@@ -93,7 +96,7 @@ def test_elsewhere_a_reboot_ends_it_for_good() -> None:
     tested.hear(helm())
     for now in (12.0, 15.0, 100.0):
         assert tested.decide(now, COURSE, state()) is Mode.OVERRIDE
-        assert tested.name == "firmware_rebooted"
+        assert tested.alarm is not None and tested.alarm.name == "firmware_rebooted"
 
 
 def test_two_minutes_after_a_reboot_people_have_seen_to_it() -> None:
@@ -116,7 +119,7 @@ def test_the_silence_that_goes_with_a_reboot_is_part_of_it(first: str) -> None:
     else:
         tested.hear(helm("nothing heard for 4 s", SILENT))
         assert tested.decide(9.0, COURSE, state()) is Mode.OVERRIDE
-        assert tested.name == "link_silent"
+        assert tested.alarm is not None and tested.alarm.name == "link_silent"
     tested.hear(helm("reading the vehicle's parameters", REBOOTED))
     tested.decide(10.0, COURSE, state())
     tested.hear(helm())
@@ -163,7 +166,7 @@ def test_a_rudder_trouble_ends_a_fail_safe_that_moves_the_rudder(trouble: str, m
     tested = made()
     assert tested.decide(1.0, COURSE, state(2.0)) is Mode.FAILSAFE
     assert tested.check(1.0, COURSE, 0.2, 0.0, 0.0, DT).engaged
-    assert tested.decide(2.0, COURSE, state(3.0), {trouble: "what is wrong"}) is mode
+    assert tested.decide(2.0, COURSE, state(3.0), {trouble: AlarmEvent(trouble)}) is mode
     assert tested.check(2.0, COURSE, 0.2, 0.0, 0.0, DT).engaged is (trouble != "rudder_stuck")
 
 
@@ -177,11 +180,11 @@ def test_a_state_that_is_no_number_ends_a_fail_safe_that_moves_the_rudder_in_a_f
 
 
 def test_what_is_worst_counts() -> None:
-    found = {"heading_frozen": "frozen", "rudder_stuck": "stuck", "not_finite": "no number"}
+    found = {name: AlarmEvent(name) for name in ("heading_frozen", "rudder_stuck", "not_finite")}
     for name, mode in (("not_finite", Mode.FAULT), ("rudder_stuck", Mode.FAILSAFE), ("heading_frozen", Mode.FAILSAFE)):
         tested = made()
         assert tested.decide(1.0, COURSE, state(), found) is mode
-        assert tested.name == name
+        assert tested.alarm is not None and tested.alarm.name == name
         del found[name]
 
 
@@ -231,34 +234,36 @@ def test_the_wait_of_an_order_begins_anew_with_another_and_not_before_a_first_he
     tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
     assert tested.decide(0.0, COURSE, state(math.inf)) is Mode.STANDBY
     assert tested.decide(100.0, COURSE, state(math.inf)) is Mode.STANDBY
-    assert "waiting for a heading" in tested.alarms()[0]
+    assert "waiting for a heading" in sentences_of(tested.alarms())[0]
     tested.hear(helm("disarmed; arm it"))
     tested.decide(101.0, COURSE, state())
     tested.decide(130.9, COURSE, state())
-    assert tested.alarms() == ("cannot engage: disarmed; arm it",)
+    assert sentences_of(tested.alarms()) == ("cannot engage: disarmed; arm it",)
     tested.decide(131.0, COURSE, state())
-    assert "dropped" in tested.alarms()[0]
+    assert "dropped" in sentences_of(tested.alarms())[0]
     again = COURSE._replace(serial=2)
     tested.decide(140.0, again, state())
     tested.decide(169.9, again, state())
-    assert tested.alarms() == ("cannot engage: disarmed; arm it",)
+    assert sentences_of(tested.alarms()) == ("cannot engage: disarmed; arm it",)
 
 
 def test_a_trouble_that_keeps_an_order_waiting_is_said_and_the_order_dropped_in_the_end() -> None:
     tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
-    found = {"heading_frozen": "the compass stands still"}
+    found = {"heading_frozen": AlarmEvent("heading_frozen")}
+    stands = sentence_of(found["heading_frozen"])
     tested.decide(0.0, COURSE, state(), found)
-    assert tested.alarms() == ("the compass stands still",)
-    assert tested.name == "heading_frozen"
+    assert sentences_of(tested.alarms()) == (stands,)
+    assert tested.alarm is not None and tested.alarm.name == "heading_frozen"
     tested.decide(30.0, COURSE, state(), found)
-    assert tested.alarms() == ("the order to engage was dropped: the compass stands still; order again",)
+    assert sentences_of(tested.alarms()) == (f"the order to engage was dropped: {stands}; order again",)
     assert tested.decide(31.0, COURSE, state()) is Mode.STANDBY
 
 
 def test_a_doubt_alone_keeps_nobody_from_engaging() -> None:
+    rate, low = ({name: AlarmEvent(name)} for name in ("rate_disagrees", "battery_low"))
     tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
-    assert tested.decide(0.0, COURSE, state(), {"rate_disagrees": "doubt", "battery_low": "low"}) is Mode.ENGAGED
-    tested.decide(0.1, COURSE, state(), {"battery_low": "low"})
+    assert tested.decide(0.0, COURSE, state(), {**rate, **low}) is Mode.ENGAGED
+    tested.decide(0.1, COURSE, state(), low)
     assert tested.state is SupervisorState.HEADING
 
 
@@ -294,13 +299,14 @@ def test_reconfigured_it_goes_by_the_new_limits_at_once() -> None:
 
 
 def test_an_order_waits_for_the_helm_alone_while_it_says_so() -> None:
-    def tick(mode: Mode, *alarms: str) -> Tick:
+    def tick(mode: Mode, *alarms: AlarmEvent) -> Tick:
         return Tick(0, 0.0, (), COURSE, state(), Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), mode, alarms)
 
-    assert waits_to_engage(tick(Mode.STANDBY, "low battery", "cannot engage: disarmed"))
-    assert waits_to_engage(tick(Mode.OVERRIDE, "cannot engage: disarmed"))
-    assert not waits_to_engage(tick(Mode.ENGAGED, "cannot engage: disarmed"))
-    assert not waits_to_engage(tick(Mode.STANDBY, "waiting for a heading"))
+    waits = AlarmEvent("cannot_engage", "disarmed")
+    assert waits_to_engage(tick(Mode.STANDBY, AlarmEvent("battery_low"), waits))
+    assert waits_to_engage(tick(Mode.OVERRIDE, waits))
+    assert not waits_to_engage(tick(Mode.ENGAGED, waits))
+    assert not waits_to_engage(tick(Mode.STANDBY, AlarmEvent("waiting_heading")))
 
 
 def test_the_numbers_are_those_of_the_documents() -> None:
@@ -323,10 +329,10 @@ def test_a_short_fail_safe_is_held_for_its_time() -> None:
 
 def test_notes_are_known_by_who_says_them() -> None:
     tested = made()
-    tested.note(AlarmSample(1.0, "9 A", "drive"))
-    assert tested.noted == {"note of drive": "9 A"}
-    tested.note(AlarmSample(2.0, "", "nobody"))
-    tested.note(AlarmSample(2.0, "", "drive"))
+    tested.note(AlarmSample(1.0, other("9 A"), "drive"))
+    assert tested.noted == {"note of drive": other("9 A")}
+    tested.note(AlarmSample(2.0, None, "nobody"))
+    tested.note(AlarmSample(2.0, None, "drive"))
     assert tested.noted == {}
 
 
@@ -338,4 +344,4 @@ def test_a_tick_that_comes_long_after_the_time_was_up_counts_too() -> None:
     waiting.hear(helm("disarmed; arm it"))
     waiting.decide(0.0, COURSE, state())
     waiting.decide(100.0, COURSE, state())
-    assert "dropped" in waiting.alarms()[0]
+    assert "dropped" in sentences_of(waiting.alarms())[0]

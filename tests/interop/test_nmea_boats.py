@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from alarm_texts import words_of
 
 from autopilot.angles import wrap
 from autopilot.loop.record import read_log
@@ -71,7 +72,7 @@ def test_a_heading_is_changed_by_a_rudder_drive_on_its_own_line(tmp_path: Path, 
         process.terminate()
     assert (run.returncode, run.stderr) == (0, "")
     ticks = read_log(log).ticks
-    assert ticks[-1].mode is Mode.ENGAGED, ticks[-1].alarms
+    assert ticks[-1].mode is Mode.ENGAGED, words_of(ticks[-1])
     off = [abs(math.degrees(wrap(tick.state.heading - math.radians(30.0)))) for tick in ticks[-30:]]
     assert max(off) < 3.0
     seen = [sample for tick in ticks for sample in tick.samples if isinstance(sample, RudderSample)]
@@ -108,7 +109,7 @@ def test_a_heading_is_changed_over_a_network(tmp_path: Path, theirs: str, ours: 
         process.terminate()
     assert (run.returncode, run.stderr) == (0, "")
     ticks = read_log(log).ticks
-    assert ticks[-1].mode is Mode.ENGAGED, ticks[-1].alarms
+    assert ticks[-1].mode is Mode.ENGAGED, words_of(ticks[-1])
     assert abs(math.degrees(wrap(ticks[-1].state.heading - math.radians(25.0)))) < 3.0
 
 
@@ -137,7 +138,7 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
         run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
         process.terminate()
     assert (run.returncode, run.stderr) == (0, "")
-    assert read_log(log).ticks[-1].mode is Mode.ENGAGED, read_log(log).ticks[-1].alarms
+    assert read_log(log).ticks[-1].mode is Mode.ENGAGED, words_of(read_log(log).ticks[-1])
     header, *rows = truth.read_text().strip().splitlines()
     north, east = (header.split(",").index(name) for name in ("north_m", "east_m"))
     places = [(float(row.split(",")[north]), float(row.split(",")[east])) for row in rows[:-1]]
@@ -157,4 +158,4 @@ def test_a_rudder_that_sticks_ends_in_the_fail_safe_with_the_reason(boat: Path, 
     ticks = read_log(log).ticks
     assert any(tick.mode is Mode.ENGAGED for tick in ticks)
     assert ticks[-1].mode is Mode.FAILSAFE
-    assert any("the rudder does not move" in alarm for alarm in ticks[-1].alarms)
+    assert any("the rudder does not move" in alarm for alarm in words_of(ticks[-1]))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -526,11 +527,11 @@ def test_without_a_key_another_machine_may_let_the_pilot_stand_by_and_everybody_
     mode = Mode.ENGAGED if engaged else Mode.STANDBY
     boat.show(Tick(1, 0.0, (), Order(), state, Reference(0.7), 0.0, RudderCommand(0.0, 0.0, engaged), mode, ()))
     far.send(MavlinkCodec(255, 190).encode(message))
-    said = [sample.text for sample in boat.receive(0.1) if isinstance(sample, AlarmSample)]
+    said = [words(sample.event) for sample in boat.receive(0.1) if isinstance(sample, AlarmSample)]
     assert commands._helmsman.released == 1
     assert said == ["a ground station without a key has let the pilot stand by: steer by hand"] * engaged
     assert boat.receive(29.0) == []
-    assert [sample.text for sample in boat.receive(31.0) if isinstance(sample, AlarmSample)] == [""] * engaged
+    assert [sample.event for sample in boat.receive(31.0) if isinstance(sample, AlarmSample)] == [None] * engaged
 
 
 def test_with_a_key_an_unsigned_disarm_is_refused() -> None:

@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from alarm_texts import other, words
 
 from autopilot.links.alarm_outputs import Acknowledgements, Bell, SwitchFile, VehicleSounder
 from autopilot.links.guide_alarms import GuideAlarms
 from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.signals import (
     AcknowledgeSample,
+    AlarmEvent,
     AlarmSample,
     Mode,
     NavState,
@@ -79,11 +81,11 @@ def test_a_pin_is_1_while_an_alarm_sounds_and_a_file_that_cannot_be_is_said_once
     (alarm,) = broken.receive(3.0)
     assert isinstance(alarm, AlarmSample)
     assert (alarm.time, alarm.source) == (3.0, f"alarm output {tmp_path / 'none' / 'value'}")
-    assert alarm.text.startswith("the alarm output cannot be written (")
+    assert words(alarm.event).startswith("the alarm output cannot be written (")
     assert broken.receive(4.0) == []
     (tmp_path / "none").mkdir()
     broken.show(tick(5.0, Siren.QUIET))
-    assert [sample.text for sample in broken.receive(5.0)] == [""]  # type: ignore[union-attr]
+    assert [words(sample.event) for sample in broken.receive(5.0)] == [""]  # type: ignore[union-attr]
 
 
 def test_an_acknowledgement_is_passed_on_once() -> None:
@@ -98,16 +100,16 @@ def test_an_acknowledgement_is_passed_on_once() -> None:
 
 def test_what_a_guide_says_is_passed_on_when_it_changes() -> None:
     class Guide:
-        alarm = ""
+        alarm: AlarmEvent | None = None
 
     guide = Guide()
     link = GuideAlarms(guide, "route")
     assert (link.fileno(), link.receive(0.0)) == (-1, [])
-    guide.alarm = "off the track"
-    assert link.receive(1.0) == [AlarmSample(1.0, "off the track", "route")]
+    guide.alarm = other("off the track")
+    assert link.receive(1.0) == [AlarmSample(1.0, other("off the track"), "route")]
     assert link.receive(2.0) == []
-    guide.alarm = ""
-    assert link.receive(3.0) == [AlarmSample(3.0, "", "route")]
+    guide.alarm = None
+    assert link.receive(3.0) == [AlarmSample(3.0, None, "route")]
 
 
 def sounded(sounder: VehicleSounder, *sirens: tuple[Siren, float]) -> list[tuple[float, Any]]:
@@ -165,8 +167,8 @@ def test_a_text_leaves_in_pieces_of_fifty_a_fifth_of_a_second_apart() -> None:
 def test_the_same_text_is_said_again_after_ten_seconds() -> None:
     texts = StatusTexts()
     said = []
-    for now, words in ((0.0, "a"), (9.9, "a"), (10.0, "a"), (19.9, "a"), (19.95, "b"), (19.99, "a")):
-        texts.say(now, 4, words)
+    for now, text in ((0.0, "a"), (9.9, "a"), (10.0, "a"), (19.9, "a"), (19.95, "b"), (19.99, "a")):
+        texts.say(now, 4, text)
         said += [(now, text.text) for _, text in sent(texts, 0.05, now)]
     assert said == [(0.0, "a"), (10.0, "a"), (19.95, "b")], "the last waits for its turn"
     assert [text.text for _, text in sent(texts, 1.0, 21.0)] == ["a"]
@@ -195,6 +197,6 @@ def test_the_id_of_a_text_in_pieces_is_never_0() -> None:
 
 
 def test_an_alarm_is_as_severe_as_its_kind_and_never_less_than_usual() -> None:
-    assert severity_of("words that are in no catalogue", 4) == 4
-    assert severity_of("NOT ACKNOWLEDGED: x", 4) == 1
-    assert severity_of("NOT ACKNOWLEDGED: x", 0) == 0
+    assert severity_of(other("words that are in no catalogue"), 4) == 4
+    assert severity_of(other("x")._replace(is_escalated=True), 4) == 1
+    assert severity_of(other("x")._replace(is_escalated=True), 0) == 0

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from alarm_texts import words, words_of
 from boat_at_sea import ServedBoat, item, only, place
 from boats import BOATS, vessel_of
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -102,9 +103,9 @@ def test_a_station_sees_the_route_being_followed_to_its_end() -> None:
     assert (current.seq, current.mission_state) == (1, dialect.MISSION_STATE_COMPLETE)
     assert any(text.startswith("the route has ended: holding ") for text in texts(boat))
     assert boat.tick is not None and boat.tick.mode is Mode.ENGAGED
-    assert "the route has ended" in boat.tick.alarms[0]
+    assert "the route has ended" in words_of(boat.tick)[0]
     assert boat.command(YAW, 90) == ACCEPTED
-    assert mode_of(boat) == GUIDED and boat.tick.alarms == ()
+    assert mode_of(boat) == GUIDED and words_of(boat.tick) == ()
     assert boat.command(SET_MODE, 1, AUTO) == REJECTED
     assert texts(boat)[-1].startswith("the route has been followed to its end")
     assert boat.command(dialect.MAV_CMD_DO_SET_MISSION_CURRENT, 0) == ACCEPTED
@@ -156,11 +157,11 @@ def test_a_lost_position_is_told_to_everybody_and_the_heading_stays() -> None:
     boat = under_way()
     boat.sail(10.0)
     tick = boat.sail(20.0, gps=False)
-    assert tick.mode is Mode.ENGAGED and "position lost" in tick.alarms[0]
+    assert tick.mode is Mode.ENGAGED and "position lost" in words_of(tick)[0]
     boat.listen(1.0, gps=False)
     assert any("position lost" in text for text in texts(boat))
     assert only(boat.listen(3.0), "NAV_CONTROLLER_OUTPUT")[-1].wp_dist > 0
-    assert boat.sail(1.0).alarms == ()
+    assert words_of(boat.sail(1.0)) == ()
 
 
 def test_a_place_is_gone_to_and_its_course_held() -> None:
@@ -177,7 +178,7 @@ def test_a_place_is_gone_to_and_its_course_held() -> None:
     assert mode_of(boat) == GUIDED
     assert boat.command(SET_MODE, 1, GUIDED) == ACCEPTED and boat.track.following
     tick = boat.sail(60.0)
-    assert "the place has been reached: holding 0" in tick.alarms[0]
+    assert "the place has been reached: holding 0" in words_of(tick)[0]
     assert math.hypot(boat.north, boat.east) > 200.0 and abs(boat.north - boat.east) < 25.0
     assert tick.order.heading == pytest.approx(math.radians(45.0), abs=0.1)
 
@@ -242,7 +243,7 @@ def test_a_log_of_a_route_replays_bit_for_bit_with_its_alarms(tmp_path: Path) ->
         recorder.record(tick, [])
     recorder.close()
     assert replay(log).identical
-    said = [sample.text for tick in boat.ticks for sample in tick.samples if isinstance(sample, AlarmSample)]
+    said = [words(sample.event) for tick in boat.ticks for sample in tick.samples if isinstance(sample, AlarmSample)]
     assert len(said) == 2 and said[0].startswith("position lost") and said[1] == ""
 
 

@@ -6,15 +6,16 @@ import math
 from typing import Any
 
 import pytest
+from alarm_texts import other
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarm_panel import UNHEARD
-from autopilot.alarms import CATALOGUE, text_of
+from autopilot.alarms import CATALOGUE
 from autopilot.guidance.track import Leg, TrackGuide, Waypoint
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.mission_items import MissionItem
 from autopilot.links.boat.telemetry import Telemetry
 from autopilot.signals import (
+    AlarmEvent,
     AlarmState,
     Mode,
     NavState,
@@ -160,10 +161,10 @@ def test_the_named_values_are_degrees_of_rudder_order_and_bias_and_compass_degre
     assert {name: values[name] for name in ("rud_deg", "rudcmd_deg", "bias_deg", "ref_deg", "ord_deg")} == near(
         rud_deg=5.0, rudcmd_deg=-7.0, bias_deg=-1.0, ref_deg=330.0, ord_deg=200.0
     )
-    for other in (tick(mode=Mode.STANDBY), tick(order=Order(OrderKind.RUDDER, 1.0))):
-        values = named(telemetry(other))
+    for each in (tick(mode=Mode.STANDBY), tick(order=Order(OrderKind.RUDDER, 1.0))):
+        values = named(telemetry(each))
         assert math.isnan(values["ref_deg"]) and math.isnan(values["ord_deg"])
-        assert math.isnan(values["rudcmd_deg"]) is (other.mode is Mode.STANDBY)
+        assert math.isnan(values["rudcmd_deg"]) is (each.mode is Mode.STANDBY)
     assert named(telemetry(tick(order=STEERED._replace(heading=math.nan))))["ord_deg"] == pytest.approx(330.0)
 
 
@@ -188,7 +189,7 @@ def test_the_first_count_begins_with_the_first_tick() -> None:
 
 def test_alarms_are_counted_and_those_that_sound() -> None:
     heard = (AlarmState.SOUNDING, AlarmState.NOTICE, AlarmState.ACKNOWLEDGED, AlarmState.SOUNDING)
-    made = telemetry(tick()._replace(alarms=("a", "b", "c", "d"), heard=heard))
+    made = telemetry(tick()._replace(alarms=tuple(map(other, "abcd")), heard=heard))
     values = named(made)
     assert (values["alarms"], values["alarms_new"]) == (4.0, 2.0)
 
@@ -287,8 +288,8 @@ def test_the_status_says_which_part_is_ill() -> None:
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
 def test_each_alarm_makes_its_part_ill_and_no_other(name: str) -> None:
     ill = sum(bit for bit, names in ILLS.items() if name in names)
-    for words in (text_of(name), UNHEARD + text_of(name)):
-        made = telemetry(tick()._replace(alarms=("something in its own words", words)))
+    for event in (AlarmEvent(name), AlarmEvent(name, is_escalated=True)):
+        made = telemetry(tick()._replace(alarms=(other("something in its own words"), event)))
         said = told(made, STATUS)
         assert said["onboard_control_sensors_enabled"] - said["onboard_control_sensors_health"] == ill
 

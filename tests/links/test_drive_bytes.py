@@ -6,6 +6,7 @@ import math
 import struct
 
 import pytest
+from alarm_texts import words as shown
 
 from autopilot.links.base import LinkError
 from autopilot.links.drives.base import DriveSettings, JumpGate, StallWatch
@@ -72,24 +73,24 @@ def maestro(settings: DriveSettings = SETTINGS) -> Asked:
 def test_a_stall_is_a_current_above_the_limit_for_a_second_said_once_with_one_figure() -> None:
     watch = StallWatch(8.0)
     watch.take(0.0, 8.0)
-    assert watch.warning(5.0) == "", "at the limit is not above it"
+    assert watch.warning(5.0) is None, "at the limit is not above it"
     watch.take(10.0, 8.5)
     watch.take(10.5, 9.0)
-    assert watch.warning(10.9) == ""
-    said = watch.warning(11.0)
+    assert watch.warning(10.9) is None
+    said = shown(watch.warning(11.0))
     assert said == (
         "the rudder motor draws 9.0 A, more than drive.current_max_a (8): look whether the rudder is jammed"
     )
     watch.take(11.5, 12.0)
-    assert watch.warning(12.0) == said
+    assert shown(watch.warning(12.0)) == said
     assert watch.current == 12.0
     watch.take(12.5, 7.9)
-    assert watch.warning(12.5) == ""
+    assert watch.warning(12.5) is None
     watch.take(20.0, 9.0)
-    assert watch.warning(20.5) == "", "counted anew"
+    assert watch.warning(20.5) is None, "counted anew"
     unlimited = StallWatch(None)
     unlimited.take(0.0, 500.0)
-    assert unlimited.warning(100.0) == ""
+    assert unlimited.warning(100.0) is None
 
 
 def test_a_gate_forgets_what_was_strange_and_does_not_count_backwards() -> None:
@@ -201,10 +202,10 @@ def test_a_jrk_reports_supply_and_current_in_thousandths() -> None:
     drive = bench.drive
     assert isinstance(drive, JrkG2)
     assert drive.supply == 12.6
-    assert drive.warning(bench.now + 1.0) == ""
-    assert "draws 8.0 A, more than" in drive.warning(bench.now + 1.2)
+    assert drive.warning(bench.now + 1.0) is None
+    assert "draws 8.0 A, more than" in shown(drive.warning(bench.now + 1.2))
     bench.answers("health", health(current_ma=8000))
-    assert drive.warning(bench.now + 9.0) == ""
+    assert drive.warning(bench.now + 9.0) is None
 
 
 def test_a_jrk_that_jumps_is_believed_the_second_time() -> None:
@@ -391,11 +392,11 @@ def test_each_error_of_a_maestro_has_its_sentence_until_it_is_gone(bit: int, wor
     bench = maestro()
     bench.drive.order(0.0, 0.0)
     assert bench.answers("errors", struct.pack("<H", 1 << bit)) == []
-    assert bench.drive.warning(bench.now).startswith(f"Maestro servo controller: {words}")
+    assert shown(bench.drive.warning(bench.now)).startswith(f"Maestro servo controller: {words}")
     bench.answers("errors", struct.pack("<H", 0b110000000))
-    assert "its script called too deep" in bench.drive.warning(bench.now), "the lowest"
+    assert "its script called too deep" in shown(bench.drive.warning(bench.now)), "the lowest"
     bench.answers("errors", b"\0\0")
-    assert bench.drive.warning(bench.now) == ""
+    assert bench.drive.warning(bench.now) is None
     assert bench.believes("errors", struct.pack("<H", 0x1FF))
     assert not bench.believes("errors", struct.pack("<H", 0x200))
 
@@ -566,7 +567,7 @@ def test_a_flag_of_the_pypilot_controller_is_a_fault_while_it_steers(flags: int,
     assert motor.fault(0.0) == ""
     motor.order(0.0, 0.0)
     assert motor.fault(0.0) == f"the pypilot motor controller has stopped: {words}"
-    assert motor.warning(0.0) == ""
+    assert motor.warning(0.0) is None
     motor.feed(0.1, packet(0x8F, 0xFFFF & ~(0x0002 | 0x0004 | 0x0080)))
     assert motor.fault(0.1) == ""
 
@@ -583,19 +584,19 @@ def test_a_flag_of_the_pypilot_controller_is_a_fault_while_it_steers(flags: int,
 def test_a_stop_of_the_pypilot_controller_is_a_warning(flags: int, words: str) -> None:
     motor = listening()
     motor.feed(0.0, packet(0x8F, flags))
-    assert motor.warning(0.0) == f"pypilot motor controller: {words}"
+    assert shown(motor.warning(0.0)) == f"pypilot motor controller: {words}"
     motor.feed(0.0, packet(0x8F, 0xFFFF & ~(0x0020 | 0x0040 | 0x0100 | 0x0200)))
-    assert motor.warning(0.0) == ""
+    assert motor.warning(0.0) is None
 
 
 def test_the_pypilot_controller_reports_volts_and_amperes_in_hundredths() -> None:
     motor = listening(SETTINGS._replace(current_max=8.0))
     motor.feed(0.0, packet(0xB3, 1260) + packet(0x1C, 801))
     assert motor.voltage == 12.6
-    assert motor.warning(0.9) == ""
-    assert "draws 8.0 A, more than drive.current_max_a (8)" in motor.warning(1.0)
+    assert motor.warning(0.9) is None
+    assert "draws 8.0 A, more than drive.current_max_a (8)" in shown(motor.warning(1.0))
     motor.feed(1.1, packet(0x1C, 800))
-    assert motor.warning(3.0) == ""
+    assert motor.warning(3.0) is None
 
 
 def test_the_pypilot_controller_has_released_when_its_clutch_opens_and_not_before() -> None:
@@ -653,7 +654,7 @@ def test_a_release_is_said_five_times_and_those_the_line_did_not_take_again() ->
 @pytest.mark.parametrize("kind", [JrkG2, Maestro, PypilotMotor])
 def test_of_a_drive_that_was_never_heard_nothing_is_known(kind: type[JrkG2 | Maestro | PypilotMotor]) -> None:
     drive = kind(SETTINGS)
-    assert (drive.has_released(), drive.rejected, drive.warning(0.0)) == (False, 0, "")
+    assert (drive.has_released(), drive.rejected, drive.warning(0.0)) == (False, 0, None)
     assert [getattr(drive, name, 0) for name in ("errors", "flags", "supply", "voltage")] == [0, 0, 0, 0]
 
 
@@ -669,9 +670,9 @@ def test_a_drive_link_says_what_it_sees_once() -> None:
     far.send(sensor(0.0))
     (seen, alarm) = link.receive(2.0)
     assert isinstance(seen, RudderSample) and isinstance(alarm, AlarmSample)
-    assert (alarm.time, alarm.source) == (2.0, "loopback:a") and "draws 2.0 A" in alarm.text
+    assert (alarm.time, alarm.source) == (2.0, "loopback:a") and "draws 2.0 A" in shown(alarm.event)
     far.send(packet(0x1C, 100))
-    assert link.receive(2.1) == [AlarmSample(2.1, "", "loopback:a")]
+    assert link.receive(2.1) == [AlarmSample(2.1, None, "loopback:a")]
     assert (link.fileno(), link.take_packets()) == (-1, [])
 
 

@@ -8,6 +8,7 @@ import struct
 from collections.abc import Sequence
 
 import pytest
+from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -129,7 +130,7 @@ def test_a_stall_is_an_alarm_that_is_taken_back() -> None:
     bench = Bench("jrk", Drive(current_max_a=8.0), (FaultSection("rudder_stuck", 1.0, 3.5),))
     bench.sail(1.0, 0.0)
     bench.sail(6.0, 15.0)
-    alarms = [sample.text for sample in bench.samples if isinstance(sample, AlarmSample)]
+    alarms = [words(sample.event) for sample in bench.samples if isinstance(sample, AlarmSample)]
     assert len(alarms) == 2
     assert "A, more than drive.current_max_a (8): look whether the rudder is jammed" in alarms[0]
     assert alarms[1] == ""

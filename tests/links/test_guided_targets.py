@@ -15,9 +15,9 @@ from autopilot.links.guided_proof import GuidedProof, Shown, Verdict, stray_bear
 from autopilot.links.guided_targets import GuidedTargets
 from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.release import ReleaseState
-from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
+from autopilot.signals import AlarmEvent, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
-WAITS = ("cannot engage: checking that the vehicle takes heading targets",)
+WAITS = (AlarmEvent("cannot_engage", "checking that the vehicle takes heading targets"),)
 
 
 def tick(now: float, mode: Mode, reference: float, heading: float = 0.0, kind: OrderKind = OrderKind.HEADING) -> Tick:
@@ -351,7 +351,7 @@ def test_a_boat_far_off_that_comes_no_two_degrees_nearer_in_fifteen_seconds_lags
         found = found or bool(targets.alarm)
     assert found is lags
     targets.show(tick(200.0, Mode.ENGAGED, 0.0, 0.0), True)
-    assert targets.alarm == ""
+    assert targets.alarm is None
 
 
 @pytest.mark.parametrize(("off", "follows"), [(3.9, True), (-3.9, True), (4.1, False), (-4.1, False)])

@@ -9,9 +9,10 @@ import pytest
 from autopilot.links.companion_output import SteeringOutput
 from autopilot.links.helm_probe import HelmProbe
 from autopilot.links.helm_watch import HelmWatch
-from autopilot.links.message_streams import SLOW, TOO_SLOW, WAITING, MessageStreams
+from autopilot.links.message_streams import TOO_SLOW, WAITING, MessageStreams
 from autopilot.links.steering_pwm import SteeringChannel
 from autopilot.links.vehicle_parameters import VehicleParameters
+from autopilot.signals import AlarmEvent
 
 KNOWN = {
     "MAV_GCS_SYSID": 255.0,
@@ -399,16 +400,16 @@ def test_a_first_stream_that_stays_slow_is_said_at_the_third_check_and_no_more_w
     streams.due(0.0)
     for number, now in enumerate((0.75, 2.75)):
         asked(streams, now, m30=(4, 11)[number])
-        assert (streams.waiting, streams.slow) == (WAITING, "")
+        assert (streams.waiting, streams.slow) == (WAITING, None)
     asked(streams, 5.0, m30=9)
-    assert (streams.waiting, streams.slow) == ("", SLOW.format(rate=4.0, wanted=10.0))
+    assert (streams.waiting, streams.slow) == ("", AlarmEvent("headings_slow", "4 Hz though 10 Hz"))
     asked(streams, 7.25, m30=13)
-    assert streams.slow == SLOW.format(rate=4.0, wanted=10.0), "said once"
+    assert streams.slow == AlarmEvent("headings_slow", "4 Hz though 10 Hz"), "said once"
     asked(streams, 9.5, m30=14)
-    assert streams.slow == ""
+    assert streams.slow is None
     for now in (11.75, 14.0):
         asked(streams, now, m30=8)
-        assert streams.slow == "", "counted anew"
+        assert streams.slow is None, "counted anew"
     asked(streams, 16.25, m30=1)
     assert streams.slow
 
@@ -417,7 +418,7 @@ def test_a_first_stream_that_does_not_come_at_all_is_said_by_others() -> None:
     streams = MessageStreams({30: 10.0})
     for now in (0.0, 0.7, 2.7, 4.7, 6.7):
         streams.due(now)
-        assert streams.slow == ""
+        assert streams.slow is None
     assert streams.waiting == ""
 
 

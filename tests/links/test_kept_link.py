@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from alarm_texts import other, words, words_of
 from lockstep import Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -36,7 +37,7 @@ from autopilot.links.transports.device_names import device_of
 from autopilot.loop.clock import ManualClock
 from autopilot.loop.session import Session
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import AlarmSample, HeadingSample, HelmSample, Mode, Order, OrderKind, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample, Mode, Order, OrderKind, Sample
 
 VESSEL = load_vessel("lanxin")
 
@@ -97,7 +98,7 @@ def test_a_pulled_adapter_is_hands_off_with_the_reason(plugged: Plugged) -> None
     plugged.sail(3.0)
     plugged.pull()
     assert plugged.sail(1.0, Mode.OVERRIDE)
-    alarms = " ".join(plugged.run.tick.alarms)
+    alarms = " ".join(words_of(plugged.run.tick))
     assert "line" in alarms
     assert "opened again as soon as it is there" in alarms
     assert not plugged.run.tick.command.engaged
@@ -119,7 +120,7 @@ def test_it_comes_back_and_steers_when_that_is_ordered(plugged: Plugged, away: f
     plugged.sail(15.0)
     assert plugged.opened == 2
     assert run.tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE)  # nothing is engaged by itself
-    assert not any("opened again" in alarm for alarm in run.tick.alarms)
+    assert not any("opened again" in alarm for alarm in words_of(run.tick))
     run.engage(45.0)
     assert plugged.sail(20.0, Mode.ENGAGED)
     plugged.sail(20.0)
@@ -194,11 +195,11 @@ def test_without_its_rudder_drive_nothing_is_engaged() -> None:
     session.run(5.0)
     assert session.tick is not None
     assert session.tick.mode is Mode.STANDBY
-    assert "there is no device" in " ".join(session.tick.alarms)
+    assert "there is no device" in " ".join(words_of(session.tick))
     there.yes = True
     session.run(10.0)
-    assert "check its power, line, baud rate" in " ".join(session.tick.alarms)  # there, and silent
-    assert "there is no device" not in " ".join(session.tick.alarms)
+    assert "check its power, line, baud rate" in " ".join(words_of(session.tick))  # there, and silent
+    assert "there is no device" not in " ".join(words_of(session.tick))
 
 
 def test_a_line_away_for_an_hour_is_asked_for_every_second_and_is_there_at_once() -> None:
@@ -230,7 +231,7 @@ def test_what_the_lost_link_had_said_is_taken_back() -> None:
         def receive(self, now: float) -> list[Sample]:
             if self.is_lost:
                 raise LinkError("line: gone; look")
-            return [AlarmSample(now, "low battery", "drive"), HelmSample(now, True, "", "drive")]
+            return [AlarmSample(now, other("low battery"), "drive"), HelmSample(now, True, "", "drive")]
 
         def take_packets(self) -> list[tuple[float, bytes]]:
             return [(1.0, b"last words")]
@@ -247,7 +248,7 @@ def test_what_the_lost_link_had_said_is_taken_back() -> None:
         ("HelmSample", "drive"), ("HelmSample", "line"), ("AlarmSample", "drive"), ("AlarmSample", "line line"),
     ]  # fmt: skip
     assert all(not each.available for each in said if isinstance(each, HelmSample))
-    assert said[2].text == ""  # type: ignore[union-attr]
+    assert said[2].event is None  # type: ignore[union-attr]
     assert kept.take_packets() == [(1.0, b"last words")]
     assert kept.take_packets() == []
 
@@ -327,7 +328,7 @@ def test_a_ground_station_s_line_that_is_lost_is_opened_again_and_steering_goes_
         samples += kept.receive(now)
         kept.keep(now)
     assert not [sample for sample in samples if isinstance(sample, HelmSample)], "it never had the helm"
-    alarms = [(sample.text, sample.source) for sample in samples if isinstance(sample, AlarmSample)]
+    alarms = [(words(sample.event), sample.source) for sample in samples if isinstance(sample, AlarmSample)]
     assert [text for text, source in alarms if source == "radio line"][-1] == "" and len(ends) == 2
     assert "opened again" in next(text for text, source in alarms if source == "radio line")
     heard = [message.get_type() for data in ends[1].receive() for message in MavlinkCodec().decode(data)]
@@ -388,7 +389,7 @@ def test_a_line_that_is_not_there_at_first_is_said_at_the_time_of_the_first_look
     said = "line: not there; it is opened again as soon as it is there"
     assert kept.receive(7.5) == [
         HelmSample(7.5, False, "line lost: line: not there", "line"),
-        AlarmSample(7.5, said, "line line"),
+        AlarmSample(7.5, AlarmEvent("line_lost", said), "line line"),
     ]
     assert kept.receive(8.0) == [] and (kept.fileno(), kept.take_packets()) == (-1, [])
     found = kept.release_result(8.0)
@@ -487,7 +488,7 @@ def test_a_link_round_another_passes_on_every_word(wrapper: str, kind: type[Reco
     inside.packets = [(1.0, b"a")]
     assert (link.name, link.fileno(), link.receive(1.0)) == ("line", 17, inside.brings)
     link.send(2.0, command)
-    link.tell(3.0, Mode.ENGAGED, ("one",))
+    link.tell(3.0, Mode.ENGAGED, (other("one"),))
     link.keep(4.0)
     link.show(tick)
     link.release(5.0)
@@ -497,7 +498,7 @@ def test_a_link_round_another_passes_on_every_word(wrapper: str, kind: type[Reco
     shown = [("show", tick)] if kind is Mover else []
     asked = [("release_result", 6.0)] if kind is Mover else []
     assert inside.asked == [
-        *(("receive", 1.0), ("send", 2.0, command), ("tell", 3.0, Mode.ENGAGED, ("one",)), ("keep", 4.0)),
+        *(("receive", 1.0), ("send", 2.0, command), ("tell", 3.0, Mode.ENGAGED, (other("one"),)), ("keep", 4.0)),
         *(*shown, ("release", 5.0), *asked, ("close",)),
     ]
     assert found == (None if kind is Mover else Release("line", ReleaseState.NOT_HELD))
@@ -535,7 +536,8 @@ def test_a_line_that_breaks_in_any_call_is_left_released_and_said_once(call: str
     found = getattr(kept, call)(*arguments.get(call, (2.0,)))
     said = "line: pulled; it is opened again as soon as it is there"
     news = found if call == "receive" else kept.receive(2.5)
-    assert news == [HelmSample(2.0, False, "line lost: line: pulled", "line"), AlarmSample(2.0, said, "line line")]
+    lost = AlarmSample(2.0, AlarmEvent("line_lost", said), "line line")
+    assert news == [HelmSample(2.0, False, "line lost: line: pulled", "line"), lost]
     assert inside.asked[-3:] == [("release", 2.0), ("release_result", 2.0), ("close",)]
     assert kept.release_result(2.6) == Release("line", ReleaseState.LOST), "nothing showed what became of the rudder"
     assert kept.trouble == said and kept.take_packets() == [(0.5, b"before")] and kept.fileno() == -1
@@ -559,12 +561,12 @@ def test_a_line_is_asked_for_a_second_after_it_broke_and_speaks_for_itself_when_
     waiting: list[Callable[[], None]] = []
     kept = KeptLink("radio", True, lambda: link, lambda work: (tried.append(now), waiting.append(work))[0])
     now = 10.0
-    inside.brings = [HelmSample(9.0, True, "", "line"), AlarmSample(9.0, "low", "battery")]
+    inside.brings = [HelmSample(9.0, True, "", "line"), AlarmSample(9.0, other("low"), "battery")]
     kept.receive(now)
-    inside.lost = "gone; look"  # type: ignore[attr-defined]
+    inside.lost = other("gone; look")  # type: ignore[attr-defined]
     said = kept.receive(now)
     assert [each.source for each in said if isinstance(each, HelmSample) and not each.available] == ["line", "radio"]
-    assert AlarmSample(10.0, "", "battery") in said
+    assert AlarmSample(10.0, None, "battery") in said
     for step in range(12):
         now = 10.0 + 0.1 * step
         assert kept.receive(now) == []
@@ -572,7 +574,7 @@ def test_a_line_is_asked_for_a_second_after_it_broke_and_speaks_for_itself_when_
     link = Recorded()
     now = 11.0 + delay
     waiting.pop()()
-    assert kept.receive(now) == [HelmSample(now, True, "", "radio"), AlarmSample(now, "", "radio line")]
+    assert kept.receive(now) == [HelmSample(now, True, "", "radio"), AlarmSample(now, None, "radio line")]
     assert kept.fileno() == 17 and kept.trouble == "" and len(tried) == 1
 
 
@@ -584,7 +586,7 @@ def test_both_links_are_closed_at_the_end_that_in_use_and_the_one_just_opened() 
     kept.keep(1.0)
     assert kept.receive(2.5) == [
         HelmSample(1.0, False, "line lost: gone", "line"),
-        AlarmSample(1.0, kept.trouble, "line line"),
+        AlarmSample(1.0, AlarmEvent("line_lost", kept.trouble), "line line"),
     ]
     assert first.asked.count(("close",)) == 1 and second.asked == []
     kept.close()

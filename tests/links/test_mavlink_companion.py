@@ -7,6 +7,7 @@ from itertools import pairwise
 from random import Random
 
 import pytest
+from alarm_texts import other, words
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
@@ -519,13 +520,13 @@ def test_headings_that_stay_slow_though_asked_for_are_an_alarm_with_what_to_do()
     assert not alarms(bench.run(4.0)), "a request may get lost: it is asked again first"
     assert dialect.MAVLINK_MSG_ID_ATTITUDE in asked
     (alarm,) = alarms(bench.run(5.0))
-    assert alarm.text.startswith("headings (ATTITUDE) come at 4 Hz though 20 Hz were asked for")
+    assert words(alarm.event).startswith("headings (ATTITUDE) come at 4 Hz though 20 Hz were asked for")
     for way_out in ("SERIALn_BAUD", "SRn_", "control.rate_hz"):
-        assert way_out in alarm.text
+        assert way_out in words(alarm.event)
     assert bench.helm.available, "steering goes on"
     bench.rover.attitude = attitude
     (over,) = alarms(bench.run(5.0))
-    assert (over.text, over.source) == ("", alarm.source)
+    assert (over.event, over.source) == (None, alarm.source)
 
 
 def test_no_headings_at_all_and_a_reboot_are_said_otherwise() -> None:
@@ -667,8 +668,8 @@ def test_the_heartbeat_and_the_texts_say_how_bad_it_is(mode: Mode, state: int, s
     bench = Bench()
     bench.rover.heartbeat()
     bench.link.receive(0.0)
-    bench.link.tell(0.0, mode, ("words in no catalogue",))
-    bench.link.tell(0.1, mode, ("words in no catalogue",))
+    bench.link.tell(0.0, mode, (other("words in no catalogue"),))
+    bench.link.tell(0.1, mode, (other("words in no catalogue"),))
     bench.link.keep(0.2)
     bench.rover.listen()
     said = [m for m in bench.rover.received if m.get_type() == "STATUSTEXT"]

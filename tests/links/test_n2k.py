@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from alarm_texts import words
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -110,7 +111,11 @@ def test_headings_that_take_an_unknown_variation_are_told_of(bus: Bus) -> None:
     told: list[str] = []
     for second in range(12):
         bus.put(127250, heading(1.0, reference=1 if second < 8 else 0))
-        told += [sample.text.split(":")[0] for sample in bus.samples(float(second)) if isinstance(sample, AlarmSample)]
+        told += [
+            words(sample.event).split(":")[0]
+            for sample in bus.samples(float(second))
+            if isinstance(sample, AlarmSample)
+        ]
     assert told == ["headings come that take the magnetic variation, and it is not known", ""]
 
 

@@ -8,8 +8,10 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.other_pilot import BOTH, LISTENING, STEERED, WAITS, OtherPilot
-from autopilot.signals import Mode
+from autopilot.links.other_pilot import LISTENING, STEERED, OtherPilot
+from autopilot.signals import AlarmEvent, Mode
+
+BOTH, WAITS = AlarmEvent("other_pilot"), AlarmEvent("other_pilot_waits")
 
 
 def arrived(name: bytes, value: int, codec: MavlinkCodec | None = None) -> Any:
@@ -24,14 +26,14 @@ def arrived(name: bytes, value: int, codec: MavlinkCodec | None = None) -> Any:
         (Mode.STANDBY, (), 0),
         (Mode.OVERRIDE, (), 0),
         (Mode.FAULT, (), 0),
-        (Mode.STANDBY, ("no heading",), 0),
-        (Mode.STANDBY, ("x", "cannot engage: y"), 1),
+        (Mode.STANDBY, (AlarmEvent("waiting_heading"),), 0),
+        (Mode.STANDBY, (AlarmEvent("roll"), AlarmEvent("cannot_engage", "y")), 1),
         (Mode.ENGAGED, (), 2),
         (Mode.FAILSAFE, (), 2),
     ],
 )
 def test_each_says_every_second_what_it_is_and_a_change_at_once(
-    mode: Mode, alarms: tuple[str, ...], value: int
+    mode: Mode, alarms: tuple[AlarmEvent, ...], value: int
 ) -> None:
     pilot = OtherPilot()
     said = [(step, message.name, message.value) for step in range(25) if (message := pilot.due(0.1 * step + 1e-6))]
@@ -55,17 +57,17 @@ def test_who_hears_another_steer_does_not_engage_for_three_and_a_half_seconds(is
     pilot.take(20.0, arrived(b"PILOT", 2))
     for now, steers in ((20.0, True), (23.5, True), (23.6, False)):
         assert pilot.obstacle(now) == (STEERED if steers and not is_forced else "")
-        assert (pilot.alarm(now, True), pilot.alarm(now, False)) == (BOTH if steers else "", "")
+        assert (pilot.alarm(now, True), pilot.alarm(now, False)) == (BOTH if steers else None, None)
     pilot.take(30.0, arrived(b"PILOT", 2))
     pilot.take(30.1, arrived(b"PILOT", 0))
-    assert (pilot.obstacle(30.1), pilot.alarm(30.1, True)) == ("", "")
+    assert (pilot.obstacle(30.1), pilot.alarm(30.1, True)) == ("", None)
 
 
 def test_one_that_waits_is_an_alarm_to_who_steers_alone() -> None:
     pilot = OtherPilot()
     pilot.take(20.0, arrived(b"PILOT", 1))
-    assert (pilot.obstacle(20.0), pilot.alarm(20.0, False)) == ("", "")
-    assert (pilot.alarm(23.5, True), pilot.alarm(23.6, True)) == (WAITS, "")
+    assert (pilot.obstacle(20.0), pilot.alarm(20.0, False)) == ("", None)
+    assert (pilot.alarm(23.5, True), pilot.alarm(23.6, True)) == (WAITS, None)
     pilot.take(24.0, arrived(b"PILOT", 1))
     pilot.take(24.0, arrived(b"PILOT", 2))
     assert pilot.alarm(24.0, True) == BOTH

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
+from alarm_texts import words_of
 from lockstep import BadLine, Lockstep
 
 from autopilot.links.kept_link import KeptLink
@@ -23,7 +24,7 @@ def steering(rudder_deg: float, **options: Any) -> Lockstep:
     """A boat whose rudder the pilot holds at an angle."""
     boat = Lockstep(VESSEL, **options)
     boat.order = Order(OrderKind.RUDDER, rudder=math.radians(rudder_deg), serial=1)
-    assert boat.run(12.0, until=boat.engaged), boat.tick.alarms
+    assert boat.run(12.0, until=boat.engaged), words_of(boat.tick)
     boat.run(2.0)
     return boat
 

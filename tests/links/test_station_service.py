@@ -8,10 +8,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from alarm_texts import other, text_of, words
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarm_panel import UNHEARD
-from autopilot.alarms import text_of
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.admission import Admission, Doors
 from autopilot.links.base import LinkError
@@ -28,6 +27,7 @@ from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.status_text import StatusTexts
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import (
+    AlarmEvent,
     AlarmSample,
     AlarmState,
     ConditionSample,
@@ -371,18 +371,18 @@ def test_a_waypoint_that_was_passed_is_told_while_the_route_is_followed() -> Non
 
 
 def test_the_alarms_are_a_list_with_names_words_and_states() -> None:
-    lost = text_of("heading_lost")
+    lost, said = AlarmEvent("heading_lost"), text_of("heading_lost")
     listed = alarm_list(
-        (lost, UNHEARD + lost, "in its own words: 5°"),
+        (lost, lost._replace(is_escalated=True), other("in its own words: 5°")),
         (AlarmState.SOUNDING, AlarmState.ACKNOWLEDGED, AlarmState.NOTICE),
     )
     assert json.loads(listed) == [
-        {"name": "heading_lost", "words": lost, "state": "sounding"},
-        {"name": "heading_lost", "words": UNHEARD + lost, "state": "acknowledged"},
-        {"name": "", "words": "in its own words: 5°", "state": "notice"},
+        {"name": "heading_lost", "words": said, "state": "sounding", "escalated": False},
+        {"name": "heading_lost", "words": said, "state": "acknowledged", "escalated": True},
+        {"name": "", "words": "in its own words: 5°", "state": "notice", "escalated": False},
     ]
-    assert "5°".encode() in listed and b", " not in listed.replace(lost.encode(), b"")
-    assert json.loads(alarm_list((lost, "b"), (AlarmState.SOUNDING,)))[0]["state"] == "notice", "not known which"
+    assert "5°".encode() in listed and b", " not in listed.replace(said.encode(), b"")
+    assert json.loads(alarm_list((lost, other("b")), (AlarmState.SOUNDING,)))[0]["state"] == "notice", "not known which"
     assert alarm_list((), ()) == b"[]"
 
 
@@ -463,7 +463,8 @@ def test_the_heart_beats_once_a_second() -> None:
 def test_an_alarm_is_said_when_it_is_new_by_how_bad_it_is(mode: Mode, severity: int) -> None:
     bench = Linked()
     said = []
-    for now, alarms in ((0.0, ("one",)), (20.0, ("one",)), (40.0, ("two", "one")), (60.0, ()), (80.0, ("one",))):
+    one, two = other("one"), other("two")
+    for now, alarms in ((0.0, (one,)), (20.0, (one,)), (40.0, (two, one)), (60.0, ()), (80.0, (one,))):
         bench.link.tell(now, mode, alarms)
         said += [(now, text.severity, text.text) for text in bench.kept(now, "STATUSTEXT")]
     assert said == [(0.0, severity, "one"), (40.0, severity, "two"), (80.0, severity, "one")]
@@ -580,9 +581,10 @@ def test_a_station_that_is_gone_is_told_once_and_ends_nothing() -> None:
     assert bench.link.dropped == 1
     alarm, over = bench.link.receive(7.0)
     assert isinstance(alarm, AlarmSample) and (alarm.time, alarm.source) == (7.0, "loopback:a")
-    assert alarm.text == "ground station lost, steering goes on: loopback:a: the other end has closed; open a new pair"
+    lost = "loopback:a: the other end has closed; open a new pair"
+    assert words(alarm.event) == f"ground station lost, steering goes on: {lost}"
     assert over == ConditionSample(7.0, "station_silent", False, "", "loopback:a")
-    assert bench.link.lost == alarm.text and bench.link.fileno() == -1
+    assert bench.link.lost == alarm.event and bench.link.fileno() == -1
     assert bench.link.receive(99.0) == []
 
 
@@ -600,9 +602,9 @@ def test_the_alarms_that_are_on_are_served_as_a_file() -> None:
         return int.from_bytes(bytes(answer.payload[12:16]), "little")
 
     assert length() == 2, "an empty list before the first tick"
-    bench.link.show(tick(alarms=("one",)))
+    bench.link.show(tick(alarms=(other("one"),)))
     bench.heard()
-    assert length() == len('[{"name":"","words":"one","state":"notice"}]')
+    assert length() == len('[{"name":"","words":"one","state":"notice","escalated":false}]')
 
 
 def test_a_loopback_that_closed_does_not_stop_the_way_out() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from alarm_texts import other
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -43,7 +44,7 @@ sample = st.one_of(
     st.builds(ConditionSample, moment, st.sampled_from(["battery_low", "link_flooded", "none"]), st.booleans()),
     st.builds(AcknowledgeSample, moment, st.sampled_from(["", "off_course"])),
     st.builds(WindSample, moment, value, value),
-    st.builds(AlarmSample, moment, st.sampled_from(["", "a", "b"]), st.sampled_from(["x", "y"])),
+    st.builds(AlarmSample, moment, st.sampled_from([None, other("a"), other("b")]), st.sampled_from(["x", "y"])),
 )
 order = st.builds(Order, st.sampled_from(OrderKind), value, value, value, st.integers(0, 4))
 step = st.tuples(st.floats(-0.2, 0.7), st.lists(sample, max_size=4), order)

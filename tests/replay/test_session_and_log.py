@@ -11,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plant import Plant
 
+from autopilot.alarm_words import FORMS, UNHEARD, sentence_of
+from autopilot.alarms import CATALOGUE, OTHER, RECORDED
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
 from autopilot.errors import InputError
@@ -24,6 +26,7 @@ from autopilot.loop.replay import replay
 from autopilot.loop.session import Session
 from autopilot.loop.tick_codec import (
     TICK_BEFORE_ACKNOWLEDGING,
+    TICK_BEFORE_EVENTS,
     TICK_BEFORE_SUPERVISOR,
     TICK_BEFORE_WAVES,
     decode_tick,
@@ -32,6 +35,7 @@ from autopilot.loop.tick_codec import (
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import (
     AcknowledgeSample,
+    AlarmEvent,
     AlarmSample,
     AlarmState,
     ConditionSample,
@@ -86,7 +90,7 @@ class BoatLink:
     def send(self, now: float, command: RudderCommand) -> None:
         self.commands.append(command)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         pass
 
     def keep(self, now: float) -> None:
@@ -238,6 +242,16 @@ def test_a_log_is_a_table_for_identification(tmp_path: Path) -> None:
 
 number = st.floats(allow_nan=True, allow_infinity=True)
 text = st.text(max_size=40)
+plain = st.builds(
+    AlarmEvent,
+    st.sampled_from(sorted(CATALOGUE)),
+    text,
+    st.sampled_from(["", *FORMS]),
+    st.none(),
+    st.booleans(),
+    st.booleans(),
+)
+events = st.builds(lambda event, because: event._replace(because=because), plain, st.one_of(st.none(), plain))
 samples = st.one_of(
     st.builds(HeadingSample, number, number, st.one_of(st.none(), number), text),
     st.builds(RateSample, number, number, text),
@@ -245,7 +259,7 @@ samples = st.one_of(
     st.builds(SpeedSample, number, number, st.booleans(), text),
     st.builds(RollSample, number, number, st.one_of(st.none(), number), text),
     st.builds(HelmSample, number, st.booleans(), text, text, st.sampled_from(HelmCause)),
-    st.builds(AlarmSample, number, text, text),
+    st.builds(AlarmSample, number, st.one_of(st.none(), events), text),
     st.builds(PositionSample, number, number, number, text),
     st.builds(ConditionSample, number, text, st.booleans(), text, text),
     st.builds(AcknowledgeSample, number, text, text),
@@ -253,7 +267,7 @@ samples = st.one_of(
 )
 
 
-def states_of(alarms: tuple[str, ...]) -> st.SearchStrategy[tuple[AlarmState, ...]]:
+def states_of(alarms: tuple[AlarmEvent, ...]) -> st.SearchStrategy[tuple[AlarmState, ...]]:
     """The state of each alarm, or nothing."""
     return st.one_of(st.just(()), st.tuples(*[st.sampled_from(AlarmState)] * len(alarms)))
 
@@ -269,10 +283,13 @@ ticks = st.builds(
     number,
     st.builds(RudderCommand, number, number, st.booleans()),
     st.sampled_from(Mode),
-    st.lists(text, max_size=3).map(tuple),
+    st.lists(events, max_size=3).map(tuple),
     st.sampled_from(SupervisorState),
     st.sampled_from(Siren),
 ).flatmap(lambda tick: st.builds(lambda heard: tick._replace(heard=heard), states_of(tick.alarms)))
+
+
+STATE = NavState(0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, True)
 
 
 @given(ticks)
@@ -297,38 +314,85 @@ def old_tick(tick: Tick) -> Tick:
     )
 
 
-def without_states(record: bytes, tick: Tick) -> bytes:
+def with_sentences(tick: Tick) -> Tick:
+    """A tick as it comes out of a log that holds its alarms as sentences, here of no kind that is known."""
+    alarms = tuple(AlarmEvent(OTHER, f"x {event.detail}", RECORDED) for event in tick.alarms)
+    return tick._replace(command=tick.command._replace(time=tick.now), alarms=alarms)
+
+
+def sentence_bytes(tick: Tick) -> list[bytes]:
+    """Return the alarms' sentences as older versions wrote them."""
+    texts = [alarm.detail.encode()[:255] for alarm in tick.alarms]
+    return [bytes([len(text)]) + text for text in texts]
+
+
+def without_states(tick: Tick) -> bytes:
     """Return the record as it was before the alarms had states."""
-    texts = [alarm.encode()[:255] for alarm in tick.alarms]
-    alarms = b"".join(bytes([len(text)]) + text for text in texts)
-    return bytes([TICK_BEFORE_ACKNOWLEDGING]) + record[1 : len(record) - len(alarms) - len(texts)] + alarms
+    bare = encode_tick(tick._replace(alarms=(), heard=()))
+    return bytes([TICK_BEFORE_ACKNOWLEDGING]) + bare[1:] + b"".join(sentence_bytes(tick))
+
+
+@given(ticks)
+def test_a_tick_from_before_alarms_were_events_is_read(tick: Tick) -> None:
+    tick = with_sentences(tick)
+    bare = encode_tick(tick._replace(alarms=(), heard=()))
+    states = tick.heard if len(tick.heard) == len(tick.alarms) else (0xFF,) * len(tick.alarms)
+    told = b"".join(bytes([state]) + text for state, text in zip(states, sentence_bytes(tick), strict=True))
+    assert repr(decode_tick(bytes([TICK_BEFORE_EVENTS]) + bare[1:] + told)) == repr(tick)
+
+
+@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind.sentence.startswith("{text}")])
+def test_a_sentence_of_an_older_log_is_the_alarm_that_it_begins_like(name: str) -> None:
+    """The only place where anything goes by wording: what an older log holds."""
+    told = sentence_of(AlarmEvent(name, "17 deg"))
+    tick = Tick(1, 0.0, (), Order(), STATE, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, ())
+    bare = encode_tick(tick)[1:]
+    for before, is_escalated in (("", False), (UNHEARD, True)):
+        record = bytes([TICK_BEFORE_ACKNOWLEDGING]) + bare + bytes([len(before + told)]) + (before + told).encode()
+        (alarm,) = decode_tick(record).alarms
+        assert alarm == AlarmEvent(name, told, RECORDED, is_escalated=is_escalated)
+        assert sentence_of(alarm) == before + told
+
+
+def test_an_alarm_sample_of_an_older_log_is_read_by_its_sentence() -> None:
+    sample = AlarmSample(1.0, None, "compass")
+    tick = Tick(
+        1, 0.0, (sample,), Order(), STATE, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, ()
+    )
+    record = encode_tick(tick)
+    was = bytes([11]) + struct.pack("<dd", 1.0, 0.0)
+    told = "two compasses disagree by 20 deg: HC 010.0, HE 030.0; compare with a bearing"
+    for sentence, event in (("", None), (told, AlarmEvent("heading_disagrees", told, RECORDED))):
+        old = bytes([6]) + struct.pack("<dd", 1.0, 0.0) + bytes([len(sentence)]) + sentence.encode()
+        assert record.count(was) == 1
+        assert decode_tick(record.replace(was, old)).samples == (sample._replace(event=event),)
 
 
 @given(ticks)
 def test_a_tick_from_before_acknowledgements_is_read(tick: Tick) -> None:
-    tick = tick._replace(command=tick.command._replace(time=tick.now), heard=())
-    assert repr(decode_tick(without_states(encode_tick(tick), tick))) == repr(tick)
+    tick = with_sentences(tick)._replace(heard=())
+    assert repr(decode_tick(without_states(tick))) == repr(tick)
 
 
 def cut_out(record: bytes, tick: Tick, kind: int, behind: str, count: int) -> bytes:
     """Return the record under another kind, without the `count` bytes before what `behind` describes."""
-    at = len(record) - struct.calcsize(behind) - count - sum(1 + len(alarm.encode()[:255]) for alarm in tick.alarms)
+    at = len(record) - struct.calcsize(behind) - count - sum(map(len, sentence_bytes(tick)))
     assert record[at : at + count].strip(bytes(range(8))) == b""
     return bytes([kind]) + record[1:at] + record[at + count :]
 
 
 @given(ticks)
 def test_a_tick_from_before_the_supervisor_is_read(tick: Tick) -> None:
-    tick = old_tick(tick)
-    before = cut_out(without_states(encode_tick(tick), tick), tick, TICK_BEFORE_SUPERVISOR, "<", 2)
+    tick = with_sentences(old_tick(tick))
+    before = cut_out(without_states(tick), tick, TICK_BEFORE_SUPERVISOR, "<", 2)
     assert repr(decode_tick(before)) == repr(tick)
 
 
 @given(ticks)
 def test_a_tick_of_the_first_version_is_read(tick: Tick) -> None:
     state = tick.state._replace(wave_heading=0.0, wave_rate=0.0, wave_deviation=0.0, wave_frequency=0.0)
-    tick = old_tick(tick)._replace(state=state)
-    without_waves = cut_out(without_states(encode_tick(tick), tick), tick, TICK_BEFORE_WAVES, "<3dd?dBBB", 32)
+    tick = with_sentences(old_tick(tick)._replace(state=state))
+    without_waves = cut_out(without_states(tick), tick, TICK_BEFORE_WAVES, "<3dd?dBBB", 32)
     before = cut_out(without_waves, tick, TICK_BEFORE_WAVES, "<", 2)
     assert repr(decode_tick(before)) == repr(tick)
 

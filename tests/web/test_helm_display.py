@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import pytest
+from alarm_texts import other
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -115,27 +116,27 @@ def test_alarms_come_go_and_are_acknowledged_here(sea: Watched) -> None:
     long = (
         "the gear is hot: look at the pump, and if it is dry stop the engine, then steer by hand until it is cool again"
     )
-    sea.pilot.supervisor.note(AlarmSample(sea.now, long, "gear"))
+    sea.pilot.supervisor.note(AlarmSample(sea.now, other(long), "gear"))
     sea.watch(2.0)
     assert sea.station.alarms.shown == [{"name": "", "words": long, "sounds": True, "acknowledged": False}]
     assert sea.station.view.texts.kept[-1].words == long
     assert sea.order(do="acknowledge") == (True, "")
-    sea.pilot.supervisor.note(AlarmSample(sea.now, "bilge: pump", "bilge"))
+    sea.pilot.supervisor.note(AlarmSample(sea.now, other("bilge: pump"), "bilge"))
     sea.watch(2.0)
     assert [(each["words"], each["acknowledged"], each["sounds"]) for each in sea.station.alarms.shown] == [
         (long, True, False),
         ("bilge: pump", False, True),
     ]
-    sea.pilot.supervisor.note(AlarmSample(sea.now, "", "gear"))
+    sea.pilot.supervisor.note(AlarmSample(sea.now, None, "gear"))
     sea.watch(2.0)
     assert [each["words"] for each in sea.station.alarms.shown] == ["bilge: pump"]
-    sea.pilot.supervisor.note(AlarmSample(sea.now, "", "bilge"))
+    sea.pilot.supervisor.note(AlarmSample(sea.now, None, "bilge"))
     sea.watch(2.0)
     assert sea.station.alarms.shown == []
 
 
 def test_what_is_acknowledged_is_quiet_on_board_and_what_nobody_sees_is_said_again_as_one(sea: Watched) -> None:
-    sea.pilot.supervisor.note(AlarmSample(sea.now, "gear hot: stop the engine", "gear"))
+    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     sea.watch(35.0)
     assert sea.tick is not None and sea.tick.siren is Siren.ESCALATED
     gear = {"name": "", "words": "gear hot: stop the engine"}
@@ -147,7 +148,7 @@ def test_what_is_acknowledged_is_quiet_on_board_and_what_nobody_sees_is_said_aga
 
 
 def test_what_one_display_acknowledges_is_acknowledged_on_the_others(sea: Watched) -> None:
-    sea.pilot.supervisor.note(AlarmSample(sea.now, "gear hot: stop the engine", "gear"))
+    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     sea.watch(2.0)
     here = sea.station
     sea.station = sea.line._station = Station()

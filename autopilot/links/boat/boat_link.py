@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.alarm_words import sentence_of
 from autopilot.links.admission import Door, Doors, Presence, is_order, stands_by, strangers_of
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.alarm_list import ALARMS, alarm_list
@@ -20,7 +21,7 @@ from autopilot.links.mavlink_codec import MavlinkCodec, Message
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import believe_signed
-from autopilot.signals import AlarmSample, ConditionSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, Mode, RudderCommand, Sample, Tick
 
 COMPONENT = 1
 HEARTBEAT_S = 1.0
@@ -40,7 +41,6 @@ REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"
 STRANGERS = "refused: a system id that is not allowed"
 STOPPED_S = 30.0
-STOPPED = "a ground station without a key has let the pilot stand by: steer by hand"
 LOOKING_ONLY = "no orders without a signing key from another machine: set a key, or allow security.orders_without_key"
 
 
@@ -54,7 +54,7 @@ class BoatLink:
     Attributes:
         takes_orders: whether orders are carried out; else a station on this link only looks, and may let the pilot
             stand by: taking the helm away needs no leave.
-        lost: why the line is gone, '' while it is there; steering goes on without it.
+        lost: why the line is gone, None while it is there; steering goes on without it.
         dropped: packets that the transport could not take, and messages beyond what a turn heeds.
     """
 
@@ -85,8 +85,8 @@ class BoatLink:
         self._next_heartbeat = -math.inf
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._refusals: dict[str, float] = {}
-        self._alarms: tuple[str, ...] = ()
-        self.lost = ""
+        self._alarms: tuple[AlarmEvent, ...] = ()
+        self.lost: AlarmEvent | None = None
         self._flooded = self._stopped = -math.inf
         self._says_flooded = self._says_stopped = False
 
@@ -105,7 +105,7 @@ class BoatLink:
         try:
             chunks = self._transport.receive() if not self.lost else []
         except LinkError as error:
-            chunks, self.lost = [], f"ground station lost, steering goes on: {error}"
+            chunks, self.lost = [], AlarmEvent("station_lost", str(error))
             return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
         for data in self._door.taken(now, chunks):
             for message in self._codec.decode(data):
@@ -154,7 +154,7 @@ class BoatLink:
         if says == self._says_stopped:
             return []
         self._says_stopped = says
-        return [AlarmSample(now, STOPPED if says else "", f"{self.name} standing by")]
+        return [AlarmSample(now, AlarmEvent("station_stopped") if says else None, f"{self.name} standing by")]
 
     def _refuse(self, now: float, reason: str) -> None:
         if now >= self._refusals.get(reason, -math.inf):
@@ -173,12 +173,13 @@ class BoatLink:
         self._telemetry.take(tick)
         self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Say every new alarm as STATUSTEXT. A flood that was looked away from may wake the loop again."""
         self._door.crowded = False
         for alarm in alarms:
             if alarm not in self._alarms:
-                self._texts.say(now, severity_of(alarm, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING)), alarm)
+                severity = severity_of(alarm, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING))
+                self._texts.say(now, severity, sentence_of(alarm))
         self._alarms = alarms
 
     def keep(self, now: float) -> None:

@@ -185,7 +185,7 @@ class Commands:
         within = radius if math.isfinite(radius) and radius > 0.0 else math.nan
         self._helmsman.hand_to_track()
         place = Waypoint(math.radians(latitude_deg), math.radians(longitude_deg), within)
-        self.mission.guide.follow([place], ending="the place has been reached")
+        self.mission.guide.follow([place], ending="place_reached")
         return ACCEPTED
 
     def _zigzag(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:

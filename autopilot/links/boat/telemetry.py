@@ -13,8 +13,6 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarm_panel import UNHEARD
-from autopilot.alarms import kind_of
 from autopilot.angles import compass_deg
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.modes import current_mode, mode_of
@@ -245,9 +243,7 @@ class Telemetry:
         present = COMPASS | sum(HEALTH)
         ill = 0 if _fresh(tick) else COMPASS
         for alarm in tick.alarms:
-            kind = kind_of(alarm.removeprefix(UNHEARD))
-            if kind is not None:
-                ill |= sum(bit for bit, names in HEALTH.items() if kind.name in names)
+            ill |= sum(bit for bit, names in HEALTH.items() if alarm.name in names)
         return [
             dialect.MAVLink_sys_status_message(present, present, present & ~ill, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0),
         ]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
+from autopilot.signals import AlarmEvent
+
 SILENT_S = 1.5
 """A drive that answers requests and has not been heard for this long is gone."""
 JUMP_LEAST = math.radians(2.0)
@@ -102,8 +104,8 @@ class Drive(Protocol):
     def fault(self, now: float) -> str:
         """Return why the drive cannot turn the rudder; empty where it can."""
 
-    def warning(self, now: float) -> str:
-        """Return what the skipper should know of the drive though it steers; empty when all is well."""
+    def warning(self, now: float) -> AlarmEvent | None:
+        """Return what the skipper should know of the drive though it steers; None when all is well."""
 
 
 class StallWatch:
@@ -112,23 +114,21 @@ class StallWatch:
     def __init__(self, limit: float | None) -> None:
         self._limit = limit
         self._since: float | None = None
-        self._said = ""
+        self._said: AlarmEvent | None = None
         self.current = 0.0
 
     def take(self, now: float, current: float) -> None:
         """Take a measured current [A]."""
         self.current = current
         if self._limit is None or current <= self._limit:
-            self._since, self._said = None, ""
+            self._since, self._said = None, None
         elif self._since is None:
             self._since = now
 
-    def warning(self, now: float) -> str:
-        """Return the sentence about a stalled motor, or nothing."""
+    def warning(self, now: float) -> AlarmEvent | None:
+        """Return the alarm of a stalled motor, or None."""
         if self._since is not None and now - self._since >= STALL_S and not self._said:
-            # said once with one figure: a sentence that changes with every reading is a new alarm each time
-            self._said = (
-                f"the rudder motor draws {self.current:.1f} A, more than drive.current_max_a ({self._limit:g}): "
-                "look whether the rudder is jammed"
-            )
+            # said once with one figure: a detail that changes with every reading is a new alarm each time
+            drawn = f"{self.current:.1f} A, more than drive.current_max_a ({self._limit:g})"
+            self._said = AlarmEvent("motor_current", drawn)
         return self._said

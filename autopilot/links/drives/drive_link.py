@@ -10,7 +10,7 @@ from autopilot.links.drives.base import Drive
 from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import RELEASE_SPACING_S, StandingOrder
-from autopilot.signals import AlarmSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
 
 BITS_PER_BYTE = 10
 
@@ -36,7 +36,7 @@ class DriveLink:
         self._order = StandingOrder(1.0 / settings.rate, RELEASE_SPACING_S)
         self._line_free = -math.inf
         self._helm_reason: str | None = None
-        self._warning = ""
+        self._warning: AlarmEvent | None = None
         self._leaving = -math.inf
         self._has_ordered = self._is_gone = False
 
@@ -72,7 +72,7 @@ class DriveLink:
             self._follow.ordered(now, angle)
         self._push(now)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[str, ...]) -> None:
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Nothing: a rudder drive knows no modes."""
 
     def keep(self, now: float) -> None:

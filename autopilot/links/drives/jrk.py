@@ -19,6 +19,7 @@ import struct
 from collections import deque
 
 from autopilot.links.drives.base import SILENT_S, DriveSettings, JumpGate, StallWatch
+from autopilot.signals import AlarmEvent
 
 SET_TARGET, MOTOR_OFF, GET_VARIABLES, POLOLU = 0xC0, 0xFF, 0xE5, 0xAA
 TARGET_MAX = 4095
@@ -164,8 +165,8 @@ class JrkG2:
             return f"the {self.name} has stopped: {ERRORS[bit]}"
         return ""
 
-    def warning(self, now: float) -> str:
-        """Return the sentence about a stalled motor, or nothing."""
+    def warning(self, now: float) -> AlarmEvent | None:
+        """Return the alarm of a stalled motor, or None."""
         return self._stall.warning(now)
 
 

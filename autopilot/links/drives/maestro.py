@@ -16,6 +16,7 @@ import math
 from collections import deque
 
 from autopilot.links.drives.base import SILENT_S, DriveSettings
+from autopilot.signals import AlarmEvent
 
 SET_TARGET, GET_POSITION, GET_ERRORS, POLOLU = 0x84, 0x90, 0xA1, 0xAA
 MIDDLE_US, SPAN_US, QUARTERS = 1500.0, 500.0, 4
@@ -53,7 +54,7 @@ class Maestro:
         self._asked_time = -math.inf
         self._turn = 0
         self._heard = -math.inf
-        self._warning = ""
+        self._warning: AlarmEvent | None = None
         self._engaged = self._has_released = False
         self._position = 0
 
@@ -78,7 +79,7 @@ class Maestro:
             self._has_released = not self._engaged and value == 0
         if asked == GET_ERRORS:
             bit = (value & -value).bit_length() - 1
-            self._warning = f"{self.name}: {ERRORS[bit]}" if value else ""
+            self._warning = AlarmEvent("drive_warning", f"{self.name}: {ERRORS[bit]}") if value else None
             return []
         if not self._engaged or not value:
             return []
@@ -134,6 +135,6 @@ class Maestro:
             return f"the {self.name} does not answer; check its power, line, baud rate and drive.device"
         return ""
 
-    def warning(self, now: float) -> str:
-        """Return the error it reported last, or nothing."""
+    def warning(self, now: float) -> AlarmEvent | None:
+        """Return the error it reported last, or None."""
         return self._warning

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 from autopilot.links.drives.base import SILENT_S, DriveSettings, JumpGate, StallWatch
+from autopilot.signals import AlarmEvent
 
 COMMAND, RESET, DISENGAGE = 0xC7, 0xE7, 0x68
 MAX_CURRENT, RUDDER_MIN, RUDDER_MAX = 0x1E, 0x2B, 0x4D
@@ -183,9 +184,9 @@ class PypilotMotor:
                 return f"the {self.name} has stopped: {sentence}"
         return ""
 
-    def warning(self, now: float) -> str:
+    def warning(self, now: float) -> AlarmEvent | None:
         """Return what the skipper should know though the rudder moves: a limit reached, a high current."""
         for flag, sentence in STOPS.items():
             if self.flags & flag:
-                return f"{self.name}: {sentence}"
+                return AlarmEvent("drive_warning", f"{self.name}: {sentence}")
         return self._stall.warning(now)

@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from autopilot.alarm_words import sentences_of
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.loop.logs.columnar import EXTRA, save
@@ -129,7 +130,7 @@ def _tick(tick: Tick) -> dict[str, Any]:
         "heading_age_s": _number(state.heading_age),
         "mode": tick.mode.name,
         "engaged": tick.command.engaged,
-        "alarms": list(tick.alarms),
+        "alarms": list(sentences_of(tick.alarms)),
     }
 
 
