@@ -13,9 +13,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from autopilot.regular_file import read_regular
 from autopilot.signals import Mode, OrderKind, Tick
 
 RENEWED_S = 1.0
+LONGEST = 4096
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -84,8 +86,8 @@ def _boot() -> str:
 
 def _read(path: Path) -> Note | None:
     try:
-        fields = json.loads(path.read_text())
+        fields = json.loads(read_regular(path, LONGEST))
         note = Note(float(fields["heading"]), float(fields["since"]), str(fields["boot"]))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
     return note if math.isfinite(note.heading) and math.isfinite(note.since) else None

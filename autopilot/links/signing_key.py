@@ -21,7 +21,7 @@ from pathlib import Path
 from autopilot.errors import InputError
 from autopilot.links.signing import FIRST_LINK, KEY_SIZE, MINUTE, OUR_LINKS, TIMESTAMP_MAX, Signing
 from autopilot.params.saving import replace_file
-from autopilot.regular_file import open_regular
+from autopilot.regular_file import open_regular, read_regular
 
 EPOCH_S = 1_420_070_400
 """2015-01-01 in seconds since 1970."""
@@ -157,7 +157,7 @@ class TimestampBlocks:
 
     def _reserved(self) -> int:
         try:
-            text = self._path.read_text("ascii", "replace").strip()
+            text = read_regular(self._path, len(str(TIMESTAMP_MAX)) + 2).decode("ascii", "replace").strip()
         except FileNotFoundError:
             return 0
         if not (text.isdigit() and text.isascii() and int(text) <= TIMESTAMP_MAX):

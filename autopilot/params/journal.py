@@ -18,8 +18,11 @@ from autopilot.params.outcome import Change
 from autopilot.params.saving import save_text, sync_folder
 from autopilot.params.session import Vehicle
 from autopilot.params.value_coding import Number
+from autopilot.regular_file import read_regular
 
 FORMAT = 1
+LONGEST = 16 << 20
+"""Bytes; every parameter that a vehicle has fills 300 kB."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,10 @@ def write_journal(path: Path, journal: Journal) -> None:
 def read_journal(path: Path) -> Journal | None:
     """Return the journal at `path`, None where there is none; raises InputError where it cannot be used."""
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(read_regular(path, LONGEST).decode())
     except (FileNotFoundError, NotADirectoryError):
         return None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise _unusable(path, str(error)) from None
     try:
         if document.pop("format") != FORMAT:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,3 +120,21 @@ def test_the_vessel_file_decides_and_the_service_gives_the_place(
     monkeypatch.setenv("RUNTIME_DIRECTORY", f"{tmp_path}:/other")
     assert resumption_of(arguments, VESSEL, save_text) is None
     assert resumption_of(arguments, allowed, save_text) is not None
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "[" * 4000,
+        '{"heading": ' + "9" * 400 + ', "since": 0.0, "boot": "boot"}',
+        None,
+    ],
+    ids=["deep", "digits", "pipe"],
+)
+def test_a_note_that_is_none_is_none_and_holds_nothing_up(tmp_path: Path, content: str | None) -> None:
+    path = tmp_path / "held.json"
+    if content is None:
+        os.mkfifo(path)
+    else:
+        path.write_text(content)
+    assert kept_by(path, Lockstep(VESSEL)).left() is None

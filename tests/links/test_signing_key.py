@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
+import os
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -227,3 +228,14 @@ def test_programs_that_run_at_once_sign_under_different_numbers(key: Path, monke
         monkeypatch.setattr(signing_key.os, "getpid", lambda process=process: process)
         numbers.append(open_signing(key).link().link_id)
     assert len(set(numbers)) == 3 and all(64 <= number <= 255 for number in numbers)
+
+
+@pytest.mark.parametrize("content", ["9" * 5000, None], ids=["digits", "pipe"])
+def test_a_timestamp_file_that_is_none_is_refused_and_holds_nothing_up(key: Path, content: str | None) -> None:
+    path = key.with_name(key.name + ".timestamp")
+    if content is None:
+        os.mkfifo(path)
+    else:
+        path.write_text(content)
+    with pytest.raises(InputError, match=r"\.timestamp"):
+        TimestampBlocks(key)

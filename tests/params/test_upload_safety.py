@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -273,3 +274,14 @@ def test_a_disk_that_fills_up_on_the_way_takes_everything_back(
     assert calls == [1, 2]
     assert "holds exactly the old values" in capsys.readouterr().err
     assert (served.vehicle.table["GRP_ENABLE"][0], served.vehicle.table["GRP_GAIN"][0]) == (0, 1.0)
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, None], ids=["deep", "pipe"])
+def test_a_journal_that_is_none_is_refused_and_holds_nothing_up(tmp_path: Path, content: str | None) -> None:
+    path = tmp_path / "journal.json"
+    if content is None:
+        os.mkfifo(path)
+    else:
+        path.write_text(content)
+    with pytest.raises(InputError, match=r"journal\.json"):
+        read_journal(path)
