@@ -400,7 +400,7 @@ _OWN = [
         _DEGRADE,
         _WARNING,
         _LOOP,
-        "three ticks within 10 s that come three control periods after the one before",
+        "three ticks within 10 s that come three control periods after the one before, or one a second after it",
         "control.rate_hz",
         is_borne=True,
     ),

@@ -13,6 +13,9 @@ from autopilot.signals import ConditionSample, Sample, Tick
 LATE_COUNT = 3
 LATE_WITHIN_S = 10.0
 """So many late ticks within this time are an alarm, until so long passes without one."""
+STANDSTILL_S = 1.0
+"""One tick later than this is an alarm at once: a stopped process or machine, while the boat went on. As long a vehicle
+has to follow an order before it counts as disobedient."""
 STEP_S = 1.0
 SAID_S = 60.0
 CHECK_S = 1.0
@@ -56,9 +59,11 @@ class LoopHealth(SilentLink):
     def _lateness(self, now: float) -> list[Sample]:
         while self._late and now - self._late[0] > LATE_WITHIN_S:
             self._late.popleft()
-        if not self._is_late and len(self._late) >= LATE_COUNT:
+        stood_still = self._longest_gap > max(STANDSTILL_S, self._longest)
+        if not self._is_late and (len(self._late) >= LATE_COUNT or (self._late and stood_still)):
             self._is_late = True
-            detail = f"{len(self._late)} ticks late by up to {self._longest_gap:.2f} s"
+            ticks = "tick" if len(self._late) == 1 else "ticks"
+            detail = f"{len(self._late)} {ticks} late by up to {self._longest_gap:.2f} s"
             return [ConditionSample(now, "deadline_missed", True, detail, self.name)]
         if self._is_late and not self._late:
             self._is_late, self._longest_gap = False, 0.0

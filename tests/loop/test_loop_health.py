@@ -60,6 +60,19 @@ def test_a_late_tick_now_and_then_is_no_alarm() -> None:
         assert tested.receive(now) == []
 
 
+def test_a_standstill_is_an_alarm_at_once() -> None:
+    tested = health(Times())
+    tested.show(tick(0.0))
+    tested.show(tick(0.5))
+    assert tested.receive(0.5) == []
+    tested.show(tick(4.5))  # stopped and continued: the vehicle may have taken its rudder back
+    (told,) = tested.receive(4.5)
+    assert isinstance(told, ConditionSample)
+    assert (told.name, told.present, told.detail) == ("deadline_missed", True, "2 ticks late by up to 4.00 s")
+    assert tested.receive(5.0) == []
+    assert conditions(tested.receive(4.5 + LATE_WITHIN_S + PERIOD)) == [("deadline_missed", False)]
+
+
 def test_a_clock_that_is_set_is_told_for_a_minute_and_one_that_runs_is_not() -> None:
     times = Times()
     tested = health(times)
