@@ -98,6 +98,7 @@ class Estimator:
         self._taken: deque[_Taken] = deque(maxlen=KEPT_SAMPLES)
         self._begun: HeadingSample | None = None
         self._heading_time = -math.inf
+        self._first_time = math.inf
         self._speeds = ScheduledSpeed()
         self._speed: float | None = None
         self.doubts_speed = False
@@ -137,8 +138,15 @@ class Estimator:
 
     @property
     def push(self) -> float:
-        """What wind, current and trim are worth [rad of rudder], more than is handed to the law where it is more."""
-        return self._fusion.state.bias if self._fusion is not None else 0.0
+        """What wind, current and trim are worth [rad of rudder], more than is handed to the law where it is more.
+
+        0 until the sea has been watched for its memory: before, waves count for wind.
+        """
+        if self._fusion is None:
+            return 0.0
+        state = self._fusion.state
+        is_known = state.sea == wave_motion.NO_SEA or state.time - self._first_time >= wave_motion.MEMORY
+        return state.bias if is_known else 0.0
 
     def take_rates(self, wanted: bool) -> None:
         """Go by headings and rates of turn, or by headings alone: by what rates had made of it before no more."""
@@ -221,6 +229,7 @@ class Estimator:
 
     def _begin(self, sample: HeadingSample) -> None:
         before = self._fusion
+        self._first_time = min(self._first_time, sample.time)
         state = ekf.initial(
             sample.time, wrap(sample.heading), sample.rate, self._noises.usual, before.state if before else None
         )

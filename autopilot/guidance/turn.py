@@ -64,6 +64,9 @@ CARE = 0.36
 """Until she has shown her strength she is taken to be weaker than her model by this."""
 DRAWN, DRAWN_RATE = 9.0, 1.5
 """At its fastest the plan is drawn to the real boat's heading and rate in so many parts of her time constant."""
+CARRIED_OFF = 2.0
+"""No plan turns at so many times the careful fastest rate, and its rudder may not stop the boat any more: the plan
+keeps to the careful rate then, and the law takes all of the rudder to come back to it."""
 BEHIND = math.radians(2.0)
 """The virtual boat turns no further [rad] ahead of the real one."""
 AHEAD = math.radians(4.0)
@@ -268,6 +271,8 @@ def in_company(
     turning = min(max(abs(boat.rate) / limits.rate_max, over), 1.0) * dt / model.time_constant
     near = wrap(boat.heading + min(DRAWN * turning, 1.0) * wrap(heading - boat.heading))
     slow = boat.rate + min(DRAWN_RATE * turning, 1.0) * (rate - boat.rate)
+    if abs(rate) > CARRIED_OFF * limits.rate_max:
+        slow = clip(slow, -limits.rate_max, limits.rate_max)
     return VirtualBoat(near, slow, boat.rudder, watched(model, boat.shown, rate, rudder, dt))
 
 

@@ -79,9 +79,14 @@ def test_a_gust_that_the_rudder_holds_is_none(vessel: Vessel) -> None:
     assert "overpowered" not in found
 
 
-LOST = pytest.mark.xfail(strict=True, reason="this sea takes the course-unstable boat round: `circling` ends steering")
+LOST = pytest.mark.xfail(
+    strict=True,
+    reason="this sea throws the course-unstable boat round: `hunting`, `overpowered` twice with the rudder not at its "
+    "stop yet, in 200 s. A linear law that knows the true state has 65 deg rms in 600 s; a search that foresees each "
+    "wave holds it within 30 deg in such a sea",
+)
 MINUTES = [
-    pytest.param(name, number, marks=LOST if (name, number) == ("tests' unstable", 2) else ())
+    pytest.param(name, number, marks=LOST if name == "tests' unstable" else ())
     for name in endurance_alarms.plants()
     for number in (2, 5)
 ]
@@ -93,6 +98,13 @@ def test_minutes_with_healthy_instruments_are_quiet(name: str, number: int) -> N
     _, minutes = endurance_alarms.hour_of(endurance_alarms.plants()[name], number, seed=20261122, seconds=200.0)
     assert minutes.false == {}
     assert minutes.ended == {}
+
+
+def test_the_first_waves_are_no_push_that_the_rudder_cannot_hold() -> None:
+    """Engaged in sea state 5 at power-on: what the boat does in its first waves was taken for wind, after 4 and 9 s."""
+    middle = endurance_alarms.plants()["tests' middle"]
+    _, minutes = endurance_alarms.hour_of(middle, 5, seed=1, seconds=60.0)
+    assert minutes.false == {}
 
 
 def test_a_rudder_that_follows_the_sea_at_its_own_pace_is_no_livelier_boat() -> None:

@@ -214,6 +214,17 @@ def test_a_course_unstable_boat_that_is_not_its_file_does_not_go_round_for_good(
     assert outcome.swing < 10.0 or outcome.gave_back < 300.0
 
 
+@pytest.mark.parametrize("push_deg", [-60.0, 80.0])
+def test_a_course_unstable_boat_thrown_round_by_a_sea_is_stopped_with_all_of_the_rudder(push_deg: float) -> None:
+    """For 4 s pushed by more than its rudder, it turns at 11 deg/s and more: the rudder that turns are planned with
+    cannot stop that, all of it can. It went round at 9 deg/s for good with 17 deg of rudder."""
+    vessel = VESSELS["unstable"]
+    outcome = run(vessel, turn_deg=0.0, disturbance=lambda now: math.radians(push_deg) if 20.0 <= now < 24.0 else 0.0)
+    assert outcome.gave_back == math.inf
+    assert abs(outcome.turned) < 361.0
+    assert outcome.swing < 3.0
+
+
 def irregular_sea(seed: int, deviation_deg: float, gust_deg: float, peak: float) -> Callable[[float], float]:
     """A sea of twelve waves about `peak` [rad/s], and gusts that come and go at random, as rudder [rad]."""
     random = np.random.default_rng(seed)
