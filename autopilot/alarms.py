@@ -296,7 +296,7 @@ _MOTION = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "390 deg away from the heading ordered, on balance",
+        "300 deg away from the heading ordered, on balance; 390 deg where that was more than 150 deg off",
     ),
     AlarmKind(
         "too_quick",

@@ -201,12 +201,7 @@ class Pilot:
         timely = timely_of(now, samples)
         self._listen(now, timely)
         self.estimator.take_rates(not self.monitors.doubts_rate)
-        if self.monitors.doubts_speed != self.estimator.doubts_speed:
-            self.estimator.doubts_speed = self.monitors.doubts_speed
-            self.estimator.forget_disturbances()
-        if self.monitors.softer != self.estimator.liveliness:
-            self.estimator.liveliness, self._mean_bias = self.monitors.softer, 0.0
-            self.estimator.forget_disturbances()
+        is_other_boat = self._suppose_what_was_found()
         model = self.estimator.model
         self.estimator.holds_bias = not self._guide.is_late(now) and self._guide.is_turning(
             model, self._limits_at(model)
@@ -220,6 +215,9 @@ class Pilot:
         if mode is Mode.ENGAGED and was is not Mode.ENGAGED:
             state = self._engage(now, state)
         steady = self._calm(self._steady(state), dt)
+        if is_other_boat and mode is Mode.ENGAGED:
+            # the turn that was planned is another boat's
+            self._guide.start(steady, self._limits_at(self.estimator.model))
         self._watch_steerage(now, mode, order, steady)
         if mode is Mode.FAILSAFE and self.supervisor.law_steers:
             steady, reference, demand = self._steer_blindly(now, steady, dt)
@@ -255,6 +253,16 @@ class Pilot:
             siren=siren,
             heard=self._panel.states,
         )
+
+    def _suppose_what_was_found(self) -> bool:
+        """Go by the speed and the liveliness that the monitors have found; return whether they are new."""
+        found, supposed = self.monitors, self.estimator
+        if (found.doubts_speed, found.softer) == (supposed.doubts_speed, supposed.liveliness):
+            return False
+        supposed.doubts_speed, supposed.liveliness = found.doubts_speed, found.softer
+        supposed.forget_disturbances()
+        self._mean_bias = 0.0
+        return True
 
     def _raised(self) -> dict[str, AlarmEvent]:
         """Return what is to be said, by name: what ended steering or keeps it from beginning, then the rest."""

@@ -42,16 +42,16 @@ PAUSE = (10.0, 15.0)
 """A sweep that comes later than this [s] and so many time constants after the one before begins the count anew."""
 NEW_COURSE = math.radians(5.0)
 """An order that differs by this [rad] begins a turn: what came before is forgotten."""
-CIRCLES = math.tau + math.radians(30.0)
-"""Turned this far [rad] away from the heading ordered, on balance: one that is behind us is reached by half a turn or,
-the other way round, by a whole one."""
+CIRCLES, BEHIND = math.radians(300.0), math.radians(150.0)
+"""Turned this far [rad] away from the heading ordered, on balance; a heading that is ordered further behind than the
+second [rad] may be reached the other way round, and a quarter turn more is borne."""
 SETTLED = math.radians(10.0)
 SETTLED_TIME = 4.0
 """A boat within this [rad] of its course for this time [s], or for so many time constants if that is longer, has not
 gone round: the turns that brought it there are over."""
 SPEED_DOUBT = 1.25
 """A speed further than this from the trial's may be what is wrong where the boat does not answer as it should."""
-OUTRUNS, RUSH, SPIN = 1.5, 2.0, 3.0
+OUTRUNS, OUTRUNS_UNSTABLE, RUSH, SPIN = 1.5, 1.25, 2.0, 3.0
 RATE_MOST = 10.0
 """No boat turns as fast [rad/s]: such a step is the compass's, or the estimate's that begins anew."""
 SPIN_TIME = (1.0, 0.3)
@@ -161,7 +161,7 @@ class Circles:
     def reset(self) -> None:
         """Forget everything."""
         self._last: tuple[float, float] | None = None
-        self._off = 0.0
+        self._off, self._most = 0.0, CIRCLES
         self._since = math.nan
 
     def goes_round(self, model: Norrbin, watched: Watched) -> bool:
@@ -170,14 +170,15 @@ class Circles:
         if not watched.follows:
             self.reset()
             return False
-        if self._last is None:
+        if self._last is None or abs(shortest_turn(self._last[1], wanted)) > NEW_COURSE:
             self._off = shortest_turn(wanted, heading)
+            self._most = CIRCLES if abs(self._off) < BEHIND else CIRCLES + 0.5 * math.pi
         elif abs(watched.push) <= watched.angle_max or reads_low(model, watched):
             # what is pushed round by more than its rudder is not steered round
             self._off += shortest_turn(self._last[0], heading) - shortest_turn(self._last[1], wanted)
         self._last = heading, wanted
         self._settle(model, watched)
-        return abs(self._off) > CIRCLES
+        return abs(self._off) > self._most
 
     def _settle(self, model: Norrbin, watched: Watched) -> None:
         near = shortest_turn(watched.wanted, watched.state.heading)
@@ -220,9 +221,10 @@ class Spinning:
         lasts = max(SPIN_TIME[0], SPIN_TIME[1] * quickest.time_constant)
         self.rate -= math.expm1(-step / lasts) * (turned - self.rate)
         is_steered = self.rate * watched.rudder > 0.0
-        # a course-unstable boat outruns its rudder where it is steered by a wrong speed
+        # a course-unstable boat outruns its rudder, against it too, where it is steered by a wrong speed
         if is_steered or model.n1 <= 0.0:
-            self.outruns_speed = is_beyond(model, self.rate / OUTRUNS, watched.angle_max)
+            most = OUTRUNS if model.n1 > 0.0 else OUTRUNS_UNSTABLE
+            self.outruns_speed = is_beyond(model, self.rate / most, watched.angle_max)
         if not is_steered:
             return 0.0
         self.rushes = is_beyond(quickest, self.rate / RUSH, watched.angle_max)
