@@ -132,6 +132,6 @@ def _too_uncertain(solution: Solution) -> dict[str, str]:
     if "time_constant" in solution.at_bound:
         reasons["T"] = (
             f"T: below {solution.model.time_constant:.2g} s, a fifth of the time between two samples: the boat answers "
-            "faster than these runs can show; record heading and rate more often."
+            "faster than these runs can show; record a zigzag, with heading and rate more often."
         )
     return reasons
