@@ -97,7 +97,7 @@ class Watched(Sea):
 
     def answer(self, asked: Callable[[float, Any], None]) -> tuple[bool, str]:
         ends: list[tuple[bool, str]] = []
-        asked(self.now, lambda taken, words: ends.append((taken, words)))
+        asked(self.now, lambda taken, words: ends.append((bool(taken), words)))
         self.until(lambda: bool(ends))
         assert len(ends) == 1
         return ends[0]

@@ -8,6 +8,7 @@ from typing import Any
 from autopilot.cli.pattern_order import KINDS, PATTERN_HELP
 from autopilot.errors import InputError
 from autopilot.order_values import typed_number
+from autopilot.web.orders import Answer
 from autopilot.web.requests import asked_of
 from autopilot.web.station import Station
 
@@ -82,7 +83,7 @@ class HelmKeys:
             return
         name = " ".join(str(value) for value in wish.values())
 
-        def told(taken: bool, words: str) -> None:
+        def told(taken: Answer, words: str) -> None:
             self.said = f"{name}: {'done' if taken else words}"
 
         self.said = f"{name} ..."

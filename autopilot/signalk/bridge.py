@@ -10,7 +10,7 @@ from autopilot.signalk.clients import LineClients
 from autopilot.signalk.deltas import Deltas, delta_of, notifications_of, values_of
 from autopilot.signalk.requests import BadRequestError, answer, line_of, parse
 from autopilot.web.line import BoatLine
-from autopilot.web.orders import NO_ANSWER
+from autopilot.web.orders import Answer
 from autopilot.web.requests import asked_of
 from autopilot.web.station import Station
 
@@ -91,12 +91,12 @@ class Bridge:
             return
         said = self._station.view.texts.said
 
-        def told(taken: bool, words: str) -> None:
-            if taken:
+        def told(answered: Answer, words: str) -> None:
+            if answered:
                 self._clients.say(answer(request.id, 200, words), client)
             else:
-                until = now + REASON_S if words.startswith("refused") else -math.inf
-                status = SILENT if words == NO_ANSWER else REFUSED
+                until = now + REASON_S if answered is Answer.REFUSED else -math.inf
+                status = SILENT if answered is Answer.SILENT else REFUSED
                 self._refused.append(_Refused(client, request.id, status, words, said, until))
 
         asked_of(self._station, request.wish)(now, told)

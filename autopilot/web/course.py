@@ -36,7 +36,7 @@ class Course:
         if base is None:
             is_trial = self._view.mode == TRIAL
             told(
-                False,
+                orders.Answer.FAILED,
                 "a trial is being sailed: end it first" if is_trial else "engage first: no course is being steered",
             )
             return
@@ -46,7 +46,7 @@ class Course:
         """Order a heading [deg]."""
         self._meant, self._meant_at = heading_deg % 360.0, now
 
-        def noted(taken: bool, words: str) -> None:
+        def noted(taken: orders.Answer, words: str) -> None:
             if not taken:
                 self._meant_at = -math.inf
             told(taken, words)
@@ -57,7 +57,7 @@ class Course:
         """Step aside by so many degrees; again: further. The course before the first step is kept."""
         base, was_route = self._base(now), self._view.mode == TRACK
 
-        def noted(taken: bool, words: str) -> None:
+        def noted(taken: orders.Answer, words: str) -> None:
             if taken and self.before is None:
                 self.before, self.was_route = base, was_route
             told(taken, words)
@@ -68,10 +68,10 @@ class Course:
         """Go back to the course that was steered before, or to the route."""
         before = self.before
         if before is None:
-            told(False, "nothing to go back to")
+            told(orders.Answer.FAILED, "nothing to go back to")
             return
 
-        def noted(taken: bool, words: str) -> None:
+        def noted(taken: orders.Answer, words: str) -> None:
             if taken:
                 self.before = None
             told(taken, words)

@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from autopilot.web.line import BoatLine
-from autopilot.web.orders import Told
+from autopilot.web.orders import Answer, Told
 from autopilot.web.station import Station
 
 UPDATES_HZ = 10.0
@@ -100,20 +100,20 @@ class Hub:
 
     async def ask(self, asked: Asked) -> tuple[bool, str]:
         """Give an order; return whether it was taken, and in words why not."""
-        done: asyncio.Future[tuple[bool, str]] = asyncio.get_running_loop().create_future()
+        done: asyncio.Future[tuple[Answer, str]] = asyncio.get_running_loop().create_future()
         said = self.station.view.texts.said
 
-        def told(taken: bool, words: str) -> None:
+        def told(answer: Answer, words: str) -> None:
             if not done.done():
-                done.set_result((taken, words))
+                done.set_result((answer, words))
 
         asked(self.clock(), told)
         self._turn()
         try:
-            taken, words = await asyncio.wait_for(done, ANSWER_S)
+            answer, words = await asyncio.wait_for(done, ANSWER_S)
         except TimeoutError:
             return False, "the boat does not answer"
-        return (True, words) if taken else (False, await self._reason(said, words))
+        return bool(answer), words if answer is not Answer.REFUSED else await self._reason(said, words)
 
     def close(self) -> None:
         """Let every browser go, and take no more."""
@@ -128,7 +128,7 @@ class Hub:
         """Return the boat's own words for a refusal where they come soon, `words` where not."""
         texts = self.station.view.texts
         until = self.clock() + REASON_S
-        while self.clock() < until and words.startswith("refused"):
+        while self.clock() < until:
             new = [text.words for text in texts.kept if text.number > said]
             if new:
                 return new[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from enum import Enum
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -24,18 +25,32 @@ TRIES = 4
 WAITING_MOST = 8
 """Orders that wait behind one that is not answered; beyond them the link is as good as gone."""
 CANCELLED = 6
+
+
+class Answer(Enum):
+    """How an order ended; true where it was taken."""
+
+    TAKEN = "taken"
+    REFUSED = "refused: why is told in a text of its own"
+    FAILED = "not carried out"
+    SILENT = "not answered"
+
+    def __bool__(self) -> bool:
+        return self is Answer.TAKEN
+
+
 RESULTS = {
-    dialect.MAV_RESULT_TEMPORARILY_REJECTED: "refused for now",
-    dialect.MAV_RESULT_DENIED: "refused",
-    dialect.MAV_RESULT_UNSUPPORTED: "not known to this pilot",
-    dialect.MAV_RESULT_FAILED: "failed",
-    CANCELLED: "cancelled",
+    dialect.MAV_RESULT_TEMPORARILY_REJECTED: (Answer.REFUSED, "refused for now"),
+    dialect.MAV_RESULT_DENIED: (Answer.REFUSED, "refused"),
+    dialect.MAV_RESULT_UNSUPPORTED: (Answer.FAILED, "not known to this pilot"),
+    dialect.MAV_RESULT_FAILED: (Answer.FAILED, "failed"),
+    CANCELLED: (Answer.FAILED, "cancelled"),
 }
 DONE = (int(dialect.MAV_RESULT_ACCEPTED), int(dialect.MAV_RESULT_IN_PROGRESS))
 NO_ANSWER = "the boat does not answer"
 
-Told = Callable[[bool, str], None]
-"""How an order ended: whether it was taken, and in words."""
+Told = Callable[[Answer, str], None]
+"""How an order ended, and that in words for people."""
 
 
 class Command(NamedTuple):
@@ -111,7 +126,7 @@ class Orders:
     def give(self, commands: Sequence[Command], told: Told) -> None:
         """Give an order; `told` hears once how it ended."""
         if len(self._waiting) >= WAITING_MOST:
-            told(False, NO_ANSWER)
+            told(Answer.SILENT, NO_ANSWER)
             return
         self._waiting.append(_Waiting(tuple(commands), told))
 
@@ -121,7 +136,7 @@ class Orders:
         self._step = self._tries = 0
         self._next = -math.inf
         for each in dropped:
-            each.told(False, "dropped for the release")
+            each.told(Answer.FAILED, "dropped for the release")
 
     def cancel(self, command: int) -> None:
         """End a trial before its time."""
@@ -135,9 +150,9 @@ class Orders:
         if message.command != order.commands[self._step].number:
             return
         if message.result not in DONE:
-            self._end(False, RESULTS.get(message.result, f"result {message.result}"))
+            self._end(*RESULTS.get(message.result, (Answer.FAILED, f"result {message.result}")))
         elif self._step + 1 == len(order.commands):
-            self._end(True, "")
+            self._end(Answer.TAKEN, "")
         else:
             self._step, self._tries, self._next = self._step + 1, 0, -math.inf
 
@@ -148,7 +163,7 @@ class Orders:
         if not self._waiting or now < self._next:
             return messages
         if self._tries >= TRIES:
-            self._end(False, NO_ANSWER)
+            self._end(Answer.SILENT, NO_ANSWER)
             return messages
         command = self._waiting[0].commands[self._step]
         messages.append(command.message(target, self._tries))
@@ -156,8 +171,8 @@ class Orders:
         self._next = now + AGAIN_S
         return messages
 
-    def _end(self, taken: bool, words: str) -> None:
+    def _end(self, answer: Answer, words: str) -> None:
         order = self._waiting.popleft()
         self._step = self._tries = 0
         self._next = -math.inf
-        order.told(taken, words)
+        order.told(answer, words)

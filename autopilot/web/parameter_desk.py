@@ -15,7 +15,7 @@ from autopilot.params.component_metadata import PARAMETERS
 from autopilot.params.download import Download
 from autopilot.params.protocol import Target, parameter_value, set_value
 from autopilot.web.ftp_client import FtpClient
-from autopilot.web.orders import NO_ANSWER, Told
+from autopilot.web.orders import NO_ANSWER, Answer, Told
 
 AGAIN_S, TRIES = 0.5, 4
 DESCRIBED = ("shortDesc", "group", "units", "min", "max", "values", "rebootRequired")
@@ -82,7 +82,7 @@ class ParameterDesk:
         setting = self._settings.popleft()
         self._tries, self._next = 0, -math.inf
         taken = math.isclose(float(answer.value), setting.value, rel_tol=1.0e-6, abs_tol=1.0e-9)
-        setting.told(taken, "" if taken else "refused; the old value stays")
+        setting.told(Answer.TAKEN if taken else Answer.REFUSED, "" if taken else "refused; the old value stays")
 
     def due(self, now: float, target: Target) -> list[Message]:
         """Return what to send at `now` [s]."""
@@ -95,7 +95,7 @@ class ParameterDesk:
         if self._tries >= TRIES:
             self._settings.popleft()
             self._tries, self._next = 0, -math.inf
-            setting.told(False, NO_ANSWER)
+            setting.told(Answer.SILENT, NO_ANSWER)
             return messages
         self._tries += 1
         self._next = now + AGAIN_S

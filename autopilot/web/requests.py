@@ -59,11 +59,13 @@ def _back(station: Station, wish: dict[str, Any]) -> Asked:
 
 
 def _acknowledge(station: Station, wish: dict[str, Any]) -> Asked:
-    def noted(taken: bool, words: str, told: orders.Told) -> None:
+    def noted(answer: orders.Answer, words: str, told: orders.Told) -> None:
+        if answer is orders.Answer.SILENT:
+            told(answer, words)
+            return
         # a recording refuses every order: then it counts here alone
-        if words != orders.NO_ANSWER:
-            station.alarms.acknowledge(is_known_aboard=taken)
-        told(words != orders.NO_ANSWER, "" if words != orders.NO_ANSWER else words)
+        station.alarms.acknowledge(is_known_aboard=bool(answer))
+        told(orders.Answer.TAKEN, "")
 
     def asked(_: float, told: orders.Told) -> None:
         station.orders.give((orders.ACKNOWLEDGE,), lambda taken, words: noted(taken, words, told))
@@ -76,7 +78,10 @@ def _cancel(station: Station, wish: dict[str, Any]) -> Asked:
         trial = station.view.trial
         if trial is not None:
             station.orders.cancel(trial.command)
-        told(trial is not None, "" if trial is not None else "no trial is being sailed")
+        if trial is not None:
+            told(orders.Answer.TAKEN, "")
+        else:
+            told(orders.Answer.FAILED, "no trial is being sailed")
 
     return asked
 

@@ -54,7 +54,7 @@ def test_ten_quick_steps_turn_ten_degrees_and_a_lost_answer_turns_no_further(sea
     assert before is not None
     ends: list[bool] = []
     for _ in range(6):
-        asked_of(sea.station, {"do": "turn", "degrees": 1})(sea.now, lambda taken, _: ends.append(taken))
+        asked_of(sea.station, {"do": "turn", "degrees": 1})(sea.now, lambda taken, _: ends.append(bool(taken)))
     lost = sea.far.receive
     sea.far.receive = lambda: [data for data in lost() if data[7] != dialect.MAVLINK_MSG_ID_COMMAND_ACK]  # type: ignore[method-assign]
     sea.watch(1.2)
@@ -283,10 +283,10 @@ def test_wishes_that_make_no_sense_are_refused_in_words(wish: Any) -> None:
 def test_the_release_goes_before_all_that_waits() -> None:
     orders, ends = Orders(), list[tuple[str, bool]]()
     for name in ("first", "second"):
-        orders.give((Command(400, (1.0,)),), lambda taken, _, name=name: ends.append((name, taken)))  # type: ignore[misc]
+        orders.give((Command(400, (1.0,)),), lambda taken, _, name=name: ends.append((name, bool(taken))))  # type: ignore[misc]
     target = Target(1, 1)
     assert orders.due(0.0, target)[0].param1 == 1.0
-    orders.release(lambda taken, _: ends.append(("release", taken)))
+    orders.release(lambda taken, _: ends.append(("release", bool(taken))))
     assert ends == [("first", False), ("second", False)]
     (message,) = orders.due(0.05, target)
     assert (message.command, message.param2) == (dialect.MAV_CMD_DO_SET_MODE, 0.0)
