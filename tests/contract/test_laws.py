@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.build_laws import law_of
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
-from autopilot.control.pid import INTEGRAL_MAX, PidGains, PidLaw, gains_for
+from autopilot.control.pid import INTEGRAL_MAX, PidGains, PidLaw, PidMemory, feed_forward, gains_for, pid_step
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.params.vessel_file import load_vessel
@@ -217,3 +217,31 @@ def test_at_another_speed_the_same_path_asks_for_the_same_rudder(
     model = at_speed(LANXIN, LANXIN.reference_speed * ratio)
     there = law.update(model, faster, state(heading, rate * ratio), 0.0, DT)
     assert there == pytest.approx(here, rel=1e-9, abs=1e-9)
+
+
+def test_a_pid_in_numbers() -> None:
+    """delta = I - kp z1 - kd (r - r_d) + F, I' = -ki z1 + (told - wanted) ki/max(kp, ki)."""
+    gains, north = PidGains(2.0, 0.5, 3.0), Reference(0.1, 0.02)
+    first, memory = pid_step(gains, PidMemory(0.2), north, 0.4, 0.05, 0.9, 0.1, 0.01)
+    assert memory.integral == pytest.approx(0.2 - 0.5 * 0.3 * 0.1), "nothing was wanted before that could be missed"
+    assert first == memory.wanted == pytest.approx(memory.integral - 2.0 * 0.3 - 3.0 * 0.03 + 0.01)
+    second, after = pid_step(gains, memory, north, 0.4, 0.05, first + 0.4, 0.1, 0.01)
+    assert after.integral == pytest.approx(memory.integral - 0.5 * 0.3 * 0.1 + 0.1 * (0.5 / 2.0) * 0.4)
+    assert second == after.wanted
+    _, strong = pid_step(PidGains(0.1, 0.5), PidMemory(0.0, 0.0), Reference(0.0), 0.0, 0.0, 0.3, 0.1)
+    assert strong.integral == pytest.approx(0.1 * 0.3), "an integrator stronger than kp is led back in a second"
+    _, none = pid_step(PidGains(2.0), PidMemory(0.2, 0.5), north, 0.4, 0.0, 0.0, 0.1)
+    assert none.integral == 0.2
+    for side in (-1.0, 1.0):
+        _, most = pid_step(gains, PidMemory(0.0), Reference(0.0), -side * 3.0, 0.0, 0.0, 60.0)
+        assert most.integral == side * 1.0
+    _, at_once = pid_step(gains, PidMemory(0.0, 0.1), Reference(0.0), 0.0, 0.0, 0.4, 99.0)
+    assert at_once.integral == pytest.approx(0.3), "no step leads it further than all the way"
+
+
+def test_the_feed_forward_is_the_rudder_of_the_turn_less_that_of_a_straight_course() -> None:
+    model = LANXIN._replace(n0=0.05)
+    turn = Reference(0.0, 0.2, 0.1)
+    steady = model.n1 * 0.2 + model.n2 * 0.04 + model.n3 * 0.008
+    assert feed_forward(model, turn) == pytest.approx((model.time_constant * 0.1 + steady) / model.gain)
+    assert feed_forward(model, Reference(1.0)) == 0.0

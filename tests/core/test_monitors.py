@@ -13,7 +13,7 @@ from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.monitors import AlarmLimits, Monitors, Watched
 from autopilot.monitors.heading import JumpingHeading
-from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample
+from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample, WindSample
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
 LIMITS = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0, roll=math.radians(40.0))
@@ -414,3 +414,73 @@ def test_another_compass_that_shows_another_heading_has_not_jumped() -> None:
         monitor.hear(HeadingSample(0.1 * tick, 1.0 if tick > 20 else 0.0, None, "b" if tick > 20 else "a"), 0.3)
         found = found or monitor.found(watched(0.1 * tick, 0.0))
     assert found == ""
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_surprise_that_lasts_for_twenty_seconds_is_said_in_its_first_number(side: float) -> None:
+    monitors = Monitors(LIMITS._replace(innovation=3.0))
+
+    def look(now: float, surprise: float, **change: bool) -> str:
+        monitors.look(BOAT, watched(now, 0.0)._replace(surprise=side * surprise, **change))
+        return monitors.findings.get("innovation", "")
+
+    assert [look(now, 3.1) for now in (1.0, 10.0, 20.75)] == ["", "", ""]
+    first = look(21.0, 3.1)
+    assert "3.1 standard deviations" in first
+    assert look(22.0, 9.0) == first
+    assert look(23.0, 3.0) == "", "at the limit it is over"
+    assert [look(now, 4.0) for now in (24.0, 43.75)] == ["", ""]
+    assert "4.0" in look(44.0, 4.0)
+    assert look(45.0, 4.0, has_way=False) == ""
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_heel_is_said_after_two_seconds_and_anew_with_ten_degrees_more(side: float) -> None:
+    monitors = Monitors(LIMITS)
+
+    def heel(now: float, degrees: float) -> str:
+        monitors.hear((RollSample(now, side * math.radians(degrees)),))
+        monitors.look(BOAT, watched(now, 0.0))
+        return monitors.findings.get("roll", "")
+
+    assert [heel(now, 40.5) for now in (0.0, 1.0, 1.75)] == ["", "", ""]
+    assert heel(2.0, 41.0).startswith("heeling 41 deg")
+    assert heel(2.5, 50.75).startswith("heeling 41 deg"), "less than ten degrees more"
+    assert heel(3.0, 51.25).startswith("heeling 51 deg")
+    assert heel(3.5, 42.0).startswith("heeling 51 deg")
+    assert heel(4.0, 39.75) == ""
+    assert heel(5.0, 45.0) == "", "it begins anew"
+
+
+@pytest.mark.parametrize(("age", "is_said"), [(5.0, False), (5.25, True)])
+def test_a_wind_that_is_wanted_and_not_heard_for_five_seconds_is_said(age: float, is_said: bool) -> None:
+    for is_wanted in (True, False):
+        monitors = Monitors(LIMITS._replace(wind_wanted=is_wanted))
+        monitors.look(BOAT, watched(0.0, 0.0))
+        assert ("no_wind" in monitors.findings) is is_wanted, "never heard"
+        monitors.hear((WindSample(1.0, 0.5, 6.0),))
+        monitors.look(BOAT, watched(1.0 + age, 0.0))
+        assert ("no_wind" in monitors.findings) is (is_wanted and is_said)
+
+
+def test_what_waits_for_way_and_speeds_that_no_stream_explains_are_said_while_they_are() -> None:
+    monitors = Monitors(LIMITS)
+    for change, name in (({"waits": True}, "low_speed"), ({"speeds_apart": 0.1}, "speeds_disagree")):
+        monitors.look(BOAT, watched(0.0, 0.0)._replace(**change))  # type: ignore[arg-type]
+        assert monitors.findings.keys() == {name} and monitors.trouble == ""
+        monitors.look(BOAT, watched(0.1, 0.0))
+        assert monitors.findings == {}
+
+
+def test_a_reset_forgets_whatever_was_found() -> None:
+    monitors = Monitors(LIMITS._replace(innovation=3.0, wind_wanted=False))
+    monitors.hear((ConditionSample(0.0, "battery_low", True, "11 %", "vehicle"),))
+    for tick in range(300):
+        now = 0.1 * tick
+        monitors.hear((RollSample(now, 1.0), HeadingSample(now, math.radians(25.0), 0.0)))
+        monitors.look(BOAT, watched(now, math.radians(25.0))._replace(surprise=4.0))
+    assert monitors.findings.keys() >= {"battery_low", "roll", "innovation", "off_course"}
+    monitors.reset()
+    assert (monitors.findings, monitors.softer, monitors.trouble, monitors.alarms()) == ({}, 1.0, "", ())
+    monitors.look(BOAT, watched(30.1, math.radians(25.0))._replace(surprise=4.0))
+    assert monitors.findings == {}

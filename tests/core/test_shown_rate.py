@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from autopilot.control.rudder_roll import PROOF, SETTLE, UNPROVEN, Proof, proof_step
-from autopilot.control.shown_rate import RATE_UNSEEN, seen
+from autopilot.control.shown_rate import RATE_UNSEEN, ShownRate, seen
 from autopilot.models.steering_gear import SteeringGear, gear_step
 
 FILED = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)
@@ -61,3 +61,51 @@ def test_a_law_under_which_the_roll_has_fallen_stays(under: float) -> None:
     proof = proven(0.1, under)
     assert proof.failures == 0
     assert proof.barred == 0.0
+
+
+def window(
+    travel_deg: float, order_deg: float, known: float = math.inf, steps: int = 5, gear: SteeringGear = FILED
+) -> ShownRate:
+    """What is known after a window, that of its first look with it, in which the rudder moved so far from amidships."""
+    shown, dt = ShownRate(known), 0.1
+    for step in range(steps + 1):
+        shown = seen(shown, gear, math.radians(travel_deg) * step / 5, math.radians(order_deg), dt)
+    return shown
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("travel_deg", "rate_deg_s"), [(5.1, math.inf), (4.9, 4.9 / 0.6), (1.2, 2.0), (0.12, 0.5), (0.0, math.inf)]
+)
+def test_a_rudder_that_falls_five_degrees_behind_its_file_within_a_window_is_slow(
+    side: float, travel_deg: float, rate_deg_s: float
+) -> None:
+    """The file's gear makes 10 deg meanwhile; one that stands is another matter, and so is one that goes astray."""
+    found = window(side * travel_deg, side * 30.0)
+    share = 20.0 + 0.1 * (rate_deg_s - 20.0)
+    assert math.degrees(found.rate) == pytest.approx(share), "a tenth of the way from the file's 20 deg/s"
+    assert (found.since, found.begin) == (0.1, found.filed), "a new window has begun"
+    assert found.begin == pytest.approx(side * math.radians(travel_deg))
+    assert window(-side * travel_deg, side * 30.0).rate == math.inf
+
+
+def test_nothing_is_judged_before_the_window_is_over() -> None:
+    for steps in range(5):
+        found = window(0.5, 30.0, steps=steps)
+        assert (found.rate, found.begin) == (math.inf, 0.0) and found.since == pytest.approx(0.1 * (steps + 1))
+
+
+def test_a_window_counts_a_tenth_once_a_rate_is_known_and_a_faster_one_always() -> None:
+    known = math.radians(4.0)
+    assert window(1.2, 30.0, known).rate == pytest.approx(known + 0.1 * (math.radians(2.0) - known))
+    assert window(4.8, 30.0, known).rate == pytest.approx(known + 0.1 * (math.radians(8.0) - known))
+    assert window(2.3, 2.4, known).rate == known, "a small order is done with in time"
+    quick = math.radians(19.9)
+    assert window(60.0, 30.0, quick).rate == pytest.approx(math.radians(20.0)), "never above the file's"
+    assert window(0.06, 30.0, known).rate == pytest.approx(known + 0.1 * (math.radians(0.5) - known)), "0.5 deg/s"
+
+
+def test_where_the_file_knows_no_rate_the_first_window_s_counts() -> None:
+    unlimited = FILED._replace(rate_max=math.inf)
+    assert math.degrees(window(1.2, 30.0, gear=unlimited).rate) == pytest.approx(2.0)
+    assert window(-1.2, 30.0, gear=unlimited).rate == math.inf

@@ -86,3 +86,26 @@ def test_a_steady_turn_is_told_alike_at_any_pace(step: float) -> None:
     assert turns.heading == pytest.approx(0.1 * 2.0, rel=0.5 * step)
     assert turns.apart == pytest.approx(0.2 * 5.0, rel=0.2 * step + 0.02)
     assert are_opposite(turns)
+
+
+def test_turns_fade_with_their_times_and_a_rate_that_cannot_be_counts_as_half_a_turn() -> None:
+    """apart over 5 s, each turn over 2 s, their squares over 4 s."""
+    once = turns_told(NO_TURNS, 0.2, -0.1, 0.0)
+    assert once[:3] == pytest.approx((0.3, 0.2, -0.1)) and once[3:] == (0.0, 0.0)
+    later = turns_told(once, 0.0, 0.0, 1.0)
+    assert later.apart == pytest.approx(0.3 * math.exp(-1.0 / 5.0))
+    assert (later.heading, later.rate) == pytest.approx((0.2 * math.exp(-0.5), -0.1 * math.exp(-0.5)))
+    share = 1.0 - math.exp(-1.0 / 4.0)
+    assert later.difference == pytest.approx(share * (0.3 * math.exp(-0.5)) ** 2)
+    assert later.sum == pytest.approx(share * (0.1 * math.exp(-0.5)) ** 2)
+    faded = turns_told(Turns(0.0, 0.0, 0.0, 1.0, 2.0), 0.0, 0.0, 4.0)
+    assert (faded.difference, faded.sum) == pytest.approx((math.exp(-1.0), 2.0 * math.exp(-1.0)))
+    assert turns_told(NO_TURNS, 0.0, 99.0, 0.1).rate == math.pi == -turns_told(NO_TURNS, 0.0, -99.0, 0.1).rate
+
+
+@pytest.mark.parametrize(("more", "holds"), [(0.99, False), (1.01, True)])
+@pytest.mark.parametrize("other", [0.0, 0.001, 0.1])
+def test_opposite_is_four_times_the_other_and_two_degrees_squared_more(more: float, holds: bool, other: float) -> None:
+    size = (4.0 * other + math.radians(2.0) ** 2) * more
+    assert are_opposite(Turns(0.0, 0.0, 0.0, size, other)) is holds
+    assert are_alike(Turns(0.0, 0.0, 0.0, other, size)) is holds

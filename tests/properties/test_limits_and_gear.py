@@ -60,3 +60,33 @@ def test_the_delay_line_gives_each_order_its_time() -> None:
     assert line.effective(10.0) == 0.0
     with pytest.raises(ValueError, match="finite"):
         DelayLine(math.inf)
+
+
+@pytest.mark.parametrize(
+    ("previous", "demand", "dt", "command"),
+    [
+        (0.0, 1.0, 0.5, 0.125),
+        (0.0, -1.0, 0.5, -0.125),
+        (0.25, 0.3, 0.5, 0.3),
+        (0.5, 2.0, 9.0, 0.5),
+        (-0.5, -2.0, 9.0, -0.5),
+        (0.25, 1.0, 0.0, 0.25),
+        (0.25, 1.0, -1.0, 0.25),
+        (0.25, math.nan, 1.0, 0.25),
+        (0.25, math.inf, 1.0, 0.25),
+        (0.25, -math.inf, 1.0, 0.25),
+        (2.0, 2.0, 0.1, 0.5),
+        (-2.0, 0.0, 0.1, -0.5),
+    ],
+)
+def test_a_demand_is_held_to_angle_and_rate_in_numbers(
+    previous: float, demand: float, dt: float, command: float
+) -> None:
+    """0.5 rad each side, a quarter rad/s; what is not finite keeps the rudder where it was told to be."""
+    assert limit(RudderLimits(0.5, 0.25), previous, demand, dt) == pytest.approx(command, abs=1e-15)
+
+
+def test_a_rudder_of_unlimited_rate_is_anywhere_at_once() -> None:
+    for dt in (0.0, 0.1):
+        assert limit(RudderLimits(0.5, math.inf), -0.5, 0.4, dt) == 0.4
+        assert limit(RudderLimits(0.5, math.inf), -0.5, 4.0, dt) == 0.5
