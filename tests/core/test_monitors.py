@@ -416,13 +416,18 @@ def test_another_compass_that_shows_another_heading_has_not_jumped() -> None:
     assert found == ""
 
 
+def said(monitors: Monitors, name: str) -> str:
+    """The sentence of an alarm by its name, empty where it is none."""
+    return next(iter(sentences_of(tuple(event for event in monitors.findings.values() if event.name == name))), "")
+
+
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_surprise_that_lasts_for_twenty_seconds_is_said_in_its_first_number(side: float) -> None:
     monitors = Monitors(LIMITS._replace(innovation=3.0))
 
     def look(now: float, surprise: float, **change: bool) -> str:
         monitors.look(BOAT, watched(now, 0.0)._replace(surprise=side * surprise, **change))
-        return monitors.findings.get("innovation", "")
+        return said(monitors, "innovation")
 
     assert [look(now, 3.1) for now in (1.0, 10.0, 20.75)] == ["", "", ""]
     first = look(21.0, 3.1)
@@ -441,7 +446,7 @@ def test_heel_is_said_after_two_seconds_and_anew_with_ten_degrees_more(side: flo
     def heel(now: float, degrees: float) -> str:
         monitors.hear((RollSample(now, side * math.radians(degrees)),))
         monitors.look(BOAT, watched(now, 0.0))
-        return monitors.findings.get("roll", "")
+        return said(monitors, "roll")
 
     assert [heel(now, 40.5) for now in (0.0, 1.0, 1.75)] == ["", "", ""]
     assert heel(2.0, 41.0).startswith("heeling 41 deg")
@@ -467,7 +472,7 @@ def test_what_waits_for_way_and_speeds_that_no_stream_explains_are_said_while_th
     monitors = Monitors(LIMITS)
     for change, name in (({"waits": True}, "low_speed"), ({"speeds_apart": 0.1}, "speeds_disagree")):
         monitors.look(BOAT, watched(0.0, 0.0)._replace(**change))  # type: ignore[arg-type]
-        assert monitors.findings.keys() == {name} and monitors.trouble == ""
+        assert monitors.findings.keys() == {name} and monitors.trouble is None
         monitors.look(BOAT, watched(0.1, 0.0))
         assert monitors.findings == {}
 
@@ -481,6 +486,6 @@ def test_a_reset_forgets_whatever_was_found() -> None:
         monitors.look(BOAT, watched(now, math.radians(25.0))._replace(surprise=4.0))
     assert monitors.findings.keys() >= {"battery_low", "roll", "innovation", "off_course"}
     monitors.reset()
-    assert (monitors.findings, monitors.softer, monitors.trouble, monitors.alarms()) == ({}, 1.0, "", ())
+    assert (monitors.findings, monitors.softer, monitors.trouble, monitors.alarms()) == ({}, 1.0, None, ())
     monitors.look(BOAT, watched(30.1, math.radians(25.0))._replace(surprise=4.0))
     assert monitors.findings == {}

@@ -622,6 +622,13 @@ def test_an_interface_is_an_address_to_listen_at() -> None:
         resolve("udpin:x", "no such host", 9, socket.SOCK_DGRAM, False)
     with pytest.raises(LinkError, match="host 'lo' is not known"):
         resolve("udpout:x", "lo", 9, socket.SOCK_DGRAM, False)
+    for kind in (TcpServerTransport, UdpInTransport):
+        listening = kind("x", "lo", 0)
+        assert listening.port > 0
+        listening.close()
+    for calling in (lambda: TcpClientTransport("x", "lo", 9), lambda: UdpOutTransport("x", "lo", 9)):
+        with pytest.raises(LinkError, match="host 'lo' is not known"):
+            calling()
 
 
 # in memory
