@@ -116,6 +116,9 @@ EXPLAINED: dict[tuple[str, str], str] = {
     ("core/NumberReplacer", "blank = dict(vars(kind(*[ -1] * len(kind.fieldnames))))"): (
         "what is read is written over every field"
     ),
+    ("core/NumberReplacer", "body = frame[:2] + bytes([frame[ 3] | SIGNED]) + frame[3:-2]"): (
+        "a frame that we are to sign has no flags yet, neither of the one kind nor of the other"
+    ),
     (
         "core/ReplaceComparisonOperator_Gt_NotEq",
         "read = attrgetter(*names) if len(names) != 1 else lambda message: (getattr(message, names[0]),)",
