@@ -296,7 +296,7 @@ _MOTION = [
         _LET_GO,
         _CRITICAL,
         _PILOT,
-        "300 deg away from the heading ordered, on balance; 390 deg where that was more than 150 deg off",
+        "390 deg away from the heading ordered, on balance; 300 deg where the speed is doubted",
     ),
     AlarmKind(
         "too_quick",

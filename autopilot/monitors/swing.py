@@ -42,9 +42,9 @@ PAUSE = (10.0, 15.0)
 """A sweep that comes later than this [s] and so many time constants after the one before begins the count anew."""
 NEW_COURSE = math.radians(5.0)
 """An order that differs by this [rad] begins a turn: what came before is forgotten."""
-CIRCLES, BEHIND = math.radians(300.0), math.radians(150.0)
-"""Turned this far [rad] away from the heading ordered, on balance; a heading that is ordered further behind than the
-second [rad] may be reached the other way round, and a quarter turn more is borne."""
+CIRCLES, CIRCLES_DOUBTED, BEHIND = math.radians(390.0), math.radians(300.0), math.radians(150.0)
+"""Turned this far [rad] away from the heading ordered, on balance; less where the speed has been doubted, but for a
+heading that is ordered further behind than the third [rad]: it may be reached the other way round."""
 SETTLED = math.radians(10.0)
 SETTLED_TIME = 4.0
 """A boat within this [rad] of its course for this time [s], or for so many time constants if that is longer, has not
@@ -161,24 +161,24 @@ class Circles:
     def reset(self) -> None:
         """Forget everything."""
         self._last: tuple[float, float] | None = None
-        self._off, self._most = 0.0, CIRCLES
+        self._off, self._begun = 0.0, 0.0
         self._since = math.nan
 
-    def goes_round(self, model: Norrbin, watched: Watched) -> bool:
-        """Return whether it has gone round and round."""
+    def goes_round(self, model: Norrbin, watched: Watched, *, is_doubted: bool = False) -> bool:
+        """Return whether it has gone round and round; is_doubted: whether its speed is."""
         heading, wanted = watched.state.heading, watched.wanted
         if not watched.follows:
             self.reset()
             return False
         if self._last is None or abs(shortest_turn(self._last[1], wanted)) > NEW_COURSE:
             self._off = shortest_turn(wanted, heading)
-            self._most = CIRCLES if abs(self._off) < BEHIND else CIRCLES + 0.5 * math.pi
+            self._begun = abs(self._off)
         elif abs(watched.push) <= watched.angle_max or reads_low(model, watched):
             # what is pushed round by more than its rudder is not steered round
             self._off += shortest_turn(self._last[0], heading) - shortest_turn(self._last[1], wanted)
         self._last = heading, wanted
         self._settle(model, watched)
-        return abs(self._off) > self._most
+        return abs(self._off) > (CIRCLES_DOUBTED if is_doubted and self._begun < BEHIND else CIRCLES)
 
     def _settle(self, model: Norrbin, watched: Watched) -> None:
         near = shortest_turn(watched.wanted, watched.state.heading)

@@ -239,7 +239,7 @@ class Monitors:
         if fast or (self.softer >= SOFTEST and self._spinning.rushes):
             turning = f"turning at {math.degrees(abs(self._spinning.rate)):.0f} deg/s"
             found["too_quick"] = AlarmEvent("too_quick", turning)
-        if self._circles.goes_round(model, watched):
+        if self._circles.goes_round(model, watched, is_doubted=self.doubts_speed):
             found["circling"] = AlarmEvent("circling")
         if watched.speeds_apart > 0.0:
             found["speeds_disagree"] = AlarmEvent("speeds_disagree")

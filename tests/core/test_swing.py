@@ -94,8 +94,8 @@ def circled(turned: float, side: float, **change: float) -> bool:
 
 
 @SIDES
-def test_300_degrees_are_going_round(side: float) -> None:
-    assert math.degrees(CIRCLES) == pytest.approx(300.0)
+def test_a_whole_turn_and_30_degrees_are_going_round(side: float) -> None:
+    assert math.degrees(CIRCLES) == pytest.approx(390.0)
     assert circled(1.01 * CIRCLES, side)
     assert not circled(0.99 * CIRCLES, side)
     assert circled(1.01 * CIRCLES, side, push=STOP)
