@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from autopilot.alarms import APART, AT_STOP, CATALOGUE, FAILED, OVERRIDDEN, RECORDED
+from autopilot.alarms import APART, AT_STOP, CATALOGUE, FAILED, OVERRIDDEN, VERBATIM
 from autopilot.signals import AlarmEvent
 
 UNHEARD = "NOT ACKNOWLEDGED: "
@@ -20,9 +20,9 @@ FORMS = {
         "and variation"
     ),
     FAILED: "{text}: {detail}; restart the one that failed, and compare both with a bearing",
-    RECORDED: "{detail}",
+    VERBATIM: "{detail}",
 }
-"""The sentences beside an alarm's own. RECORDED: an older log holds the sentence, whole."""
+"""The sentences beside an alarm's own."""
 
 
 def sentence_of(event: AlarmEvent) -> str:

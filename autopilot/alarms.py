@@ -45,9 +45,9 @@ class Watcher(Enum):
     VEHICLE = "the vehicle, in SYS_STATUS, BATTERY_STATUS or STATUSTEXT"
 
 
-OVERRIDDEN, AT_STOP, APART, FAILED, RECORDED = "overridden", "at_stop", "apart", "failed", "recorded"
+OVERRIDDEN, AT_STOP, APART, FAILED, VERBATIM = "overridden", "at_stop", "apart", "failed", "verbatim"
 """Forms of an `AlarmEvent`: the helm is taken; off course, hard over; compasses far apart, one that has failed; and
-what older logs hold, a sentence."""
+the detail as it stands, where that is the whole sentence."""
 OTHER = "other"
 """The kind of what has none: no more than its words is known."""
 PLAIN = "{text}{bracketed}: {remedy}"
@@ -421,7 +421,6 @@ _OWN = [
         _WARNING,
         _LOOP,
         "a write to the log fails (said in the words of what failed)",
-        sentence="{detail}",
     ),
 ]
 

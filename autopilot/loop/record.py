@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.alarms import VERBATIM
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MavlinkCodec, frame_length, message_id
 from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
@@ -72,7 +73,7 @@ class Recorder:
     @property
     def alarm(self) -> AlarmEvent | None:
         """The same, for whoever brings it to the skipper."""
-        return AlarmEvent("disk_full", self.failed) if self.failed else None
+        return AlarmEvent("disk_full", self.failed, VERBATIM) if self.failed else None
 
     @property
     def path(self) -> Path:

@@ -15,7 +15,7 @@ import struct
 from typing import Any
 
 from autopilot.alarm_words import FORMS, UNHEARD
-from autopilot.alarms import CATALOGUE, OTHER, RECORDED
+from autopilot.alarms import CATALOGUE, OTHER, VERBATIM
 from autopilot.errors import InputError
 from autopilot.signals import (
     AcknowledgeSample,
@@ -321,7 +321,7 @@ def _event_of(sentence: str) -> AlarmEvent:
     """Return the alarm that a sentence of an older log is of, by how it begins; the sentence stays as it was."""
     said = sentence.removeprefix(UNHEARD)
     name = next((name for name, kind in CATALOGUE.items() if said.startswith(kind.text)), OTHER)
-    return AlarmEvent(name, said, RECORDED, is_escalated=said != sentence)
+    return AlarmEvent(name, said, VERBATIM, is_escalated=said != sentence)
 
 
 _ABSENT = struct.pack("<Q", 0x7FF8_4E4F_4E45_0000)

@@ -14,13 +14,19 @@ from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
 from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import EVENTS
-from autopilot.signals import HelmCause, Mode, Order, OrderKind, Sample, Tick, WindSample
+from autopilot.signals import AlarmEvent, HelmCause, Mode, Order, OrderKind, Sample, Tick, WindSample
 
 BOAT = load_vessel("lanxin")
 VESSEL = replace(BOAT, failsafe=replace(BOAT.failsafe, action="windward"))
 NORTH = Order(OrderKind.HEADING, 0.0, serial=1)
-VALUES: dict[str, Any] = {"ordered": False, "over_ground": False, "available": False, "present": True}
-VALUES |= {"text": "a", "name": "shallow", "cause": HelmCause.TAKEN}
+VALUES: dict[str, Any] = {
+    "event": AlarmEvent("battery_low"),
+    "ordered": False,
+    "over_ground": False,
+    "available": False,
+    "present": True,
+}
+VALUES |= {"name": "shallow", "cause": HelmCause.TAKEN}
 ODD_STEP = 30
 TYPES = get_args(Sample)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from plant import Plant
 
 from autopilot.alarm_words import FORMS, UNHEARD, sentence_of
-from autopilot.alarms import CATALOGUE, OTHER, RECORDED
+from autopilot.alarms import CATALOGUE, OTHER, VERBATIM
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
 from autopilot.errors import InputError
@@ -316,7 +316,7 @@ def old_tick(tick: Tick) -> Tick:
 
 def with_sentences(tick: Tick) -> Tick:
     """A tick as it comes out of a log that holds its alarms as sentences, here of no kind that is known."""
-    alarms = tuple(AlarmEvent(OTHER, f"x {event.detail}", RECORDED) for event in tick.alarms)
+    alarms = tuple(AlarmEvent(OTHER, f"x {event.detail}", VERBATIM) for event in tick.alarms)
     return tick._replace(command=tick.command._replace(time=tick.now), alarms=alarms)
 
 
@@ -350,7 +350,7 @@ def test_a_sentence_of_an_older_log_is_the_alarm_that_it_begins_like(name: str) 
     for before, is_escalated in (("", False), (UNHEARD, True)):
         record = bytes([TICK_BEFORE_ACKNOWLEDGING]) + bare + bytes([len(before + told)]) + (before + told).encode()
         (alarm,) = decode_tick(record).alarms
-        assert alarm == AlarmEvent(name, told, RECORDED, is_escalated=is_escalated)
+        assert alarm == AlarmEvent(name, told, VERBATIM, is_escalated=is_escalated)
         assert sentence_of(alarm) == before + told
 
 
@@ -362,7 +362,7 @@ def test_an_alarm_sample_of_an_older_log_is_read_by_its_sentence() -> None:
     record = encode_tick(tick)
     was = bytes([11]) + struct.pack("<dd", 1.0, 0.0)
     told = "two compasses disagree by 20 deg: HC 010.0, HE 030.0; compare with a bearing"
-    for sentence, event in (("", None), (told, AlarmEvent("heading_disagrees", told, RECORDED))):
+    for sentence, event in (("", None), (told, AlarmEvent("heading_disagrees", told, VERBATIM))):
         old = bytes([6]) + struct.pack("<dd", 1.0, 0.0) + bytes([len(sentence)]) + sentence.encode()
         assert record.count(was) == 1
         assert decode_tick(record.replace(was, old)).samples == (sample._replace(event=event),)
