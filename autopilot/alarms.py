@@ -464,6 +464,17 @@ _OUTSIDE = [
         "failsafe.reengage_after_reboot",
     ),
     AlarmKind(
+        "stood_still",
+        "this computer stood still",
+        "steer by hand, find out what stopped it, and order the course again",
+        Response.OVERRIDE,
+        _CRITICAL,
+        _LINK,
+        "no order left for longer than the vehicle waits for one (RC_OVERRIDE_TIME, 3 s in GUIDED); on other rudder "
+        "drives for longer than the file's time and three control periods",
+        "failsafe.heading_timeout_s",
+    ),
+    AlarmKind(
         "link_flooded",
         "more comes in over a link than can be read",
         "find out who sends so much, and take them off the line",

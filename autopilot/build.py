@@ -270,7 +270,9 @@ def roll_damping_of(vessel: Vessel) -> RollDamping | None:
 
 
 def follow_of(vessel: Vessel) -> FollowSettings:
-    """Return how closely the vessel's rudder must follow its orders."""
+    """Return how closely the vessel's rudder must follow its orders, and how long it may be left without one."""
     rudder = vessel.rudder
     tolerance = math.radians(rudder.follow_tolerance_deg)
-    return FollowSettings(tolerance, radians_or_unlimited(rudder.rate_max_deg_s), rudder.delay_s + rudder.lag_s)
+    patience = max(vessel.failsafe.heading_timeout_s, LATE_PERIODS / vessel.control.rate_hz)
+    rate = radians_or_unlimited(rudder.rate_max_deg_s)
+    return FollowSettings(tolerance, rate, rudder.delay_s + rudder.lag_s, patience)

@@ -31,6 +31,7 @@ from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.router import Router
 from autopilot.links.router_links import ForwardLink, RoutedTransport, budget_for
+from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.signing import LinkSigning, Signing
 from autopilot.links.transports.sockets import Network, network_of
 from autopilot.links.url import LinkUrl, open_transport, parse_url
@@ -55,6 +56,12 @@ def priority_of(vessel: Vessel) -> PrioritySettings:
     )
 
 
+def _follow_on(vessel: Vessel, url: LinkUrl) -> FollowSettings:
+    """Return what is asked of the rudder on a link: one that carries no orders may be left without for any time."""
+    follow = follow_of(vessel)
+    return follow if url.options.steers else follow._replace(patience=math.inf)
+
+
 def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
     """Return how to read and steer the vessel on an NMEA link."""
     sensors = vessel.sensors
@@ -64,7 +71,7 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
         variation=None if sensors.variation_deg is None else math.radians(sensors.variation_deg),
         deviation=tuple((math.radians(at), math.radians(deviation)) for at, deviation in sensors.deviation_deg),
         steers=url.options.steers,
-        follow=follow_of(vessel),
+        follow=_follow_on(vessel, url),
         sends=url.options.sends,
         talker=url.options.talker,
         magnetic=sensors.magnetic,
@@ -78,7 +85,7 @@ def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
         heading_latency=vessel.sensors.heading_latency_s,
         variation=None if variation is None else math.radians(variation),
         steers=url.options.steers,
-        follow=follow_of(vessel),
+        follow=_follow_on(vessel, url),
         magnetic=vessel.sensors.magnetic,
     )
 

@@ -29,6 +29,7 @@ from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
     ConditionSample,
+    HelmCause,
     HelmSample,
     Mode,
     NavState,
@@ -329,6 +330,8 @@ class Pilot:
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
         self.monitors.hear(samples)
+        if any(isinstance(sample, HelmSample) and sample.cause is HelmCause.STOOD_STILL for sample in samples):
+            self.monitors.forget_past()
         if self.config.failsafe.action in STEERING_ACTIONS:
             # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
             self._failsafe.hear(samples, takes_rates=not self.monitors.rate_is_reversed)

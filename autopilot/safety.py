@@ -347,6 +347,7 @@ TAKEN_BY = {
     HelmCause.SILENT: LINK_SILENT,
     HelmCause.RADIO_LOST: "radio_lost",
     HelmCause.UNPROVEN: "human_override",
+    HelmCause.STOOD_STILL: "stood_still",
 }
 """The alarm that each cause of a lost helm is."""
 

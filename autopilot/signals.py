@@ -67,6 +67,8 @@ class HelmCause(IntEnum):
     RADIO_LOST = 3
     UNPROVEN = 4
     """Nobody has it: whether it can be had is found out when an order to engage waits."""
+    STOOD_STILL = 5
+    """No order left for longer than vehicle or drive waits for one: our own process, or its computer, stood still."""
 
 
 class HelmSample(NamedTuple):

@@ -87,6 +87,9 @@ class HelmWatch:
         self._sticks: dict[int, int] = {}
         self.cause = HelmCause.TAKEN
         """What kind the reason given last is of."""
+        self.stood_still = 0.0
+        """For how long [s] no command left while we steered, where the vehicle has let go meanwhile; whoever sees to it
+        that we steer no more sets it back to 0."""
         self.radio = ""
         """Why the radio counts as lost; empty while it does not."""
         self.switched_off = False
@@ -125,6 +128,16 @@ class HelmWatch:
         self.system_state = 0
         self._sent.clear()
         self.misfit = self.radio = ""
+
+    def look_back(self, now: float, patience: float) -> None:
+        """Notice that no command left for longer than `patience` [s], after which the vehicle lets go.
+
+        Called before what piled up meanwhile is read: reports of a rudder that is not ours accuse nobody.
+        """
+        gap = now - self._last_command
+        if self._sent and gap > patience:
+            self.stood_still = gap
+            self._sent.clear()
 
     def released(self) -> None:
         """Take note that we no longer steer."""
@@ -205,6 +218,9 @@ class HelmWatch:
     def reason(self, now: float, parameters: VehicleParameters, system: int) -> str:
         """Return why the vehicle does not let `system` steer at `now` [s], empty when it does; `cause` is of it."""
         self.cause = HelmCause.TAKEN
+        if self.stood_still:
+            self.cause = HelmCause.STOOD_STILL
+            return f"this computer stood still for {self.stood_still:.1f} s: the vehicle has taken the rudder back"
         if self.obstacle:
             return self.obstacle
         silence = now - self.heartbeat_time

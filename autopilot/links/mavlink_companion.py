@@ -24,7 +24,7 @@ from autopilot.links.companion_messages import (
     station_heartbeat,
 )
 from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.guided_targets import GuidedTargets
+from autopilot.links.guided_targets import TIMEOUT_S, GuidedTargets
 from autopilot.links.hand_back import HandBack
 from autopilot.links.helm_probe import Stage
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
@@ -51,6 +51,8 @@ PACKETS_KEPT = 20000
 RELEASE_AGAIN_S = 0.2
 OVERRIDE_TIME_S = 3.0
 """RC_OVERRIDE_TIME where the vehicle has not told it."""
+UNHEARD_S = 1.0
+"""Not looked at for longer, the line may hold messages that are as old: as far as the vehicle's clock may go back."""
 WITHOUT_RECEIVER = (
     "the rudder was ordered amidships first, where it stays: without a radio receiver the flight controller keeps "
     "the last input"
@@ -164,6 +166,7 @@ class CompanionLink:
         self._helm: HelmSample | None = None
         self._reason = self._watch.obstacle
         self._judge_at = -math.inf
+        self._looked_at = math.inf
         self._may_prove = False
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._noted: dict[str, AlarmEvent | None] = {}
@@ -200,6 +203,10 @@ class CompanionLink:
         A HelmSample comes first, whenever our right to steer or the reason against it has changed, and again
         with every heartbeat of the vehicle.
         """
+        if now - self._looked_at > UNHEARD_S:
+            self._reader.unheard()
+        self._looked_at = now
+        self._watch.look_back(now, self._patience())
         samples: list[Sample] = []
         heard, beat = self._watch.heard_time, self._watch.heartbeat_time
         news = now >= self._judge_at
@@ -238,6 +245,8 @@ class CompanionLink:
 
         LinkError when the transport is gone. A vehicle that steers itself is sent nothing here: see `show`.
         """
+        if not command.engaged:
+            self._watch.stood_still = 0.0
         if self._probe.under_way or self._guided is not None:
             return
         message = None
@@ -351,6 +360,14 @@ class CompanionLink:
         self._release.asked(now)
         for message in self._output.release_burst():
             self._transmit(now, message, self._steering_codec)
+
+    def _patience(self) -> float:
+        """Return after how long [s] without an order the vehicle lets go; where it never does, as long as by default:
+        by then nobody has looked after the rudder for too long."""
+        if self._guided is not None:
+            return TIMEOUT_S
+        override_time = self._reader.parameters.get(OVERRIDE_TIME)
+        return override_time if override_time is not None and override_time > 0.0 else OVERRIDE_TIME_S
 
     def _is_held(self, now: float) -> bool:
         override_time = self._reader.parameters.get(OVERRIDE_TIME)

@@ -138,7 +138,7 @@ class N2kLink:
         reason = self._follow.reason(now)
         if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
-            samples.append(HelmSample(now, not reason, reason, self.name))
+            samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
         return samples
 
     def _take(self, now: float, frame: Any, samples: list[Sample]) -> None:

@@ -144,7 +144,7 @@ class NmeaLink:
         reason = self._follow.reason(now)
         if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
-            samples.append(HelmSample(now, not reason, reason, self.name))
+            samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
         samples += self._unusable.news(now, samples, self._reader.unusable)
         if self._guide is not None and self._guide.alarm != self._guide_alarm:
             self._guide_alarm = self._guide.alarm

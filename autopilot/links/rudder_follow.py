@@ -16,6 +16,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from autopilot.signals import HelmCause
+
 PATIENCE_S = 1.5
 PROGRESS_SHARE = 0.3
 ASSUMED_RATE = math.radians(5.0)
@@ -27,11 +29,15 @@ FORGIVEN_S = 2.0
 
 
 class FollowSettings(NamedTuple):
-    """tolerance [rad]; rate [rad/s] of the gear, inf where unlimited; delay [s]: dead time and lag together."""
+    """tolerance [rad]; rate [rad/s] of the gear, inf where unlimited; delay [s]: dead time and lag together.
+
+    patience [s]: how long the drive may be left without an order while we steer.
+    """
 
     tolerance: float = math.radians(5.0)
     rate: float = math.inf
     delay: float = 0.0
+    patience: float = math.inf
 
 
 class RudderFollow:
@@ -50,6 +56,7 @@ class RudderFollow:
         """What was seen, and in the bucket, before the newest time."""
         self._shown = ""
         self._disobeyed = ""
+        self._stood_still = 0.0
 
     def ordered(self, now: float, angle: float) -> None:
         """Take an order [rad] as it was sent at `now` [s]."""
@@ -58,7 +65,12 @@ class RudderFollow:
 
     def released(self) -> None:
         """Take note that the rudder is not ours now."""
-        self._order, self._seen, self._bucket = None, None, 0.0
+        self._order, self._seen, self._bucket, self._stood_still = None, None, 0.0, 0.0
+
+    @property
+    def cause(self) -> HelmCause:
+        """What kind the reason given last is of."""
+        return HelmCause.STOOD_STILL if self._stood_still else HelmCause.TAKEN
 
     def measured(self, now: float, angle: float, source: str) -> None:
         """Compare an `angle` [rad] of `source`, measured at `now` [s], with the order in force."""
@@ -81,7 +93,15 @@ class RudderFollow:
         )
 
     def reason(self, now: float) -> str:
-        """Return why the rudder cannot be steered at `now` [s]; empty where it obeys or nobody shows its angle."""
+        """Return why the rudder cannot be steered at `now` [s]; empty where it obeys or nobody shows its angle.
+
+        Orders that stayed away for too long stay a reason until the rudder is released.
+        """
+        gap = now - self._order_time
+        if self._order is not None and not self._stood_still and gap > self._settings.patience:
+            self._stood_still, self._bucket = gap, 0.0
+        if self._stood_still:
+            return f"this computer stood still for {self._stood_still:.1f} s: nobody looked after the rudder"
         if self._bucket > PATIENCE_S + self._settings.delay and not self._disobeyed:
             self._disobeyed = f"the rudder does not follow: {self._shown}; check drive, clutch, fuse and rudder sensor"
         if self._disobeyed and self._order is None and now - self._order_time > FORGIVEN_S:

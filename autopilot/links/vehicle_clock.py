@@ -51,6 +51,10 @@ class VehicleClock:
             return False
         return behind > REBOOT_S or boot < now - self._heard
 
+    def unheard(self) -> None:
+        """Take that nobody listened for a while: the silence until the next message is ours, not the vehicle's."""
+        self._heard = math.inf
+
     def local(self, now: float, boot: float) -> float:
         """Return the local time [s], never after `now`, at which the vehicle's clock showed `boot` [s].
 

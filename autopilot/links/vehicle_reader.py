@@ -108,6 +108,10 @@ class VehicleReader:
             PARAMETER: self._parameter,
         }
 
+    def unheard(self) -> None:
+        """Take that nobody listened for a while: what comes next has waited, and tells of no silent vehicle."""
+        self._clock.unheard()
+
     def take(self, now: float, message: Message, samples: list[Sample]) -> None:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
         self.watch.heard_time = now

@@ -8,6 +8,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 
+def running_time() -> float:
+    """Return seconds of a clock that never goes backwards, and goes on while the machine is suspended."""
+    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
+
+
 class Clock(Protocol):
     """Tells the time and waits."""
 
@@ -19,15 +24,15 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The machine's monotonic clock, from 0 at creation, `speedup` times as fast (for a sped-up simulator)."""
+    """The machine's `running_time`, from 0 at creation, `speedup` times as fast (for a sped-up simulator)."""
 
     def __init__(self, speedup: float = 1.0) -> None:
         self._speedup = speedup
-        self._start = time.monotonic()
+        self._start = running_time()
 
     def now(self) -> float:
         """Return seconds since creation, times the speed-up."""
-        return (time.monotonic() - self._start) * self._speedup
+        return (running_time() - self._start) * self._speedup
 
     def wait(self, descriptors: Sequence[int], until: float) -> None:
         """Wait for bytes or for `until` [s]."""

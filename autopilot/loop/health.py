@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 
 from autopilot.links.alarm_outputs import SilentLink
+from autopilot.loop.clock import running_time
 from autopilot.monitors.watched import LATE_PERIODS
 from autopilot.signals import ConditionSample, Sample, Tick
 
@@ -33,7 +34,7 @@ class LoopHealth(SilentLink):
         self,
         period: float,
         wall: Callable[[], float] = time.time,
-        monotonic: Callable[[], float] = time.monotonic,
+        monotonic: Callable[[], float] = running_time,
     ) -> None:
         self._longest = LATE_PERIODS * period
         self._wall, self._monotonic = wall, monotonic

@@ -64,6 +64,16 @@ class Monitors:
 
     def reset(self) -> None:
         """Forget everything."""
+        self.forget_past()
+        self.softer, self._hunts, self.doubts_speed, self._other = 1.0, False, False, ""
+        self.findings: dict[str, AlarmEvent] = {}
+        self._conditions: dict[tuple[str, str], AlarmEvent] = {}
+        self._roll_since: float | None = None
+        self._roll, self._told_roll = "", 0.0
+        self._wind_time = -math.inf
+
+    def forget_past(self) -> None:
+        """Forget what was compared so far: nothing that came before a standstill says anything about now."""
         for monitor in (
             self._frozen,
             self._jumping,
@@ -81,14 +91,8 @@ class Monitors:
             self._spinning,
         ):
             monitor.reset()
-        self.softer, self._hunts, self.doubts_speed, self._other = 1.0, False, False, ""
-        self.findings: dict[str, AlarmEvent] = {}
-        self._conditions: dict[tuple[str, str], AlarmEvent] = {}
-        self._roll_since: float | None = None
-        self._roll, self._told_roll = "", 0.0
         self._surprised_since: float | None = None
         self._surprise = ""
-        self._wind_time = -math.inf
 
     @property
     def trouble(self) -> AlarmEvent | None:

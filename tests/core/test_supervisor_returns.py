@@ -61,6 +61,7 @@ def helm(reason: str = "", cause: HelmCause = HelmCause.TAKEN) -> HelmSample:
         (HelmCause.REBOOTED, "firmware_rebooted"),
         (HelmCause.SILENT, "link_silent"),
         (HelmCause.RADIO_LOST, "radio_lost"),
+        (HelmCause.STOOD_STILL, "stood_still"),
     ],
 )
 def test_the_cause_says_which_alarm_it_is_whatever_the_words(cause: HelmCause, name: str, words: str) -> None:

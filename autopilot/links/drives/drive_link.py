@@ -10,7 +10,7 @@ from autopilot.links.drives.base import Drive
 from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.standing_order import RELEASE_SPACING_S, StandingOrder
-from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, RudderCommand, RudderSample, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, RudderSample, Sample
 
 BITS_PER_BYTE = 10
 
@@ -52,10 +52,12 @@ class DriveLink:
                 samples.append(RudderSample(now, angle, not self.drive.measures, self.drive.name))
                 if self.drive.measures:
                     self._follow.measured(now, angle, self.drive.name)
-        reason = self.drive.fault(now) or self._follow.reason(now)
+        reason = self._follow.reason(now)
+        if self._follow.cause is not HelmCause.STOOD_STILL:  # after which a drive has seemed silent
+            reason = self.drive.fault(now) or reason
         if reason != self._helm_reason:
             self._helm_reason = reason
-            samples.append(HelmSample(now, not reason, reason, self.name))
+            samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
         warning = self.drive.warning(now)
         if warning != self._warning:
             self._warning = warning

@@ -1,0 +1,65 @@
+"""Rudder drives that have no say of their own: left without an order for too long, the helm is not ours any more."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from autopilot.build import follow_of
+from autopilot.build_links import drive_settings_of, nmea_settings_of
+from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
+from autopilot.links.drives.pypilot_motor import PypilotMotor
+from autopilot.links.nmea_link import NmeaLink
+from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.links.transports import loopback_pair
+from autopilot.links.url import parse_url
+from autopilot.params.vessel_file import load_vessel
+from autopilot.signals import HelmCause, HelmSample, RudderCommand, Sample
+
+LANXIN = load_vessel("lanxin")
+PATIENCE_S = LANXIN.failsafe.heading_timeout_s
+
+
+def opened(kind: str) -> NmeaLink | DriveLink:
+    near, _ = loopback_pair()
+    if kind == "drive":
+        return DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(follow=follow_of(LANXIN)))
+    steers = "" if kind == "nmea" else "?steer=no"
+    return NmeaLink(near, nmea_settings_of(LANXIN, parse_url(f"nmea:udpin:127.0.0.1:10110{steers}")))
+
+
+def helms(samples: list[Sample]) -> list[tuple[bool, HelmCause]]:
+    return [(sample.available, sample.cause) for sample in samples if isinstance(sample, HelmSample)]
+
+
+@pytest.mark.parametrize("kind", ["nmea", "drive"])
+def test_the_helm_is_given_up_until_the_rudder_is_released(kind: str) -> None:
+    link = opened(kind)
+    link.receive(0.0)
+    link.send(0.0, RudderCommand(0.0, 0.1, True))
+    assert helms(link.receive(0.9 * PATIENCE_S)) == []
+    link.send(1.0, RudderCommand(1.0, 0.1, True))
+    gone = 1.0 + 1.1 * PATIENCE_S
+    assert helms(link.receive(gone)) == [(False, HelmCause.STOOD_STILL)]
+    assert helms(link.receive(gone + 0.01)) == []
+    link.send(gone, RudderCommand(gone, 0.0, False))
+    ((_, cause),) = helms(link.receive(gone + 0.02))
+    assert cause is HelmCause.TAKEN
+
+
+def test_a_link_that_carries_no_orders_may_be_left_alone() -> None:
+    link = opened("instruments")
+    link.send(0.0, RudderCommand(0.0, 0.1, True))
+    assert helms(link.receive(10.0 * PATIENCE_S)) == []
+
+
+def test_no_more_is_said_than_what_the_standstill_was() -> None:
+    follow = RudderFollow(FollowSettings(patience=1.0))
+    follow.ordered(0.0, math.radians(10.0))
+    for step in range(14):
+        follow.measured(0.1 * step, 0.0, "rudder")  # stuck, and nearly found so
+    follow.measured(2.5, 0.0, "rudder")
+    assert "stood still for 2.5 s" in follow.reason(2.5)
+    follow.released()
+    assert (follow.reason(2.6), follow.cause) == ("", HelmCause.TAKEN)
