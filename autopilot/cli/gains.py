@@ -182,6 +182,10 @@ def check_place(arguments: argparse.Namespace) -> None:
     """Raise InputError where --out names another vessel's file: said before the work, not after it."""
     from pathlib import Path
 
+    from autopilot.params.vessel_file import refuse_bare_name
+
+    if arguments.out:
+        refuse_bare_name(arguments.out)
     out, vessel = arguments.out and Path(arguments.out), Path(arguments.vessel)
     if out and out.exists() and not arguments.overwrite and not (vessel.exists() and out.samefile(vessel)):
         raise InputError(f"{out}: exists already, with another boat; give another name, or --overwrite to replace it.")

@@ -123,19 +123,25 @@ def run(arguments: argparse.Namespace) -> int:
 
     for path in filter(None, (arguments.out, arguments.report)):
         check_folder(path)
+    if arguments.out:
+        from autopilot.params.vessel_file import refuse_bare_name
+
+        refuse_bare_name(arguments.out)
 
     steady = _steady_turns(arguments.steady_turns) if arguments.steady_turns else None
     if not arguments.logs:
         assert steady is not None
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
-    from autopilot.cli.log_options import log_options, say_newer, vessel_of
+    from autopilot.cli.log_options import log_options, refuse_twice, say_newer, vessel_of
     from autopilot.identification.registry import method_named
     from autopilot.loop.recordings import load_run
 
     method_named(arguments.method, arguments.gain)  # said before the logs are read
     vessel = vessel_of(arguments)
     options = log_options(arguments, vessel)
+    refuse_twice(arguments.logs)
+    refuse_twice(arguments.holdout)
     say_newer([*arguments.logs, *arguments.holdout])
     fitted, held_out = (
         [load_run(path, None, arguments.reverse_rudder, options) for path in paths]

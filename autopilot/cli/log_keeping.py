@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 
 from autopilot import __version__
@@ -49,6 +50,12 @@ def open_log(arguments: argparse.Namespace, vessel: Vessel, law: str | None, now
     if not 1.0 <= total <= 1.0e7:
         raise InputError(f"--log-total-mb {total:g}: megabytes from 1 to 10000000 are allowed")
     if arguments.log is not None:
+        folder = arguments.log.parent
+        if not folder.is_dir():
+            raise InputError(
+                f"--log {arguments.log}: there is no folder {folder}, perhaps because a disk is not mounted; if it is "
+                f"to be a new one, make it first: mkdir -p {shlex.quote(str(folder))}"
+            )
         sink: FileSink | FolderSink = FileSink(arguments.log)
     elif arguments.log_dir is not None:
         part = min(PART_MB, total / LEAST_PARTS)

@@ -53,6 +53,20 @@ def vessel_of(arguments: argparse.Namespace) -> Vessel | None:
     return load_vessel(arguments.vessel) if arguments.vessel else None
 
 
+def refuse_twice(logs: Iterable[str]) -> None:
+    """Raise InputError where a file is given more than once, whatever it is called: it would count so many times."""
+    from autopilot.loop.logs.merge import sources_of
+
+    seen: dict[Path, str] = {}
+    for log in logs:
+        for source in sources_of(log):
+            file = Path(source.path).resolve()
+            if file in seen:
+                also = "" if seen[file] == source.path else f", once as {seen[file]}"
+                raise InputError(f"{source.path} is given twice{also}; a log counts once, leave one of them out.")
+            seen[file] = source.path
+
+
 def say_newer(logs: Iterable[str]) -> None:
     """Say on standard error which of `logs` an earlier run wrote: `--log` leaves what exists, and takes a new name."""
     for log in logs:

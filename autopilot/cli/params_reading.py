@@ -127,7 +127,7 @@ def backup(arguments: argparse.Namespace) -> int:
         values = fetched(session, [], arguments.link)
         vehicle = session.vehicle
     path = Path(arguments.folder) / f"backup-{time.strftime('%Y%m%dT%H%M%S')}-sys{vehicle.system}.yaml"
-    path = save_unused(path, vehicle_text(path, values, vehicle, arguments.link))
+    path = save_unused(path, vehicle_text(path, values, vehicle, arguments.link, is_backup=True))
     print(f"{path}: {len(values)} parameters of vehicle {vehicle.system} ({vehicle.firmware})")
     _, left = settings_of((Wanted((each.name,), each.value) for each in values), vehicle.firmware)
     if left:
@@ -151,7 +151,9 @@ def fetched(session: ParameterSession, names: list[str], link: str) -> list[Type
     return [TypedValue(name, value.value, value.kind) for name, value in client.values.items()]
 
 
-def vehicle_text(path: str | Path, values: list[TypedValue], vehicle: Vehicle, link: str) -> str:
+def vehicle_text(
+    path: str | Path, values: list[TypedValue], vehicle: Vehicle, link: str, *, is_backup: bool = False
+) -> str:
     """Return the text of a file with a vehicle's parameters in the format of its suffix."""
     heading = Heading(
         vehicle.firmware,
@@ -159,6 +161,7 @@ def vehicle_text(path: str | Path, values: list[TypedValue], vehicle: Vehicle, l
         description=f"Parameters of vehicle {vehicle.system}",
         source=f"downloaded over {link}",
         date=time.strftime("%Y-%m-%d %H:%M:%S %z"),
+        is_backup=is_backup,
     )
     return formatted(path, ParameterFile([], values), heading, vehicle.system)
 

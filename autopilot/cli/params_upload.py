@@ -44,6 +44,12 @@ def upload(arguments: argparse.Namespace, *, settles: bool = False) -> int:
     settles: a file that holds all that an upload which was cut off has changed settles that.
     """
     file = load_parameters(arguments.file, vessel_too=True)
+    if settles and not file.is_counted:
+        print(
+            f"autopilot: {arguments.file} does not say how many parameters it was written with, so nobody can tell "
+            "whether it was cut off.",
+            file=sys.stderr,
+        )
     with opened_session(arguments, arguments.link) as session:
         refuse_other_firmware(arguments.file, file, session.vehicle)
         wanted, left = settings_of(file.wanted, session.vehicle.firmware, calibration=arguments.with_calibration)
@@ -157,6 +163,7 @@ class _Writing:
             description=f"Values of vehicle {vehicle.system} before the upload of {self._arguments.file}",
             source=f"read back over {self._arguments.link}",
             date=self._date,
+            is_backup=True,
         )
         text = dump_firmware((TypedValue(each.name, each.old, each.kind) for each in changes), heading)
         self._backup = str(save_unused(Path(path), text))

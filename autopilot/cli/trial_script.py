@@ -92,6 +92,8 @@ class TrialScript:
     def __call__(self, now: float, tick: Tick | None) -> Order:
         """Return the order at `now` [s]."""
         self._now = now
+        if tick is not None and tick.state.valid and not self.is_over and (lost := _unlogged(tick)):
+            self.is_over, self.reason = True, lost
         if tick is not None and tick.mode is Mode.ENGAGED:
             self._go_on(now, tick)
         elif self._since is not None and not self.is_over:
@@ -127,6 +129,13 @@ class TrialScript:
     def _begin(self, now: float) -> None:
         self._since = now
         self.begun_at.append(now)
+
+
+def _unlogged(tick: Tick) -> str:
+    """Return why what is sailed is not logged, '' where it is: without its log a trial is worth nothing, so that this
+    ends one, or keeps it from beginning, though it was so before."""
+    stopped = next((alarm for alarm in tick.alarms if alarm.name == "disk_full" and not alarm.is_past), None)
+    return "" if stopped is None else f"alarm: {sentence_of(stopped)}"
 
 
 def _taken(tick: Tick | None) -> str:

@@ -28,13 +28,15 @@ FIRMWARE_KEYS = frozenset({"firmware", "groups", "frame", "include"})
 
 
 class ParameterFile(NamedTuple):
-    """What a file asks of a flight controller; `firmware` is empty where the file does not say which."""
+    """What a file asks of a flight controller; `firmware` is empty where the file does not say which. is_counted: the
+    file says how many parameters it was written with, and has them."""
 
     wanted: list[Wanted]
     values: list[TypedValue]
     firmware: str = ""
     frame: str = "boat"
     left_out: int = 0
+    is_counted: bool = False
 
 
 def load_any(path_or_name: str | Path) -> Vessel | FirmwareFile:
@@ -71,7 +73,9 @@ def load_parameters(path_or_name: str | Path, *, vessel_too: bool = False) -> Pa
         TypedValue(name, entry.value, None if entry.type is None else kind_named(entry.type))
         for _, name, entry in entries(content)
     ]
-    return ParameterFile(wanted_parameters(content), values, content.firmware, content.frame)
+    return ParameterFile(
+        wanted_parameters(content), values, content.firmware, content.frame, is_counted=content.count is not None
+    )
 
 
 def _of_vessel(vessel: Vessel) -> ParameterFile:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.params.firmware_file import SCHEMA_VERSION, Number
+from autopilot.params.firmware_file import SCHEMA_VERSION, Number, checksum_of
 from autopilot.params.value_coding import type_name
 from autopilot.params.vessel_file import number_text, string_text
 
@@ -22,7 +22,7 @@ class TypedValue(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """What a firmware file says of itself."""
+    """What a firmware file says of itself. is_backup: it also says by how much it would show that it was cut off."""
 
     firmware: str
     frame: str
@@ -30,6 +30,7 @@ class Heading(NamedTuple):
     source: str = ""
     date: str = ""
     checked_with: tuple[str, ...] = ()
+    is_backup: bool = False
 
 
 def dump_firmware(values: Iterable[TypedValue], heading: Heading) -> str:
@@ -47,12 +48,17 @@ def dump_firmware(values: Iterable[TypedValue], heading: Heading) -> str:
     lines += [f"{key}: {string_text(text)}" for key, text in told.items() if text]
     if heading.checked_with:
         lines.append(f"checked_with: [{', '.join(string_text(version) for version in heading.checked_with)}]")
+    values = sorted(values)
+    if heading.is_backup:
+        kept = [(each.name, each.value) for each in values if math.isfinite(each.value)]
+        lines += [f"count: {len(kept)}", f"checksum: {string_text(checksum_of(kept))}"]
     lines.append("groups:")
     groups: dict[str, list[TypedValue]] = {}
-    for each in sorted(values):
+    for each in values:
         groups.setdefault(each.name.strip("_").split("_")[0] or "OTHER", []).append(each)
     for group, members in groups.items():
-        lines += [f"  {string_text(group)}:", "    parameters:"]
+        if any(math.isfinite(each.value) for each in members):
+            lines += [f"  {string_text(group)}:", "    parameters:"]
         for each in members:
             line = f"{string_text(each.name)}: {_value_text(each)}"
             lines.append(f"      {line}" if math.isfinite(each.value) else f"      # {line}")

@@ -6,7 +6,8 @@ import dataclasses
 import re
 import struct
 import typing
-from collections.abc import Iterator
+import zlib
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -63,6 +64,7 @@ class FirmwareFile:
 
     `include` names shipped files, or files beside this one; what this file gives again overrides them, and
     `leave_out` takes parameters away. As read, `groups` holds all of it.
+    `count` and `checksum`: what a backup is held against, that nothing of one that was cut off is written.
     """
 
     schema_version: int
@@ -75,6 +77,8 @@ class FirmwareFile:
     checked_with: tuple[str, ...] = ()
     source: str = ""
     date: str = ""
+    count: int | None = None
+    checksum: str = ""
 
 
 class Wanted(NamedTuple):
@@ -125,6 +129,7 @@ def firmware_from(root: Node, included_by: tuple[str, ...] = ()) -> FirmwareFile
     root = migrated(root, FIRMWARE_STEPS)
     firmware = schema.read(root, FirmwareFile)
     _check_names(root, firmware)
+    _check_whole(root, firmware)
     base = _included(root, firmware, (*included_by, root.file))
     groups = _merged(root, firmware, base)
     if not any(group.parameters for group in groups.values()):
@@ -160,6 +165,27 @@ def _check_names(root: Node, firmware: FirmwareFile) -> None:
             if each in seen:
                 raise node.key_fault(f"{each} is given twice, also in the group {seen[each]}; keep one of them.")
             seen[each] = group
+
+
+def checksum_of(values: Iterable[tuple[str, Number]]) -> str:
+    """Return the CRC-32 of names and values, in whatever order they come, as eight hexadecimal digits."""
+    text = "".join(f"{name} {value!r}\n" for name, value in sorted(values))
+    return f"crc32 {zlib.crc32(text.encode()):08x}"
+
+
+def _check_whole(root: Node, firmware: FirmwareFile) -> None:
+    """Raise InputError where parameters are missing of the file's own, or are not those that were written."""
+    values = [(name, entry.value) for _, name, entry in entries(firmware)]
+    changed = "if you changed it on purpose, take count and checksum out."
+    if firmware.count is not None and firmware.count != len(values):
+        raise root.at("count").fault(
+            f"this backup was written with {firmware.count} parameters and holds {len(values)}: it was cut off; "
+            f"{changed}"
+        )
+    if firmware.checksum and firmware.checksum != checksum_of(values):
+        raise root.at("checksum").fault(
+            f"this backup does not hold the values it was written with: it was cut off or damaged; {changed}"
+        )
 
 
 def _included(root: Node, firmware: FirmwareFile, chain: tuple[str, ...]) -> dict[str, ParameterGroup]:

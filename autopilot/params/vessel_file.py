@@ -52,6 +52,16 @@ def vessel_document(path_or_name: str | Path, also_shipped: tuple[str, ...] = ()
     return parse_document(text, f"{name}.yaml (shipped)")
 
 
+def refuse_bare_name(out: str | Path) -> None:
+    """Raise InputError where a vessel file would be written under the mere name by which a shipped one is called."""
+    path = Path(out)
+    if path.suffix not in (".yaml", ".yml") and path.name == str(out):
+        raise InputError(
+            f"--out {out}: a mere name is that of a shipped vessel; write {out}.yaml, or ./{out} for a file without "
+            "the suffix"
+        )
+
+
 def parse_vessel(text: str, file: str = "<text>") -> Vessel:
     """Return the vessel described by YAML `text`; `file` is the name used in messages. Raises InputError."""
     return vessel_from(parse_document(text, file))

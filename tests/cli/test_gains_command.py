@@ -304,3 +304,13 @@ def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
     assert "ask for more --bandwidth-rad-s" in capsys.readouterr().err
     assert in_hand(UNSTEADY, Wish(), is_chosen=False).control.backstepping == least
     assert "level 7 in place of 5" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["gains", "lanxin"], ["gains", "lanxin", "--tune"], ["identify", "a.csv"]])
+def test_no_file_takes_the_place_of_a_shipped_boat(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, "--out", "lanxin"]) == 2
+    assert "write lanxin.yaml, or ./lanxin" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())

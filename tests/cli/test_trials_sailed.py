@@ -26,7 +26,7 @@ from autopilot.identification.trial_measures import Measures, measures_of
 from autopilot.identification.trial_record import TrialRecord, record_of
 from autopilot.params.vessel_file import load_vessel
 from autopilot.report.trials import trials_page
-from autopilot.signals import AlarmEvent, HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
+from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
 
 VESSEL = load_vessel("lanxin")
 SPEED = VESSEL.model.reference_speed_m_s
@@ -247,6 +247,15 @@ def test_an_alarm_that_comes_up_ends_the_trial(name: str) -> None:
     script(ticks[-1].now + DT, ticks[-1]._replace(alarms=(AlarmEvent(name, "seen just now"),)))
     assert script.is_over
     assert script.reason.startswith(f"alarm: {CATALOGUE[name].text} (seen just now)")
+
+
+def test_a_trial_that_is_not_logged_from_the_start_is_not_sailed() -> None:
+    script = script_of("zigzag", TrialLimits())
+    full = AlarmSample(0.0, AlarmEvent("disk_full", "No space left on device"), "log")
+    ticks, _ = sail(script, 20.0, lambda now: [full] if now == 0.0 else [])
+    assert script.is_over and not script.is_complete
+    assert not any(tick.mode is Mode.ENGAGED for tick in ticks[2:])
+    assert script.reason.startswith(f"alarm: {CATALOGUE['disk_full'].text}")
 
 
 @pytest.mark.parametrize("name", ["rudder_at_stop", "innovation", "deadline_missed", "link_flooded"])

@@ -151,3 +151,16 @@ def test_an_older_log_is_read_as_named_and_the_newest_is_named(
     json.loads(said.out)
     assert main(["log", "info", str(tmp_path / "zigzag-3.csv")]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "given", [["a.csv", "a.csv"], ["a.csv", "./a.csv"], ["a.csv", "b.csv"], ["a.csv", "--holdout", "b.csv", "a.csv"]]
+)
+def test_a_log_counts_once(
+    given: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.csv").write_text("time_s,heading_rad,yaw_rate_rad_s,rudder_rad,speed_m_s\n")
+    Path("b.csv").symlink_to("a.csv")
+    assert main(["identify", *given]) == 2
+    assert "is given twice" in capsys.readouterr().err

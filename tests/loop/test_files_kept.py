@@ -187,3 +187,15 @@ def test_a_full_disk_ends_the_record_of_the_truth_and_not_the_boat(capsys: pytes
     serve = ["serve", "lanxin", "--mavlink", "udpout:127.0.0.1:9", "--duration", "20", "--speedup", "40"]
     assert sitl([*serve, "--truth", "/dev/full"]) == 0
     assert capsys.readouterr().err.count("/dev/full ends before its time: No space left on device") == 1
+
+
+def test_a_log_makes_no_folder_where_a_disk_may_not_be_mounted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "stick" / "x.tlog"
+    command = ["trial", "zigzag", "lanxin", "--link", "udpin:127.0.0.1:0", "--wait", "0.5", "--log", str(log)]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert f"there is no folder {log.parent}" in error
+    assert f"mkdir -p {log.parent}" in error
+    assert not log.parent.exists()

@@ -16,7 +16,7 @@ from parameter_vehicle import BadLink, ParameterVehicle, converse
 from served_vehicle import ServedVehicle
 
 from autopilot.cli import params as command
-from autopilot.errors import RefusedError
+from autopilot.errors import InputError, RefusedError
 from autopilot.params import session
 from autopilot.params.firmware_file import Wanted, load_firmware, shipped_firmware, wanted_parameters
 from autopilot.params.firmware_owned import RULES, Kept, kept_by_firmware, settings_of
@@ -120,6 +120,24 @@ def test_a_backup_restored_to_the_same_vehicle_writes_nothing(
     # one question for the list, and for what it lost
     assert moving(served).messages < 40
     assert not JOURNAL.exists()
+
+
+def test_a_backup_that_was_cut_off_is_refused_and_an_old_one_without_a_count_is_told_of(
+    served: ServedVehicle, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = Path(backed_up(on(served)))
+    lines = path.read_text().splitlines(keepends=True)
+    half = next(number for number in range(len(lines) // 2, len(lines)) if lines[number].startswith(6 * " "))
+    Path("cut.yaml").write_text("".join(lines[: half + 1]))
+    for action in ("restore", "upload"):
+        with pytest.raises(InputError, match=f"written with {REAL_COUNT} parameters and holds .*cut off"):
+            call(on(served), action, "cut.yaml")
+    assert not moving(served).set_names
+    assert call(on(served), "restore", str(path)) == 0
+    assert "how many parameters" not in capsys.readouterr().err
+    Path("old.yaml").write_text("".join(line for line in lines if not line.startswith(("count:", "checksum:"))))
+    assert call(on(served), "restore", "old.yaml") == 0
+    assert "old.yaml does not say how many parameters it was written with" in capsys.readouterr().err
 
 
 def test_a_restore_writes_what_differs_and_no_more(served: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:

@@ -97,3 +97,40 @@ def test_a_dump_reads_back(values: dict[str, int | float], description: str) -> 
     assert read == values
     assert all(struct.pack("<f", read[name]) == struct.pack("<f", values[name]) for name in values)
     assert firmware.description == description
+
+
+def backup_text() -> str:
+    values = [TypedValue("CRUISE_SPEED", 4.125), TypedValue("FRAME_CLASS", 2, 2), TypedValue("WP_RADIUS", 2.5)]
+    values += [TypedValue("WP_SPEED", 3.25), TypedValue("BARO_NONE", float("nan"))]
+    return dump_firmware(values, Heading("ardurover", "boat", is_backup=True))
+
+
+def test_a_backup_that_was_cut_off_anywhere_is_refused() -> None:
+    text = backup_text()
+    whole = wanted_parameters(firmware_from(parse_document(text)))
+    assert [(each.name, each.value) for each in whole] == [
+        ("CRUISE_SPEED", 4.125),
+        ("FRAME_CLASS", 2),
+        ("WP_RADIUS", 2.5),
+        ("WP_SPEED", 3.25),
+    ]
+    for length in range(len(text.rstrip())):
+        with pytest.raises(InputError):
+            firmware_from(parse_document(text[:length]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("      WP_SPEED: 3.25\n", "", "was written with 4 parameters and holds 3: it was cut off"),
+        ("3.25", "3.2", "does not hold the values it was written with"),
+    ],
+)
+def test_a_backup_that_was_changed_says_what_to_do(old: str, new: str, sentence: str) -> None:
+    text = backup_text()
+    assert old in text
+    changed = text.replace(old, new)
+    with pytest.raises(InputError, match=f"{sentence}.*take count and checksum out"):
+        firmware_from(parse_document(changed))
+    own = "".join(line for line in changed.splitlines(True) if not line.startswith(("count:", "checksum:")))
+    assert len(wanted_parameters(firmware_from(parse_document(own)))) >= 2
