@@ -92,7 +92,10 @@ def test_a_station_sees_the_route_being_followed_to_its_end() -> None:
     assert mode_of(boat) == AUTO
     current = only(boat.heard, "MISSION_CURRENT")[-1]
     assert (current.seq, current.total, current.mission_state) == (0, 2, dialect.MISSION_STATE_ACTIVE)
-    boat.east, boat.north = 60.0, 20.0
+    for east in (20.0, 40.0, 60.0):
+        # no further at a time than a position is believed
+        boat.east, boat.north = east, 20.0
+        boat.listen(0.6)
     navigation = only(boat.listen(0.6), "NAV_CONTROLLER_OUTPUT")[-1]
     assert navigation.xtrack_error == pytest.approx(-17.0, abs=4.0), "north of a leg that leads east is to port of it"
     assert navigation.wp_dist == pytest.approx(90, abs=6)
