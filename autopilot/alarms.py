@@ -471,8 +471,8 @@ _OUTSIDE = [
         _CRITICAL,
         _LINK,
         "no order left for longer than the vehicle waits for one (RC_OVERRIDE_TIME, 3 s in GUIDED); on other rudder "
-        "drives for longer than the file's time and three control periods",
-        "failsafe.heading_timeout_s",
+        "drives for longer than the fail-safe would keep the rudder",
+        "failsafe.release_after_s",
     ),
     AlarmKind(
         "link_flooded",

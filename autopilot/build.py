@@ -273,6 +273,8 @@ def follow_of(vessel: Vessel) -> FollowSettings:
     """Return how closely the vessel's rudder must follow its orders, and how long it may be left without one."""
     rudder = vessel.rudder
     tolerance = math.radians(rudder.follow_tolerance_deg)
-    patience = max(vessel.failsafe.heading_timeout_s, LATE_PERIODS / vessel.control.rate_hz)
+    # without a heading the fail-safe would leave the rudder where it is for as long
+    unattended = vessel.failsafe.heading_timeout_s + vessel.failsafe.release_after_s
+    patience = max(unattended, LATE_PERIODS / vessel.control.rate_hz)
     rate = radians_or_unlimited(rudder.rate_max_deg_s)
     return FollowSettings(tolerance, rate, rudder.delay_s + rudder.lag_s, patience)

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from alarm_texts import words_of
@@ -30,15 +29,6 @@ faults:
 """
 
 
-def patient(folder: Path, **changed: Any) -> str:
-    """Return a file of the boat that bears late ticks, which are late by a multiple where all is speeded up."""
-    vessel = load_vessel("lanxin")
-    path = folder / "boat.yaml"
-    failsafe = replace(vessel.failsafe, heading_timeout_s=6.0)
-    path.write_text(dump_vessel(replace(vessel, failsafe=failsafe, **changed)))
-    return str(path)
-
-
 @pytest.fixture
 def boat(tmp_path: Path, request: pytest.FixtureRequest):
     """A simulated boat with a rudder that sticks from the start, its NMEA line at `line`."""
@@ -58,14 +48,24 @@ def boat(tmp_path: Path, request: pytest.FixtureRequest):
 @pytest.mark.parametrize("kind", ["pypilot", "jrk", "maestro"])
 def test_a_heading_is_changed_by_a_rudder_drive_on_its_own_line(tmp_path: Path, kind: str) -> None:
     line, drive, log = tmp_path / "line", tmp_path / "drive", tmp_path / "run.tlog"
-    boat = patient(tmp_path, drive=Drive(angle_at_full_deg=45.0, amidships=0.05, current_max_a=8.0))
-    command = [sys.executable, "-m", "sitl", "serve", boat, "--speedup", str(SPEEDUP)]
+    vessel = load_vessel("lanxin")
+    boat = tmp_path / "boat.yaml"
+    boat.write_text(
+        dump_vessel(
+            replace(
+                vessel,
+                drive=Drive(angle_at_full_deg=45.0, amidships=0.05, current_max_a=8.0),
+                failsafe=replace(vessel.failsafe, heading_timeout_s=6.0),
+            )
+        )
+    )
+    command = [sys.executable, "-m", "sitl", "serve", str(boat), "--speedup", str(SPEEDUP)]
     command += ["--nmea", f"{line}:38400", "--sentences", "HDG:10,ROT:10", "--drive", f"{kind}:{drive}:38400"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("ready nmea")
         assert process.stdout.readline().startswith(f"ready drive {kind}")
-        command = [sys.executable, "-m", "autopilot", "run", boat, "--link", f"nmea:{line}:38400?steer=no"]
+        command = [sys.executable, "-m", "autopilot", "run", str(boat), "--link", f"nmea:{line}:38400?steer=no"]
         command += ["--link", f"{kind}:{drive}:38400", "--engage", "30", "--duration", "9", "--log", str(log)]
         command += ["--speedup", str(SPEEDUP)]
         run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
@@ -103,17 +103,7 @@ def test_a_heading_is_changed_over_a_network(tmp_path: Path, theirs: str, ours: 
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith(f"ready nmea {theirs}")
-        command = [
-            sys.executable,
-            "-m",
-            "autopilot",
-            "run",
-            patient(tmp_path),
-            "--link",
-            f"{ours}:{place}",
-            "--engage",
-            "25",
-        ]
+        command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"{ours}:{place}", "--engage", "25"]
         command += ["--duration", "8", "--log", str(log), "--speedup", str(SPEEDUP)]
         run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
         process.terminate()
@@ -143,7 +133,7 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("ready")
-        command = [sys.executable, "-m", "autopilot", "run", patient(tmp_path), "--link", f"nmea:{line}:115200"]
+        command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{line}:115200"]
         command += ["--follow", "plotter", "--duration", "70", "--log", str(log), "--speedup", str(speedup)]
         run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
         process.terminate()
@@ -160,17 +150,7 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
 
 def test_a_rudder_that_sticks_ends_in_the_fail_safe_with_the_reason(boat: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.tlog"
-    command = [
-        sys.executable,
-        "-m",
-        "autopilot",
-        "run",
-        patient(tmp_path),
-        "--link",
-        f"nmea:{boat}:38400",
-        "--engage",
-        "170",
-    ]
+    command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{boat}:38400", "--engage", "170"]
     command += ["--duration", "8", "--log", str(log), "--speedup", str(SPEEDUP)]
     run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
     assert run.returncode == 5, run.stderr
