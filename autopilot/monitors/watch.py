@@ -231,6 +231,9 @@ class Monitors:
             self.softer, self._hunts = 1.0, False
         swings, throws = self._swings.look(model, watched), self._throws.look(model, watched)
         fast = self._spinning.too_fast(model, watched)
+        if not fast and self.softer >= SOFTEST and self._spinning.rushes:
+            # no law is softer, and to try it once more would begin the count of everything anew
+            fast = self._spinning.rate
         is_soft = self.softer > 1.0 or model.n1 <= 0.0
         if (is_soft and throws >= HALF_SWINGS) or (self.softer >= SOFTEST and swings >= SUSPECT_SWINGS):
             found["swinging"] = AlarmEvent("swinging")
@@ -240,8 +243,8 @@ class Monitors:
             self._doubt_speed()
         if self._hunts and not self._other:
             found["hunting"] = AlarmEvent("hunting")
-        if fast or (self.softer >= SOFTEST and self._spinning.rushes):
-            turning = f"turning at {math.degrees(abs(self._spinning.rate)):.0f} deg/s"
+        if fast:
+            turning = f"turning at {math.degrees(abs(fast)):.0f} deg/s"
             found["too_quick"] = AlarmEvent("too_quick", turning)
         if self._circles.goes_round(model, watched, is_doubted=self.doubts_speed):
             found["circling"] = AlarmEvent("circling")
