@@ -141,7 +141,10 @@ class Supervisor:
         return self.mode
 
     def _is_taken(self, away: HelmSample) -> bool:
-        """Return whether a helm that is away was taken from us, and not only has to be proved on engaging."""
+        """Return whether a helm that is away was taken from us, and not only has to be proved on engaging: who steers
+        needs the helm, whatever keeps it away."""
+        if self.state in ENGAGED:
+            return True
         return away.cause is not HelmCause.UNPROVEN and self.state not in (
             SupervisorState.STANDBY,
             SupervisorState.OVERRIDE,

@@ -11,16 +11,28 @@ from dataclasses import replace
 from typing import Any
 
 from autopilot import signals
+from autopilot.alarms import CATALOGUE
 from autopilot.build import build_pilot
 from autopilot.params.vessel import Roll, Vessel
 from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import LONGEST_STEP, Pilot
-from autopilot.signals import HeadingSample, HelmCause, HelmSample, Mode, Order, OrderKind, SupervisorState, Tick
+from autopilot.signals import (
+    AlarmEvent,
+    HeadingSample,
+    HelmCause,
+    HelmSample,
+    Mode,
+    Order,
+    OrderKind,
+    SupervisorState,
+    Tick,
+)
 from autopilot.supervisor import ENDED
 
 LAWS = ("backstepping", "pid", "sliding", "trial")
 SPECIAL = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, math.pi, -math.pi, 1e16, 2.0**53)
 WORDS = ("", "x", "battery_low", "disk_full", "deadline_missed", "heading_lost")
+ALARMS = tuple(CATALOGUE)
 SAMPLES: tuple[Any, ...] = typing.get_args(signals.Sample)
 FIELDS = {sample: list(typing.get_type_hints(sample).items()) for sample in SAMPLES}
 SLACK = 1.0e-9
@@ -87,6 +99,8 @@ def sample_of(feed: Feed, now: float) -> Any:
 
 
 def _value(feed: Feed, hint: Any) -> Any:
+    if hint == AlarmEvent | None:
+        return None if feed.byte() < 64 else AlarmEvent(ALARMS[feed.byte() % len(ALARMS)], _value(feed, str))
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return None if feed.byte() < 64 else _value(feed, float)
     if hint is bool:

@@ -288,6 +288,9 @@ def _colour(
 ) -> tuple[tuple[float, float], float, float]:
     """Return `fit`, `left` and `colour` after an innovation `off` [rad] beside an `answer` [rad]; kept: of what was
     before; share: of the newest in `left`. The mean of white noise has the variance share/(2 - share)."""
+    if share <= 0.0:
+        # no time has passed: a second heading of the same instant says nothing of colour
+        return before.fit, before.left, before.colour
     both, squares = before.fit
     fit = kept * both + off * answer / gains.variance, kept * squares + answer * answer / gains.variance
     best = max(fit[0] / fit[1], 1.0) if fit[1] > 0.0 else 1.0

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autopilot.alarms import OVERRIDDEN
 from autopilot.cli.log import as_text
 from autopilot.cli.main import main
 from autopilot.cli.params_report import difference_table
@@ -19,7 +20,7 @@ from autopilot.cli.steering import StatusLine
 from autopilot.loop.logs.info import LogInfo, SeriesInfo
 from autopilot.params.comparison import Difference
 from autopilot.printable import PrintableStream, printable, rewrite_line
-from autopilot.signals import Mode, NavState, Order, Reference, RudderCommand, Tick
+from autopilot.signals import AlarmEvent, Mode, NavState, Order, Reference, RudderCommand, Tick
 
 HOSTILE = "\x1b[31m\x1b]0;owned\x07\x9b2J\u202egnp.exe\u2066\x00\r\n\x08\ud800\ufeff"
 any_text = st.text(st.characters(exclude_categories=()), max_size=300)
@@ -88,9 +89,8 @@ def test_names_and_words_of_a_vehicle_stay_in_their_line(capsys: pytest.CaptureF
     assert is_plain(text) and max(map(len, text.splitlines())) < 1000
     assert json.loads(json.dumps(HOSTILE)) == HOSTILE
     state = NavState(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, True)
-    tick = Tick(
-        1, 0.0, (), Order(), state, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, (HOSTILE,)
-    )
+    alarms = (AlarmEvent("human_override", HOSTILE, OVERRIDDEN),)
+    tick = Tick(1, 0.0, (), Order(), state, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, alarms)
     StatusLine().show(tick)
     shown = capsys.readouterr().out
     assert is_plain(shown) and shown.count("\n") == 1
