@@ -5,13 +5,13 @@ loop that is unstable by its own rudder ends in a limit cycle: the order goes fr
 again, and the heading with it. A heavy sea can look like that. So the pilot is made soft first (SOFTER): it supposes a
 boat that answers so many times as much, which has a quarter of the gain and half the bandwidth and with which a boat of
 up to so many times its model's liveliness is stable again; if need be, softer still (SOFTEST). In a sea the rudder then
-rests more than before, and nothing else comes of it; where the swings by the rudder go on all the same, steering makes
-them, and ends.
+rests more than before, and nothing else comes of it. Swings that the rudder does not account for are a sea's, or
+gusts', however slow the rudder is against them: they are none of steering's. Where the swings by the rudder go on all
+the same, steering makes them, and ends.
 
 By the model no steady turn is quicker than that with the rudder hard over. One that is SPIN times as quick for a while,
 as if twice the rudder pushed beside it, and to the rudder's side, is another boat's; RUSH times, and the law is made
-soft. A boat that is known to be pushed
-harder than its rudder is not taken to go round by itself. Pure.
+soft. A boat that is known to be pushed harder than its rudder is not taken to go round by itself. Pure.
 """
 
 from __future__ import annotations
@@ -31,6 +31,10 @@ LEAST_TIME = 0.25
 are one: a turn and its counter-rudder are two, and the third is an overshoot. They last as long as each other, and the
 swings are as far, within this factor, or farther while the cycle grows (GROWS); a sea's are not. Sweeps that last less
 than this many time constants are not the boat's, nor those of one that is sixteen times as quick."""
+BY_RUDDER = 0.95
+"""So much of the rate's variance is the rudder's where steering makes the swings. Of boats that differ from their file
+0.995 and more (5 to 40 times as lively, gears of a tenth of the rate); of boats that are theirs, in gusts and seas that
+their rudder is too slow for, 0.92 at most."""
 BEYOND = 3.0
 """A swing so many times as far as the rudder from stop to stop makes by the model counts for two."""
 SWEEP, THROW = 0.5, 1.0
@@ -54,8 +58,49 @@ SPEED_DOUBT = 1.25
 OUTRUNS, OUTRUNS_UNSTABLE, RUSH, SPIN = 1.5, 1.25, 2.0, 3.0
 RATE_MOST = 10.0
 """No boat turns as fast [rad/s]: such a step is the compass's, or the estimate's that begins anew."""
+NO_MORE = 1.0e-9
+"""A column of which less is left [share of its square] is a sum of the others."""
 SPIN_TIME = (1.0, 0.3)
 """The rate of turn is taken over this time [s], or over so many time constants if that is longer."""
+
+
+class ByRudder:
+    """How much of the rate of turn the rudder accounts for, whatever the boat: R^2 of r' = a delta + b r + c.
+
+    By least squares of its integral r = a D + b psi + c t + d, D' = delta, which does not differentiate noise. At the
+    one frequency of a limit cycle a delay is a part of a and b; what gusts and waves do beside the rudder is none.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[float, float] | None = None
+        self._ordered = self._turned = self._time = 0.0
+        self._sums = [[0.0] * 5 for _ in range(5)]
+
+    def add(self, watched: Watched) -> None:
+        """Take a tick."""
+        now, heading = watched.now, watched.state.heading
+        if self._last is not None:
+            step = now - self._last[0]
+            self._time += step
+            self._ordered += watched.rudder * step
+            self._turned += shortest_turn(self._last[1], heading)
+        self._last = now, heading
+        row = 1.0, self._time, self._turned, self._ordered, watched.state.rate
+        for sums, one in zip(self._sums, row, strict=True):
+            for index, other in enumerate(row):
+                sums[index] += one * other
+
+    def share(self) -> float:
+        """Return R^2, 0 where nothing has turned."""
+        left = [list(sums) for sums in self._sums]
+        total = 0.0
+        for pivot in range(4):
+            if left[pivot][pivot] > NO_MORE * self._sums[pivot][pivot]:
+                for row in range(pivot + 1, 5):
+                    part = left[row][pivot] / left[pivot][pivot]
+                    left[row] = [one - part * other for one, other in zip(left[row], left[pivot], strict=True)]
+            total = total or left[4][4]
+        return 1.0 - left[4][4] / total if total > 0.0 else 0.0
 
 
 class Swings:
@@ -81,6 +126,7 @@ class Swings:
         self._swung = self._lasted = 0.0
         self._least_time = 0.0
         self._count = 0
+        self._by_rudder = ByRudder()
 
     def look(self, model: Norrbin, watched: Watched) -> int:
         """Return how many sweeps there have been in a row that each swung the heading."""
@@ -93,6 +139,7 @@ class Swings:
         self._wanted = watched.wanted
         quickest = at_trial_speed(model, watched)
         self._least_time = LEAST_TIME * quickest.time_constant
+        self._by_rudder.add(watched)
         self._follow(quickest, watched)
         return self._count
 
@@ -117,6 +164,10 @@ class Swings:
             is_alike = goes_on and _are_alike(lasted, self._lasted)
             worth = 2 if swung > BEYOND * widest_swing(model, watched.angle_max, lasted) else 1
             self._count = 0 if not counts else self._count + worth if is_alike else 1
+            if self._count >= SUSPECT_SWINGS and self._by_rudder.share() < BY_RUDDER:
+                self._count = 0
+            if self._count <= 1:
+                self._by_rudder = ByRudder()
             self._swung, self._lasted = swung, lasted
             self._side, self._extreme, self._swept = -self._side, order, watched.now
             self._span, self._before = (self._turned, self._turned), self._span

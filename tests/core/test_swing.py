@@ -10,11 +10,13 @@ import pytest
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.monitors.swing import (
+    BY_RUDDER,
     CIRCLES,
     HALF_SWINGS,
     SUSPECT_SWINGS,
     SWEEP,
     THROW,
+    ByRudder,
     Circles,
     Spinning,
     Swings,
@@ -31,7 +33,8 @@ SIDES = pytest.mark.parametrize("side", [-1.0, 1.0])
 
 
 def watched(now: float, heading: float, rudder: float = 0.0, wanted: float = 0.0) -> Watched:
-    state = NavState(now, wrap(heading), 0.0, 4.0, rudder, 0.0, 0.0, True)
+    # a rate that goes with the heading is one that some boat's rudder accounts for
+    state = NavState(now, wrap(heading), heading, 4.0, rudder, 0.0, 0.0, True)
     return Watched(now, state, True, True, wrap(wanted), rudder, STOP, True, follows=True)
 
 
@@ -172,6 +175,35 @@ def test_a_swing_from_stop_to_stop_is_counted_sweep_by_sweep(side: float) -> Non
     assert counted(Swinging(side=side, sweep=1.1 * THROW * STOP)) >= HALF_SWINGS
     assert counted(Swinging(side=side, sweep=1.1 * SWEEP * STOP), sweep=SWEEP) >= HALF_SWINGS
     assert counted(Swinging(side=side, sweep=0.98 * SWEEP * STOP), sweep=SWEEP) == 0
+
+
+@pytest.mark.parametrize(("pushes", "makes"), [(0.0, True), (0.1, True), (0.6, False)])
+@pytest.mark.parametrize("delay", [0.0, 0.8])
+def test_swings_that_the_rudder_does_not_account_for_are_none_of_steering_s(
+    pushes: float, makes: bool, delay: float
+) -> None:
+    """A boat of five times the gain under a rudder that goes to and fro, and a sea beside it."""
+    swings, rate, heading, most, shares = Swings(SWEEP), 0.0, 0.0, 0, ByRudder()
+    for tick in range(900):
+        now = tick * DT
+        order, late = (0.4 * STOP * math.sin(math.pi * then / 6.0) for then in (now, now - delay))
+        sea = pushes * math.sin(2.3 * now) * math.sin(0.13 * now)
+        rate += DT * ((late + sea) - rate) / 2.0
+        heading += DT * rate
+        at = watched(now, heading, order)
+        at = at._replace(state=at.state._replace(rate=rate))
+        shares.add(at)
+        most = max(most, swings.look(BOAT, at))
+    assert (shares.share() >= BY_RUDDER) is makes
+    assert (most >= SUSPECT_SWINGS) is makes
+
+
+def test_a_boat_that_does_not_turn_has_nothing_to_account_for() -> None:
+    shares = ByRudder()
+    assert shares.share() == 0.0
+    for tick in range(10):
+        shares.add(watched(tick * DT, 0.0, 0.1 * tick))
+    assert shares.share() == 0.0
 
 
 @SIDES
