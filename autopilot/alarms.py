@@ -259,6 +259,17 @@ _MOTION = [
         is_borne=True,
     ),
     AlarmKind(
+        "trial_doubtful",
+        "the boat does not turn as the trial's rudder should turn it",
+        "the trial ends: see whether the heading is held; wait for the gust to pass, or look at the rudder",
+        _TELL,
+        _WARNING,
+        _PILOT,
+        "in a trial, two thirds of the evidence that tells a rudder that does not answer; or a push to the other side "
+        "that is heavier than the trial's rudder for 0.3 s",
+        "alarms.reversed_rudder",
+    ),
+    AlarmKind(
         "low_speed",
         "too slow to steer, or astern",
         "make way ahead; until then the rudder waits amidships",

@@ -67,6 +67,16 @@ ODD = 3.0
 """Where headings of this time [s] are so much further off, squared, than any answer explains, a gust has set in."""
 GUST = math.radians(25.0) ** 2
 """What a gust adds to the push's variance, a second [rad^2/s]."""
+DOUBTED = 7.0
+"""Evidence that is a doubt in a trial, as a natural logarithm: its rudder rests, and a gust looks the same there. The
+law's rudder moves, and tells them apart."""
+PUSHED_S = 0.3
+PUSHED_SIGMAS = 2.0
+"""A push that is heavier than the trial's rudder by so many standard deviations for this time [s] is one: with only
+one of them healthy zigzags in sea state 5 ended."""
+SEA_KNOWN_S = 2.0 * math.pi / 0.4
+"""One period of the longest wave that is estimated [s]: before, how large the sea is is not known, and it looks like a
+push."""
 ANSWERS_MOST = 1.6
 """Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
 OPPOSITE_SHARE = -0.7
@@ -348,6 +358,29 @@ def verdict(memory: Memory) -> int:
     return 1 if min(memory.silent, memory.silent_late) >= SURE else 0
 
 
+def is_doubtful(memory: Memory) -> bool:
+    """Return whether there is some evidence that the boat does not answer, or to the opposite rudder."""
+    return max(min(memory.opposite, memory.opposite_late), min(memory.silent, memory.silent_late)) >= DOUBTED
+
+
+def acquitted(memory: Memory) -> Memory:
+    """Return the memory with no more evidence against the rudder than makes as much again as was a doubt a verdict."""
+    most = SURE - DOUBTED
+    return memory._replace(
+        silent=min(memory.silent, most),
+        silent_late=min(memory.silent_late, most),
+        opposite=min(memory.opposite, most),
+        opposite_late=min(memory.opposite_late, most),
+    )
+
+
+def push_at_least(memory: Memory) -> float:
+    """Return what the boat is pushed by beside rudder and sea [rad of rudder], less `PUSHED_SIGMAS`; 0 where that
+    may be nothing. The boat is supposed to answer to its rudder as usual."""
+    push = memory.mean.push + memory.usual / memory.shown * memory.answer.push
+    return math.copysign(max(abs(push) - PUSHED_SIGMAS * math.sqrt(max(memory.spread.p22, 0.0)), 0.0), push)
+
+
 def other_verdict(others: Others) -> str:
     """Return "quick" where the boat turns as no boat of the model does, "lively" where it turns more than the model
     allows for, "slow" where its rudder is slow, "" where nothing tells."""
@@ -379,6 +412,10 @@ class RudderAnswer:
         self._same = 0
         self._late_until = -math.inf
         self._slow: tuple[float, float] | None = None
+        self._steers_since = self._held_off_since = math.nan
+        self._doubted_trial = False
+        self.doubts_trial = False
+        """Whether a trial's rudder does not turn the boat as it should: said in one tick of a trial."""
         self.other = ""
         """See `other_verdict`."""
 
@@ -409,7 +446,28 @@ class RudderAnswer:
         # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
         memory = self._memory
         self.other = other_verdict(memory.others) if memory is not None and state.wave_deviation > 0.0 else ""
+        self._doubt_trial(watched)
         return self._found()
+
+    def _doubt_trial(self, watched: Watched) -> None:
+        """Find a trial whose rudder cannot or does not turn the boat back."""
+        memory, now = self._memory, watched.now
+        self._steers_since = _since(self._steers_since, now, is_so=True)
+        is_known = now - self._steers_since >= SEA_KNOWN_S
+        push = push_at_least(memory) if memory is not None and is_known else 0.0
+        self.doubts_trial = False
+        if watched.follows:
+            self._held_off_since, self._doubted_trial = math.nan, False
+            return
+        # on the way from one side to the other the rudder passes amidships
+        holds = max(abs(angle) for _, angle in self._rudders)
+        is_held_off = push * watched.rudder < 0.0 and abs(push) > holds
+        self._held_off_since = _since(self._held_off_since, now, is_so=is_held_off)
+        if memory is None or self._doubted_trial:
+            return
+        if is_doubtful(memory) or now - self._held_off_since >= PUSHED_S:
+            self.doubts_trial = self._doubted_trial = True
+            self._memory = acquitted(memory)
 
     def _follow_slowly(self, watched: Watched, rate: float) -> None:
         """Carry on where the rudder would be if it were SLOW times slower; one that is measured is where it is."""
@@ -472,3 +530,10 @@ class RudderAnswer:
         if seen < 0:
             return "rudder_reversed", "the boat answers to the opposite rudder"
         return "rudder_stuck", "the boat does not answer to it"
+
+
+def _since(since: float, now: float, *, is_so: bool) -> float:
+    """Return since when [s] something is so, nan: it is not."""
+    if not is_so:
+        return math.nan
+    return now if math.isnan(since) else since

@@ -40,6 +40,8 @@ from autopilot.signals import (
 ROLL_SECONDS = 2.0
 INNOVATION_TIME = 20.0
 WIND_STALE = 5.0
+TRIAL_SAID = 10.0
+"""That a trial does not turn the boat is said for this time [s]: it is over by then."""
 
 
 class Monitors:
@@ -93,6 +95,7 @@ class Monitors:
             monitor.reset()
         self._surprised_since: float | None = None
         self._surprise = ""
+        self._trial_doubted = -math.inf
 
     @property
     def trouble(self) -> AlarmEvent | None:
@@ -190,6 +193,10 @@ class Monitors:
             self._overpowered.look(watched)
             if self._overpowered.found:
                 found["overpowered"] = AlarmEvent("overpowered", self._overpowered.found)
+            if self._answer.doubts_trial:
+                self._trial_doubted = watched.now
+        if watched.steers and watched.now - self._trial_doubted < TRIAL_SAID:
+            found["trial_doubtful"] = AlarmEvent("trial_doubtful")
         self._runaway.look(model, watched)
         if self._runaway.has_run:
             found["runaway"] = AlarmEvent("runaway")

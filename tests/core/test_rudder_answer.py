@@ -19,6 +19,7 @@ MODEL = Norrbin(0.4, 1.5, n3=2.0, reference_speed=4.0)
 STOP = math.radians(30.0)
 DT = 0.05
 NOISE = math.radians(0.3)
+TEN = math.radians(10.0)
 
 
 def calm(_: float) -> float:
@@ -44,6 +45,9 @@ class Helm:
     rudder: float = 0.0
     now: float = 0.0
     wave: tuple[float, float] = (math.radians(1.0), 1.0)
+    trial: bool = False
+    """A zigzag of 10 deg by 10 deg about north is sailed, not a course."""
+    side: float = 1.0
 
     def __post_init__(self) -> None:
         self.random = np.random.default_rng(self.seed)
@@ -55,7 +59,7 @@ class Helm:
         for _ in range(round(seconds / DT)):
             self.now += DT
             seen = wrap(self.heading + NOISE * self.random.standard_normal())
-            wanted = -1.5 * wrap(seen - course) - 1.0 * self.rate
+            wanted = self.zigzag(seen) if self.trial else -1.5 * wrap(seen - course) - 1.0 * self.rate
             self.told += max(-0.3 * DT, min(0.3 * DT, wanted - self.told))
             self.told = max(-STOP, min(STOP, self.told))
             self.orders.append(self.told)
@@ -64,12 +68,20 @@ class Helm:
             self.heading += self.rate * DT
             state = NavState(self.now, seen, self.rate, 4.0, self.told, 0.0, 0.0, True, 0.0, 0.0, *self.wave)
             self.watch.hear(HeadingSample(self.now, seen, None, "compass"))
-            found = self.watch.look(
-                MODEL, Watched(self.now, state, True, True, course, self.told, STOP, True), NOISE**2
-            )
+            holds = not self.trial
+            watched = Watched(self.now, state, True, holds, course, self.told, STOP, True, follows=holds)
+            found = self.watch.look(MODEL, watched, NOISE**2)
             if found[0]:
                 return found
+            if self.watch.doubts_trial:
+                return "trial_doubtful", ""
         return "", ""
+
+    def zigzag(self, seen: float) -> float:
+        """Return the rudder of the zigzag."""
+        if self.side * seen >= TEN:
+            self.side = -self.side
+        return self.side * TEN
 
     def steer_late(self, seconds: float, courses: tuple[float, ...], latest: float, share: float) -> tuple[str, str]:
         """The same with ticks of which a `share` sends its order up to `latest` [s] late, the next one coming then."""
@@ -90,7 +102,9 @@ class Helm:
                     self.watch.hear(sample)
                 queue = []
                 is_late = gap > 0.15
-                watched = Watched(self.now, state, True, True, course, leaving, STOP, True, is_late=is_late)
+                watched = Watched(
+                    self.now, state, True, True, course, leaving, STOP, True, is_late=is_late, follows=True
+                )
                 found = self.watch.look(MODEL, watched, NOISE**2)
                 if found[0]:
                     return found
@@ -187,6 +201,34 @@ def test_a_rudder_that_fails_is_seen_though_ticks_are_late_at_times() -> None:
 def test_a_gust_is_none_even_one_heavier_than_the_rudder(gust_deg: float) -> None:
     helm = Helm(push=lambda now: seaway(now) + (math.radians(gust_deg) if 30.0 < now < 45.0 else 0.0))
     assert helm.steer(60.0, 0.0) == ("", "")
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gust_in_a_trial_ends_it_and_accuses_no_rudder(seed: int) -> None:
+    begins = 30.0
+    helm = Helm(push=lambda now: seaway(now) + (math.radians(20.0) if now >= begins else 0.0), seed=seed, trial=True)
+    assert helm.steer(begins, 0.0) == ("", "")
+    assert helm.steer(10.0, 0.0)[0] == "trial_doubtful"
+    assert abs(helm.heading) < math.radians(40.0)
+    helm.trial = False
+    assert helm.steer(30.0, 0.0) == ("", "")
+    assert abs(helm.heading) < math.radians(20.0), "this helm does not learn the push"
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_rudder_that_fails_in_a_trial_is_told_by_the_course_that_is_held_after_it(seed: int) -> None:
+    helm = Helm(push=seaway, seed=seed, trial=True)
+    assert helm.steer(30.0, 0.0) == ("", "")
+    helm.gear = reversed_gear
+    assert helm.steer(10.0, 0.0)[0] == "trial_doubtful"
+    helm.trial = False
+    assert helm.steer(10.0, 0.0)[0] == "rudder_reversed"
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_first_waves_are_no_push_before_the_sea_is_known(seed: int) -> None:
+    helm = Helm(push=lambda now: math.radians(40.0) * math.sin(now + seed), seed=seed, trial=True)
+    assert helm.steer(12.0, 0.0) == ("", "")
 
 
 def test_a_compass_that_stands_still_is_left_to_who_watches_for_that() -> None:
