@@ -13,6 +13,7 @@ from autopilot.safety import RESUME_AFTER, FailsafeAction, Supervisor
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
+    HelmCause,
     HelmSample,
     Mode,
     NavState,
@@ -53,6 +54,13 @@ def test_it_waits_for_a_heading_and_says_so() -> None:
     assert "waiting for a heading" in sentences_of(tested.alarms())[0]
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
     assert tested.alarms() == ()
+
+
+@pytest.mark.parametrize("cause", list(HelmCause))
+def test_a_helm_that_goes_away_ends_steering_whatever_the_cause(cause: HelmCause) -> None:
+    tested = engaged()
+    tested.hear(HelmSample(0.1, False, "in words of its own", "rc", cause))
+    assert tested.decide(0.1, ENGAGE, state(0.1)) is Mode.OVERRIDE
 
 
 def test_a_note_is_an_alarm_that_changes_nothing_until_its_source_takes_it_back() -> None:
