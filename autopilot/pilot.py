@@ -151,7 +151,7 @@ class Pilot:
         self._guide.reset()
         self._is_reckoned = False
         self.law.reset(0.0)
-        self._roll_rudder = 0.0
+        self._roll_rudder, self._damps_roll = 0.0, False
         self._met, self._undoing = NOT_MET, 0.0
         if self.damper is not None:
             self.damper.reset()
@@ -326,6 +326,7 @@ class Pilot:
             speeds_apart=self.estimator.speeds_apart,
             trial_speed=self.config.model.reference_speed,
             rudder_is_measured=self.estimator.rudder.is_known(now),
+            damps_roll=self._damps_roll,
         )
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
@@ -347,9 +348,10 @@ class Pilot:
                 self.estimator.rudder.order(now, sample.angle)
 
     def _hear_roll(self, sample: RollSample) -> None:
-        if self.monitors.softer > 1.0:
+        if self.monitors.softer > 1.0 or self.monitors.rests_roll:
             # neither boat nor rudder is what the damping was worked out for
             return
+        self._damps_roll = self.damper is not None or isinstance(self.law, HearsRoll)
         if self.damper is not None:
             self.damper.hear(sample)
         if isinstance(self.law, HearsRoll):

@@ -51,6 +51,7 @@ class Monitors:
         findings: the alarms by their names in the catalogue.
         softer: the law is to order as for a boat that answers so many times as much.
         doubts_speed: whether the boat's own turns contradict its speed.
+        rests_roll: whether the rudder is too slow to work against roll too.
     """
 
     def __init__(self, limits: AlarmLimits) -> None:
@@ -68,6 +69,7 @@ class Monitors:
         """Forget everything."""
         self.forget_past()
         self.softer, self._hunts, self.doubts_speed, self._other = 1.0, False, False, ""
+        self.rests_roll = False
         self.findings: dict[str, AlarmEvent] = {}
         self._conditions: dict[tuple[str, str], AlarmEvent] = {}
         self._roll_since: float | None = None
@@ -217,7 +219,7 @@ class Monitors:
     def _look_at_model(self, model: Norrbin, watched: Watched, found: dict[str, AlarmEvent]) -> None:
         """What the answer to the rudder tells of speed, boat and rudder; what was found counts until we let go."""
         if not watched.steers:
-            self.doubts_speed, self._other = False, ""
+            self.doubts_speed, self.rests_roll, self._other = False, False, ""
         seen = {self._answer.other, self._other, "slow" if self._follows.is_slow else ""}
         self._other = next((other for other in ("quick", "slow", "lively") if other in seen), "")
         if self._other == "quick":
@@ -225,6 +227,10 @@ class Monitors:
         elif self._other == "slow" and model.n1 <= 0.0:
             # no gain is soft enough for a boat that turns away quicker than its rudder comes
             found["rudder_not_following"] = AlarmEvent("rudder_not_following", "much slower than its file says")
+        elif self._other == "slow" and (self.rests_roll or watched.damps_roll):
+            # the quick orders are those against roll; a course alone may well be held with this rudder as it is
+            self.rests_roll = True
+            found["rudder_slow"] = AlarmEvent("rudder_slow")
         elif self._other:
             self.softer = max(self.softer, SOFTER)
             name = "lively" if self._other == "lively" else "rudder_slow"

@@ -43,7 +43,7 @@ class Watched(NamedTuple):
     whether the rudder waits for way; how far a zigzag is off to the wrong side [rad]; what wind, current and trim are
     worth [rad of rudder], however much that is; whether this tick came late; whether a heading is followed, in turns
     too; how far log and ground lie apart without a stream that explains it [m/s]; the trial's speed [m/s], 0 where the
-    model is the trial's; and whether the rudder's angle is measured."""
+    model is the trial's; whether the rudder's angle is measured; and whether it works against roll too."""
 
     now: float
     state: NavState
@@ -62,3 +62,4 @@ class Watched(NamedTuple):
     speeds_apart: float = 0.0
     trial_speed: float = 0.0
     rudder_is_measured: bool = False
+    damps_roll: bool = False
