@@ -134,7 +134,8 @@ class Swings:
             self.reset()
             return 0
         is_paused = watched.now - self._swept > PAUSE[0] + PAUSE[1] * model.time_constant
-        if is_paused or not abs(shortest_turn(self._wanted, watched.wanted)) < NEW_COURSE:
+        # a rudder that stood while the loop stalled swings the boat, too: that is told of late ticks
+        if watched.is_late or is_paused or not abs(shortest_turn(self._wanted, watched.wanted)) < NEW_COURSE:
             self._begin(watched.now)
         self._wanted = watched.wanted
         quickest = at_trial_speed(model, watched)
