@@ -483,8 +483,8 @@ _OUTSIDE = [
         _CRITICAL,
         _LINK,
         "no order left for longer than the vehicle waits for one (RC_OVERRIDE_TIME, 3 s in GUIDED); on other rudder "
-        "drives for longer than the fail-safe would keep the rudder",
-        "failsafe.release_after_s",
+        "drives for longer than 3 s and than a heading may stay away",
+        "failsafe.heading_timeout_s",
     ),
     AlarmKind(
         "link_flooded",

@@ -35,6 +35,8 @@ from autopilot.safety import FailsafeAction
 if TYPE_CHECKING:
     from autopilot.identification.learning import Learner
 
+UNATTENDED_S = 3.0
+"""A rudder drive without a time-out of its own is left without orders for so long, as ArduPilot's overrides are."""
 SEA = math.radians(2.0)
 GUST = math.radians(0.2)
 DISTURBANCE_TIME = 0.5
@@ -273,8 +275,6 @@ def follow_of(vessel: Vessel) -> FollowSettings:
     """Return how closely the vessel's rudder must follow its orders, and how long it may be left without one."""
     rudder = vessel.rudder
     tolerance = math.radians(rudder.follow_tolerance_deg)
-    # without a heading the fail-safe would leave the rudder where it is for as long
-    unattended = vessel.failsafe.heading_timeout_s + vessel.failsafe.release_after_s
-    patience = max(unattended, LATE_PERIODS / vessel.control.rate_hz)
+    patience = max(UNATTENDED_S, vessel.failsafe.heading_timeout_s, LATE_PERIODS / vessel.control.rate_hz)
     rate = radians_or_unlimited(rudder.rate_max_deg_s)
     return FollowSettings(tolerance, rate, rudder.delay_s + rudder.lag_s, patience)

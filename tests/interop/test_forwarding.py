@@ -65,8 +65,12 @@ def test_mavutil_behind_us_reads_every_parameter_of_the_vehicle_while_we_steer(t
     station = [sys.executable, "-W", "ignore", "-c", STATION, f"udpout:127.0.0.1:{behind}", *theirs]
     with (
         simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", *ours),
-        subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as pilot,
+        subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as pilot,
     ):
+        assert pilot.stdout is not None
+        assert any("ENGAGED" in line for line in pilot.stdout)
         done = subprocess.run(
             station, capture_output=True, text=True, timeout=80, check=False, env={**os.environ, "MAVLINK20": "1"}
         )

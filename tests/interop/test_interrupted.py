@@ -189,7 +189,11 @@ def test_a_python_that_is_too_old_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_a_closed_terminal_ends_a_run_in_good_order(tmp_path: Path) -> None:
-    pilot = start(COMMANDS["run"], tmp_path)
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup the end of a terminal is to end nothing
+    try:
+        pilot = start(COMMANDS["run"], tmp_path)
+    finally:
+        signal.signal(signal.SIGHUP, before)
     assert pilot.stdout is not None
     assert "STANDBY" in pilot.stdout.readline()
     pilot.send_signal(signal.SIGHUP)

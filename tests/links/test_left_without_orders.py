@@ -18,7 +18,7 @@ from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import HelmCause, HelmSample, RudderCommand, Sample
 
 LANXIN = load_vessel("lanxin")
-PATIENCE_S = LANXIN.failsafe.heading_timeout_s + LANXIN.failsafe.release_after_s
+PATIENCE_S = 3.0
 
 
 def opened(kind: str) -> NmeaLink | DriveLink:
