@@ -143,12 +143,8 @@ class Supervisor:
     def _is_taken(self, away: HelmSample) -> bool:
         """Return whether a helm that is away was taken from us, and not only has to be proved on engaging: who steers
         needs the helm, whatever keeps it away."""
-        if self.state in ENGAGED:
-            return True
-        return away.cause is not HelmCause.UNPROVEN and self.state not in (
-            SupervisorState.STANDBY,
-            SupervisorState.OVERRIDE,
-        )
+        held = self.state not in (SupervisorState.STANDBY, SupervisorState.OVERRIDE)
+        return self.state in ENGAGED or (held and away.cause is not HelmCause.UNPROVEN)
 
     def _is_ended_by(self, against: str) -> bool:
         """A fail-safe that moves the rudder is ended by what is worse than a lost heading, too."""

@@ -17,8 +17,7 @@ from autopilot.models.steering_gear import SteeringGear, gear_step
 
 WINDOW = 0.6
 """Time [s] of a window: the noise of two angles is small against what a rudder travels in it. The look that begins it
-counts with its dt, so that at 10 Hz a rate is found a sixth too low: with the exact one a ship whose rudder slews at a
-quarter of its filed rate rolls 7 % more than without roll damping, with this one less than 2 %."""
+counts with its dt, so that at 10 Hz a rate is found a sixth too low, which is the careful side."""
 BEHIND = math.radians(5.0)
 """Further behind the file's gear than this [rad] at the end of a window is slower; noise and a sensor that is a quarter
 of a second late make up less."""

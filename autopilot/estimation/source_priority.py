@@ -152,8 +152,8 @@ class SourcePriority:
         for name, reason in self._compasses.doubted(now):
             believed = self._believed.get("heading", "")
             if name != believed:
-                told = f"{name.partition('@')[0]} {reason}, {believed.partition('@')[0]} steers"
-                return AlarmEvent("heading_disagrees", told, FAILED)
+                detail = f"{name.partition('@')[0]} {reason}, {believed.partition('@')[0]} steers"
+                return AlarmEvent("heading_disagrees", detail, FAILED)
         return None
 
     def _silent(self, now: float) -> AlarmEvent | None:

@@ -17,6 +17,7 @@ soft. A boat that is known to be pushed harder than its rudder is not taken to g
 from __future__ import annotations
 
 import math
+from itertools import combinations_with_replacement
 
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
@@ -74,7 +75,8 @@ class ByRudder:
     def __init__(self) -> None:
         self._last: tuple[float, float] | None = None
         self._ordered = self._turned = self._time = 0.0
-        self._sums = [[0.0] * 5 for _ in range(5)]
+        self._sums = [0.0] * 15
+        """Of the products of two columns, each pair once: the matrix is symmetric."""
 
     def add(self, watched: Watched) -> None:
         """Take a tick."""
@@ -86,16 +88,20 @@ class ByRudder:
             self._turned += shortest_turn(self._last[1], heading)
         self._last = now, heading
         row = 1.0, self._time, self._turned, self._ordered, watched.state.rate
-        for sums, one in zip(self._sums, row, strict=True):
-            for index, other in enumerate(row):
-                sums[index] += one * other
+        self._sums = [
+            total + one * other
+            for total, (one, other) in zip(self._sums, combinations_with_replacement(row, 2), strict=True)
+        ]
 
     def share(self) -> float:
         """Return R^2, 0 where nothing has turned."""
-        left = [list(sums) for sums in self._sums]
+        left = [[0.0] * 5 for _ in range(5)]
+        for (row, column), total in zip(combinations_with_replacement(range(5), 2), self._sums, strict=True):
+            left[row][column] = left[column][row] = total
+        before = [left[index][index] for index in range(5)]
         total = 0.0
         for pivot in range(4):
-            if left[pivot][pivot] > NO_MORE * self._sums[pivot][pivot]:
+            if left[pivot][pivot] > NO_MORE * before[pivot]:
                 for row in range(pivot + 1, 5):
                     part = left[row][pivot] / left[pivot][pivot]
                     left[row] = [one - part * other for one, other in zip(left[row], left[pivot], strict=True)]
@@ -134,7 +140,7 @@ class Swings:
             self.reset()
             return 0
         is_paused = watched.now - self._swept > PAUSE[0] + PAUSE[1] * model.time_constant
-        # a rudder that stood while the loop stalled swings the boat, too: that is told of late ticks
+        # a rudder that stood while the loop stalled swings the boat, too: late ticks are an alarm of their own
         if watched.is_late or is_paused or not abs(shortest_turn(self._wanted, watched.wanted)) < NEW_COURSE:
             self._begin(watched.now)
         self._wanted = watched.wanted

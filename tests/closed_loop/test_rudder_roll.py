@@ -180,7 +180,7 @@ def rolled(gear: SteeringGear, hears_roll: bool, has_sensor: bool) -> tuple[floa
 
 @pytest.mark.parametrize("has_sensor", [True, False], ids=["rudder sensor", "no rudder sensor"])
 def test_a_rudder_slower_than_its_file_never_rolls_the_ship_more(has_sensor: bool) -> None:
-    """5 deg/s where the file says 20: the law would roll her up to a tenth more than no damping at all."""
+    """5 deg/s where the file says 20: the law would roll the ship up to a tenth more than no damping at all."""
     quiet, _ = rolled(SLOW, hears_roll=False, has_sensor=False)
     roll, weight = rolled(SLOW, hears_roll=True, has_sensor=has_sensor)
     assert roll <= 1.02 * quiet

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from boat_at_sea import NoParameters
 
 from autopilot import alarm_words, alarms
 from autopilot.guidance.trial_limits import TrialLimits, TrialWatch
@@ -115,16 +116,6 @@ def change_every_sentence(boat: FaultBoat) -> None:
     for link in boat.session._links:
         receive = link.receive
         link.receive = lambda now, receive=receive: [unworded(each) for each in receive(now)]
-
-
-class NoParameters:
-    names: tuple[str, ...] = ()
-
-    def get(self, name: str) -> float:
-        raise KeyError(name)
-
-    def set(self, name: str, value: float) -> str:
-        raise KeyError(name)
 
 
 class Watcher:

@@ -118,7 +118,7 @@ class Judge:
 
 
 def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -> list[tuple[Memory, Judge]]:
-    """A boat that answers by `share` of the model to a rudder that trails by `slowness` [s]; both judges of her."""
+    """A boat that answers by `share` of the model to a rudder that trails by `slowness` [s]; both judges of it."""
     random = np.random.default_rng(5)
     memory, judge = first_memory(NOISE, 0.0, 0.1)._replace(usual=60.0 * usual), Judge(0.1)
     judge.usual = 60.0 * usual
@@ -190,7 +190,7 @@ def test_a_wild_heading_is_left_out_four_times_in_a_row(wild_so_far: int, side: 
 
 
 def test_the_noise_of_a_boat_in_a_sea() -> None:
-    """K = 0.3, T = 4 s; the sea yaws her by w psi, for which the rudder would be worth w psi sqrt(1 + (w T)^2)/K."""
+    """K = 0.3, T = 4 s; the sea yaws by w psi, for which the rudder would be worth w psi sqrt(1 + (w T)^2)/K."""
     noise = answer_noise(BOAT, 2.0e-4, 0.05, 0.8)
     assert noise.heading == 2.0e-4
     assert noise.acceleration == pytest.approx((0.3 / 4.0) ** 2 * math.radians(0.5) ** 2 * 0.2)

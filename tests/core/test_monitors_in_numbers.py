@@ -77,7 +77,7 @@ def test_off_course_by_side_with_the_rudder_at_its_stop_and_back_within_seven_te
 
 
 def ran(side: float, share: float, seconds: float, turned_deg: float, waves: float = 0.0) -> tuple[bool, str]:
-    """A rudder hard over to `side` while she turns so far the other way in so long; share: of its steady turn."""
+    """A rudder hard over to `side` while the boat turns so far the other way in so long; share: of its steady turn."""
     monitor, rate = Runaway(), -side * share * steady_rate(BOAT, STOP)
     steps = round(seconds / 0.05)
     for tick in range(steps + 1):
