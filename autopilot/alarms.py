@@ -253,8 +253,9 @@ _MOTION = [
         _TELL,
         _ERROR,
         _PILOT,
-        "what turns the boat beside rudder and waves, by the model, is worth more than the rudder's limit for 2 s; or, "
-        "rudder hard over for a time constant, it turns to the other side by 20 deg and twice the waves' yaw",
+        "what turns the boat beside rudder and waves, by the model, is worth more than the rudder's limit for 2 s, the "
+        "rudder hard over against it or held by a trial; or, rudder hard over for a time constant, it turns to the "
+        "other side by 20 deg and twice the waves' yaw",
         "alarms.reversed_rudder",
         is_borne=True,
     ),
@@ -287,9 +288,9 @@ _MOTION = [
         _WARNING,
         _PILOT,
         "four like or growing sweeps of the rudder in a row by half its limit, each with 10 deg of heading and the "
-        "rate of turn to 95 % the rudder's, or two that swing the boat three times as far as its model, or twice the "
-        "rate that the rudder hard over gives; then a quarter of the gain, and a sixteenth if need be; a speed below "
-        "the trial's is doubted first",
+        "rate of turn to 95 % the rudder's, or two of 8 s or more that swing the boat three times as far as its model, "
+        "or twice the rate that the rudder hard over gives; then a quarter of the gain, and a sixteenth if need be; a "
+        "speed below the trial's is doubted first",
     ),
     AlarmKind(
         "swinging",

@@ -16,7 +16,8 @@ later than two control periods after the one before is a missed deadline: with o
 after one and a half. `--report FILE.html` writes the page of a run (extra `report`).
 Alarms: pilot, monitors and supervisor on each plant with healthy instruments and their noise, in calm, sea state 3 and
 5 by the hour, a new course every five minutes; the seed is the day's date. An alarm that says what is so (a boat that
-is off course indeed, a rudder that is at its stop, both at once) is counted apart.
+is off course indeed, a rudder that is at its stop, a boat that turns against it, a whole turn) is counted apart. The
+boats of the closed-loop tests have no hull there; here they have one as long as their turning makes it.
 
 Exit code 1 where a descriptor stays open, simulated where a release was missed, real where the process did not steer to
 the end; there a missed release is told beside what cyclictest saw, for a machine that stands still misses

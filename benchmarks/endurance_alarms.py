@@ -13,6 +13,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from boats import BOATS, vessel_of
+from boats import Boat as TestBoat
 from study_boats import SEAS, StudyBoat, StudySea
 from study_boats import boats as study_boats
 
@@ -35,6 +36,11 @@ AGAIN_S = 60.0
 RUDDER_NOISE = math.radians(0.2)
 SPEED_NOISE = 0.05
 OFF_COURSE = math.radians(10.0)
+AGAINST_S = 5.0
+"""It has been overpowered where it turned by OFF_COURSE against its rudder at the stop no longer ago than this [s]."""
+ROUND = 2.0 * math.pi
+ABILITY = 0.3
+"""The least turning ability P = K'/(2 T') of a ship that handles well, Norrbin 1965."""
 MOST_FALSE = 1
 """False alarms in 24 hours; fail-safes: none."""
 
@@ -47,10 +53,30 @@ class Hour(NamedTuple):
     ended: Counter[str]
 
 
+class Truth(NamedTuple):
+    """What the boat really does. away [rad]: how far it has turned from the heading ordered, whole turns counted;
+    against [rad]: how far against its rudder at the stop; against_time [s]: when that was OFF_COURSE or more."""
+
+    away: float = 0.0
+    against: float = 0.0
+    against_time: float = -math.inf
+
+
 def plants() -> dict[str, StudyBoat]:
     """Return the plants of the tests and of the steering studies."""
-    tested = {f"tests' {name}": StudyBoat(vessel_of(boat), Hull()) for name, boat in BOATS.items()}
+    tested = {f"tests' {name}": StudyBoat(vessel_of(boat), hull_of(boat)) for name, boat in BOATS.items()}
     return {**study_boats(), **tested}
+
+
+def hull_of(boat: TestBoat) -> Hull:
+    """Return a hull that turns as this boat of the tests, which has none there: as long as P = ABILITY makes it, by
+    K' = K L/U and T' = T U/L the length L = U sqrt(2 P T/K), the default one at least, which it is like by Froude."""
+    hull = Hull()
+    scale = max(boat.speed * math.sqrt(2.0 * ABILITY * boat.T / boat.K) / hull.length, 1.0)
+    lengths = ("length", "beam", "draught", "drift_lever", "roll_lever")
+    times = ("speed_time", "sway_time", "roll_period")
+    grown = {name: getattr(hull, name) * scale for name in lengths}
+    return hull._replace(**grown, **{name: getattr(hull, name) * math.sqrt(scale) for name in times})
 
 
 def hour_of(boat: StudyBoat, number: int, seed: int, seconds: float = HOUR_S) -> tuple[str, Hour]:
@@ -71,15 +97,18 @@ def sailed(boat: StudyBoat, sea: StudySea, random: np.random.Generator, seconds:
     vessel = Boat(Plant(model_of(boat.vessel), gear_of(boat.vessel), boat.hull), BoatState(speed=speed))
     pilot, hour = build_pilot(boat.vessel), Hour(Counter(), Counter(), Counter())
     order, on, ended = Order(OrderKind.HEADING, 0.0, serial=1), frozenset[str](), -math.inf
+    truth, before = Truth(), vessel.state
     for index in range(round(seconds * COMPASS_HZ)):
         now = index / COMPASS_HZ
         if index and index % round(COURSE_S * COMPASS_HZ) == 0:
             turn = math.radians(float(random.choice(TURNS_DEG)) * random.choice((-1.0, 1.0)))
-            order = order._replace(heading=wrap(order.heading + turn))
+            order, truth = order._replace(heading=wrap(order.heading + turn)), Truth()
         tick = pilot.step(now, measured(boat, vessel.state, now, random, has_sensor), order)
+        truth = moved(truth, pilot, before, vessel.state, now, shortest_turn(order.heading, vessel.state.heading))
+        before = vessel.state
         found = frozenset(pilot.monitors.findings)
         for alarm in found - on:
-            (hour.true if is_so(alarm, pilot, vessel.state, order) else hour.false)[alarm] += 1
+            (hour.true if is_so(alarm, pilot, before, truth, now) else hour.false)[alarm] += 1
         on = found
         if tick.mode not in (Mode.ENGAGED, Mode.STANDBY) and math.isinf(ended):
             hour.ended[ended.name if (ended := pilot.supervisor.alarm) is not None else ""] += 1
@@ -108,14 +137,29 @@ def measured(
     return tuple(samples)
 
 
-def is_so(alarm: str, pilot: Pilot, state: BoatState, order: Order) -> bool:
-    """Return whether an alarm says what is the case: the boat off course indeed, the rudder at its stop; overpowered is
-    a boat off course with the true rudder at its stop against it."""
-    off, limits = shortest_turn(order.heading, state.heading), pilot.config.alarms
+def moved(truth: Truth, pilot: Pilot, before: BoatState, state: BoatState, now: float, off: float) -> Truth:
+    """Return the truth after a step from one state to the next, the boat `off` [rad] from the heading ordered."""
+    turned = state.heading - before.heading
+    away = truth.away + turned if abs(truth.away) > OFF_COURSE else off
+    # the same heading with the whole turns that it is away
+    away = off + ROUND * round((away - off) / ROUND)
+    is_at_stop = abs(state.rudder) >= AT_THE_STOP * pilot.config.limits.angle_max
+    against = max(truth.against - math.copysign(turned, turned * state.rudder), 0.0) if is_at_stop else 0.0
+    return Truth(away, against, now if against >= OFF_COURSE else truth.against_time)
+
+
+def is_so(alarm: str, pilot: Pilot, state: BoatState, truth: Truth, now: float) -> bool:
+    """Return whether an alarm says what is the case: the boat off course indeed, or round by a whole turn, the rudder
+    at its stop; overpowered is a boat off course with the true rudder at its stop against it, or one that turned on
+    against it."""
+    off, limits = wrap(truth.away), pilot.config
     if alarm == "off_course":
-        return abs(off) > 0.9 * limits.off_course
-    is_against = -math.copysign(1.0, off) * state.rudder >= AT_THE_STOP * pilot.config.limits.angle_max
-    return alarm == "rudder_at_stop" or (alarm == "overpowered" and is_against and abs(off) > OFF_COURSE)
+        return abs(off) > 0.9 * limits.alarms.off_course
+    if alarm == "circling":
+        return abs(truth.away) > 0.9 * ROUND
+    is_against = -math.copysign(1.0, off) * state.rudder >= AT_THE_STOP * limits.limits.angle_max
+    is_overpowered = (is_against and abs(off) > OFF_COURSE) or now - truth.against_time <= AGAINST_S
+    return alarm == "rudder_at_stop" or (alarm == "overpowered" and is_overpowered)
 
 
 def watched(name: str, hours: int, seed: int) -> bool:

@@ -98,6 +98,10 @@ COLOUR_TIME = 0.5
 """What the best share of the answer leaves over is white noise where it is a compass's. Where it lies to one side for
 so long [s], a sea other than the one that is estimated turns the boat, and the rudder follows it at the sea's own pace:
 one heading then tells little that those before it have not."""
+COLOUR_KNOWN = 2.5
+"""The square of what lies to one side, where the sea is the one that is estimated: 2.3 at most with each boat of the
+tests in state 3. Where it has been so many times as much while nothing was suspect, the sea is another, and does what
+looks like a fault of the rudder so much more often: as much more evidence is wanted."""
 
 
 class Others(NamedTuple):
@@ -146,6 +150,7 @@ class Memory(NamedTuple):
     usual: float
     shown: float
     others: Others = NO_OTHERS
+    sea: float = 1.0
 
 
 def first_memory(noise: Noise, time: float, heading: float) -> Memory:
@@ -209,6 +214,7 @@ def answer_step(
             memory.usual,
             memory.shown,
             memory.others._replace(slow=slow_answer),
+            memory.sea,
         )
     share = 1.0 - math.exp(-dt / ODD_TIME)
     least = min(max(LEAST_SHARE * memory.usual / memory.shown, LEAST[0]), LEAST[1])
@@ -247,6 +253,7 @@ def answer_step(
             1.0 - math.exp(-dt / max(STRANGE_TIME, model.time_constant)),
             kept_others,
         )._replace(fit=fit, left=left, colour=colour),
+        max(colour, 1.0) if learns > 0.0 else memory.sea,
     )
 
 
@@ -353,9 +360,10 @@ def _without_more(before: Others, after: Others) -> Others:
 
 def verdict(memory: Memory) -> int:
     """Return 0 where she answers or nothing tells, 1 where she does not answer, -1 where she does to the opposite."""
-    if min(memory.opposite, memory.opposite_late) >= SURE:
+    sure = SURE * max(memory.sea / COLOUR_KNOWN, 1.0)
+    if min(memory.opposite, memory.opposite_late) >= sure:
         return -1
-    return 1 if min(memory.silent, memory.silent_late) >= SURE else 0
+    return 1 if min(memory.silent, memory.silent_late) >= sure else 0
 
 
 def is_doubtful(memory: Memory) -> bool:

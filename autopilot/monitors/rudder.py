@@ -146,7 +146,11 @@ class AtTheStop:
 
 
 class Overpowered:
-    """Wind, current and trim that are worth more than the rudder's limit, as the estimator learns them beside waves."""
+    """Wind, current and trim that are worth more than the rudder's limit, as the estimator learns them beside waves.
+
+    A law that holds a course against them has put the rudder to its stop: as long as it has some left, what the
+    estimator believes is a sea that it does not know.
+    """
 
     def __init__(self) -> None:
         self.reset()
@@ -162,9 +166,14 @@ class Overpowered:
             self.reset()
         elif self._since is None:
             self._since = watched.now
-        elif watched.now - self._since >= PUSH_LASTS and not self.found:
+        elif watched.now - self._since >= PUSH_LASTS and not self.found and _has_none_left(watched):
             side = "starboard" if watched.push > 0.0 else "port"
             self.found = f"to {side}, as by {math.degrees(abs(watched.push)):.0f} deg of rudder"
+
+
+def _has_none_left(watched: Watched) -> bool:
+    """Return whether the rudder is at its stop against the push, or rests where a trial wants it."""
+    return not watched.follows or (is_hard_over(watched) and watched.rudder * watched.push < 0.0)
 
 
 def is_hard_over(watched: Watched) -> bool:

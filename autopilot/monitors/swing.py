@@ -37,7 +37,10 @@ BY_RUDDER = 0.95
 0.995 and more (5 to 40 times as lively); 0.89 to 0.96 in a sea of 6 deg of rudder, which shows them some sweeps later.
 Of boats that are theirs, in gusts and seas that their rudder is too slow for, 0.92 at most."""
 BEYOND = 3.0
-"""A swing so many times as far as the rudder from stop to stop makes by the model counts for two."""
+"""A swing so many times as far as the rudder from stop to stop makes by the model counts for two, where it lasts longer
+than a sea's: seas turn small boats as far beside their rudder."""
+LONGEST_WAVE_S = math.pi / 0.4
+"""Half the period of the longest wave that is estimated [s]."""
 SWEEP, THROW = 0.5, 1.0
 """Each of them, from turning point to turning point, in units of the rudder's limit to one side: to be steered softly,
 and to be let go of."""
@@ -169,13 +172,16 @@ class Swings:
             counts = swung >= SWING and lasted >= self._least_time
             goes_on = self._swung < ALIKE * swung and swung < GROWS * self._swung
             is_alike = goes_on and _are_alike(lasted, self._lasted)
-            worth = 2 if swung > BEYOND * widest_swing(model, watched.angle_max, lasted) else 1
+            is_beyond_rudder = swung > BEYOND * widest_swing(model, watched.angle_max, lasted)
+            worth = 2 if is_beyond_rudder and lasted > LONGEST_WAVE_S else 1
             self._count = 0 if not counts else self._count + worth if is_alike else 1
             if self._count >= SUSPECT_SWINGS and self._by_rudder.share() < BY_RUDDER:
                 self._count = 0
             if self._count <= 1:
                 self._by_rudder = ByRudder()
-            self._swung, self._lasted = swung, lasted
+            # a limit cycle does not die away: as far as the farthest
+            self._swung = max(swung, self._swung) if self._count > 1 else swung
+            self._lasted = lasted
             self._side, self._extreme, self._swept = -self._side, order, watched.now
             self._span, self._before = (self._turned, self._turned), self._span
 

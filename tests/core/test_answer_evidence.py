@@ -216,7 +216,24 @@ def test_a_verdict_takes_both_in_time_and_late(
     silent: float, silent_late: float, opposite: float, opposite_late: float, wanted: int
 ) -> None:
     memory = first_memory(NOISE, 0.0, 0.0)._replace(silent=silent, silent_late=silent_late)
-    assert verdict(memory._replace(opposite=opposite, opposite_late=opposite_late)) == wanted
+    accused = memory._replace(opposite=opposite, opposite_late=opposite_late)
+    assert verdict(accused) == wanted
+    assert verdict(accused._replace(sea=2.5)) == wanted
+    assert verdict(accused._replace(sea=2.6)) == (1 if silent > SURE and wanted else 0)
+
+
+def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() -> None:
+    """Of a sea eight times as coloured as noise; what is suspect is not the sea's."""
+    for share, wanted in ((1.01, -1), (0.99, 0)):
+        evidence = share * 8.0 / 2.5 * SURE
+        memory = first_memory(NOISE, 0.0, 0.0)._replace(opposite=evidence, opposite_late=evidence, sea=8.0)
+        assert verdict(memory) == wanted
+    for opposite, learns in ((0.0, True), (5.0, False)):
+        memory = first_memory(NOISE, 0.0, 0.0)._replace(opposite=opposite)
+        memory = memory._replace(others=NO_OTHERS._replace(left=8.0, colour=8.0))
+        after = answer_step(memory, BOAT, NOISE, 0.0, (DT, 0.0), 0.1, 0.1)
+        assert after.sea == (after.others.colour if learns else 1.0)
+        assert after.others.colour > 7.0
 
 
 def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer() -> None:

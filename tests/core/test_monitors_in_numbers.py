@@ -33,12 +33,28 @@ def test_a_push_beyond_the_rudder_is_said_after_two_seconds(
 ) -> None:
     monitor = Overpowered()
     for tick in range(round(seconds / 0.1) + 1):
-        monitor.look(watched(0.1 * tick)._replace(push=side * share * STOP))
+        monitor.look(watched(0.1 * tick, rudder=-side * STOP)._replace(push=side * share * STOP))
     name = "starboard" if side > 0.0 else "port"
     assert monitor.found == (f"to {name}, as by 30 deg of rudder" if is_said else "")
     for change in ({"steers": False}, {"has_way": False}, {"push": 0.0}):
         monitor.look(watched(40.0)._replace(push=side * share * STOP)._replace(**change))  # type: ignore[arg-type]
         assert monitor.found == ""
+
+
+@SIDES
+@pytest.mark.parametrize(
+    ("rudder", "follows", "is_said"),
+    [(-0.91, True, True), (-0.89, True, False), (0.91, True, False), (0.1, False, True)],
+)
+def test_a_law_that_has_rudder_left_is_not_overpowered(
+    side: float, rudder: float, follows: bool, is_said: bool
+) -> None:
+    """A sea that is not the one estimated was taken for a push of 59 deg of rudder, the rudder at 11 deg."""
+    monitor = Overpowered()
+    for tick in range(100):
+        at = watched(0.1 * tick, rudder=side * rudder * STOP)._replace(follows=follows)
+        monitor.look(at._replace(push=side * 2.0 * STOP))
+    assert bool(monitor.found) is is_said
 
 
 @SIDES
