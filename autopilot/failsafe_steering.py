@@ -30,7 +30,7 @@ class FailsafeSteering:
         self._rate: tuple[float, float] | None = None
         self._wind: _Wind | None = None
         self._state: NavState | None = None
-        self._held = 0.0
+        self._held = math.nan
 
     def hear(self, samples: tuple[Sample, ...], takes_rates: bool = True) -> None:
         """Take rates of turn, where they are to be taken, and wind; headings are what cannot be trusted."""

@@ -263,11 +263,14 @@ class Supervisor:
             self._heading_since = now
 
     def _watch_alarm(self, now: float, lost: str) -> None:
-        """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
+        """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement.
+
+        In other states no alarm is of these two.
+        """
         is_silent = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
         name = self.alarm.name if self.alarm is not None else ""
         on = {HEADING_LOST: lost == HEADING_LOST, LINK_SILENT: is_silent}.get(name, True)
-        if on or self.state not in ENDED:
+        if on:
             self._over_since = None
         elif self._over_since is None:
             self._over_since = now

@@ -13,7 +13,7 @@ from alarm_texts import other, words, words_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.alarm_panel import ESCALATES_AFTER, AlarmPanel
+from autopilot.alarm_panel import AlarmPanel
 from autopilot.alarm_words import sentence_of
 from autopilot.alarms import CATALOGUE, Severity
 from autopilot.build import build_pilot
@@ -51,9 +51,9 @@ def tick(now: float, siren: Siren) -> Tick:
 def test_an_alarm_sounds_escalates_after_half_a_minute_and_is_silent_when_heard() -> None:
     panel = AlarmPanel()
     assert panel.update(0.0, OFF, (), COURSE) == ((OFF["off_course"],), Siren.SOUNDING)
-    for second in range(1, round(ESCALATES_AFTER)):
+    for second in (*range(1, 30), 29.95):
         assert panel.update(float(second), OFF, (), COURSE)[1] is Siren.SOUNDING
-    texts, siren = panel.update(ESCALATES_AFTER, OFF, (), COURSE)
+    texts, siren = panel.update(30.0, OFF, (), COURSE)
     assert siren is Siren.ESCALATED
     assert texts == (OFF["off_course"]._replace(is_escalated=True),)
     assert panel.states == (AlarmState.SOUNDING,)
@@ -246,3 +246,20 @@ def test_the_skipper_s_key_reaches_the_pilot_once() -> None:
     assert "silent" in skipper.type_line("a")
     assert heard.receive(1.0) == [AcknowledgeSample(1.0, "", "skipper")]
     assert heard.receive(2.0) == []
+
+
+@pytest.mark.parametrize(("gone", "state"), [(10.0, AlarmState.ACKNOWLEDGED), (10.1, AlarmState.SOUNDING)])
+def test_an_alarm_that_is_back_within_ten_seconds_is_the_same_one(gone: float, state: AlarmState) -> None:
+    panel = AlarmPanel()
+    panel.update(0.0, OFF, (AcknowledgeSample(0.0),), COURSE)
+    panel.update(1.0, OFF, (AcknowledgeSample(1.0),), COURSE)
+    panel.update(1.0 + 0.5 * gone, {}, (), COURSE)
+    panel.update(1.0 + gone, OFF, (), COURSE)
+    assert panel.states == (state,)
+    past = AlarmPanel()
+    past.update(0.0, LOST, (AcknowledgeSample(0.0),), COURSE)
+    past.update(1.0, LOST, (AcknowledgeSample(1.0),), COURSE)
+    for share in (0.0, 0.5, 0.99):
+        past.update(1.0 + share * gone, LOST, (), COURSE, ("heading_lost",))
+    past.update(1.0 + gone, LOST, (), COURSE)
+    assert past.states == (state,), "and one that was past, too"

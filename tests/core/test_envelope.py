@@ -14,6 +14,7 @@ from autopilot.envelope import (
     NOT_FINITE,
     OLDEST,
     OUTSIDE,
+    SLACK,
     WRONG_TIME,
     CommandCheck,
     Envelope,
@@ -200,3 +201,13 @@ def test_what_pushes_the_boat_away_in_numbers(
         seen = Picture(now, 0.0, side * math.radians(error_deg), 0.0, 0.0)
         found, _ = judged.fault(now, rudder, rudder, rudder, 0.1, seen)
     assert found == (OUTSIDE if is_wrong else "")
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("beyond", [0.0, 1.0e-12, 1.0e-3])
+def test_a_limit_itself_is_inside_with_room_for_rounding_and_no_more(side: float, beyond: float) -> None:
+    wanted = OUTSIDE if beyond else ""
+    angle, travel = side * (MOST + SLACK + beyond), side * (RATE * 0.1 + SLACK + beyond)
+    assert pytest.approx(1.0e-9) == SLACK, "no rudder and no eye can tell"
+    assert check(Envelope(MOST, math.inf)).fault(0.0, 0.0, angle, angle, 0.1)[0] == wanted
+    assert check().fault(0.0, 0.0, travel, travel, 0.1)[0] == wanted

@@ -41,7 +41,7 @@ def test_without_a_rate_the_boat_turns_as_the_model_does_under_rudder_and_bias()
     assert state.heading_age == pytest.approx(5.3)
 
 
-@pytest.mark.parametrize(("age", "is_used"), [(0.0, True), (0.49, True), (0.51, False)])
+@pytest.mark.parametrize(("age", "is_used"), [(-0.01, False), (0.0, True), (0.49, True), (0.5, True), (0.51, False)])
 def test_a_rate_is_used_for_half_a_second(age: float, is_used: bool) -> None:
     steering = reckoning()
     steering.hear((HeadingSample(10.5 - age, 2.0, -0.3),))
@@ -89,3 +89,30 @@ def test_the_slow_turn_to_windward_goes_to_the_winds_side(angle_deg: float, shar
 def test_to_reckon_before_the_beginning_is_refused() -> None:
     with pytest.raises(ValueError, match="begin first"):
         FailsafeSteering().reckon(0.0, BOAT, 0.0)
+
+
+@pytest.mark.parametrize("rate", [RATE_MOST, -RATE_MOST])
+def test_a_rate_of_ten_rad_s_may_be_one(rate: float) -> None:
+    steering = reckoning()
+    steering.hear((RateSample(10.1, rate),))
+    assert RATE_MOST == 10.0
+    assert steering.reckon(10.1, BOAT, 0.0)[0].rate == rate
+
+
+@pytest.mark.parametrize(
+    ("later", "share"),
+    [(-0.1, 1.0), (0.0, 0.0), (1.0, 1.0 - math.exp(-0.5)), (5.0, 1.0 - math.exp(-2.5)), (5.1, 1.0)],
+)
+def test_the_wind_is_smoothed_over_two_seconds_and_begins_anew_after_five(later: float, share: float) -> None:
+    """Ahead at first, then 20 deg to starboard: both components go a share of the way there."""
+    steering, angle = reckoning(), math.radians(20.0)
+    steering.hear((WindSample(10.0, 0.0, 8.0), WindSample(10.0 + later, angle, 8.0)))
+    seen = math.atan2(share * math.sin(angle), 1.0 - share + share * math.cos(angle))
+    assert steering.windward(10.0 + later, 0.3) == pytest.approx(0.3 * seen / math.radians(30.0))
+
+
+@pytest.mark.parametrize(("time", "angle"), [(math.nan, 0.1), (math.inf, 0.1), (10.0, math.nan), (10.0, math.inf)])
+def test_a_wind_that_is_no_number_is_none(time: float, angle: float) -> None:
+    steering = reckoning()
+    steering.hear((WindSample(10.0, 0.2, 8.0), WindSample(time, angle, 8.0)))
+    assert steering.windward(10.0, 0.3) == pytest.approx(0.3 * 0.2 / math.radians(30.0))

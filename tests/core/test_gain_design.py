@@ -263,3 +263,10 @@ def test_placed_gains_have_the_bandwidth_and_damping(bandwidth: float, damping: 
 def test_a_bandwidth_or_damping_that_cannot_be_is_refused(bandwidth: float, damping: float) -> None:
     with pytest.raises(ValueError, match="bandwidth must be positive, and damping above 0 and below 1"):
         placed(bandwidth, damping)
+
+
+@pytest.mark.parametrize("level", [-1, 0, 10, 11])
+def test_there_are_nine_response_levels(level: int) -> None:
+    model, gear = BOATS[0]
+    with pytest.raises(ValueError, match=f"response level {level}: allowed is 1"):
+        design_backstepping(model, gear, gear.rate_max, 0.0, level)

@@ -124,3 +124,8 @@ def test_the_slowing_is_the_regression_of_the_acceleration_on_the_rate() -> None
     spread = solve_continuous_lyapunov(a, -np.diag([0.0, 1.0, 0.0]))
     on_both = (row @ spread[:, :2]) @ np.linalg.inv(spread[:2, :2])
     assert on_both == pytest.approx([-STIFFENING, -SLOWING])
+    free = IDEAL._replace(angle_max=math.inf)
+    for heading, rate in ((1.0, 0.0), (0.0, 1.0)):
+        found = undone(LANXIN, free, FREE, 3.0, Waves(heading, rate, 1.0e-9, 1.0))
+        push = float(on_both @ (heading, rate)) + LANXIN.n1 / LANXIN.time_constant * rate
+        assert found.rudder == pytest.approx(-(1.0 - found.alone) * push * LANXIN.time_constant / LANXIN.gain)

@@ -218,3 +218,12 @@ def test_what_the_law_promises_is_against_the_better_of_the_two_others() -> None
         shadows = [Shadow(REST, 0.0, 0.0, variance) for variance in (free, quiet, roll)]
         found = roll_reduction(new._replace(free=shadows[0], quiet=shadows[1], roll=shadows[2]))
         assert found == pytest.approx(promise)
+
+
+def test_the_published_gains_are_those_of_the_paper() -> None:
+    """Liu and Jin 2017, section 4: k = (-5, -200, -100, -10, 0) degrees per SI unit, the rudder positive to port."""
+    law = roll_law(SHIP, PAPER_ROLL)
+    k = [law.k_v, law.k_p, law.k_r, law.k_phi]
+    assert [math.degrees(value) for value in k] == pytest.approx([5.0, 200.0, 100.0, 10.0])
+    h = np.array([law.h_v, law.h_p, law.h_r, law.h_phi, law.h_psi])
+    assert (law.switching * float(h @ SHIP.b), law.boundary) == pytest.approx((0.0751, 0.5))

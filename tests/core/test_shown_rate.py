@@ -109,3 +109,9 @@ def test_where_the_file_knows_no_rate_the_first_window_s_counts() -> None:
     unlimited = FILED._replace(rate_max=math.inf)
     assert math.degrees(window(1.2, 30.0, gear=unlimited).rate) == pytest.approx(2.0)
     assert window(-1.2, 30.0, gear=unlimited).rate == math.inf
+
+
+@pytest.mark.parametrize("since", [0.0, -0.1])
+def test_a_window_without_time_or_of_a_clock_that_was_put_back_begins_anew(since: float) -> None:
+    known = math.radians(4.0)
+    assert seen(ShownRate(known, since, 0.1, 0.2), FILED, 0.3, 0.5, 0.05) == ShownRate(known, 0.05, 0.3, 0.3)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from autopilot.build import build_pilot
 from autopilot.build_laws import law_of, model_of
 from autopilot.control.rudder_roll import linear_response, linear_step_of
-from autopilot.control.sliding_roll import LIST_TIME, OLD, SETTINGS, SlidingRollLaw, scaled_model
+from autopilot.control.sliding_roll import LIST_TIME, OLD, SETTINGS, RollShip, SlidingRollLaw, scaled_model, slowest
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
 from autopilot.models.norrbin import at_speed, rudder_for
@@ -295,3 +295,17 @@ def test_the_pilot_engages_without_a_bump_and_the_law_comes_on_by_itself() -> No
 
 def test_trials_keep_the_rudder_they_order() -> None:
     assert told(OrderKind.RUDDER, SETTINGS.wait + 20.0)[-1] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("k", [-0.5, 0.0, 2.0, 20.0])
+@pytest.mark.parametrize(("lag", "delay"), [(0.1, 0.2), (0.5, 0.05), (0.0, 0.0)])
+def test_the_slowest_pole_is_that_of_the_loop_s_polynomial(k: float, lag: float, delay: float) -> None:
+    """x' = -x + 3 u beside modes that nobody feels; u + lag u' = -k x (1 - delay s/2)/(1 + delay s/2), each of at
+    least a millisecond: (s + 1)(1 + lag s)(1 + delay s/2) + 3 k (1 - delay s/2) = 0."""
+    model = SHIP._replace(A=np.diag([-1.0, -90.0, -91.0, -92.0, -93.0]), b=np.array([3.0, 0.0, 0.0, 0.0, 0.0]))
+    ship = RollShip(model, 7.0, LAW.ship.gear._replace(lag=lag), delay)
+    tau, half = max(lag, 0.001), max(0.5 * delay, 0.001)
+    open_loop = np.polymul(np.polymul([1.0, 1.0], [tau, 1.0]), [half, 1.0])
+    poles = np.roots(np.polyadd(open_loop, 3.0 * k * np.array([-half, 1.0])))
+    wanted = max(float(poles.real.max()), -90.0)
+    assert slowest(ship, model, np.array([k, 0.0, 0.0, 0.0, 0.0])) == pytest.approx(wanted)

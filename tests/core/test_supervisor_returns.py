@@ -346,3 +346,70 @@ def test_a_tick_that_comes_long_after_the_time_was_up_counts_too() -> None:
     waiting.decide(0.0, COURSE, state())
     waiting.decide(100.0, COURSE, state())
     assert "dropped" in sentences_of(waiting.alarms())[0]
+
+
+def test_the_times_are_those_of_the_page() -> None:
+    """Two minutes after a reboot people have seen to it; headings are back after 2 s, an order waits for 30 s."""
+    for later, mode in ((119.9, Mode.ENGAGED), (120.0, Mode.OVERRIDE)):
+        tested = rebooted(made(reengage=True))
+        tested.hear(helm())
+        assert tested.decide(10.1, COURSE, state(5.0)) is Mode.OVERRIDE
+        tested.decide(20.0, COURSE, state())
+        tested.decide(21.9, COURSE, state(5.0))
+        tested.decide(100.0, COURSE, state())
+        assert tested.decide(101.9, COURSE, state(5.0)) is Mode.OVERRIDE
+        tested.decide(8.0 + later, COURSE, state())
+        assert tested.decide(10.0 + later, COURSE, state()) is mode
+    for seconds, mode in ((1.9, Mode.FAILSAFE), (2.0, Mode.ENGAGED)):
+        tested = made(resume=True)
+        assert tested.decide(1.0, COURSE, state(2.0)) is Mode.FAILSAFE
+        tested.decide(5.0, COURSE, state())
+        assert tested.decide(5.0 + seconds, COURSE, state()) is mode
+    for seconds, said in ((29.9, "cannot_engage"), (30.0, "order_dropped")):
+        tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "amidships", 5.0, False))
+        tested.hear(helm("arm it"))
+        for now in (7.0, 7.0 + seconds):
+            assert tested.decide(now, COURSE, state()) is Mode.STANDBY
+        assert tested.alarm is not None and tested.alarm.name == said
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_links_the_one_whose_helm_was_taken_says_so(order: int) -> None:
+    away = [
+        HelmSample(0.0, False, "to be proved", "a", HelmCause.UNPROVEN),
+        HelmSample(0.0, False, "a hand at the wheel", "b", HelmCause.TAKEN),
+    ]
+    tested = made()
+    for sample in away[::order]:
+        tested.hear(sample)
+    assert tested.decide(1.0, COURSE, state()) is Mode.OVERRIDE
+    assert tested.alarm is not None and tested.alarm.detail == "a hand at the wheel"
+
+
+@pytest.mark.parametrize(
+    ("other", "is_silent"),
+    [
+        (HelmSample(0.0, False, "to be proved", "other", HelmCause.UNPROVEN), False),
+        (HelmSample(0.0, True, "", "other", SILENT), False),
+        (HelmSample(0.0, False, "nothing heard", "other", SILENT), True),
+    ],
+)
+def test_a_silence_is_over_two_seconds_after_the_last_link_was_heard(other: HelmSample, is_silent: bool) -> None:
+    tested = made()
+    tested.hear(helm("nothing heard for 4 s", SILENT))
+    tested.decide(20.0, COURSE, state())
+    assert tested.alarm is not None and tested.alarm.name == "link_silent"
+    tested.hear(helm())
+    tested.hear(other)
+    for now, is_over in ((21.0, False), (22.9, False), (23.0, True)):
+        tested.decide(now, COURSE, state())
+        assert tested.is_over is (is_over and not is_silent)
+
+
+@pytest.mark.parametrize("cause", [HelmCause.TAKEN, HelmCause.RADIO_LOST, HelmCause.STOOD_STILL])
+def test_who_took_the_helm_may_have_it_for_long(cause: HelmCause) -> None:
+    tested = made()
+    tested.hear(helm("away", cause))
+    for now in (1.0, 2.0, 30.0):
+        tested.decide(now, COURSE, state())
+        assert not tested.is_over
