@@ -97,7 +97,7 @@ class ScheduledSpeed:
         # astern and at a standstill the ground says nothing about a log
         if ground is None or water <= 0.0 or not _are_apart(water, abs(ground)):
             return water
-        return _half_way(ground, water) if abs(ground) < water else _half_way(water, abs(ground))
+        return _half_way(min(water, abs(ground)), max(water, abs(ground)))
 
 
 def _are_apart(one: float, other: float) -> bool:

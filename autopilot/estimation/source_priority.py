@@ -184,7 +184,7 @@ class SourcePriority:
             if entry.heading is not None and abs(shortest_turn(best.heading, entry.heading)) > limit
         ]
         elapsed, self._compared = min(max(now - self._compared, 0.0), LATENCIES_S), now
-        if now - best.last > best.stale or (not far and self._apart >= MONITOR_S):
+        if now - best.last > best.stale or (not far and self._disagree is not None):
             self._apart, self._disagree = 0.0, None
             return None
         # a swell that brings them together for a moment takes back no more than that moment

@@ -81,7 +81,7 @@ def steady_filter(model: Norrbin, noise: FilterNoise, interval: float, latency: 
         on_heading = (by_heading.psi, by_heading.rate, by_heading.bias)
         on_rate = (by_rate.psi, by_rate.rate, by_rate.bias)
         found = [(h - r * by_heading.rate, r) for h, r in zip(on_heading, on_rate, strict=True)]
-        moved = max(abs(new[0] - old[0]) + abs(new[1] - old[1]) for new, old in zip(found, gains, strict=True))
+        moved = max(map(math.dist, found, gains))
         state, gains = by_rate._replace(psi=0.0, rate=0.0, bias=0.0), found
         if moved < SETTLED:
             break

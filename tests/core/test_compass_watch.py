@@ -133,7 +133,7 @@ def heard_by(jump: float = 0.4, *, frozen: bool = True) -> CompassWatch:
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-@pytest.mark.parametrize(("by", "is_left"), [(0.399, False), (0.402, True), (3.0, True)])
+@pytest.mark.parametrize(("by", "is_left"), [(0.399, False), (0.4, False), (0.402, True), (3.0, True)])
 def test_a_compass_jumps_that_goes_further_than_a_boat_while_the_other_stays(
     side: float, by: float, is_left: bool
 ) -> None:
@@ -226,6 +226,59 @@ def test_it_is_well_again_within_ten_degrees_of_the_other_for_three_seconds(
     assert (watch.reason("a") == "") is is_well
 
 
+@pytest.mark.parametrize(("last", "is_well"), [(2.875, False), (3.0, True)])
+def test_ten_degrees_and_three_seconds_to_the_bit_are_enough_to_be_well(last: float, is_well: bool) -> None:
+    watch = CompassWatch(0.4, frozen=True)
+    for now in (0.0, 0.125, 0.25):
+        watch.hear(now, "b", 0.0)
+        watch.hear(now, "a", 0.8 * (now == 0.25))
+    for step in range(1, round(last / 0.125) + 2):
+        watch.hear(0.25 + 0.125 * step, "b", 0.0)
+        watch.hear(0.25 + 0.125 * step, "a", math.radians(10.0) - 0.001 * (step % 2))
+    assert (watch.reason("a") == "") is is_well
+    watch.hear(0.375 + last + 0.2, "b", 0.0)
+    watch.hear(0.375 + last + 0.2, "a", 0.1)
+    assert watch.reason("a") == ""
+    watch.hear(4.0, "a", 0.8)
+    for step in range(1, 33):
+        watch.hear(4.0 + 0.125 * step, "b", 0.0)
+        watch.hear(4.0 + 0.125 * step, "a", 0.001 * (step // 4))
+    assert watch.reason("a") == "jumps", "four headings alike are no agreement"
+
+
+@pytest.mark.parametrize(("by", "is_left"), [(0.0, False), (1.0e-9, True)])
+def test_a_turn_of_two_and_a_half_degrees_to_the_bit_may_still_be_stood_through(by: float, is_left: bool) -> None:
+    watch = CompassWatch(math.inf, frozen=True)
+    watch.hear(-0.5, "a", 0.001)
+    watch.hear(-0.1, "b", 0.0)
+    for now in (0.0, 0.1, 0.2):
+        watch.hear(now, "a", 0.0)
+    watch.hear(0.25, "b", math.radians(2.5) + by)
+    watch.hear(0.5, "a", 0.0)
+    assert bool(watch.reason("a")) is is_left
+
+
+def test_a_word_of_one_second_age_still_counts_and_the_middle_between_two_headings_is_neither() -> None:
+    for other, reason in ((0.0, "jumps"), (0.3, "jumps"), (0.4, ""), (0.5, "")):
+        watch = CompassWatch(0.4, frozen=True)
+        watch.hear(0.0, "b", other)
+        watch.hear(0.5, "a", 0.0)
+        watch.hear(1.0, "a", 0.8)
+        assert watch.reason("a") == reason
+
+
+@pytest.mark.parametrize(("last", "is_left"), [(0.2999, False), (0.3, True)])
+def test_it_stands_from_three_tenths_of_a_second_on(last: float, is_left: bool) -> None:
+    watch = CompassWatch(math.inf, frozen=True)
+    watch.hear(-0.5, "a", 0.1)
+    watch.hear(-0.1, "b", 0.0)
+    for now in (0.0, 0.1, 0.2):
+        watch.hear(now, "a", 0.0)
+    watch.hear(0.25, "b", 0.5)
+    watch.hear(last, "a", 0.0)
+    assert bool(watch.reason("a")) is is_left
+
+
 def test_it_is_not_well_that_agrees_and_stands() -> None:
     watch = heard_by()
     watch.hear(3.1, "a", 0.8)
@@ -239,7 +292,7 @@ def test_it_is_not_well_that_agrees_and_stands() -> None:
 def test_one_that_was_silent_for_two_seconds_begins_anew_and_is_not_spoken_of(silence: float, is_new: bool) -> None:
     watch = heard_by()
     watch.hear(4.0, "a", 0.8)
-    assert bool(watch.doubted(4.0 + silence - 0.001)) is (silence <= 2.0)
+    assert bool(watch.doubted(4.0 + silence)) is (silence <= 2.0)
     watch.hear(4.0 + silence, "a", 0.8)
     assert (watch.reason("a") == "") is is_new
     watch.reset()

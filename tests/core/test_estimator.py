@@ -16,14 +16,14 @@ from autopilot.angles import wrap
 from autopilot.build import noise_of
 from autopilot.build_laws import gear_of, model_of
 from autopilot.estimation import heading_filter as ekf
-from autopilot.estimation.estimator import GATE_PATIENCE, KEPT_SAMPLES, Estimator
+from autopilot.estimation.estimator import GATE_PATIENCE, KEPT_SAMPLES, Counters, Estimator
 from autopilot.estimation.heading_filter import RATE_UNKNOWN, FilterNoise
 from autopilot.estimation.heading_update import fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Estimator as EstimatorSection
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
 
 PARETO_BOATS = Path(__file__).resolve().parents[2] / "benchmarks" / "pareto_boats"
 MODEL = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
@@ -44,8 +44,7 @@ def swing(count: int = 40, dt: float = 0.1) -> list[HeadingSample]:
 
 def test_it_knows_nothing_before_the_first_heading() -> None:
     state = estimator().update(1.0, (RateSample(0.9, 0.1), RudderSample(0.9, 0.05)))
-    assert not state.valid
-    assert state.heading_age == math.inf
+    assert state == NavState(1.0, 0.0, 0.0, 4.63, 0.05, 0.0, math.inf, False)
 
 
 def shuffled_by_fives(samples: list[Timed]) -> list[Timed]:
@@ -171,6 +170,8 @@ def test_spikes_are_dropped_and_a_true_jump_is_accepted() -> None:
     for i in range(GATE_PATIENCE + 1):
         tested.update(5.1 + i * 0.1, (HeadingSample(5.1 + i * 0.1, 2.0, 0.0),))
     assert tested.update(5.8, ()).heading == pytest.approx(2.0, abs=0.02)
+    # the spike that is one too many is where it begins anew, and one heading comes after it
+    assert tested.counters == Counters(fused=50 + 1 + 1, spikes=1 + GATE_PATIENCE)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from autopilot.estimation import heading_filter as ekf
-from autopilot.estimation.fusion import Fusion, carried, fuse_measured, noises_of
+from autopilot.estimation.fusion import Fusion, carried, fuse_measured, mean_at, noises_of
 from autopilot.estimation.gusts import UNKNOWN
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
 from autopilot.estimation.heading_update import fuse_heading
@@ -113,3 +113,39 @@ def test_the_boat_is_carried_no_further_than_two_seconds(to: float, moved: float
 
 def test_a_bias_known_to_less_than_1_8_degrees_tells_of_no_gusts() -> None:
     assert math.degrees(math.sqrt(UNKNOWN)) == pytest.approx(1.8)
+
+
+def test_limits_to_the_bit_are_on_the_side_of_the_usual() -> None:
+    """Ten degrees off is taken, and so far from a spike agrees with it; 1.5 deviations are lasting."""
+    start = fusion()
+    assert fuse_measured(BOAT, NOISES, start, PAST, 0.0, math.radians(10.0), NO)[1]
+    spiked, _ = fuse_measured(BOAT, NOISES, start, PAST, 0.0, math.radians(20.0), NO)
+    again, _ = fuse_measured(BOAT, NOISES, spiked, PAST, 0.0, math.radians(30.0), NO)
+    assert (spiked.spikes, again.spikes) == (1, 1 + (math.radians(30.0) - math.radians(20.0) <= math.radians(10.0)))
+    wavy = noises_of(NOISE._replace(waves=True, stop=0.4, stop_bias=2.0e-3))
+    known = start.state.p22
+    assert carried(BOAT, wavy, fusion(surprise=1.5), PAST, 0.4).p22 - known == pytest.approx(0.4 * 5.0e-4)
+    at_stop = RudderPast([0.0] * 16, [0.4] * 16, 1)
+    assert carried(BOAT, wavy, fusion(), at_stop, 0.4).p22 - known == pytest.approx(0.4 * 2.0e-3)
+
+
+def test_the_sea_is_learnt_while_nothing_lasting_pushes() -> None:
+    wavy = noises_of(NOISE._replace(waves=True))
+    start = ekf.initial(0.0, 0.0, 0.0, wavy.usual)
+    for surprise, is_learnt in ((0.0, True), (1.0, True), (-1.0, True), (3.0, False), (-3.0, False)):
+        after, _ = fuse_measured(BOAT, wavy, Fusion(start, surprise), PAST, 0.0, 0.0, 0.0)
+        assert (after.state.sea != start.sea) is False, "no time has passed"
+        after, _ = fuse_measured(BOAT, wavy, Fusion(start, surprise), PAST, 0.1, 0.0, 0.0)
+        assert after.state.sea.watched == pytest.approx(0.1 if is_learnt else 0.0)
+
+
+@pytest.mark.parametrize(("now", "is_one_step"), [(2.0, False), (1.0, True)])
+def test_the_mean_is_carried_in_steps_of_half_the_time_constant_at_most(now: float, is_one_step: bool) -> None:
+    """Of a boat whose damping grows with its rate steps of another length come to another rate."""
+    boat, turning = Norrbin(0.2, 2.0, n3=30.0), Fusion(ekf.initial(0.0, 0.0, 0.3, NOISE))
+    one = ekf.predict_mean(boat, turning.state, 0.0, now)[1]
+    half = ekf.predict(boat, NOISE, turning.state, 0.0, 0.5 * now)
+    two = ekf.predict_mean(boat, half, 0.0, now)[1]
+    assert abs(one - two) > 1.0e-3
+    assert mean_at(boat, NOISES, turning, PAST, now)[1] == pytest.approx(one if is_one_step else two, rel=1.0e-12)
+    assert carried(boat, NOISES, turning, PAST, now).rate == pytest.approx(one if is_one_step else two, rel=1.0e-12)

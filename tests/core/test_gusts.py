@@ -37,7 +37,7 @@ def followed(biases: list[float], variance: float = WELL_KNOWN, rudder: float = 
     return gusts
 
 
-@given(st.floats(0.1, 100.0))
+@pytest.mark.parametrize("time", [0.1, 4.0, 100.0])
 def test_the_spread_is_that_of_a_wandering_bias(time: float) -> None:
     """d/dt of (b - x, x - y, y - z) under white noise of density 1 on b."""
     a = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0 / LONGER]]) / time
@@ -86,6 +86,43 @@ def test_a_bias_that_goes_with_the_rudder_is_its_strength_and_no_gust() -> None:
     held = followed(blown, rudder=-1.0).density
     assert followed(blown, rudder=1.01 / STRENGTH_ERROR).density == LEAST
     assert held > 0.5 * followed(blown).density, "a rudder that holds a gust goes as the bias does"
+
+
+@pytest.mark.parametrize("time", [1.0, 4.0, 10.0])
+@pytest.mark.parametrize(
+    ("bias", "rudder", "variance", "seen"),
+    [
+        (0.02, 0.0, 0.0, 0.02**2),
+        (0.02, 0.03, 0.0, 0.02**2 - (0.4 * 0.03) ** 2),
+        (0.02, 0.06, 0.0, 0.0),
+        (0.0, 0.0, 1.0e-4, 0.3e-4),
+        (1.0, 0.0, 0.0, math.inf),
+        (0.0, 0.0, 9.0e-4, math.inf),
+    ],
+)
+def test_the_density_is_averaged_over_forty_seconds_or_ten_times_that_of_the_means(
+    time: float, bias: float, rudder: float, variance: float, seen: float
+) -> None:
+    """(y - z) and (v - w) of the module's equations are given; in so short a step they stay what they are."""
+    before, dt = 1.0e-5, 1.0e-6
+    apart = Gusts(before, Means(bias, bias, 0.0), Means(rudder, rudder, 0.0), max(variance, 1.0e-12))
+    after = bias_seen(apart, Changes(0.0, 1.0, time), bias, variance or 1.0e-12, rudder, dt)
+    found = seen / (SPREAD * time)
+    # what is measured counts for ten times what is expected at most, and doubt for what is expected
+    found = min(found, before if variance else 10.0 * before)
+    learnt = (after.density - before) / (dt / max(40.0, 10.0 * time))
+    assert learnt == pytest.approx(found - before, rel=1.0e-3, abs=1.0e-8)
+
+
+def test_a_bias_is_being_found_while_its_variance_falls_by_a_part_in_e_in_twice_the_time() -> None:
+    """Exact limits are on the side of learning."""
+    apart = Gusts(LEAST, Means(0.1, 0.1, 0.0), Means(0.0, 0.0, 0.0), UNKNOWN)
+    falling = UNKNOWN * math.exp(-DT / (2.0 * TIME))
+    for variance, is_learnt in ((UNKNOWN, True), (falling, True), (0.999 * falling, False), (1.001 * UNKNOWN, False)):
+        after = bias_seen(apart, CHANGES, 0.1, variance, 0.0, DT)
+        assert (after.density > LEAST) is is_learnt
+        assert (after.bias == Means(0.1, 0.1, 0.1)) is not is_learnt
+        assert after.variance == variance
 
 
 @given(

@@ -45,6 +45,28 @@ def test_a_log_that_agrees_with_the_ground_counts_and_one_that_does_not_counts_h
     assert followed((4.0, False), (1.0, True)) == pytest.approx(4.0 / math.sqrt(3.0))
     assert followed((1.0, False), (3.0, True)) == pytest.approx(math.sqrt(3.0))
     assert followed((-1.0, False), (3.0, True)) == -1.0
+    assert followed((0.0, False), (3.0, True)) == 0.0, "at a standstill the ground says nothing about a log"
+    assert followed((3.0, False), (-1.0, True)) == pytest.approx(math.sqrt(3.0))
+    assert followed((2.0, False), (4.0, True)) == followed((2.0, False), (1.0, True)) == 2.0, "no more than twice"
+
+
+@pytest.mark.parametrize("reference", [0.0, -1.0, math.nan])
+def test_without_a_trial_s_speed_there_is_no_ratio(reference: float) -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        ScheduledSpeed().followed(reference)
+    assert ScheduledSpeed().followed(0.1) is None
+
+
+def test_a_speed_is_smoothed_over_two_seconds() -> None:
+    scheduled, passed = ScheduledSpeed(), 1.0 - math.exp(-0.5)
+    for now, speed, wanted in (
+        (5.0, 2.0, 2.0),
+        (6.0, 4.0, 2.0 + 2.0 * passed),
+        (6.0, 9.0, 2.0 + 2.0 * passed),
+        (5.5, 9.0, 2.0 + 2.0 * passed),
+    ):
+        scheduled.on_sample(now, SpeedSample(now, speed, False))
+        assert scheduled.measured == pytest.approx(wanted)
 
 
 def test_two_speeds_that_no_stream_explains_are_told_and_two_that_one_does_are_not() -> None:
@@ -63,14 +85,14 @@ def test_a_speed_that_nobody_confirms_is_forgotten_each_kind_by_itself() -> None
     scheduled.on_sample(5.0, SpeedSample(5.0, 4.0, True))
     scheduled.forget_stale(9.9)
     assert (scheduled.measured, scheduled.over_ground) == (3.0, False)
-    scheduled.forget_stale(10.1)
+    scheduled.forget_stale(10.0)
     assert (scheduled.measured, scheduled.over_ground) == (4.0, True)
     scheduled.forget_stale(15.1)
     assert scheduled.measured is None
 
 
 @pytest.mark.parametrize(
-    ("water", "ground", "apart"), [(2.0, 4.4, 0.0), (2.0, 4.6, 2.6), (4.6, 2.0, 2.6), (3.0, 5.9, 0.0)]
+    ("water", "ground", "apart"), [(2.0, 4.4, 0.0), (2.0, 4.6, 2.6), (4.6, 2.0, 2.6), (3.0, 5.9, 0.0), (1.0, 3.5, 0.0)]
 )
 def test_five_knots_and_twice_the_speed_are_what_no_stream_explains(water: float, ground: float, apart: float) -> None:
     scheduled = ScheduledSpeed()

@@ -200,3 +200,99 @@ def test_the_speeds_through_the_water_and_over_the_ground_are_two_things() -> No
         assert (priority.admit(sample.time, [sample], LINK) == [sample]) is kept
     assert priority.believed("speed") == f"VWVHW@{LINK}"
     assert priority.believed("speed over ground") == f"GPVTG@{LINK}"
+
+
+def test_compasses_that_part_anew_do_so_for_three_seconds_and_are_said_with_what_they_say_now() -> None:
+    priority, said = SourcePriority(PrioritySettings(disagree=math.radians(15.0))), []
+    for step in range(200):
+        now = 0.125 * step
+        off = 0.0 if step in (60, 61) else 20.0 if step < 60 else 30.0
+        for source, value in (("HEHDT", 0.0), ("HCHDG", math.radians(off))):
+            kept = priority.admit(now, heading(now, source, value), LINK)
+            said += [(now, words(it.event).partition(":")[0]) for it in kept if isinstance(it, AlarmSample)]
+    apart = "two compasses disagree by {} deg"
+    assert said == [(3.0, apart.format(20)), (7.5, ""), (7.75 + 3.0, apart.format(30))]
+
+
+@pytest.mark.parametrize(("gap", "alarmed_at"), [(0.5, 3.0), (1.0, 3.0), (1.5, 4.5)])
+def test_between_two_headings_no_more_than_a_second_counts_as_apart(gap: float, alarmed_at: float) -> None:
+    priority, now, alarmed = SourcePriority(PrioritySettings(disagree=0.2)), 0.0, math.nan
+    while math.isnan(alarmed):
+        samples = [*heading(now, "HEHDT", 0.0), *heading(now, "HCHDG", 1.0)]
+        if any(isinstance(sample, AlarmSample) for sample in priority.admit(now, samples, LINK)):
+            alarmed = now
+        now += gap
+    assert alarmed == alarmed_at
+
+
+@pytest.mark.parametrize(("apart_deg", "is_alarm"), [(24.9, False), (25.1, True)])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_in_a_turn_compasses_may_be_apart_by_what_the_boat_turns_in_a_second(
+    side: float, apart_deg: float, is_alarm: bool
+) -> None:
+    """15 degrees of the file, and a turn of 10 deg/s as it was over the last 3 s."""
+    priority, alarmed = SourcePriority(PrioritySettings(disagree=math.radians(15.0))), False
+    for step in range(120):
+        now = 0.125 * step
+        turned = side * math.radians(10.0) * now
+        off = math.radians(apart_deg) if now >= 4.0 else 0.0
+        samples = [*heading(now, "HEHDT", turned), *heading(now, "HCHDG", turned + off)]
+        alarmed |= any(isinstance(sample, AlarmSample) for sample in priority.admit(now, samples, LINK))
+    assert alarmed is is_alarm
+
+
+@pytest.mark.parametrize(("silence", "taken"), [(2.0, False), (2.125, True)], ids=["just not stale", "stale"])
+def test_a_source_is_stale_when_it_is_older_than_its_rule_says(silence: float, taken: bool) -> None:
+    priority = SourcePriority()
+    assert believed(priority, 0.0, "HEHDT")
+    assert believed(priority, silence, "HCHDG") is taken
+    ruled = SourcePriority(PrioritySettings((SourceRule("HE*", 9.0),), heading_stale=2.0))
+    assert believed(ruled, 0.0, "HEHDT"), "a heading's own limit counts where it is the narrower"
+    assert believed(ruled, silence, "HCHDG") is taken
+    speeds = SourcePriority(PrioritySettings((SourceRule("V*", 2.0),), heading_stale=0.5))
+    assert speeds.admit(0.0, [SpeedSample(0.0, 1.0, False, "VWVHW")], LINK)
+    assert bool(speeds.admit(silence, [SpeedSample(silence, 1.0, False, "IIVHW")], LINK)) is taken
+
+
+@pytest.mark.parametrize(("heard_for", "takes_over"), [(2.875, False), (3.0, True)])
+def test_a_better_source_settles_for_three_seconds(heard_for: float, takes_over: bool) -> None:
+    priority = SourcePriority(PrioritySettings((SourceRule("HEHDT", 2.0),)))
+    for step in range(80):
+        assert believed(priority, 0.125 * step, "HCHDG")
+    for step in range(round(heard_for / 0.125)):
+        assert not believed(priority, 10.0 + 0.125 * step, "HEHDT")
+        assert believed(priority, 10.0 + 0.125 * step, "HCHDG")
+    assert believed(priority, 10.0 + heard_for, "HEHDT") is takes_over
+
+
+@pytest.mark.parametrize(("after", "takes_over"), [(2.875, True), (3.0, False)])
+def test_in_the_first_three_seconds_of_the_worse_one_the_better_need_not_settle(after: float, takes_over: bool) -> None:
+    priority = SourcePriority(PrioritySettings((SourceRule("HEHDT", 2.0),)))
+    for step in range(round(after / 0.125)):
+        assert believed(priority, 0.125 * step, "HCHDG")
+    assert believed(priority, after, "HEHDT") is takes_over
+
+
+def test_it_is_said_for_a_minute_that_a_compass_is_silent() -> None:
+    priority, said = SourcePriority(PrioritySettings(disagree=0.2)), []
+    for step in range(600):
+        now = 0.125 * step
+        kept = priority.admit(now, heading(now, "HEHDT") if now < 4.0 else [], LINK)
+        kept += priority.admit(now, heading(now, "HCHDG"), LINK)
+        said += [(now, words(it.event)) for it in kept if isinstance(it, AlarmSample)]
+    # heard last at 3.875 s, stale after 2 s, taken the place of at 6 s
+    assert [at for at, _ in said] == [6.0, 66.125]
+    assert said[0][1].startswith("one of two compasses is silent: HEHDT; HCHDG steers") and said[1][1] == ""
+
+
+def test_of_one_kind_thirty_two_sources_are_known_and_no_more() -> None:
+    priority = SourcePriority(PrioritySettings((SourceRule("LAST", 2.0),)))
+    for number in range(31):
+        believed(priority, 0.0, f"A{number}")
+    assert believed(priority, 0.0, "LAST"), "the thirty-second is heard, and the best"
+    full = SourcePriority(PrioritySettings((SourceRule("LAST", 2.0),)))
+    for number in range(32):
+        believed(full, 0.0, f"A{number}")
+    assert not believed(full, 0.0, "LAST")
+    assert full.dropped == 32
+    assert full.admit(0.0, [SpeedSample(0.0, 1.0, False, "LAST")], LINK), "of another kind it is the first"

@@ -80,6 +80,13 @@ def test_what_is_learnt_stays_inside_its_bounds(heading: float, rate: float, dt:
         assert wave_motion.FREQUENCY_LEAST - 1e-9 <= frequency(sea) <= wave_motion.FREQUENCY_MOST + 1e-9
 
 
+def test_before_anything_is_known_the_sea_swings_the_heading_by_half_a_degree_at_one_radian_a_second() -> None:
+    assert frequency(wave_motion.FIRST_SEA) == pytest.approx(1.0)
+    assert in_balance(wave_motion.FIRST_SEA)[0] == pytest.approx(math.radians(0.5) ** 2)
+    assert wave_motion.FIRST_SEA.watched == 0.0
+    assert frequency(Sea(0.0, 1.0)) == 0.0
+
+
 def test_more_than_three_deviations_is_no_wave() -> None:
     sea = sea_of(1.0, math.radians(1.0))
     assert not is_extreme(sea, math.radians(2.9))
@@ -97,6 +104,22 @@ def test_quick_waves_are_left_alone_and_slow_ones_steered_against(w0: float, cor
         assert share < 0.05
     assert left_alone(w0, math.inf) == 0.0, "a trial goes by the heading as it is"
     assert left_alone(w0, 0.0) == 1.0
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.9, 1.1, 1.5, 3.0])
+def test_waves_are_parted_by_a_filter_of_the_eighth_order(ratio: float) -> None:
+    assert left_alone(0.7 * ratio, 0.7) == pytest.approx(1.0 / (1.0 + ratio**-8))
+
+
+@pytest.mark.parametrize("w0", [0.5, 1.0, 3.0])
+def test_the_spectrum_of_encounter_is_a_third_as_wide_as_its_frequency_and_falls_off_below_four_tenths(
+    w0: float,
+) -> None:
+    """Density of s/((s + c)(s^2 + 2 xi w0 s + w0^2)) from what is in balance: E[s^2]/E[h^2] and E[e^2]/E[h^2]."""
+    heading, rate, across, lag = in_balance(sea_of(w0, 0.05))
+    xi, kappa = 0.15, 0.4
+    assert rate / heading == pytest.approx((1.0 + 2.0 * xi * kappa) * w0**2)
+    assert (across / heading, lag / heading) == pytest.approx((-kappa * w0, kappa * (2.0 * xi + kappa)))
 
 
 def test_the_waves_are_believed_from_the_fourth_second_on_and_wholly_from_the_eighth() -> None:
