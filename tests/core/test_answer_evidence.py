@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +16,20 @@ from autopilot.monitors.answer import (
     NO_OTHERS,
     Memory,
     Others,
+    RudderAnswer,
+    acquitted,
     answer_noise,
     answer_step,
     first_memory,
+    is_doubtful,
     other_verdict,
+    push_at_least,
     verdict,
     without_evidence,
 )
 from autopilot.monitors.answer_filter import Mean, Noise, step_of
+from autopilot.monitors.watched import Watched
+from autopilot.signals import HeadingSample, NavState
 
 Matrix = npt.NDArray[np.float64]
 BOAT = Norrbin(0.3, 4.0, n3=1.0)
@@ -268,3 +275,157 @@ def test_without_evidence_nothing_grows_and_what_speaks_for_her_counts() -> None
     assert (kept.others.strange, kept.others.strange_slow) == (5.0, 5.0)
     assert kept._replace(time=2.0, others=low.others) == low
     assert kept.others[1:3] == low.others[1:3] and kept.others[5:] == low.others[5:]
+
+
+def test_a_push_counts_beyond_two_deviations_and_beside_the_usual_answer() -> None:
+    """To either side; the share of the answer that is usual here is 0.5."""
+    before = first_memory(NOISE, 0.0, 0.0)
+    for side in (-1.0, 1.0):
+        memory = before._replace(
+            mean=Mean(9.0, 9.0, side * 0.5, 9.0),
+            answer=Mean(9.0, 9.0, side * 0.2, 9.0),
+            spread=before.spread._replace(p22=0.04),
+            usual=30.0,
+            shown=60.0,
+        )
+        assert push_at_least(memory) == pytest.approx(side * (0.5 + 0.5 * 0.2 - 2.0 * 0.2))
+        assert push_at_least(memory._replace(spread=before.spread._replace(p22=0.1))) == 0.0
+        assert push_at_least(memory._replace(spread=before.spread._replace(p22=-1e-9))) == pytest.approx(side * 0.6)
+
+
+@pytest.mark.parametrize("silent", [(7.0, 7.0), (6.9, 99.0), (99.0, 6.9)])
+@pytest.mark.parametrize("opposite", [(7.0, 7.0), (6.9, 99.0), (99.0, 6.9)])
+def test_a_doubt_is_evidence_of_seven_and_what_was_doubted_begins_with_half_a_verdict(
+    silent: tuple[float, float], opposite: tuple[float, float]
+) -> None:
+    memory = first_memory(NOISE, 0.0, 0.0)._replace(silent=silent[0], silent_late=silent[1])
+    memory = memory._replace(opposite=opposite[0], opposite_late=opposite[1])
+    assert is_doubtful(memory) is (min(silent) >= 7.0 or min(opposite) >= 7.0)
+    most = pytest.approx(SURE - 7.0)
+    found = acquitted(memory)
+    assert (found.silent, found.silent_late, found.opposite, found.opposite_late) == (most, most, most, most)
+    little = memory._replace(silent=1.0, silent_late=2.0, opposite=3.0, opposite_late=0.5)
+    assert acquitted(little) == little
+
+
+TICK = 0.125
+STOP = 0.5
+
+
+class Looks:
+    """Ticks of an eighth of a second; what the watch hands on to its filter is written down."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **memory: Any) -> None:
+        self.watch, self.number, self.taken = RudderAnswer(), 0, list[tuple[Any, ...]]()
+        self.memory, self.doubts = memory, list[float]()
+        monkeypatch.setattr("autopilot.monitors.answer.answer_step", self.step)
+
+    def step(self, memory: Memory, *given: Any) -> Memory:
+        self.taken.append(given)
+        return memory._replace(time=given[3][0], **self.memory)
+
+    def look(
+        self, rudder: float, rate: float = 0.0, heard: bool = True, speed: float = math.inf, **change: Any
+    ) -> tuple[str, str]:
+        now = TICK * self.number
+        if heard:
+            self.watch.hear(HeadingSample(now, 1.0e-3 * self.number, None, change.pop("source", "compass")))
+        state = NavState(now, 0.0, rate, 4.0, rudder, 0.0, 0.0, True, wave_deviation=0.03, wave_frequency=0.9)
+        watched = Watched(now, state, True, True, 0.0, rudder, STOP, True, follows=True)._replace(**change)
+        found = self.watch.look(BOAT, watched, 2.0e-4, speed)
+        if self.watch.doubts_trial:
+            self.doubts.append(now)
+        self.number += 1
+        return found
+
+
+def test_a_heading_is_judged_by_the_rudder_in_the_middle_since_the_last_and_by_that_of_0_4_s_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of headings at every other tick the middle is the tick between; 0.4 s before that the later of two counts."""
+    looks = Looks(monkeypatch)
+    for number in range(41):
+        looks.look(0.01 * number, heard=number % 2 == 0)
+    assert len(looks.taken) == 20
+    for number, (model, noise, _, heard, rudder, late, slow) in enumerate(looks.taken, 1):
+        assert (model, slow) == (BOAT, None)
+        assert noise == answer_noise(BOAT, 2.0e-4, 0.03, 0.9)
+        assert heard == (2 * number * TICK, 2.0e-3 * number)
+        assert rudder == pytest.approx(0.01 * (2 * number - 1))
+        assert late == pytest.approx(0.01 * max(2 * number - 1 - 3, 0))
+
+
+@pytest.mark.parametrize(("rate", "taken"), [(0.299, 0.299), (0.301, 0.3), (-9.0, -0.3), (-0.299, -0.299)])
+def test_no_boat_turns_more_than_twice_as_fast_as_the_rudder_turns_it(
+    monkeypatch: pytest.MonkeyPatch, rate: float, taken: float
+) -> None:
+    """K 0.3 1/s and 0.5 rad of rudder: 0.15 rad/s."""
+    looks = Looks(monkeypatch)
+    for _ in range(3):
+        looks.look(0.1, rate)
+    assert [given[2] for given in looks.taken] == pytest.approx([taken, taken])
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_slow_rudder_would_go_a_quarter_as_fast(monkeypatch: pytest.MonkeyPatch, side: float) -> None:
+    """From amidships to 0.03 rad at 0.08/4 rad/s: 0.0025 rad a tick."""
+    looks = Looks(monkeypatch)
+    looks.look(0.0, speed=0.08)
+    for _ in range(20):
+        looks.look(side * 0.03, speed=0.08)
+    assert [given[6] for given in looks.taken] == pytest.approx([side * min(0.0025 * n, 0.03) for n in range(1, 21)])
+    looks.look(side * 0.03, speed=0.08, rudder_is_measured=True)
+    assert looks.taken[-1][6] is None
+    looks.look(side * 0.2, speed=0.08)
+    assert looks.taken[-1][6] == side * 0.2, "where it is known to stand"
+
+
+@pytest.mark.parametrize(
+    ("ticks", "change", "is_taken"),
+    [(7, {}, True), (8, {}, True), (9, {}, False), (1, {"source": "gyro"}, False)],
+)
+def test_after_a_second_without_a_heading_and_with_another_compass_it_begins_anew(
+    monkeypatch: pytest.MonkeyPatch, ticks: int, change: dict[str, Any], is_taken: bool
+) -> None:
+    looks = Looks(monkeypatch)
+    looks.look(0.1)
+    for _ in range(ticks - 1):
+        looks.look(0.1, heard=False)
+    looks.look(0.1, **change)
+    assert len(looks.taken) == is_taken
+
+
+def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = Looks(monkeypatch, opposite=99.0, opposite_late=99.0)
+    looks.look(0.1, is_late=True)
+    assert [looks.look(0.1)[0] for _ in range(10)] == [""] * 8 + ["rudder_reversed"] * 2
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("rudder", "push", "is_doubted"), [(0.2, 0.21, True), (0.2, 0.19, False), (-0.2, 0.21, False), (0.0, 0.21, False)]
+)
+def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_is_known(
+    monkeypatch: pytest.MonkeyPatch, side: float, rudder: float, push: float, is_doubted: bool
+) -> None:
+    """Known after 2 pi/0.4 = 15.71 s, and then for 0.3 s: at 15.75 s, the first tick after, and 0.375 s later. It is
+    said in one tick of a trial."""
+    still = first_memory(NOISE, 0.0, 0.0).spread._replace(p22=0.0)
+    looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -side * push, 0.0), spread=still)
+    for _ in range(160):
+        looks.look(side * rudder, follows=False)
+    assert looks.doubts == ([16.125] if is_doubted else [])
+    looks.look(side * rudder)
+    for _ in range(4):
+        looks.look(side * rudder, follows=False)
+    assert looks.doubts == ([16.125, 164 * TICK] if is_doubted else []), "and in the next one"
+
+
+def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As far as it was over within the last 2.4 s counts."""
+    still = first_memory(NOISE, 0.0, 0.0).spread._replace(p22=0.0)
+    looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -0.2, 0.0), spread=still)
+    for number in range(200):
+        looks.look(0.25 if number <= 144 else 0.1, follows=False)
+    # the last of 0.25 rad at 18 s is forgotten at 20.5 s, the first tick more than 2.4 s later
+    assert looks.doubts == [20.875]

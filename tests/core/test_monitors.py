@@ -13,6 +13,7 @@ from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.monitors import AlarmLimits, Monitors, Watched
 from autopilot.monitors.heading import JumpingHeading
+from autopilot.monitors.swing import SWEEP, THROW
 from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample, WindSample
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
@@ -489,3 +490,134 @@ def test_a_reset_forgets_whatever_was_found() -> None:
     assert (monitors.findings, monitors.softer, monitors.trouble, monitors.alarms()) == ({}, 1.0, None, ())
     monitors.look(BOAT, watched(30.1, math.radians(25.0))._replace(surprise=4.0))
     assert monitors.findings == {}
+
+
+class Said:
+    """Stands for the monitors of swings, spins and the rudder's answer: what it says is given."""
+
+    swings = throws = 0
+    rushes = outruns_speed = doubts_trial = False
+    rate, fast, other = 0.3, 0.0, ""
+
+    def __init__(self, sweep: float = math.nan) -> None:
+        self.sweep = sweep
+
+    def look(self, *_: object) -> object:
+        return {SWEEP: Said.swings, THROW: Said.throws}.get(self.sweep, ("", ""))
+
+    def too_fast(self, *_: object) -> float:
+        return Said.fast
+
+    def hear(self, *_: object) -> None:
+        pass
+
+    def reset(self) -> None:
+        pass
+
+
+def stubbed(monkeypatch: pytest.MonkeyPatch, **words: object) -> None:
+    for name in ("Swings", "Spinning", "RudderAnswer"):
+        monkeypatch.setattr(f"autopilot.monitors.watch.{name}", Said)
+    for name, value in words.items():
+        monkeypatch.setattr(Said, name, value)
+
+
+STEADY, UNSTEADY = BOAT, BOAT._replace(n1=-1.0, n3=50.0)
+LOW = {"trial_speed": 9.0}
+
+
+@pytest.mark.parametrize(
+    ("boat", "before", "words", "change", "names", "softer"),
+    [
+        (STEADY, 0, {"swings": 3, "throws": 3}, {}, (), 1.0),
+        (STEADY, 0, {"swings": 4}, {}, ("hunting",), 4.0),
+        (STEADY, 0, {"throws": 4}, {}, ("hunting",), 4.0),
+        (STEADY, 0, {"swings": 9, "throws": 9}, {}, ("hunting",), 4.0),
+        (STEADY, 1, {"swings": 9}, {}, ("hunting",), 16.0),
+        (STEADY, 1, {"throws": 5}, {}, ("hunting",), 16.0),
+        (STEADY, 1, {"throws": 6}, {}, ("swinging", "hunting"), 4.0),
+        (STEADY, 2, {"swings": 3}, {}, ("hunting",), 16.0),
+        (STEADY, 2, {"throws": 5}, {}, ("hunting",), 16.0),
+        (STEADY, 2, {"swings": 4}, {}, ("swinging", "hunting"), 16.0),
+        (UNSTEADY, 0, {"swings": 9, "throws": 5}, {}, ("hunting",), 1.0),
+        (UNSTEADY, 0, {"throws": 6}, {}, ("swinging",), 1.0),
+        (BOAT._replace(n1=0.0), 0, {"throws": 6}, {}, ("swinging",), 1.0),
+        (STEADY, 0, {"rushes": True}, {}, ("hunting",), 4.0),
+        (STEADY, 0, {"rushes": True}, {"follows": False}, (), 1.0),
+        (STEADY, 1, {"rushes": True}, {"follows": False}, ("hunting",), 4.0),
+        (STEADY, 2, {"rushes": True}, {"follows": False}, ("hunting", "too_quick"), 16.0),
+        (STEADY, 0, {"fast": -0.5}, {}, ("too_quick",), 1.0),
+        (STEADY, 0, {"swings": 4}, LOW, (), 1.0),
+        (UNSTEADY, 0, {"swings": 4}, LOW, (), 1.0),
+        (STEADY, 0, {"outruns_speed": True}, LOW, (), 1.0),
+        (STEADY, 0, {"outruns_speed": True}, {}, (), 1.0),
+        (STEADY, 2, {}, {"steers": False}, (), 1.0),
+    ],
+)
+def test_of_swings_the_law_orders_less_and_where_that_is_not_enough_steering_ends(
+    monkeypatch: pytest.MonkeyPatch,
+    boat: Norrbin,
+    before: int,
+    words: dict[str, object],
+    change: dict[str, object],
+    names: tuple[str, ...],
+    softer: float,
+) -> None:
+    """Four sweeps are suspect and six a cycle; 4 times less is ordered, then 16 times; a speed that reads too low is
+    the likelier cause, and doubted first."""
+    stubbed(monkeypatch, swings=4)
+    monitors = Monitors(LIMITS)
+    seen = watched(0.0, 0.0)._replace(follows=True)
+    for _ in range(before):
+        monitors.look(boat, seen)
+    stubbed(monkeypatch, swings=0)
+    stubbed(monkeypatch, **words)
+    monitors.look(boat, seen._replace(**change))  # type: ignore[arg-type]
+    assert (tuple(sorted(monitors.findings)), monitors.softer) == (tuple(sorted(names)), softer)
+    assert monitors.doubts_speed is (change == LOW)
+
+
+@pytest.mark.parametrize(
+    ("boat", "others", "change", "name", "softer", "rests"),
+    [
+        (STEADY, ("lively",), {}, "lively", 4.0, False),
+        (STEADY, ("slow",), {}, "rudder_slow", 4.0, False),
+        (STEADY, ("quick",), {}, "too_quick", 1.0, False),
+        (STEADY, ("lively", "slow", ""), {}, "rudder_slow", 4.0, False),
+        (STEADY, ("slow", "lively", ""), {}, "rudder_slow", 4.0, False),
+        (STEADY, ("quick", "slow", "lively"), {}, "too_quick", 1.0, False),
+        (STEADY, ("slow", ""), {"damps_roll": True}, "rudder_slow", 1.0, True),
+        (STEADY, ("lively",), {"damps_roll": True}, "lively", 4.0, False),
+        (UNSTEADY, ("slow",), {}, "rudder_not_following", 1.0, False),
+        (BOAT._replace(n1=0.0), ("slow",), {"damps_roll": True}, "rudder_not_following", 1.0, False),
+        (UNSTEADY, ("lively",), {}, "lively", 4.0, False),
+    ],
+)
+def test_what_the_answer_tells_of_boat_and_rudder_counts_until_we_let_go(
+    monkeypatch: pytest.MonkeyPatch,
+    boat: Norrbin,
+    others: tuple[str, ...],
+    change: dict[str, object],
+    name: str,
+    softer: float,
+    rests: bool,
+) -> None:
+    monitors = None
+    for other in (*others, ""):
+        stubbed(monkeypatch, other=other)
+        monitors = monitors or Monitors(LIMITS)
+        monitors.look(boat, watched(0.0, 0.0)._replace(**change))  # type: ignore[arg-type]
+    assert monitors is not None
+    assert (set(monitors.findings), monitors.softer, monitors.rests_roll) == ({name}, softer, rests)
+    monitors.look(boat, watched(0.0, 0.0)._replace(steers=False))
+    assert (monitors.findings, monitors.softer, monitors.rests_roll) == ({}, 1.0, False)
+
+
+def test_a_trial_that_is_doubted_is_said_for_ten_seconds_while_we_steer(monkeypatch: pytest.MonkeyPatch) -> None:
+    stubbed(monkeypatch, doubts_trial=True)
+    monitors = Monitors(LIMITS._replace(rudder_answer=True))
+    monitors.look(BOAT, watched(50.0, 0.0))
+    monkeypatch.setattr(Said, "doubts_trial", False)
+    for later, steers, is_said in ((0.0, True, True), (9.9, False, False), (9.9, True, True), (10.0, True, False)):
+        monitors.look(BOAT, watched(50.0 + later, 0.0)._replace(steers=steers))
+        assert ("trial_doubtful" in monitors.findings) is is_said

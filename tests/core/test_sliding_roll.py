@@ -15,8 +15,20 @@ from hypothesis import strategies as st
 
 from autopilot.build import build_pilot
 from autopilot.build_laws import law_of, model_of
-from autopilot.control.rudder_roll import linear_response, linear_step_of
-from autopilot.control.sliding_roll import LIST_TIME, OLD, SETTINGS, RollShip, SlidingRollLaw, scaled_model, slowest
+from autopilot.control.rudder_roll import RollGains, linear_response, linear_step_of, roll_rudder
+from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
+from autopilot.control.sliding_roll import (
+    LIST_TIME,
+    OLD,
+    SETTINGS,
+    RollShip,
+    SlidingRollLaw,
+    laws_at,
+    near_surface_quiet,
+    near_surface_roll,
+    scaled_model,
+    slowest,
+)
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
 from autopilot.models.norrbin import at_speed, rudder_for
@@ -309,3 +321,87 @@ def test_the_slowest_pole_is_that_of_the_loop_s_polynomial(k: float, lag: float,
     poles = np.roots(np.polyadd(open_loop, 3.0 * k * np.array([-half, 1.0])))
     wanted = max(float(poles.real.max()), -90.0)
     assert slowest(ship, model, np.array([k, 0.0, 0.0, 0.0, 0.0])) == pytest.approx(wanted)
+
+
+def sections() -> tuple[Any, Any]:
+    """Gains of the quiet law and of the roll law that the published ship's file has."""
+    at = LAW.at(1.0)
+    quiet = SwayYawGains(
+        at.quiet.k_v, at.quiet.k_r, through(at.quiet, "vr", LAW.ship.model.b[[0, 2, 4]]), at.quiet.boundary
+    )
+    k = (at.roll.k_v, at.roll.k_p, at.roll.k_r, at.roll.k_phi)
+    return quiet, RollGains(*k, through(at.roll, ("v", "p", "r", "phi"), LAW.ship.model.b), at.roll.boundary)
+
+
+def through(law: Any, names: Any, b: Any) -> float:
+    """eta of a law: its switching times h'b."""
+    return float(law.switching * (np.array([getattr(law, f"h_{name}") for name in (*names, "psi")]) @ b))
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 1.4])
+def test_gains_go_with_the_speed_and_surfaces_are_those_of_the_model_there(ratio: float) -> None:
+    """k with 1/ratio; counted in heading, eta goes with the ratio and the boundary stays."""
+    quiet, roll = sections()
+    ship = LAW.ship
+    at, here = laws_at(ship, quiet, roll, ratio), laws_at(ship, quiet, roll, 1.0)
+    b = LAW.ship.model.b * ratio * ratio
+    for law, base, names, bs, b0 in (
+        (at.quiet, here.quiet, "vr", b[[0, 2, 4]], LAW.ship.model.b[[0, 2, 4]]),
+        (at.roll, here.roll, ("v", "p", "r", "phi"), b, LAW.ship.model.b),
+    ):
+        for name in names:
+            assert getattr(law, f"k_{name}") == pytest.approx(getattr(base, f"k_{name}") / ratio)
+        assert through(law, names, bs) / law.h_psi == pytest.approx(ratio * through(base, names, b0) / base.h_psi)
+        assert law.boundary / law.h_psi == pytest.approx(base.boundary / base.h_psi)
+    h = np.array([at.roll.h_v, at.roll.h_p, at.roll.h_r, at.roll.h_phi, at.roll.h_psi])
+    k = np.array([at.roll.k_v, at.roll.k_p, at.roll.k_r, at.roll.k_phi, 0.0])
+    model = scaled_model(ship.model, ratio)
+    assert (model.A - np.outer(model.b, k)).T @ h == pytest.approx(np.zeros(5), abs=1e-12), "the surface"
+    turn = np.array([at.sway_per_rate, 0.0, 1.0, at.roll_per_rate, 0.0])
+    held = model.A @ turn
+    assert np.linalg.matrix_rank(np.column_stack((held[:3], model.b[:3])), tol=1e-9) == 1, "a rudder holds the turn"
+
+
+def test_near_its_surface_a_law_is_the_slope_of_its_demand() -> None:
+    at, small = LAW.at(0.7), 1.0e-6
+    for place in range(5):
+        x = np.zeros(5)
+        x[place] = small
+        slope = -roll_rudder(at.roll, Motion(*x), 0.0) / small if place else 0.0
+        assert near_surface_roll(at.roll)[place] == pytest.approx(slope, rel=1e-6, abs=1e-9), (
+            "sway counts as the turn's"
+        )
+        slope = -sway_yaw_rudder(at.quiet, 0.0, x[2], x[4]) / small
+        assert near_surface_quiet(at.quiet)[place] == pytest.approx(slope, rel=1e-6, abs=1e-9)
+
+
+def test_what_the_schedule_hears_and_what_is_made_of_its_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a planned turn at 0.01 rad/s, with 0.03 rad of bias; a step of the shadows has whole milliseconds."""
+    law, heard = copy.copy(LAW), []
+    law.reset(0.0)
+
+    def step(parts: Any, schedule: Any, *given: Any) -> Any:
+        heard.append((parts, *given))
+        return schedule._replace(weight=0.3)
+
+    monkeypatch.setattr("autopilot.control.sliding_roll.schedule_step", step)
+    reference = Reference(0.2, 0.01, 0.001)
+    planned = rudder_for(MODEL, 0.01, 0.001)
+    at = law.at(MODEL.reference_speed / SERVICE_SPEED)
+    rolls, rates, listed = (0.05, 0.02, -0.04), (0.01, -0.02, 0.03), 0.0
+    for number, (roll, rate) in enumerate(zip(rolls, rates, strict=True), 1):
+        now = 5.0 + 0.1004 * number
+        law.hear(RollSample(now, roll, rate))
+        seen = state(now, 0.25, 0.012, rudder=0.08, bias=0.03)
+        demand = law.update(MODEL, reference, seen, 0.08, 0.1004)
+        heel = roll - at.roll_per_rate * 0.01
+        listed += (heel - listed) / number
+        off = Motion(0.0, rate, 0.002, heel - listed, 0.05)
+        parts, motion, goal, rudder, dt = heard[-1]
+        assert motion == pytest.approx(off)
+        assert (goal, dt) == (0.0, 0.101 if number == 2 else 0.1)
+        assert rudder == pytest.approx(0.08 + 0.03 - planned)
+        assert (parts.quiet, parts.roll) == (at.quiet, at.roll)
+        quiet = sway_yaw_rudder(at.quiet, 0.0, 0.002, 0.05)
+        wanted = planned + 0.7 * quiet + 0.3 * roll_rudder(at.roll, off, 0.0) - 0.03
+        assert demand == pytest.approx(wanted)

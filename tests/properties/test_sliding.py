@@ -119,6 +119,8 @@ def test_a_rudder_without_effect_is_refused() -> None:
 
 def test_the_papers_gains_are_those_it_prints() -> None:
     """Liu and Jin 2017, section 4: k in degrees of rudder per SI unit, eta 1.0512 for radians."""
-    k_v, k_r, *rest = PAPER_SWAY_YAW
-    assert (math.degrees(k_v), math.degrees(k_r)) == pytest.approx((-10.0, -100.0))
-    assert rest == [1.0512, 1.0]
+    A, b = SWAY_YAW
+    law = sliding_heading.sway_yaw_law(A, b, PAPER_SWAY_YAW)
+    assert (math.degrees(law.k_v), math.degrees(law.k_r)) == pytest.approx((-10.0, -100.0))
+    through = float(np.array([law.h_v, law.h_r, law.h_psi]) @ b)
+    assert (law.switching * through, law.boundary) == pytest.approx((1.0512, 1.0))
