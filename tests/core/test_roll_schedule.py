@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from autopilot.control.rudder_roll import (
     PAPER_ROLL,
@@ -31,7 +32,7 @@ from autopilot.control.rudder_roll import (
     roll_rudder,
     schedule_step,
 )
-from autopilot.control.sliding_heading import SwayYawGains
+from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import quiet_at
 from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
@@ -227,3 +228,90 @@ def test_the_published_gains_are_those_of_the_paper() -> None:
     assert [math.degrees(value) for value in k] == pytest.approx([5.0, 200.0, 100.0, 10.0])
     h = np.array([law.h_v, law.h_p, law.h_r, law.h_phi, law.h_psi])
     assert (law.switching * float(h @ SHIP.b), law.boundary) == pytest.approx((0.0751, 0.5))
+
+
+def test_a_step_is_the_matrix_exponential_with_a_heading_that_leaks_in_five_minutes() -> None:
+    block = np.zeros((6, 6))
+    block[:5, :5], block[:5, 5] = SHIP.A, SHIP.b
+    block[4, 4] -= 1.0 / 300.0
+    for dt in (0.02, 0.1, 1.0):
+        step = np.array(linear_step_of(SHIP, dt))
+        assert step == pytest.approx(expm(block * dt)[:5], rel=1e-12, abs=1e-15)
+    x = Motion(0.3, -0.02, 0.01, 0.2, 0.4)
+    assert linear_response(STEP, x, 0.1) == pytest.approx(np.array(STEP) @ (*x, 0.1))
+
+
+def test_each_shadow_steers_the_sea_that_is_left_without_the_ship_s_own_rudder() -> None:
+    """One step in numbers: free = x - own; the shadows add what their own rudders did; variances with a share of
+    dt/120 s, or of the time so far."""
+    x, own = Motion(0.2, 0.03, 0.004, 0.1, 0.05), Motion(0.1, 0.01, 0.001, 0.02, 0.03)
+    quiet, roll = Motion(0.01, 0.02, 0.003, 0.04, 0.005), Motion(-0.02, 0.01, 0.002, -0.03, 0.004)
+    for time, share in ((39.9, 0.1 / 40.0), (500.0, 0.1 / 120.0)):
+        before = begin_schedule()._replace(
+            time=time,
+            own=own,
+            free=Shadow(REST, 0.0, 0.01, 0.004),
+            quiet=Shadow(quiet, 0.02, 0.02, 0.005),
+            roll=Shadow(roll, -0.03, 0.03, 0.003),
+        )
+        after = schedule_step(PARTS, before, x, 0.01, 0.07, DT)
+        assert after.time == pytest.approx(time + 0.1)
+        assert after.own == pytest.approx(np.array(STEP) @ (*own, 0.07))
+        free = np.array(x) - np.array(own)
+        for name, response, order in (
+            ("free", np.zeros(5), lambda _: 0.0),
+            ("quiet", np.array(quiet), lambda at: sway_yaw_rudder(QUIET, at[0], at[2], at[4] - 0.01)),
+            ("roll", np.array(roll), lambda at: roll_rudder(LAW, Motion(*at), 0.01)),
+        ):
+            was, now = getattr(before, name), getattr(after, name)
+            at = free + response
+            assert now.rudder == pytest.approx(gear_step(GEAR, was.rudder, order(at), DT))
+            assert now.response == pytest.approx(np.array(STEP) @ (*response, now.rudder))
+            off = at[3] - was.mean
+            assert now.mean == pytest.approx(was.mean + share * off)
+            assert now.variance == pytest.approx(was.variance + share * (off * off - was.variance))
+
+
+@pytest.mark.parametrize(
+    ("promise", "weight", "time", "barred", "wanted"),
+    [
+        (0.04, 0.5, 99.0, 0.0, 0.5 - 0.125 / 30.0),
+        (0.05, 0.002, 99.0, 0.0, 0.0),
+        (0.10, 0.5, 99.0, 0.0, 0.5),
+        (0.10, 0.499, 99.0, 0.0, 0.5),
+        (0.14, 0.899, 99.0, 0.0, 0.9),
+        (0.16, 0.5, 99.0, 0.0, 0.5 + 0.125 / 30.0),
+        (0.16, 0.999, 99.0, 0.0, 1.0),
+        (0.90, 1.0, 99.0, 0.0, 1.0),
+        (0.90, 0.0, 59.875, 0.0, 0.0),
+        (0.90, 0.0, 60.0, 0.0, 0.125 / 30.0),
+        (0.90, 0.5, 99.0, 5.0, 0.5 - 0.125 / 30.0),
+        (0.90, 0.0, 99.0, 0.2, 0.0),
+        (0.90, 0.0, 99.0, 0.1, 0.125 / 30.0),
+    ],
+)
+def test_the_weight_goes_with_the_promise_from_5_to_15_percent_in_half_a_minute(
+    promise: float, weight: float, time: float, barred: float, wanted: float
+) -> None:
+    """Not in the first minute, and not while the law is barred."""
+    shadow, proof = Shadow(REST, 0.0, 0.0, 0.01), UNPROVEN._replace(barred=barred)
+    roll = shadow._replace(variance=0.01 * (1.0 - promise) ** 2)
+    parts = PARTS._replace(step=linear_step_of(SHIP, 0.125))
+    before = begin_schedule(proof)._replace(time=time, free=shadow, quiet=shadow, roll=roll, weight=weight)
+    assert schedule_step(parts, before, REST, 0.0, 0.0, 0.125).weight == pytest.approx(wanted, abs=1e-12)
+
+
+def test_the_times_of_a_proof_are_those_of_its_page() -> None:
+    """20 s after a switch nothing is measured, then for two minutes; at 5 minutes of memory."""
+    without = looked_on(UNPROVEN, 0.0, 20.0, 0.1)
+    assert without.without.time == 0.0
+    assert proof_step(without, 0.0, 0.1, 0.0, 1.0).without.time == 1.0
+    assert looked_on(without, 0.0, 120.0, 0.1).without.time == 120.0
+    started = looked_on(looked_on(without, 0.0, 120.0, 0.1), 0.5, 1.0, 0.1)
+    assert looked_on(started, 1.0, 20.0, 0.05).under.time == 0.0
+    assert looked_on(started, 1.0, 139.0, 0.05, 0.4).span == 120.0
+    assert looked_on(started, 1.0, 140.0, 0.05, 0.4).span == 600.0
+    old = UNPROVEN._replace(so_far=99.0, without=Measured(1000.0, 0.0, 0.04, 0.0))
+    assert proof_step(old, 0.0, 0.0, 0.0, 1.0).without.variance == pytest.approx(0.04 * (1.0 - 1.0 / 300.0))
+    kept, short = (judged(share, 0.5) for share in (0.749, 0.751))
+    assert (kept.span, short.span) == (600.0, 300.0), "half of what was promised"

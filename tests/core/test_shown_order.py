@@ -47,3 +47,26 @@ def test_an_order_of_long_ago_is_no_order_of_late() -> None:
     assert shown.is_anothers(now, 0.0)
     shown.reset()
     assert not shown.is_anothers(now, 0.0)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("off_deg", "is_anothers"), [(2.99, False), (3.01, True)])
+def test_a_report_three_degrees_off_every_order_is_another_s(side: float, off_deg: float, is_anothers: bool) -> None:
+    shown = ShownOrder()
+    shown.hear(RudderSample(0.0, side * math.radians(off_deg), True))
+    assert shown.is_anothers(0.0, 0.0) is is_anothers
+
+
+@pytest.mark.parametrize(("age", "is_anothers"), [(1.0, True), (1.01, False)])
+def test_a_report_is_believed_for_a_second(age: float, is_anothers: bool) -> None:
+    shown = ShownOrder()
+    shown.hear(RudderSample(5.0, 0.5, True))
+    assert shown.is_anothers(5.0 + age, 0.0) is is_anothers
+
+
+@pytest.mark.parametrize(("back", "is_anothers"), [(1.5, False), (1.51, True)])
+def test_an_order_is_one_of_late_for_a_second_and_a_half(back: float, is_anothers: bool) -> None:
+    shown = ShownOrder()
+    shown.is_anothers(5.0, 0.5)
+    shown.hear(RudderSample(5.0 + back, 0.5, True))
+    assert shown.is_anothers(5.0 + back, 0.0) is is_anothers

@@ -405,3 +405,69 @@ def test_what_the_schedule_hears_and_what_is_made_of_its_weight(monkeypatch: pyt
         quiet = sway_yaw_rudder(at.quiet, 0.0, 0.002, 0.05)
         wanted = planned + 0.7 * quiet + 0.3 * roll_rudder(at.roll, off, 0.0) - 0.03
         assert demand == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    ("change", "keeps"),
+    [
+        ({"gap": 0.5}, True),
+        ({"gap": 0.51}, False),
+        ({"gap": -0.5}, True),
+        ({"gap": -0.51}, False),
+        ({"age": 0.5}, True),
+        ({"age": 0.51}, False),
+        ({"age": -0.5}, True),
+        ({"age": -0.51}, False),
+        ({"heading_age": 2.0}, True),
+        ({"heading_age": 2.01}, False),
+        ({"roll": math.pi}, True),
+        ({"roll": -3.15}, False),
+        ({"rate": -math.pi}, True),
+        ({"rate": 3.15}, False),
+    ],
+)
+def test_roll_and_heading_are_fresh_for_so_long_and_a_pause_is_half_a_second(
+    rolling: SlidingRollLaw, change: dict[str, float], keeps: bool
+) -> None:
+    before = 128.0
+    rolling._time = before  # an exact number, so that the limits are
+    now = before + change.get("gap", 0.125)
+    rolling.hear(RollSample(now - change.get("age", 0.0), change.get("roll", 0.05), change.get("rate", 0.05)))
+    seen = state(now, 0.05)._replace(heading_age=change.get("heading_age", 0.0))
+    rolling.update(MODEL, NORTH, seen, 0.0, 0.125)
+    assert (rolling.weight > 0.9) is keeps
+
+
+def test_the_list_is_a_mean_over_fifteen_seconds_and_a_long_step_counts_as_half_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    law, heard = copy.copy(LAW), []
+    law.reset(0.0)
+    monkeypatch.setattr(
+        "autopilot.control.sliding_roll.schedule_step",
+        lambda _, schedule, off, goal, rudder, dt: [heard.append((off.phi, dt)), schedule][1],
+    )
+
+    def look(now: float, roll: float, dt: float) -> tuple[float, float]:
+        law.hear(RollSample(now, roll, 0.0))
+        law.update(MODEL, NORTH, state(now), 0.0, dt)
+        return heard[-1]
+
+    for number in range(200):
+        look(0.1 * number, 0.1, 0.1)
+    assert look(20.0, 0.4, 0.1)[0] == pytest.approx(0.3 * (1.0 - 0.1 / 15.0))
+    assert look(20.1, 0.4, 0.9)[1] == pytest.approx(0.5)
+    assert look(20.2, 0.4, 0.1)[1] == pytest.approx(0.1), "and the rest of it is dropped"
+
+
+@pytest.mark.parametrize(("pole", "is_refused"), [(-1.0e-9, False), (0.0, True), (0.01, True)])
+def test_a_loop_that_does_not_die_away_is_refused(
+    monkeypatch: pytest.MonkeyPatch, pole: float, is_refused: bool
+) -> None:
+    monkeypatch.setattr("autopilot.control.sliding_roll.slowest", lambda *_: pole)
+    quiet, roll = sections()
+    if is_refused:
+        with pytest.raises(ValueError, match="the quiet law swings with the rudder's lag"):
+            laws_at(LAW.ship, quiet, roll, 1.0)
+    else:
+        assert laws_at(LAW.ship, quiet, roll, 1.0).quiet.k_r > 0.0
