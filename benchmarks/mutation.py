@@ -127,6 +127,16 @@ EXPLAINED: dict[tuple[str, str], str] = {
         "core/NumberReplacer",
         "read = attrgetter(*names) if len(names) > 1 else lambda message: (getattr(message, names[ -1]),)",
     ): "the only field is the last one, too",
+    ("core/NumberReplacer", "return - 2 if flags & ~SIGNED else buffer[place + 1] + 12 + SIGNATURE * flags"): (
+        "every negative length of a frame says that none begins there"
+    ),
+    ("core/NumberReplacer", "state, gains = ekf.initial( -1.0, 0.0, 0.0, calm), [(0.0, 0.0)] * 3"): (
+        "every step begins with the time at 0"
+    ),
+    (
+        "core/ReplaceBinaryOperator_Mul_Sub",
+        "if until >= end and until - state.time <= LONGEST_SHARE - model.time_constant:",
+    ): "a shortcut that is taken less often: the way round comes to the same mean",
 }
 """Operator and the line as it became -> why no test can tell the difference."""
 

@@ -31,7 +31,7 @@ class _Smoothed:
 
     def __init__(self) -> None:
         self.value: float | None = None
-        self._time = -math.inf
+        self._time: float
 
     def on_sample(self, now: float, speed: float) -> None:
         if self.value is None:

@@ -208,10 +208,10 @@ class NmeaReader:
         if field(fields, 1) != "R":
             raise NoDataError
         units = {"K": KMH_M_S, "N": KNOT_M_S, "M": 1.0}
-        unit = units.get(field(fields, 3))
-        if unit is None:
-            raise ValueError(field(fields, 3))
-        return WindSample(time, wrap(angle(fields, 0)), number(fields, 2, 0.0, SPEED_LIMIT) * unit)
+        unit = field(fields, 3)
+        if unit not in units:
+            raise ValueError(unit)
+        return WindSample(time, wrap(angle(fields, 0)), number(fields, 2, 0.0, SPEED_LIMIT) * units[unit])
 
     def _rmc(self, time: float, fields: tuple[str, ...]) -> Sample:
         status(fields, 1)

@@ -47,6 +47,12 @@ def test_it_knows_nothing_before_the_first_heading() -> None:
     assert state == NavState(1.0, 0.0, 0.0, 4.63, 0.05, 0.0, math.inf, False)
 
 
+def test_with_the_first_heading_nothing_lies_to_one_side_and_it_is_one() -> None:
+    first = estimator()
+    first.update(1.0, (HeadingSample(1.0, 0.5),))
+    assert (first.surprise, first.counters) == (0.0, Counters(fused=1))
+
+
 def shuffled_by_fives(samples: list[Timed]) -> list[Timed]:
     """The first sample first, and after it each five in any order."""
     late = samples[:1]

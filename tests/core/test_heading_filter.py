@@ -177,3 +177,20 @@ def test_a_sea_that_is_forgotten_leaves_all_motion_to_the_boat() -> None:
     assert ekf.without_sea(state).sea == wave_motion.FIRST_SEA
     calm = ekf.initial(3.0, 3.1, 0.02, NOISE)
     assert ekf.without_sea(calm) is calm
+
+
+@pytest.mark.parametrize("x", [-3.0, -2.0e-3, -5.0e-4, 0.0, 5.0e-4, 2.0e-3, 3.0])
+def test_the_step_of_a_boat_by_itself_is_exact_for_short_times_too(x: float) -> None:
+    """r = r0 exp(-x), psi = r0 dt (1 - exp(-x))/x; a bias turns by K b dt (x - 1 + exp(-x))/x^2 dt/T on top."""
+    boat, dt = Norrbin(0.2, 5.0, n1=1.0 if x >= 0.0 else -1.0), 5.0 * abs(x)
+    state = ekf.initial(0.0, 0.0, 0.1, NOISE)._replace(bias=0.02)
+    psi, rate, _, _ = ekf.predict_mean(boat, state, 0.0, dt)
+    free = solve_ivp(
+        lambda _, y: [y[1], yaw_acceleration(boat, y[1], 0.02)], (0.0, dt), [0.0, 0.1], rtol=1e-12, atol=1e-15
+    ).y[:, -1]
+    assert math.remainder(psi - free[0], math.tau) == pytest.approx(0.0, abs=1e-6 * abs(free[0]))
+    assert rate == pytest.approx(free[1], rel=1e-6)
+    moved = ekf.predict(boat, NOISE._replace(acceleration=0.0), state, 0.0, dt)
+    assert moved.p11 == pytest.approx(
+        state.p11 * math.exp(-2.0 * x) + state.p22 * (0.2 * math.expm1(-x) * (-1.0 if x >= 0.0 else 1.0)) ** 2, rel=1e-6
+    )

@@ -49,6 +49,8 @@ def rung(*sirens: tuple[Siren, int]) -> list[int]:
 
 
 def test_a_bell_rings_every_other_second_and_twice_a_second_once_escalated() -> None:
+    bell = Bell(io.StringIO())
+    assert (bell.fileno(), bell.receive(0.0), bell.take_packets()) == (-1, [], [])
     assert rung((Siren.QUIET, 50)) == []
     assert rung((Siren.SOUNDING, 50)) == [0, 20, 40]
     assert rung((Siren.ESCALATED, 13)) == [0, 5, 10]

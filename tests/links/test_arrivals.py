@@ -76,6 +76,7 @@ def test_over_udp(port: tuple[int, socket.socket], scheme: str, data: bytes, par
     line.receive()
     for part in parts:
         assert part in line.words
+    assert not data or f"127.0.0.1:{sender.getsockname()[1]}" in line.words
     line.close()
 
 

@@ -188,10 +188,10 @@ def test_the_first_count_begins_with_the_first_tick() -> None:
 
 
 def test_alarms_are_counted_and_those_that_sound() -> None:
-    heard = (AlarmState.SOUNDING, AlarmState.NOTICE, AlarmState.ACKNOWLEDGED, AlarmState.SOUNDING)
-    made = telemetry(tick()._replace(alarms=tuple(map(other, "abcd")), heard=heard))
+    heard = (AlarmState.SOUNDING, AlarmState.NOTICE, AlarmState.ACKNOWLEDGED, AlarmState.SOUNDING, AlarmState.NOTICE)
+    made = telemetry(tick()._replace(alarms=tuple(map(other, "abcde")), heard=heard))
     values = named(made)
-    assert (values["alarms"], values["alarms_new"]) == (4.0, 2.0)
+    assert (values["alarms"], values["alarms_new"]) == (5.0, 2.0)
 
 
 class Learner:

@@ -89,6 +89,16 @@ def test_an_order_is_repeated_at_its_rate_for_a_second() -> None:
     again = steering.repeat(20.26, 4.0)
     assert channels(again)[0] == steering.commanded_pulse
     assert steering.repeat(20.4, 4.0) is None
+    steering.steer(30.0, 0.1)
+    assert steering.repeat(30.25, 4.0) is not None and steering.repeat(31.0, 4.0) is not None, "to the bit"
+    steering.steer(40.0, 0.1)
+    assert steering.repeat(41.001, 4.0) is None
+
+
+def test_releases_are_a_tenth_of_a_second_apart_to_the_bit() -> None:
+    steering = output()
+    steering.steer(-1.0, 0.1)
+    assert [steering.release(now) is not None for now in (0.0, 0.0999, 0.1)] == [True, False, True]
 
 
 def test_five_releases_follow_an_order_a_tenth_of_a_second_apart() -> None:

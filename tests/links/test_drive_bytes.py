@@ -127,6 +127,9 @@ def test_a_jrk_is_asked_again_when_it_has_answered_or_is_overdue() -> None:
     assert drive.feed(0.961, motion()) == []
     assert drive.rejected == 2
     assert drive.feed(0.962, b"") == [] and drive.rejected == 2, "nothing is not an answer"
+    late = JrkG2(SETTINGS)
+    assert late.ask(0.0)
+    assert late.ask(0.35) == b"" and late.feed(0.3, motion()) == [0.0], "both to the bit"
 
 
 def test_a_jrk_answer_may_come_in_pieces_and_what_is_left_of_a_late_one_is_dropped() -> None:
@@ -495,7 +498,7 @@ def test_an_old_angle_is_none() -> None:
     ("order_deg", "speed"),
     [
         (0.39, 1000),  # inside the dead band
-        (0.41, 1000 - 235),  # the slowest that moves: 100 + 0.15 * 900
+        (0.4, 1000 - 235),  # the slowest that moves: 100 + 0.15 * 900
         (1.2, 1000 - 235),
         (2.0, 1000 - 325),  # a quarter of 8 degrees, which 20 deg/s takes 0.4 s for
         (4.0, 1000 - 550),
@@ -699,6 +702,17 @@ def test_what_became_of_the_rudder_of_a_drive_link() -> None:
     assert link.release_result(20.1) is None, "the line is asked, and found to be gone"
     assert link.release_result(20.2) == Release("loopback:a", ReleaseState.LOST, lapse=lapse)
     assert link.release_result(99.0) == Release("loopback:a", ReleaseState.LOST, lapse=lapse)
+
+
+def test_a_busy_line_is_not_asked_what_became_of_the_rudder() -> None:
+    near, far = loopback_pair()
+    link = DriveLink(near, JrkG2(SETTINGS), DriveLinkSettings(baud=1280, rate=8.0))
+    link.send(0.0, RudderCommand(0.0, 0.0, True))
+    link.release(0.0)
+    far.receive()
+    # ten bits a byte: the order takes 2/128 s
+    assert link.release_result(1.0 / 128.0) is None and far.receive() == []
+    assert link.release_result(2.0 / 128.0) is None and far.receive() == [b"\xe5\x02\x0c"]
 
 
 def test_a_line_that_is_gone_is_not_tried_again() -> None:

@@ -315,14 +315,14 @@ def turned(**steps: Any) -> tuple[GuidedTargets, HelmWatch]:
     [
         ({"heading": 31.0, "rate": 1.0, "seconds": 2.4}, True),
         ({"heading": 31.0, "rate": 1.0, "seconds": 2.0}, False),
-        ({"heading": 29.0, "rate": 1.0, "seconds": 9.0}, False),
+        ({"heading": 30.0, "rate": 1.0, "seconds": 9.0}, False),
         ({"heading": 31.0, "rate": -1.0, "seconds": 9.0}, False),
         ({"heading": 31.0, "rate": 0.0, "seconds": 9.0}, False),
         ({"heading": 21.0, "share": 0.11, "seconds": 2.4}, True),
         ({"heading": 21.0, "share": 0.11, "seconds": 2.0}, False),
-        ({"heading": 21.0, "share": 0.09, "seconds": 9.0}, False),
+        ({"heading": 21.0, "share": 0.1, "seconds": 9.0}, False),
         ({"heading": 21.0, "share": -0.5, "seconds": 9.0}, False),
-        ({"heading": 19.0, "share": 0.5, "seconds": 9.0}, False),
+        ({"heading": 20.0, "share": 0.5, "seconds": 9.0}, False),
     ],
 )
 def test_a_boat_that_turns_away_for_two_seconds_follows_another(
@@ -336,7 +336,7 @@ def test_a_boat_that_turns_away_for_two_seconds_follows_another(
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("off", "gain", "seconds", "lags"),
-    [(21.0, 0.0, 15.5, True), (21.0, 0.0, 14.5, False), (19.0, 0.0, 60.0, False), (60.0, 0.2, 60.0, False),
+    [(21.0, 0.0, 15.5, True), (21.0, 0.0, 15.1, False), (20.0, 0.0, 60.0, False), (60.0, 0.2, 60.0, False),
      (90.0, 0.1, 60.0, True), (40.0, -2.0, 14.0, False)],
 )  # fmt: skip
 def test_a_boat_far_off_that_comes_no_two_degrees_nearer_in_fifteen_seconds_lags(
@@ -352,6 +352,48 @@ def test_a_boat_far_off_that_comes_no_two_degrees_nearer_in_fifteen_seconds_lags
     assert found is lags
     targets.show(tick(200.0, Mode.ENGAGED, 0.0, 0.0), True)
     assert targets.alarm is None
+
+
+@pytest.mark.parametrize(
+    ("moved_deg", "lags"), [(-2.0, True), (-2.001, False), (20.0, True), (20.001, False), (5.0, True)]
+)
+def test_a_boat_that_lags_begins_anew_with_two_degrees_nearer_or_twenty_further_off(
+    moved_deg: float, lags: bool
+) -> None:
+    targets, _ = proven()
+    far = math.radians(25.0)
+    targets.show(tick(10.0, Mode.ENGAGED, 0.0, far), True)
+    targets.show(tick(25.5, Mode.ENGAGED, 0.0, far), True)
+    assert targets.alarm == AlarmEvent("targets_lag")
+    moved = math.copysign(math.radians(abs(moved_deg)), moved_deg)
+    targets.show(tick(25.6, Mode.ENGAGED, 0.0, far + moved), True)
+    assert bool(targets.alarm) is lags
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "later", "leaves"),
+    [
+        (0.11, 0.11, True),
+        (-0.11, 0.11, True),
+        (0.11, 0.09, False),
+        (0.09, 0.11, False),
+        (-0.09, 0.19, False),
+        (0.0, 0.21, True),
+    ],
+)
+def test_a_tenth_of_a_degree_is_a_heading_that_changes(turned_deg: float, later: float, leaves: bool) -> None:
+    targets, _ = proven()
+    assert targets.show(tick(100.0, Mode.ENGAGED, 1.0, 1.0), True) is not None
+    again = targets.show(tick(100.0 + later, Mode.ENGAGED, 1.0 + math.radians(turned_deg), 1.0), True)
+    assert (again is not None) is leaves
+
+
+def test_who_follows_other_headings_is_said_with_both_of_them() -> None:
+    targets, watch = proven(echoes=True)
+    for step in range(40):
+        targets.show(tick(10.0 + 0.1 * step, Mode.ENGAGED, math.radians(60.0), math.radians(60.0)), True)
+        targets.report(10.0 + 0.1 * step, math.radians(75.0))
+    assert "it steers 75 deg while 60 is sent" in watch._disobeyed
 
 
 @pytest.mark.parametrize(("off", "follows"), [(3.9, True), (-3.9, True), (4.1, False), (-4.1, False)])

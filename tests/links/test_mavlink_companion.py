@@ -17,6 +17,7 @@ from autopilot.links.transports import UdpInTransport, UdpOutTransport, loopback
 from autopilot.signals import (
     AlarmSample,
     HeadingSample,
+    HelmCause,
     HelmSample,
     Mode,
     RollSample,
@@ -727,3 +728,21 @@ def test_a_ground_station_s_id_is_the_one_given_or_else_the_vehicle_s(
     steering = [m for m in bench.overrides() if m.get_type() == "RC_CHANNELS_OVERRIDE"]
     assert {m.get_srcSystem() for m in steering} <= (spoken or {1})
     assert bench.helm.available is (spoken == {firmware})
+
+
+def test_the_helm_comes_before_what_was_measured_and_every_word_but_attitude_is_judged_at_once() -> None:
+    bench = ready()
+    due = bench.link._judge_at
+    assert due > bench.now + 0.01
+    bench.rover.attitude()
+    assert [type(sample) for sample in bench.link.receive(bench.now + 0.01)] == [HeadingSample, RollSample]
+    assert bench.link._judge_at == due
+    bench.rover.mode = 10
+    bench.rover.heartbeat()
+    (helm,) = bench.link.receive(bench.now + 0.01)
+    assert isinstance(helm, HelmSample) and (helm.available, helm.cause) == (False, HelmCause.TAKEN)
+    bench.rover.mode = 0
+    bench.rover.attitude()
+    bench.rover.heartbeat()
+    helm, *rest = bench.link.receive(bench.now + 0.02)
+    assert isinstance(helm, HelmSample) and any(isinstance(sample, HeadingSample) for sample in rest)

@@ -197,6 +197,9 @@ def test_our_address_is_claimed_answered_for_and_given_up_to_a_lower_name(bus: B
     bus.far.send(can.Message(arbitration_id=request, data=b"\x00\xee\x00", is_extended_id=True))
     bus.link.receive(0.1)
     assert bus.heard() == [(60928, 204, ours)]
+    bus.far.send(can.Message(arbitration_id=identifier(60928, 35, 6), data=bytes(8), is_extended_id=True))
+    bus.link.receive(0.1)
+    assert bus.heard() == [], "another's address is not ours to claim"
     claim = can.Message(arbitration_id=identifier(60928, 204, 6), data=b"\xff" * 8, is_extended_id=True)
     bus.far.send(claim)
     bus.link.receive(0.2)
@@ -207,6 +210,16 @@ def test_our_address_is_claimed_answered_for_and_given_up_to_a_lower_name(bus: B
     ((_, moved, again),) = bus.heard()
     assert (moved, again) == (128, ours)
     assert bus.link.address.current == 128
+
+
+def test_who_only_listens_claims_no_address() -> None:
+    bus = Bus("listens", steers=False)
+    bus.link.keep(0.0)
+    bus.far.send(can.Message(arbitration_id=identifier(59904, 35, 6, 204), data=b"\x00\xee\x00", is_extended_id=True))
+    bus.link.receive(0.1)
+    assert bus.heard() == []
+    bus.link.close()
+    bus.far.shutdown()
 
 
 def test_with_every_address_taken_nothing_is_sent() -> None:
@@ -404,3 +417,25 @@ def test_heading_control_leaves_four_times_a_second_and_says_who_steers_by_what(
     assert by_hand[1] & 7 != 4 and struct.unpack_from("<hH", by_hand, 3) == (0x7FFF, 0xFFFF)
     assert struct.unpack_from("<H", by_hand, 19)[0] == round((math.tau - 0.25) * 1e4)
     assert control(bus, tick._replace(now=7.0, state=state._replace(valid=False))) == b""
+
+
+@pytest.mark.parametrize("kind", [{"is_extended_id": False}, {"is_error_frame": True}, {"is_remote_frame": True}])
+def test_no_other_frames_than_data_with_long_identifiers_are_read(bus: Bus, kind: dict[str, bool]) -> None:
+    identity = identifier(127250, 35, 2)
+    bus.far.send(can.Message(**{"arbitration_id": identity, "data": heading(1.0), "is_extended_id": True, **kind}))
+    assert bus.samples(0.0) == []
+    bus.far.send(can.Message(arbitration_id=identity, data=heading(1.0), is_extended_id=True))
+    assert len(bus.samples(0.1)) == 1
+
+
+@pytest.mark.parametrize("error", [can.CanError("full"), OSError("no buffer space"), ValueError("the driver's own")])
+def test_what_a_bus_does_not_take_is_counted_and_what_it_does_not_give_is_its_end(bus: Bus, error: Exception) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise error
+
+    bus.link._bus.send = bus.link._bus.recv = fail
+    for step in range(3):
+        bus.link.send(step * 1.0, RudderCommand(step * 1.0, 0.1, True))
+    assert bus.link.unsent == 3
+    with pytest.raises(LinkError, match="the CAN bus is gone"):
+        bus.link.receive(3.0)

@@ -92,7 +92,7 @@ def test_release_says_status_v_several_times_and_then_nothing() -> None:
     for step in range(20, 120):
         link.send(step * 0.02, RudderCommand(0.0, 0.2, False))
         link.keep(step * 0.02)
-    assert [status for _, status in orders(far)] == ["A"] + ["V"] * 5
+    assert orders(far) == [(11.46, "A")] + [(0.0, "V")] * 5
 
 
 def test_a_command_that_is_no_number_is_a_release() -> None:
@@ -118,7 +118,7 @@ def test_the_way_out_never_raises() -> None:
     link.send(0.0, RudderCommand(0.0, 0.2, True))
     orders(far)
     link.release(0.1)
-    assert {status for _, status in orders(far)} == {"V"}
+    assert set(orders(far)) == {(0.0, "V")}
     link.send(0.2, RudderCommand(0.2, 0.2, True))
     far.close()
     link.release(0.3)
@@ -281,3 +281,37 @@ def test_a_line_is_busy_for_ten_bits_a_byte() -> None:
         link.keep(0.01 * step + 1e-6)
         times += [step] * len(far.receive())
     assert times == [0, 10, 20], "48 bytes at 480 a second"
+
+
+def test_on_a_full_line_a_repeated_sentence_leaves_after_three_orders() -> None:
+    near, far = loopback_pair()
+    link = NmeaLink(near, NmeaSettings(baud=4800))
+    link._repeated.extend([b"$R\r\n"] * 9)
+    for step in range(100):
+        link.send(0.01 * step, RudderCommand(0.01 * step, 0.1, True))
+        link.keep(0.01 * step)
+    left = "".join("R" if data == b"$R\r\n" else "o" for data in far.receive())
+    assert left.startswith("oooRoooRoooR")
+
+
+def test_times_of_the_line_to_the_bit() -> None:
+    """A release 0.1 s after the one before, a repetition after 0.5 s for 1 s, a peer let go of after more than 5 s."""
+    near, far = loopback_pair()
+    link = NmeaLink(near)
+    forgotten: list[float] = []
+    near.forget_peer = lambda: forgotten.append(now)  # type: ignore[method-assign]
+    for now in (0.0, 5.0, 5.001):
+        link.receive(now)
+    assert forgotten == [0.0, 5.001]
+    for since, kept, leaves in ((10.0, (10.499, 10.5, 11.0), [0, 1, 1]), (20.0, (20.6, 21.001), [1, 0])):
+        link.send(since, RudderCommand(since, 0.1, True))
+        orders(far)
+        for now, count in zip(kept, leaves, strict=True):
+            link.keep(now)
+            assert len(orders(far)) == count, now
+    link.send(-0.5, RudderCommand(-0.5, 0.1, False))
+    link = NmeaLink(near)
+    link.send(-1.0, RudderCommand(-1.0, 0.1, True))
+    for now, count in ((0.0, 2), (0.0999, 0), (0.1, 1)):
+        link.send(now, RudderCommand(now, 0.1, False))
+        assert len(orders(far)) == count, now

@@ -198,6 +198,13 @@ def test_an_order_that_is_repeated_stays_young() -> None:
     assert not watch.shown_by
 
 
+def test_an_order_that_comes_again_does_not_displace_the_one_between() -> None:
+    watch = watch_of((9.6, 1600), (9.7, 1700), (9.8, 1600), asked=10.0)
+    for now in (10.1, 10.2):
+        watch.report(now, 1700, "RC_CHANNELS")
+    assert not watch.shown_by
+
+
 def test_reports_from_before_the_release_confirm_nothing_and_an_order_takes_the_confirmation_back() -> None:
     watch = watch_of((0.0, 1700), asked=1.0)
     for _ in range(5):

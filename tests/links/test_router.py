@@ -23,7 +23,7 @@ from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpServerTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.params.vessel_file import load_vessel
-from autopilot.signals import AlarmSample
+from autopilot.signals import AlarmSample, Mode
 
 BEAT = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
 STATION_BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
@@ -413,10 +413,33 @@ def test_a_station_that_is_gone_is_an_alarm_once_and_the_others_go_on() -> None:
     station.close()
     (alarm,) = forward.receive(0.1)
     assert isinstance(alarm, AlarmSample) and "steering goes on" in words(alarm.event)
+    forward._transport.fileno = lambda: 17
     assert forward.receive(0.2) == [] and forward.fileno() == -1
     vehicle.send(packed(BEAT, speaker(1, 1)))
     companion.receive(0.3)
     assert companion.vehicle_system == 1
+
+
+def test_a_station_that_floods_us_is_looked_away_from_until_the_next_tick() -> None:
+    _, _, forward, _ = rig()
+    forward._transport.fileno = lambda: 17
+    assert forward.fileno() == 17
+    forward._door.crowded = True
+    assert forward.fileno() == -1 and forward.receive(0.1) == []
+    forward.tell(0.2, Mode.STANDBY, ())
+    assert forward.fileno() == 17
+
+
+def test_what_a_broken_line_to_the_vehicle_does_not_take_is_not_counted_as_passed_on() -> None:
+    companion, vehicle, forward, station = rig()
+    vehicle.send(packed(BEAT, speaker(1, 1)))
+    companion.receive(0.1)
+    passed = forward._router.counts["passed on"]
+    vehicle.close()
+    station.send(packed(STATION_BEAT, speaker(255, 190)))
+    forward.receive(0.2)
+    counts = forward._router.counts
+    assert (counts["passed on"] - passed, counts["dropped: endpoint full or away"]) == (0, 1)
 
 
 def test_the_same_bytes_come_round_for_two_seconds_and_again_after_a_quarter() -> None:

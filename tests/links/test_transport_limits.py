@@ -465,6 +465,7 @@ def test_sixty_four_chunks_of_a_serial_line_are_taken_at_once(
     assert len(line[0].receive()) == 64 and len(line[0].receive()) == 6
     assert set(sizes) == {4096}
     assert line[0].receive() == [], "no bytes from a line that stands: it is idle"
+    assert len(sizes) == 64 + (6 + 1) + 1, "and is not asked again"
     waiting[:] = [b"a", BlockingIOError(), b"b"]
     assert line[0].receive() == [b"a"] and line[0].receive() == [b"b"]
     waiting[:] = [b"a", failure("EIO"), failure("EIO")]

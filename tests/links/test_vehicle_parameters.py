@@ -147,6 +147,11 @@ def test_the_first_of_the_outputs_and_switches_is_taken_up_to_the_last() -> None
         assert known(**{f"SERVO{number}_FUNCTION": 27.0, f"RC{number}_OPTION": 45.0}).steering_servo is None
         assert known(**{f"RC{number}_OPTION": 47.0}).override_switch is None
     assert known(SERVO2_FUNCTION=26.0, SERVO1_FUNCTION=26.0).steering_servo == 1
+    none = VehicleParameters()
+    for number in (0, 17):
+        none.take(f"SERVO{number}_FUNCTION", 26.0)
+        none.take(f"RC{number}_OPTION", 46.0)
+    assert (none.steering_servo, none.override_switch) == (None, None)
 
 
 @pytest.mark.parametrize(
