@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -72,8 +73,8 @@ def by_hand(error: float, times: list[float], errors: list[float]) -> tuple[floa
     """How far it went past, and when it came within a twentieth for good."""
     within = max(0.05 * abs(error), math.radians(0.5))
     past = max(0.0, max((-e if error >= 0.0 else e) for e in errors))
-    inside = [t for t, rest in ((t, errors[k:]) for k, t in enumerate(times)) if all(abs(e) <= within for e in rest)]
-    return past, min(inside, default=math.inf)
+    inside = itertools.takewhile(lambda each: abs(each[1]) <= within, zip(times[::-1], errors[::-1], strict=True))
+    return past, min((t for t, _ in inside), default=math.inf)
 
 
 @pytest.mark.parametrize("error", [-2.0, -0.3, 0.0, 0.01, 0.3, 2.0])
