@@ -87,7 +87,7 @@ class Supervisor:
         self._over_since: float | None = None
         self.is_over = False
         """Whether what `alarm` names is no longer the case: headings, or a vehicle that was silent, are back."""
-        self._rebooted = False
+        self._rebooted: HelmSample | None = None
         self._reboot_time = -math.inf
 
     @property
@@ -102,7 +102,8 @@ class Supervisor:
     def hear(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
         self._helm[sample.source] = sample
-        self._rebooted = self._rebooted or sample.cause is HelmCause.REBOOTED
+        if sample.cause is HelmCause.REBOOTED:
+            self._rebooted = sample
 
     def note(self, sample: AlarmSample) -> None:
         """Take a link's word on what the skipper should know though steering goes on."""
@@ -278,9 +279,9 @@ class Supervisor:
 
     def _watch_reboot(self, now: float) -> None:
         """Note a reboot heard of, unless we stand by; when it ends an engagement, that is still on."""
-        if self._rebooted and self.state is not SupervisorState.STANDBY:
+        if self._rebooted is not None and self.state is not SupervisorState.STANDBY:
             self._reboot_time = now
-        self._rebooted = False
+        self._rebooted = None
 
     def _ended_by_reboot(self, now: float) -> bool:
         """Return whether a reboot not long ago, or the silence that went with it, is what ended the engagement."""

@@ -124,6 +124,29 @@ EXPLAINED: dict[tuple[str, str], str] = {
         "read = attrgetter(*names) if len(names) != 1 else lambda message: (getattr(message, names[0]),)",
     ): "every message has a field",
     (
+        "core/ReplaceComparisonOperator_Gt_GtE",
+        "self.overpowered = self.overpowered or f\"to {'port' if watched.rudder >= 0.0 else 'starboard'}\"",
+    ): "a rudder that is hard over is to one side",
+    (
+        "core/ReplaceComparisonOperator_Gt_GtE",
+        "off = f\"by {math.degrees(abs(error)):.0f} deg to {'starboard' if error >= 0.0 else 'port'}\"",
+    ): "a boat that is off her course is to one side of it",
+    ("core/ReplaceComparisonOperator_Gt_GtE", 'side = "starboard" if watched.push >= 0.0 else "port"'): (
+        "a push that is heavier than the rudder is to one side"
+    ),
+    ("core/ReplaceComparisonOperator_Gt_GtE", "side = 1.0 if picture.error >= 0.0 else -1.0"): (
+        "on the heading to be steered no side is wrong"
+    ),
+    ("core/ReplaceComparisonOperator_Gt_GtE", "excused = side * picture.bias if side * picture.bias >= 0.0 else 0.0"): (
+        "a bias of 0 excuses 0"
+    ),
+    ("core/ReplaceComparisonOperator_Gt_GtE", "if answer >= 0.0:"): (
+        "where there is no answer both sums lose the same share, and nothing is added to either"
+    ),
+    ("core/ReplaceComparisonOperator_Lt_LtE", "if answer <= 0.0:"): (
+        "where there is no answer the sign of what is left changes, and only its square counts"
+    ),
+    (
         "core/NumberReplacer",
         "read = attrgetter(*names) if len(names) > 1 else lambda message: (getattr(message, names[ -1]),)",
     ): "the only field is the last one, too",

@@ -429,3 +429,13 @@ def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypa
         looks.look(0.25 if number <= 144 else 0.1, follows=False)
     # the last of 0.25 rad at 18 s is forgotten at 20.5 s, the first tick more than 2.4 s later
     assert looks.doubts == [20.875]
+
+
+def test_a_second_heading_of_the_same_instant_says_nothing_of_colour() -> None:
+    before = sailed(1.0, 0.0, 0.75, 5.0)[-1][0]
+    after = answer_step(before, BOAT, NOISE, 0.0, (before.time, before.mean.psi + 0.01), 0.1, 0.1)
+    assert (after.others.fit, after.others.left, after.others.colour) == (
+        before.others.fit,
+        before.others.left,
+        before.others.colour,
+    )
