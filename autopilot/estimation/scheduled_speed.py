@@ -31,7 +31,7 @@ class _Smoothed:
 
     def __init__(self) -> None:
         self.value: float | None = None
-        self._time: float
+        self._time = math.nan
 
     def on_sample(self, now: float, speed: float) -> None:
         if self.value is None:

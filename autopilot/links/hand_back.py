@@ -24,7 +24,7 @@ class HandBack:
     def __init__(self, mode: int) -> None:
         self._mode = mode
         self._since: float | None = None
-        self._next = -math.inf
+        self._next = math.nan
         self._is_done = self._is_told = False
 
     def tell(self, now: float, mode: Mode) -> None:

@@ -95,7 +95,7 @@ class HelmWatch:
         self.switched_off = False
         """Whether the radio's switch for overrides is off."""
         self._rebooted = False
-        self._judged = (-1, -1)
+        self._judged: tuple[int, int] | None = None
         self._parameter_reason = ""
 
     @property

@@ -125,7 +125,7 @@ class OverrideRelease:
         self._sent: deque[tuple[float, int]] = deque()
         self._asked_time = -math.inf
         self._last_order = -math.inf
-        self._report_time = -math.inf
+        self._report_time = math.nan
         self._period = 0.1
         self._different = 0
         self._same: int | None = None

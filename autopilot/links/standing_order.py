@@ -21,7 +21,7 @@ class StandingOrder:
     def __init__(self, order_period: float, release_period: float) -> None:
         self._order_period, self._release_period = order_period, release_period
         self._angle: float | None = None
-        self._given = -math.inf
+        self._given = math.nan
         self._next_order = self._next_release = -math.inf
         self._releases_left = 0
 

@@ -93,6 +93,12 @@ def test_a_stall_is_a_current_above_the_limit_for_a_second_said_once_with_one_fi
     assert unlimited.warning(100.0) is None
 
 
+def test_two_degrees_and_what_the_gear_can_move_pass_to_the_bit() -> None:
+    gate = JumpGate(DriveSettings(angle_at_full=1.0, rate=math.radians(10.0)))
+    assert gate.passes(0.0, 0.0) and gate.passes(0.0, math.radians(2.0))
+    assert not gate.passes(0.0, math.radians(4.0001))
+
+
 def test_a_gate_forgets_what_was_strange_and_does_not_count_backwards() -> None:
     gate = JumpGate(DriveSettings(angle_at_full=1.0, rate=math.radians(10.0)))
     assert gate.passes(0.0, 0.0)
@@ -328,6 +334,10 @@ def test_a_maestro_is_asked_again_when_it_has_answered_or_is_overdue() -> None:
     drive.feed(4.1, b"\x70\x17")
     assert drive.rejected == 6, "the one that was not answered whole"
     assert drive.fault(5.6) == "", "and the byte of it was dropped"
+    late = Maestro(SETTINGS)
+    assert late.ask(0.0) and late.ask(0.35) == b""
+    late.feed(0.3, b"\x70\x17")
+    assert late.rejected == 0, "both to the bit"
 
 
 @pytest.mark.parametrize(

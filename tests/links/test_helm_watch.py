@@ -228,7 +228,7 @@ def test_who_did_not_obey_may_be_tried_again_two_seconds_after_our_last_command(
 def test_who_steers_and_sees_no_report_for_three_seconds_is_blind(guided: bool) -> None:
     found = watch(guided)
     found.commanded(0.0, 1600)
-    for now, talking, blind in ((2.9, 2.8, False), (3.1, 3.0, True), (3.1, 1.0, False), (3.1, 1.1, True)):
+    for now, talking, blind in ((3.0, 2.9, False), (3.1, 3.0, True), (3.1, 1.0, False), (3.1, 1.1, True)):
         found.heard_time, found.heartbeat_time = talking, talking
         assert bool(found.reason(now, parameters(), 255)) is blind, (now, talking)
     assert ("NAV_CONTROLLER_OUTPUT" in found.reason(3.1, parameters(), 255)) is guided
@@ -374,6 +374,24 @@ def test_without_reports_for_three_seconds_no_proof_goes_on() -> None:
     assert HelmProbe(SteeringOutput("rc_override", 0.5, False)).due(0.0) is None
 
 
+def test_times_of_the_proof_to_the_bit() -> None:
+    for later, is_passed in ((0.3499, False), (0.35, True)):
+        proof = probe()
+        proof.due(0.0)
+        for now in (0.0, 0.0, 0.0, 0.2, later):
+            proof.report(now, 1, proof.pulse)
+        assert proof.passed is is_passed
+    assert probe().due(3.001) is None
+    proof = probe()
+    proof.due(0.0)
+    proof.report(2.5, 1, 1500)
+    assert proof.under_way
+    proof.report(2.75, 1, 1500)
+    assert not proof.under_way and "RC channel 1 stays at 1500 us while" in proof.reason
+    proof.report(6.5, 1, 1500)
+    assert proof.due(6.749) is None and proof.due(6.75) is not None, "four seconds later"
+
+
 def asked(streams: MessageStreams, now: float, **counts: int) -> list[int]:
     for name, count in counts.items():
         for _ in range(count):
@@ -393,6 +411,15 @@ def test_streams_are_asked_for_at_once_looked_at_after_0_7_s_and_then_every_2_s(
     streams.reset()
     assert streams.waiting == WAITING
     assert asked(streams, 4.71) == [30, 33]
+
+
+def test_six_tenths_of_a_rate_are_enough_to_the_bit() -> None:
+    for count, is_asked_again in ((12, False), (11, True)):
+        streams = MessageStreams({30: 10.0})
+        streams.due(-0.75)
+        streams.due(0.0)
+        assert bool(asked(streams, 2.0, m30=count)) is is_asked_again
+        assert (streams.waiting == WAITING) is is_asked_again
 
 
 def test_a_first_stream_that_stays_slow_is_said_at_the_third_check_and_no_more_when_it_is_not() -> None:

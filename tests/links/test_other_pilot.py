@@ -88,3 +88,9 @@ def test_other_names_and_what_we_said_ourselves_are_nothing() -> None:
     pilot.sent(b"one more")
     pilot.take(0.0, first)
     assert pilot.obstacle(0.0) == STEERED, "eight are kept"
+
+
+def test_who_has_listened_for_1_2_seconds_knows() -> None:
+    pilot = OtherPilot()
+    pilot.obstacle(0.0)
+    assert (pilot.waiting(1.1999), pilot.waiting(1.2)) == (LISTENING, "")

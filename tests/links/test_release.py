@@ -298,6 +298,19 @@ def test_a_mark_is_sent_ten_times_a_second_for_six_tenths_until_it_is_seen() -> 
     assert not watch.is_marking(20.06) and not watch.mark_due(20.2), "it is seen"
 
 
+def test_times_of_a_release_to_the_bit() -> None:
+    watch = watch_of((-0.5, 1700), asked=0.0)
+    watch.report(0.1, 1700, "RC_CHANNELS")
+    assert watch.wants_mark(0.3999) is None and watch.wants_mark(0.4) == 1700
+    watch.mark(0.0, 1710)
+    assert [watch.mark_due(now) for now in (0.0, 0.0999, 0.1)] == [True, False, True]
+    assert watch.is_marking(0.5999) and not watch.is_marking(0.6)
+    line = UnshownRelease("line", "")
+    line.has_ordered = True
+    line.asked(0.0, False)
+    assert line.result(0.2999) is None and line.result(0.3) is not None
+
+
 def test_what_was_marked_is_free_when_the_mark_was_seen_and_is_gone() -> None:
     for reports, is_shown in (
         ([1700, 1700, 1700], False),

@@ -239,3 +239,17 @@ def test_an_angle_is_held_against_the_last_two_orders() -> None:
             follow.ordered(now, math.radians(earlier if step % 2 else -20.0))
             follow.measured(now, math.radians(20.0), "IIRSA")
         assert (follow.reason(6.0) == "") is follows
+
+
+def test_limits_of_the_rudder_s_following_to_the_bit() -> None:
+    """Five degrees off is right, 1.5 s are patience, two reports may be a second apart, orders stay away for 2 s."""
+    exact = RudderFollow(FollowSettings(math.radians(5.0)))
+    exact.ordered(0.0, 0.0)
+    for step in range(60):
+        exact.measured(0.125 * step, math.radians(5.0), "IIRSA")
+    assert exact.reason(8.0) == ""
+    stuck = [(0.125 * step, 0.0) for step in range(14)]
+    assert seen(stuck[:13]).reason(2.0) == "" and seen(stuck).reason(2.0) != ""
+    left = RudderFollow(FollowSettings(patience=2.0))
+    left.ordered(0.0, 0.0)
+    assert left.reason(2.0) == "" and left.reason(2.125).startswith("this computer stood still for 2.1 s")

@@ -77,7 +77,7 @@ class Telemetry:
         self._roll: RollSample | None = None
         self._position: PositionSample | None = None
         self.tick: Tick | None = None
-        self._told = -math.inf
+        self._told = math.nan
         self._ticks = 0
         self._longest_gap = 0.0
         self._makers: dict[int, Callable[[Tick], list[Message]]] = {
