@@ -27,7 +27,7 @@ from autopilot.monitors.answer import (
     verdict,
     without_evidence,
 )
-from autopilot.monitors.answer_filter import Mean, Noise, step_of
+from autopilot.monitors.answer_filter import Mean, Noise, moved, spread_moved, step_of
 from autopilot.monitors.watched import Watched
 from autopilot.signals import HeadingSample, NavState
 
@@ -439,3 +439,50 @@ def test_a_second_heading_of_the_same_instant_says_nothing_of_colour() -> None:
         before.others.left,
         before.others.colour,
     )
+
+
+def stepped(share: float, seen: float, **change: Any) -> tuple[Memory, Memory]:
+    """Memory before and after a heading that is off by a share of the answer to the rudder, of which `seen` [rad] could
+    be seen before."""
+    before = sailed(1.0, 0.0, 0.75, 6.0)[-1][0]
+    others = {name: change.pop(name) for name in tuple(change) if name in Others._fields}
+    before = before._replace(others=before.others._replace(**others), answer=Mean(seen, 0.0, 0.0, 0.0), **change)
+    step = step_of(BOAT, 0.1, NOISE, DT)
+    answer, mean = moved(step, before.answer, 0.3).psi, moved(step, before.mean, 0.0).psi
+    after = answer_step(before, BOAT, NOISE, 0.1, (before.time + DT, mean + share * answer), 0.3, 0.3, 0.3)
+    return before, after
+
+
+@pytest.mark.parametrize(("odd", "is_gust"), [(2.99, False), (3.0, False), (3.01, True)])
+def test_a_gust_is_three_times_what_any_answer_explains(odd: float, is_gust: bool) -> None:
+    before, after = stepped(0.0, 0.05, odd=odd, silent=1.0)
+    assert (after.spread.p22 - before.spread.p22 > 0.9 * math.radians(25.0) ** 2 * DT) is is_gust
+    assert (after.silent > 1.0) is not is_gust, "while it sets in nothing is evidence"
+
+
+@pytest.mark.parametrize(("sigmas", "is_wild"), [(5.99, False), (6.01, True), (-5.99, False), (-6.01, True)])
+def test_six_deviations_beyond_every_answer_are_wild(sigmas: float, is_wild: bool) -> None:
+    memory = first_memory(NOISE, 0.0, 0.1)
+    spread = spread_moved(step_of(BOAT, 0.0, NOISE, DT), memory.spread, NOISE, DT)
+    off = sigmas * math.sqrt(spread.p00 + NOISE.heading)
+    after = answer_step(memory, BOAT, NOISE, 0.0, (DT, 0.1 + off), 0.0, 0.0)
+    assert after.wild == is_wild
+
+
+@pytest.mark.parametrize("name", ["silent", "opposite"])
+@pytest.mark.parametrize(("evidence", "learns"), [(1.9, True), (2.1, False)])
+def test_with_evidence_of_two_nothing_is_learnt(name: str, evidence: float, learns: bool) -> None:
+    before, after = stepped(1.0, 0.05, **{name: evidence + 0.8 * (name == "silent")})
+    assert (after.shown > before.shown) is learns
+    assert (after.usual > before.usual) is learns
+
+
+@pytest.mark.parametrize(("strange", "counts"), [(2.99, True), (3.01, False)])
+def test_what_is_three_times_as_strange_is_not_what_turns_the_boat(strange: float, counts: bool) -> None:
+    """Over a time constant, 4 s; a heading as far to the answer's side as that of a quick boat is not strange."""
+    kept = math.exp(-DT / 4.0)
+    _, after = stepped(6.0, 0.01, strange=strange / kept, lively=(1.0, 1.0), quick=(1.0, 1.0))
+    assert (after.others.lively[0] > 1.0, after.others.quick[0] > 1.0) == (counts, counts)
+    slow = Mean(0.02, 0.0, 0.0, 0.0)
+    _, after = stepped(2.0, 0.01, strange_slow=strange / kept, slow=slow, weak=1.0, right=1.0)
+    assert (after.others.weak > 1.0, after.others.right > 1.0) == (counts, counts), "nor what a slow rudder explains"

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from autopilot.build import build_pilot, verdict_of
@@ -13,15 +14,18 @@ from autopilot.control.backstepping import BacksteppingGains
 from autopilot.control.design import (
     WORST_SENSITIVITY,
     LoopGains,
+    Margins,
     Spread,
     design_backstepping,
     equivalent_pid,
     judge,
     linear_gains_backstepping,
     linear_gains_pid,
+    linear_gains_sliding,
     loop,
     margins,
     placed,
+    sliding_of,
     worst_margins,
 )
 from autopilot.errors import RefusedError
@@ -270,3 +274,81 @@ def test_there_are_nine_response_levels(level: int) -> None:
     model, gear = BOATS[0]
     with pytest.raises(ValueError, match=f"response level {level}: allowed is 1"):
         design_backstepping(model, gear, gear.rate_max, 0.0, level)
+
+
+CURVES = [
+    (Norrbin(0.4, 2.0), 0.3, 0.1, LoopGains(1.5, 0.0, 2.0)),
+    (Norrbin(0.4, 2.0), 0.3, 0.1, LoopGains(1.5, 0.2, 2.0, 0.4)),
+    (Norrbin(0.7, 0.3, 3.0), 0.1, 0.05, LoopGains(20.0, 0.0, 0.5)),
+    (Norrbin(0.2, 5.0, 20.0, n1=-1.0), 0.2, 0.1, LoopGains(4.0, 0.0, 14.0)),
+    (Norrbin(0.2, 5.0, 20.0, n1=-1.0), 0.2, 0.1, LoopGains(4.0, 0.3, 14.0, 0.1)),
+    (Norrbin(0.2, 5.0, n1=3.0), 0.0, 0.0, LoopGains(0.5, 0.0, -3.0)),
+    (Norrbin(0.1, 20.0), 0.3, 2.0, LoopGains(9.0, 0.0, 90.0)),
+]
+
+
+@pytest.mark.parametrize(("model", "lag", "delay", "gains"), CURVES)
+def test_the_margins_are_those_of_the_curve_at_four_hundred_frequencies(
+    model: Norrbin, lag: float, delay: float, gains: LoopGains
+) -> None:
+    """400 frequencies from a thousandth of the slowest of the loop's own to a thousand times the quickest."""
+    drive, own = model.gain / model.time_constant, 1.0 / model.time_constant
+    quick = max(own, math.sqrt(drive * gains.proportional), drive * abs(gains.derivative))
+    w = np.geomspace(1e-3 * min(own, quick), 1e3 * quick, 400)
+    s = 1j * w
+    asked = (gains.proportional + gains.integral / s + gains.derivative * s) / (1.0 + gains.smoothing * s)
+    curve = asked * model.gain / (s * (model.time_constant * s + model.n1)) * np.exp(-s * delay) / (lag * s + 1.0)
+    found = margins(model, lag, delay, 0.2, gains)
+    assert found.sensitivity == pytest.approx(np.max(1.0 / np.abs(1.0 + curve)))
+    at = int(np.max(np.nonzero((np.abs(curve[:-1]) >= 1.0) & (np.abs(curve[1:]) < 1.0))))
+    assert found.crossover == pytest.approx(w[at])
+    phase = math.remainder(float(np.angle(curve[at])) - math.pi, 2.0 * math.pi)
+    assert (found.phase, found.delay) == pytest.approx((phase, phase / w[at]))
+    assert found.saturation == pytest.approx(0.2 / (abs(asked[at]) * w[at]))
+    crosses = (curve.real[:-1] < 0.0) & (curve.real[1:] < 0.0) & (curve.imag[:-1] < 0.0) & (curve.imag[1:] >= 0.0)
+    sizes = [size for size in np.abs(curve[1:][crosses]) if size < 1.0]
+    assert found.gain == pytest.approx(1.0 / max(sizes) if sizes else math.inf)
+    turned = float(np.sum(np.angle((1.0 + curve[1:]) / (1.0 + curve[:-1]))))
+    poles = 0.5 * (1 + (gains.integral > 0.0)) + (model.n1 < 0.0)
+    assert found.stable is (abs(turned - math.pi * poles) < 0.5)
+
+
+@pytest.mark.parametrize("level", range(1, 10))
+@pytest.mark.parametrize(("binds", "quickest"), [("sensitivity", 0.4), ("saturation", 0.5), ("stability", 0.3)])
+def test_what_each_level_may_take_of_the_margins(
+    monkeypatch: pytest.MonkeyPatch, level: int, binds: str, quickest: float
+) -> None:
+    """Of a loop of k [1/s] with Ms = 1 + 1.5 k, which saturates at an error of 0.5 deg/k, or falls over at 0.3/s: 121
+    values from a thousandth of the boat's own pace to a hundred times it."""
+    model, gear = BOATS[1]
+
+    def margins_of(of: Norrbin, lag: float, delay: float, rate_max: float, gains: LoopGains) -> Margins:
+        assert (of, lag, delay, rate_max) == (model, 0.2, pytest.approx(0.15), 0.08)
+        k = math.sqrt(gains.proportional / 1.25 * of.gain / of.time_constant)
+        sensitivity = 1.0 + 1.5 * k if binds == "sensitivity" else 1.0
+        saturation = math.radians(0.5 / k) if binds == "saturation" else math.inf
+        return Margins(9.0, 1.0, 1.0, sensitivity, 1.0, binds != "stability" or k < 0.3, saturation)
+
+    monkeypatch.setattr("autopilot.control.design.margins", margins_of)
+    up = level - 5
+    most = {"sensitivity": (0.6 + 0.1 * up) / 1.5, "saturation": 0.5 * 2.0 ** (0.5 * up), "stability": 0.3}[binds]
+    grid = np.geomspace(1e-3 / 5.0, 1e2 / 5.0, 121)
+    middle = grid[grid <= quickest * (1.0 + 1e-9)][-1]
+    wanted = middle * 2.0 ** (up / 3.0)
+    if up > 0:
+        wanted = min(wanted, grid[grid <= most * (1.0 + 1e-9)][-1])
+    gains = design_backstepping(model, gear, 0.08, 0.05, level)
+    assert 2.0 * math.sqrt(gains.gamma) == pytest.approx(wanted)
+
+
+def test_pid_and_sliding_gains_of_the_same_loop() -> None:
+    """p = (T/K)(gamma + k1 k2), d = (T/K)(k1 + k2 - n1/T), never negative; i = p/time. A large error asks the sliding
+    law for the whole rudder, (K/T) delta_max."""
+    model, gains = Norrbin(0.4, 2.0, n1=0.5), BacksteppingGains(0.3, 0.7, 0.2)
+    pid = equivalent_pid(model, gains, 8.0)
+    assert tuple(pid)[:3] == pytest.approx((5.0 * 0.41, 5.0 * 0.41 / 8.0, 5.0 * 0.75))
+    assert equivalent_pid(model, gains).ki == 0.0
+    assert equivalent_pid(model._replace(n1=9.0), gains).kd == 0.0
+    sliding = sliding_of(model, gains, 0.5)
+    assert sliding == pytest.approx((0.3, 0.1, 0.1 / 0.7))
+    assert linear_gains_sliding(model, sliding) == pytest.approx((5.0 * 0.21, 0.0, 5.0 * 0.75, 0.0))

@@ -497,13 +497,13 @@ class Said:
 
     swings = throws = 0
     rushes = outruns_speed = doubts_trial = False
-    rate, fast, other = 0.3, 0.0, ""
+    rate, fast, other, answer = 0.3, 0.0, "", ""
 
     def __init__(self, sweep: float = math.nan) -> None:
         self.sweep = sweep
 
     def look(self, *_: object) -> object:
-        return {SWEEP: Said.swings, THROW: Said.throws}.get(self.sweep, ("", ""))
+        return {SWEEP: Said.swings, THROW: Said.throws}.get(self.sweep, (Said.answer, "so"))
 
     def too_fast(self, *_: object) -> float:
         return Said.fast
@@ -621,3 +621,31 @@ def test_a_trial_that_is_doubted_is_said_for_ten_seconds_while_we_steer(monkeypa
     for later, steers, is_said in ((0.0, True, True), (9.9, False, False), (9.9, True, True), (10.0, True, False)):
         monitors.look(BOAT, watched(50.0 + later, 0.0)._replace(steers=steers))
         assert ("trial_doubtful" in monitors.findings) is is_said
+
+
+@pytest.mark.parametrize(
+    ("answer", "other", "trial", "is_doubted"),
+    [
+        ("", "quick", 9.0, True),
+        ("rudder_reversed", "lively", 9.0, True),
+        ("rudder_reversed", "lively", 5.1, True),
+        ("rudder_reversed", "lively", 4.9, False),
+        ("rudder_stuck", "slow", 9.0, False),
+        ("rudder_stuck", "", 9.0, False),
+        ("rudder_stuck", "", 3.1, True),
+        ("rudder_stuck", "", 3.2, False),
+        ("rudder_stuck", "", 3.3, False),
+        ("rudder_reversed", "", 3.1, False),
+        ("rudder_stuck", "quick", 4.0, False),
+    ],
+)
+def test_what_a_wrong_speed_explains_is_no_fault_of_the_rudder(
+    monkeypatch: pytest.MonkeyPatch, answer: str, other: str, trial: float, is_doubted: bool
+) -> None:
+    """At 4 m/s: a boat that answers more may be quicker than it reads, one that answers less slower, by a quarter."""
+    stubbed(monkeypatch, answer=answer, other=other)
+    monitors = Monitors(LIMITS._replace(rudder_answer=True))
+    monitors.look(BOAT, watched(0.0, 0.0)._replace(trial_speed=trial))
+    assert monitors.doubts_speed is is_doubted
+    assert (answer in monitors.findings) is (answer != "" and not is_doubted)
+    assert ("speed_doubtful" in monitors.findings) is is_doubted
