@@ -214,8 +214,8 @@ def test_a_heading_that_stands_while_the_rudder_must_have_turned_her_by_fifteen_
     reached = next(
         t for t in (0.01 * n for n in range(1000)) if 0.2 * 30.0 * (t - 2.0 * (1.0 - math.exp(-t / 2.0))) > 15.0
     )
-    assert turned(side * 0.01, reached + 0.3, side * math.radians(30.0), moves=False)
-    assert not turned(side * 0.01, reached - 0.3, side * math.radians(30.0), moves=False)
+    assert turned(side * 0.01, reached + 0.12, side * math.radians(30.0), moves=False)
+    assert not turned(side * 0.01, reached - 0.12, side * math.radians(30.0), moves=False)
     assert not turned(side * 0.01, 20.0, side * math.radians(30.0), moves=True), "a rate that moves speaks for itself"
 
 
@@ -290,3 +290,74 @@ def test_how_long_it_is_said_that_heading_and_rate_differ(side: float) -> None:
     monitor.hear(HeadingSample(39.9, 0.0, math.nan), math.radians(10.0))
     monitor.hear(HeadingSample(math.nan, 0.0, 0.0), math.radians(10.0))
     assert said == [0.1 * tick for tick in range(round(10.0 * said[0]), 400)]
+
+
+def test_what_the_rudder_makes_of_a_heading_counts_from_the_second_that_is_the_same_on() -> None:
+    """A compass that is read every other second, at ticks between, in a steady turn: until the tenth, 18 s after the
+    first, 16 s are worth 14.1 deg at 0.88 deg/s and 15.2 deg at 0.95 deg/s."""
+    for rate_deg_s, is_found in ((0.88, False), (0.95, True)):
+        monitor, rate = FrozenHeading(), math.radians(rate_deg_s)
+        for tick in range(289):
+            now = 0.0625 * tick
+            if tick % 32 == 0:
+                monitor.hear(HeadingSample(now, 0.3))
+            found = monitor.is_frozen(BOAT, watched(now, 0.3, rate / 0.2, rate))
+        assert found is is_found
+
+
+HOP = 0.25
+"""Radians, to the bit, that no boat turns further between two headings."""
+
+
+@SIDES
+@pytest.mark.parametrize(
+    ("headings", "is_said"),
+    [
+        ([(0.0, 0.0), (0.5, HOP), (1.0, HOP), (1.5, HOP)], False),
+        ([(0.0, 0.0), (0.5, 0.251), (1.0, 0.251), (1.5, 0.251)], True),
+        ([(0.0, 0.0), (1.0, 0.5), (1.25, 0.5), (1.5, 0.5)], True),
+        ([(0.0, 0.0), (1.0, 0.5), (1.25, 0.5), (1.4375, 0.5)], False),
+        ([(0.0, 0.0), (1.0, 0.5), (2.0, 0.5)], False),
+        ([(0.0, 0.0), (2.0, 0.5), (2.25, 0.5), (2.5, 0.5)], True),
+        ([(0.0, 0.0), (2.0625, 0.5), (2.25, 0.5), (2.625, 0.5)], False),
+        ([(0.0, 0.0), (0.0, 0.5), (0.25, 0.5), (0.5, 0.5)], True),
+        ([(1.0, 0.0), (0.9375, 0.5), (1.25, 0.5), (1.5, 0.5)], False),
+        ([(0.0, 0.0), (1.0, 0.5), (1.25, 0.75), (1.5, 1.0)], True),
+        ([(0.0, 0.0), (1.0, 0.5), (1.25, 0.76), (1.5, 0.76)], False),
+        ([*((float(n), 0.5 * (n in (1, 5))) for n in range(11)), (10.9375, 0.5)], True),
+        ([*((float(n), 0.5 * (n in (1, 5))) for n in range(11)), (11.0, 0.5)], False),
+    ],
+)
+def test_what_is_a_jump_to_the_bit(side: float, headings: list[tuple[float, float]], is_said: bool) -> None:
+    monitor = JumpingHeading()
+    for time, heading in headings:
+        monitor.hear(HeadingSample(time, side * heading), HOP)
+    last = headings[-1][0]
+    for later, is_yet in ((0.0, True), (4.9375, True), (5.0, False), (-0.0625, False)):
+        assert (monitor.found(watched(last + later)) != "") is (is_said and is_yet)
+
+
+@SIDES
+@pytest.mark.parametrize(
+    ("step", "rate_age", "is_said"),
+    [(2.0, None, True), (2.0625, None, False), (2.0, 2.0, True), (2.0, 2.0625, False), (1.0, -0.0625, False)],
+)
+def test_a_rate_goes_with_a_heading_for_two_seconds(side: float, step: float, rate_age: float, is_said: bool) -> None:
+    monitor = RateAgainstHeading()
+    for number in range(4):
+        now, rate = step * number, side * 0.5
+        if rate_age is not None:
+            monitor.hear(RateSample(now - rate_age, rate), 0.01)
+        monitor.hear(HeadingSample(now, 0.0, rate if rate_age is None else None), 0.01)
+    assert (monitor.found != "") is is_said
+
+
+def test_that_heading_and_rate_differ_is_said_after_a_second_to_the_bit_and_for_twenty() -> None:
+    monitor, said = RateAgainstHeading(), []
+    for tick in range(100):
+        now = 0.25 * tick
+        # the difference begins at 0.25 s, and nobody asks for it after 1.25 s
+        monitor.hear(HeadingSample(now, 0.0, 0.5), 0.01 if now <= 1.25 else 99.0)
+        if monitor.found:
+            said.append(now)
+    assert (said[0], said[-1]) == (1.25, 21.0)
