@@ -76,7 +76,7 @@ class Supervisor:
         """What ended the engagement, or keeps one from beginning."""
         self._command_check.reset()
         self._cause = ""
-        self._since = -math.inf
+        self._since = math.nan
         self._rudder = Action.RELEASE
         self._spent = 0
         self._blocked: tuple[int, float] | None = None
@@ -88,7 +88,7 @@ class Supervisor:
         self.is_over = False
         """Whether what `alarm` names is no longer the case: headings, or a vehicle that was silent, are back."""
         self._rebooted: HelmSample | None = None
-        self._reboot_time = -math.inf
+        self._reboot_time = math.nan
 
     @property
     def mode(self) -> Mode:
@@ -306,7 +306,7 @@ class Supervisor:
             if action is Action.SPEND:
                 self._spent = order.serial
             elif action is Action.FORGET:
-                self._reboot_time = -math.inf
+                self._reboot_time = math.nan
             else:
                 self._rudder = self._told_by(action)
         if row.next is not self.state:

@@ -49,7 +49,7 @@ class OffCourse:
     def reset(self) -> None:
         """Forget everything."""
         self._since, self._is_off = math.nan, False
-        self._told = 0.0
+        self._told = math.nan
         self.found: AlarmEvent | None = None
 
     def look(self, limits: AlarmLimits, watched: Watched) -> None:
@@ -88,7 +88,7 @@ class Runaway:
         self._hard_since: float | None = None
         self._heading = math.nan
         self._time, self._mean_rate = math.nan, 0.0
-        self._side, self._turned = 0.0, 0.0
+        self._side = self._turned = math.nan
         self.has_run = False
         self.overpowered = ""
 

@@ -56,7 +56,7 @@ class FrozenHeading:
     def reset(self) -> None:
         """Forget everything."""
         self._digit = math.inf
-        self._sea = 0.0
+        self._sea = math.nan
         self._flat = math.nan
         self._stand(math.nan)
 
@@ -141,8 +141,7 @@ class JumpingHeading:
         self._rate = 0.0
         self._away: list[HeadingSample] = []
         self._jumps: list[float] = []
-        self._found = -math.inf
-        self._by = 0.0
+        self._found = self._by = math.nan
         self._text = ""
 
     def hear(self, sample: HeadingSample, most: float) -> None:
@@ -199,9 +198,9 @@ class RateAgainstHeading:
         self._heading: HeadingSample | None = None
         self._rate: RateSample | None = None
         self._turns = NO_TURNS
-        self._told = 0.0
+        self._told = math.nan
         self._since: float | None = None
-        self._seen = -math.inf
+        self._seen = math.nan
         self.is_opposite = False
         self.found = ""
 

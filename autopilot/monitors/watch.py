@@ -73,7 +73,7 @@ class Monitors:
         self.findings: dict[str, AlarmEvent] = {}
         self._conditions: dict[tuple[str, str], AlarmEvent] = {}
         self._roll_since: float | None = None
-        self._roll, self._told_roll = "", 0.0
+        self._roll, self._told_roll = "", math.nan
         self._wind_time = -math.inf
 
     def forget_past(self) -> None:
@@ -97,7 +97,7 @@ class Monitors:
             monitor.reset()
         self._surprised_since: float | None = None
         self._surprise = ""
-        self._trial_doubted = -math.inf
+        self._trial_doubted = math.nan
 
     @property
     def trouble(self) -> AlarmEvent | None:
