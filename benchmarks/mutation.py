@@ -160,6 +160,9 @@ EXPLAINED: dict[tuple[str, str], str] = {
         "core/ReplaceBinaryOperator_Mul_Sub",
         "if until >= end and until - state.time <= LONGEST_SHARE - model.time_constant:",
     ): "a shortcut that is taken less often: the way round comes to the same mean",
+    ("core/ReplaceComparisonOperator_GtE_Gt", "if newest < 0 or begun > times[newest & ring]:"): (
+        "a shortcut that is taken less often: the way round comes to the same angle"
+    ),
 }
 """Operator and the line as it became -> why no test can tell the difference."""
 

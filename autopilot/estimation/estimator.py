@@ -97,7 +97,7 @@ class Estimator:
         self._fusion: Fusion | None = None
         self._taken: deque[_Taken] = deque(maxlen=KEPT_SAMPLES)
         self._begun: HeadingSample | None = None
-        self._heading_time = -math.inf
+        self._heading_time = math.nan
         self._first_time = math.inf
         self._speeds = ScheduledSpeed()
         self._speed: float | None = None

@@ -63,7 +63,7 @@ class SteeringOutput:
         self._table: InputTable | None = None
         self._last: Message | None = None
         self._last_sent = -math.inf
-        self._given = -math.inf
+        self._given = math.nan
         self._releases_left = 0
         self._touched = False
 

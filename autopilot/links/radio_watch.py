@@ -38,7 +38,7 @@ class RadioWatch:
         self._since: dict[str, float] = {}
         self._found: dict[str, str] = {}
         self._seen: set[str] = set()
-        self._text_time = -math.inf
+        self._text_time = math.nan
 
     def reason(self, parameters: VehicleParameters) -> str:
         """Return why the radio counts as lost; empty where it does not, or where the firmware does without it."""

@@ -130,7 +130,7 @@ class OverrideRelease:
         self._different = 0
         self._same: int | None = None
         self._mark: int | None = None
-        self._mark_sent = self._mark_next = -math.inf
+        self._mark_sent = self._mark_next = math.nan
         self._is_mark_seen = False
         self._is_mark_tried = False
         self.shown_by = ""

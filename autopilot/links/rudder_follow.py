@@ -49,7 +49,7 @@ class RudderFollow:
         self._progress = PROGRESS_SHARE * min(rate, ASSUMED_RATE)
         self._order: float | None = None
         self._before_it = 0.0
-        self._order_time = -math.inf
+        self._order_time = math.nan
         self._seen: tuple[float, float] | None = None
         self._bucket = 0.0
         self._earlier: tuple[tuple[float, float] | None, float] = None, 0.0

@@ -107,6 +107,14 @@ def test_the_offset_is_the_least_of_the_last_ten_to_twenty_seconds() -> None:
     assert clock.offset == pytest.approx(1.1)
 
 
+@pytest.mark.parametrize(("silence", "least"), [(19.875, 0.125), (20.0, 1.0)])
+def test_a_silence_of_two_windows_to_the_bit_leaves_nothing_old(silence: float, least: float) -> None:
+    clock = VehicleClock()
+    clock.local(0.0, -0.125)
+    clock.local(silence, silence - 1.0)
+    assert clock.offset == least
+
+
 @pytest.mark.parametrize(("behind", "is_reboot"), [(0.0, False), (1.0, False), (1.01, True), (2.0e6, True)])
 def test_a_boot_time_more_than_a_second_behind_is_a_reboot(behind: float, is_reboot: bool) -> None:
     clock = VehicleClock()

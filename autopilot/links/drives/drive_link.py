@@ -37,7 +37,7 @@ class DriveLink:
         self._line_free = -math.inf
         self._helm_reason: str | None = None
         self._warning: AlarmEvent | None = None
-        self._leaving = -math.inf
+        self._leaving = math.nan
         self._has_ordered = self._is_gone = False
 
     def fileno(self) -> int:
