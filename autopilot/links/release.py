@@ -124,7 +124,7 @@ class OverrideRelease:
         self.is_asked = False
         self._sent: deque[tuple[float, int]] = deque()
         self._asked_time = -math.inf
-        self._last_order = -math.inf
+        self._last_order = math.nan
         self._report_time = math.nan
         self._period = 0.1
         self._different = 0

@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.build import noise_of
 from autopilot.build_laws import gear_of, model_of
-from autopilot.estimation.estimator import GATE_PATIENCE, Estimator
+from autopilot.estimation.estimator import Estimator
 from autopilot.estimation.rudder_track import RudderTrack
 from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, SpeedSample
+
+GATE_PATIENCE = 5
 
 VESSEL = load_vessel("lanxin")
 MODEL = model_of(VESSEL)

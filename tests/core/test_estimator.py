@@ -16,14 +16,18 @@ from autopilot.angles import wrap
 from autopilot.build import noise_of
 from autopilot.build_laws import gear_of, model_of
 from autopilot.estimation import heading_filter as ekf
-from autopilot.estimation.estimator import GATE_PATIENCE, KEPT_SAMPLES, Counters, Estimator
-from autopilot.estimation.heading_filter import RATE_UNKNOWN, FilterNoise
+from autopilot.estimation.estimator import Counters, Estimator
+from autopilot.estimation.heading_filter import FilterNoise
 from autopilot.estimation.heading_update import fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.params.vessel import Estimator as EstimatorSection
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
+
+GATE_PATIENCE = 5
+KEPT_SAMPLES = 24
+RATE_UNKNOWN = 0.2**2
 
 PARETO_BOATS = Path(__file__).resolve().parents[2] / "benchmarks" / "pareto_boats"
 MODEL = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
@@ -165,6 +169,16 @@ def test_a_sample_older_than_the_memory_is_dropped() -> None:
     before = tested.update(10.0, ())
     assert tested.update(10.0, (HeadingSample(0.05, 2.0),)) == before
     assert tested.counters.too_late == 1
+
+
+@pytest.mark.parametrize(("time", "is_taken"), [(1.55, True), (1.45, False)])
+def test_the_memory_reaches_twenty_four_samples_back(time: float, is_taken: bool) -> None:
+    """Of forty the newest twenty-four are the seventeenth, of 1.6 s, and those after it."""
+    tested = estimator()
+    for sample in swing(40):
+        tested.update(sample.time, (sample,))
+    tested.update(4.0, (HeadingSample(time, 0.1),))
+    assert (tested.counters.late, tested.counters.too_late) == ((1, 0) if is_taken else (0, 1))
 
 
 def test_spikes_are_dropped_and_a_true_jump_is_accepted() -> None:

@@ -10,19 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
-from autopilot.estimation.gusts import (
-    LONGER,
-    NO_GUSTS,
-    SPREAD,
-    STRENGTH_ERROR,
-    UNKNOWN,
-    Changes,
-    Gusts,
-    Means,
-    bias_seen,
-    is_finite,
-    unsettled,
-)
+from autopilot.estimation.gusts import LONGER, NO_GUSTS, SPREAD, Changes, Gusts, Means, bias_seen, is_finite, unsettled
+
+STRENGTH_ERROR = 0.4
+UNKNOWN = math.radians(1.8) ** 2
 
 LEAST, MOST, TIME, DT = 1.0e-6, 3.0e-4, 4.0, 0.1
 CHANGES = Changes(LEAST, MOST, TIME)

@@ -6,8 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.estimation.rudder_track import FEEDBACK_FRESH, RudderPast, RudderTrack, angle_at, held, tick_at
+from autopilot.estimation.rudder_track import RudderPast, RudderTrack, angle_at, held, tick_at
 from autopilot.models.steering_gear import SteeringGear
+
+FEEDBACK_FRESH = 2.0
 
 RING = 16
 Past = tuple[RudderPast, list[float], list[float]]

@@ -15,9 +15,11 @@ from scipy.optimize import brentq
 from autopilot.control.design import LoopGains
 from autopilot.control.observed_margins import Delays, Observed, ObservedMargins, observed_margins, refusal_of
 from autopilot.estimation.heading_filter import FilterNoise
-from autopilot.estimation.steady_filter import RUDDER_IN_USE, linear_of, prediction, steady_filter
+from autopilot.estimation.steady_filter import linear_of, prediction, steady_filter
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
+
+RUDDER_IN_USE = math.radians(1.0)
 
 Matrix = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]

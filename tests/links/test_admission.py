@@ -19,21 +19,13 @@ from autopilot.build_links import admission_of
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.guidance.track import TrackGuide
 from autopilot.links import extra_messages
-from autopilot.links.admission import (
-    BYTES_AT_ONCE,
-    STATION_SILENT_S,
-    Admission,
-    Budget,
-    Doors,
-    gives_rudder_back,
-    is_local,
-)
+from autopilot.links.admission import Admission, Budget, Doors, gives_rudder_back, is_local
 from autopilot.links.base import LinkError
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.parameter_server import ParameterServer
-from autopilot.links.mavlink_codec import TRIES, MavlinkCodec
+from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.router import Router
 from autopilot.links.router_links import ForwardLink, budget_for
 from autopilot.links.signing import CountingTimestamps, Signing
@@ -47,6 +39,10 @@ from autopilot.params.vessel import Security
 from autopilot.params.vessel_file import dump_vessel, load_vessel, vessel_from
 from autopilot.params.vessel_parameters import parameters_of
 from autopilot.signals import AlarmSample, Mode, NavState, Order, Reference, RudderCommand, Tick
+
+BYTES_AT_ONCE = 8_000.0
+STATION_SILENT_S = 5.0
+TRIES = 300
 
 ARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
 DISARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 0, 0, 0, 0, 0)

@@ -13,10 +13,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.main import main
-from autopilot.links.arrivals import KEPT_BYTES, HeardTransport, sentence_names
+from autopilot.links.arrivals import HeardTransport, sentence_names
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import open_transport
+
+KEPT_BYTES = 30_000
 
 
 def mavlink(*messages: dialect.MAVLink_message) -> bytes:

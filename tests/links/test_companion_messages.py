@@ -12,7 +12,10 @@ from autopilot.links.companion_messages import (
     parameter_request,
     station_heartbeat,
 )
-from autopilot.links.vehicle_parameters import BURST, RETRY_S, VehicleParameters
+from autopilot.links.vehicle_parameters import VehicleParameters
+
+BURST = 8
+RETRY_S = 0.5
 
 
 def test_an_interval_is_asked_of_the_autopilot_with_nothing_else_set() -> None:

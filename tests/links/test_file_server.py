@@ -16,13 +16,17 @@ from hypothesis import strategies as st
 from pymavlink import mavftp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.boat.file_server import BURST_PACKETS, DATA_MAX, MOST_SESSIONS, PER_TURN, FileServer, checksum
+from autopilot.links.boat.file_server import DATA_MAX, FileServer, checksum
 from autopilot.links.boat.metadata import GENERAL, metadata_messages
 from autopilot.links.extra_messages import ComponentInformation, ComponentMetadata
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.params.component_metadata import PARAMETERS, metadata_files
 from autopilot.params.vessel_file import load_vessel
 from autopilot.params.vessel_parameters import parameters_of, value_of
+
+BURST_PACKETS = 40
+MOST_SESSIONS = 8
+PER_TURN = 5
 
 LONG = bytes(random.Random(1).randbytes(30_000))
 FILES = {"/general.json": b'{"version":1}', "/long.bin": LONG, "/empty": b"", "/round.bin": LONG[: 80 * 50]}

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from autopilot.links.hand_back import GIVE_UP_S, PATIENCE_S, REPEAT_S, HandBack
+from autopilot.links.hand_back import HandBack
 from autopilot.signals import Mode
+
+GIVE_UP_S = 30.0
+PATIENCE_S = 3.0
+REPEAT_S = 0.5
 
 HOLD = 4
 

@@ -28,7 +28,7 @@ from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.drives.base import DriveSettings
 from autopilot.links.drives.drive_link import DriveLink
 from autopilot.links.drives.maestro import Maestro
-from autopilot.links.kept_link import RETRY_S, KeptLink
+from autopilot.links.kept_link import KeptLink
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink
 from autopilot.links.release import Release, ReleaseState
@@ -38,6 +38,8 @@ from autopilot.loop.clock import ManualClock
 from autopilot.loop.session import Session
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample, Mode, Order, OrderKind, Sample
+
+RETRY_S = 1.0
 
 VESSEL = load_vessel("lanxin")
 

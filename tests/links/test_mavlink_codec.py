@@ -12,7 +12,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links import mavlink_layouts
 from autopilot.links.extra_messages import EXTRA_MESSAGES, CommandCancel
-from autopilot.links.mavlink_codec import FRAME_MAX, MavlinkCodec, frame_length, is_mavlink, message_id
+from autopilot.links.mavlink_codec import MavlinkCodec, frame_length, is_mavlink, message_id
+
+FRAME_MAX = 280
 
 
 def packets(count: int, system: int = 1) -> list[bytes]:

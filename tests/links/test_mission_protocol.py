@@ -18,10 +18,13 @@ from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.mission_items import MissionItem, dump_items, from_message, parse_items, problem
-from autopilot.links.boat.mission_server import AGAIN_S, TRIES, MissionServer
+from autopilot.links.boat.mission_server import MissionServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.url import open_transport
 from autopilot.signals import PositionSample
+
+AGAIN_S = 0.8
+TRIES = 6
 
 ROUTE = [place(0.0, 200.0), place(400.0, 200.0), Waypoint(*place(400.0, 0.0).place, 25.0)]
 

@@ -10,9 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.links import nmea_encoders as encoders
-from autopilot.links.nmea0183 import LENGTH_MAX, NmeaFramer, checksum, format_sentence, is_nmea
+from autopilot.links.nmea0183 import NmeaFramer, checksum, format_sentence, is_nmea
 from autopilot.links.nmea_samples import Deviation, NmeaReader
 from autopilot.signals import HeadingSample, RateSample, RudderSample, SpeedSample, WindSample
+
+LENGTH_MAX = 102
 
 KNOT = 0.514444444444
 

@@ -17,13 +17,17 @@ from autopilot.links.admission import Admission, Budget, Doors
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.mavlink_frames import EVERYBODY, Address, Framer, source_of, target_of
-from autopilot.links.router import MOST_ADDRESSES, REMEMBERED, Router
-from autopilot.links.router_links import FRAMES_PER_TURN, ForwardLink, RoutedTransport, budget_for
+from autopilot.links.router import Router
+from autopilot.links.router_links import ForwardLink, RoutedTransport, budget_for
 from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpServerTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import AlarmSample, Mode
+
+MOST_ADDRESSES = 64
+REMEMBERED = 512
+FRAMES_PER_TURN = 200
 
 BEAT = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
 STATION_BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)

@@ -16,7 +16,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
 from autopilot.links.signing import (
-    MINUTE,
     OLD,
     UNSIGNED,
     WRONG_KEY,
@@ -28,6 +27,8 @@ from autopilot.links.signing import (
     identity_of,
     without_signature,
 )
+
+MINUTE = 6_000_000
 
 KEY = bytes(range(32))
 NOW = 37_000_000_000_000

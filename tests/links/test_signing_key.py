@@ -14,8 +14,10 @@ import pytest
 
 from autopilot.errors import InputError
 from autopilot.links import signing_key
-from autopilot.links.signing import MINUTE
-from autopilot.links.signing_key import BLOCK, TimestampBlocks, clock_timestamp, open_signing, read_key
+from autopilot.links.signing_key import TimestampBlocks, clock_timestamp, open_signing, read_key
+
+MINUTE = 6_000_000
+BLOCK = 100_000
 
 NOW = 37_000_000_000_000
 

@@ -7,8 +7,11 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.standing_order import ORDER_AGE_S, RELEASES, StandingOrder
+from autopilot.links.standing_order import StandingOrder
 from autopilot.signals import RudderCommand
+
+ORDER_AGE_S = 1.0
+RELEASES = 5
 
 ORDER_S, RELEASE_S = 0.05, 0.1
 ANGLES = st.sampled_from([0.0, 0.2, -0.3, math.nan, math.inf])

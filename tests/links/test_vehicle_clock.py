@@ -8,7 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.vehicle_clock import WINDOW_S, WRAP_S, VehicleClock
+from autopilot.links.vehicle_clock import VehicleClock
+
+WINDOW_S = 10.0
+WRAP_S = 2.0**32 / 1000.0
 
 
 def test_the_quickest_message_sets_the_offset() -> None:
@@ -120,6 +123,13 @@ def test_a_boot_time_more_than_a_second_behind_is_a_reboot(behind: float, is_reb
     clock = VehicleClock()
     clock.local(2.0e6 + 10.0, 2.0e6 + 10.0)
     assert clock.rebooted(2.0e6 + 10.1, 2.0e6 + 10.0 - behind) is is_reboot
+
+
+@pytest.mark.parametrize(("more", "is_wrapped"), [(0.0, False), (1.0, True)])
+def test_more_than_half_the_counter_behind_the_offset_begins_again(more: float, is_wrapped: bool) -> None:
+    clock, half = VehicleClock(), 2.0**31 / 1000.0
+    clock.local(half + more, half + more)
+    assert clock.local(half + 2.0, 0.0) == (half + 2.0 if is_wrapped else 0.0)
 
 
 def test_half_the_counter_behind_is_its_wrap_and_no_reboot() -> None:

@@ -11,10 +11,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.alarms import CATALOGUE
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.radio_watch import LASTS_S, RadioWatch
-from autopilot.links.vehicle_health import RECOVERED_PERCENT, TEXT_LASTS_S, VehicleHealth
+from autopilot.links.radio_watch import RadioWatch
+from autopilot.links.vehicle_health import VehicleHealth
 from autopilot.links.vehicle_parameters import VehicleParameters
 from autopilot.signals import ConditionSample
+
+LASTS_S = 0.3
+RECOVERED_PERCENT = 3.0
+TEXT_LASTS_S = 60.0
 
 FENCE = int(dialect.MAV_SYS_STATUS_GEOFENCE)
 
@@ -212,11 +216,11 @@ def test_a_radio_is_lost_beyond_its_limits_and_not_at_them(
     before: dict[str, int], now_: dict[str, int], lost: bool
 ) -> None:
     radio, known = RadioWatch(), parameters()
-    radio.channels(0.0, channels(**before), known)
-    for now in (1.0, 1.29):
+    radio.channels(-1.0, channels(**before), known)
+    for now in (0.0, 0.29):
         radio.channels(now, channels(**now_), known)
         assert radio.reason(known) == "", "not for a moment"
-    radio.channels(1.31, channels(**now_), known)
+    radio.channels(0.3, channels(**now_), known)
     assert bool(radio.reason(known)) is lost
 
 
