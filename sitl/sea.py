@@ -95,7 +95,7 @@ def whole_degree(heading: float) -> int:
 
 
 class IttcSea:
-    """A long-crested sea that stands in space and travels in time, so that the encounter comes by itself.
+    """A long-crested sea that stands in the water and travels in time, so that the encounter comes by itself.
 
     The hull is taken along by the water it lies in: the athwartships slope, integrated over length, beam and
     draught (box hull, depth decay at half the draught), gives yaw acceleration and effective roll slope:
@@ -173,6 +173,10 @@ class Sea:
     def step(self, time: float, state: BoatState) -> Disturbance:
         """Return what acts on the boat at `time` [s] since the start; to be called once a step."""
         rudder = self._second_order.step() if self._second_order else 0.0
-        yaw, slope = self._ittc.at(time, state) if self._ittc else (0.0, 0.0)
+        yaw, slope = 0.0, 0.0
+        if self._ittc is not None:
+            # waves run in the water, and the current takes them along
+            north, east = state.north - self._current_north * time, state.east - self._current_east * time
+            yaw, slope = self._ittc.at(time, state._replace(north=north, east=east))
         push, leeway = self._wind.step(state) if self._wind else (0.0, 0.0)
         return Disturbance(rudder + push, yaw, slope, leeway, self._current_north, self._current_east)

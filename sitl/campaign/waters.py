@@ -61,7 +61,8 @@ class Surface(NamedTuple):
 
 
 class WaterState(NamedTuple):
-    """Where the sea is: the swell's state, the gust [m/s], way along the waves [m] at the last step, its degree."""
+    """Where the sea is: the swell's state, the gust [m/s], way in the water along the waves [m] at the last step, its
+    degree."""
 
     swell: WaveState
     gust: float
@@ -94,7 +95,9 @@ def water_step(
         if not surface.known[degree]:
             # not inlined, and handed many numbers: called once a degree
             _meet(water.waves, surface, degree)
-        along = _phases(water.waves, surface, before.along, step, dt, state)
+        # waves run in the water, and the current takes them along
+        north, east = state.north - water.current_north * step * dt, state.east - water.current_east * step * dt
+        along = _phases(water.waves, surface, before.along, step, dt, north, east)
         yaw, slope = summed(surface.yaw[degree], surface.roll[degree], surface.cosine, surface.sine)
     gust, push, leeway = before.gust, 0.0, 0.0
     if water.has_wind:
@@ -116,10 +119,11 @@ def _meet(components: IttcWaves, surface: Surface, degree: int) -> None:
 
 
 def _phases(
-    components: IttcWaves, surface: Surface, along_before: float, step: int, dt: float, state: BoatState
+    components: IttcWaves, surface: Surface, along_before: float, step: int, dt: float, north: float, east: float
 ) -> float:
-    """Bring cosine and sine of every component's phase to this step; return the way along the waves [m]."""
-    along = state.north * math.cos(components.towards) + state.east * math.sin(components.towards)
+    """Bring cosine and sine of every component's phase to this step; return the way along the waves [m] of a boat at
+    `north`, `east` [m] in the water."""
+    along = north * math.cos(components.towards) + east * math.sin(components.towards)
     moved = along - along_before
     is_far = abs(moved) * components.number[-1] + dt * components.frequency[-1] > LONGEST_TURN
     if step % AFRESH == 0 or is_far:

@@ -12,7 +12,15 @@ from autopilot.models import waves
 from autopilot.params.vessel_file import load_vessel
 from sitl.boat import BoatState, Hull
 from sitl.reading import Reading
-from sitl.scenario import FaultSection, IttcSection, Scenario, SensorsSection, load_scenario
+from sitl.scenario import (
+    CurrentSection,
+    FaultSection,
+    IttcSection,
+    Scenario,
+    SensorsSection,
+    WavesSection,
+    load_scenario,
+)
 from sitl.sea import IttcSea, Sea
 from sitl.sensors import Sensors
 from sitl.world import STEP, Orders, World
@@ -42,6 +50,22 @@ def test_a_sea_is_its_seed() -> None:
 
 def test_calm_is_calm() -> None:
     assert sea_of("calm").step(1.0, BoatState(speed=4.63)) == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_a_boat_that_drifts_with_the_current_meets_the_sea_of_still_water() -> None:
+    def met(current: CurrentSection) -> list[float]:
+        waves_ = WavesSection(ittc=IttcSection(significant_height_m=2.0, peak_period_s=6.0, from_deg=30.0))
+        sea = Sea(Scenario(1, "stream", waves=waves_, current=current), Hull(), np.random.SeedSequence(3), STEP)
+        towards = math.radians(current.towards_deg)
+        north, east = current.speed_m_s * math.cos(towards), current.speed_m_s * math.sin(towards)
+        return [
+            sea.step(time, BoatState(north=north * time, east=east * time)).yaw_acceleration
+            for time in np.arange(0.0, 60.0, 0.5)
+        ]
+
+    still = met(CurrentSection())
+    assert max(still) > 0.05
+    assert met(CurrentSection(speed_m_s=3.0, towards_deg=200.0)) == pytest.approx(still, abs=1e-9)
 
 
 def still_sea(from_deg: float) -> IttcSea:
