@@ -95,7 +95,7 @@ class RollDamper:
         """Forget everything: off, and to be measured anew."""
         self._sample: RollSample | None = None
         self._phase, self._in_phase, self._tally = Phase.WITHOUT, 0.0, Tally()
-        self._without = 0.0
+        self._without = math.nan
         self.weight = 0.0
 
     @property

@@ -85,3 +85,53 @@ def test_a_rudder_of_unknown_rate_is_never_slow() -> None:
         at = Watched(0.1 * step, STATE, True, True, 0.0, math.radians(100.0), 0.6, True)
         monitor.look(at, LIMITS._replace(rudder_rate=math.inf))
     assert not monitor.is_slow
+
+
+def judged(
+    rate_deg_s: float, ticks: int, dt: float = 0.125, order_deg: float = 60.0, side: float = 1.0, age: float = 0.0
+) -> RudderFollows:
+    """The monitor of a rudder that is off its order from the beginning and moves at a rate, after so many ticks."""
+    monitor = RudderFollows()
+    for tick in range(ticks + 1):
+        now = dt * tick
+        monitor.hear(RudderSample(now - age, side * math.radians(rate_deg_s) * now, False, "RSA"))
+        monitor.look(Watched(now, STATE, True, True, 0.0, side * math.radians(order_deg), 0.6, True), LIMITS)
+    return monitor
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("rate_deg_s", "ticks", "order_deg", "name"),
+    [
+        (0.0, 10, 60.0, ""),
+        (0.0, 11, 60.0, "rudder_stuck"),
+        (1.45, 11, 60.0, "rudder_not_following"),
+        (1.55, 80, 60.0, ""),
+        (0.38, 11, 60.0, "rudder_stuck"),
+        (0.42, 11, 60.0, "rudder_not_following"),
+        (-11.0, 5, 60.0, ""),
+        (-11.0, 6, 60.0, "rudder_reversed"),
+        (0.0, 40, 4.99, ""),
+        (0.0, 40, 5.01, "rudder_stuck"),
+    ],
+)
+def test_the_limits_of_a_rudder_that_does_not_follow_in_numbers(
+    side: float, rate_deg_s: float, ticks: int, order_deg: float, name: str
+) -> None:
+    """Of 20 deg/s and 0.1 s of delay, with 5 deg tolerated: 1.3 s without progress, which is 30 % of 5 deg/s; 0.5 deg
+    from the second angle on is no movement; reversed beyond 5 deg and the 2 deg of the delay."""
+    assert judged(rate_deg_s, ticks, order_deg=order_deg, side=side).found[0] == name
+
+
+@pytest.mark.parametrize(("dt", "is_found"), [(1.0, True), (1.0625, False)])
+def test_angles_more_than_a_second_apart_prove_nothing(dt: float, is_found: bool) -> None:
+    assert bool(judged(0.0, 9, dt).found[0]) is is_found
+
+
+def test_angles_that_come_half_a_second_late_prove_as_much() -> None:
+    assert judged(0.0, 20, age=0.5).found[0] == "rudder_stuck"
+
+
+@pytest.mark.parametrize(("rate_deg_s", "is_slow"), [(0.0, False), (0.1, False), (1.0, True), (-1.0, False)])
+def test_a_rudder_that_does_not_move_at_all_is_not_slow(rate_deg_s: float, is_slow: bool) -> None:
+    assert judged(rate_deg_s, 24).is_slow is is_slow
