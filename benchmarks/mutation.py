@@ -123,6 +123,13 @@ EXPLAINED: dict[tuple[str, str], str] = {
         "core/ReplaceComparisonOperator_Gt_NotEq",
         "read = attrgetter(*names) if len(names) != 1 else lambda message: (getattr(message, names[0]),)",
     ): "every message has a field",
+    ("core/NumberReplacer", "BISECTIONS = 23"): "the seventh digit of a margin",
+    ("core/NumberReplacer", "BISECTIONS = 25"): "the seventh digit of a margin",
+    ("core/NumberReplacer", "BISECTIONS = 59"): "two doubles that are next to each other are reached before",
+    ("core/NumberReplacer", "BISECTIONS = 61"): "two doubles that are next to each other are reached before",
+    ("core/NumberReplacer", "low, high = abs(n), abs(n) + 3.0 * bandwidth"): (
+        "bisection from further away ends at the same place"
+    ),
     (
         "core/ReplaceComparisonOperator_Gt_GtE",
         "self.overpowered = self.overpowered or f\"to {'port' if watched.rudder >= 0.0 else 'starboard'}\"",

@@ -180,3 +180,55 @@ def test_a_course_unstable_boat_must_stay_steerable_with_seven_tenths_of_her_rud
     refusal = refusal_of(nearer)
     assert ("lost where her rudder is 30 % weaker than the model's" in refusal) is is_refused
     assert bool(refusal) is is_refused
+
+
+@pytest.mark.parametrize(
+    ("down", "up", "late", "wanted"),
+    [
+        (0.3, 5.0, 0.7, (0.3, 5.0, 0.7)),
+        (0.021, 19.9, 0.02, (0.021, 19.9, 0.02)),
+        (0.019, 20.1, 0.004, (0.0, math.inf, 0.004)),
+        (0.5, 3.0, 48.0, (0.5, 3.0, 48.0)),
+        (0.5, 3.0, 70.0, (0.5, 3.0, math.inf)),
+    ],
+)
+def test_the_ends_are_looked_for_from_a_fiftieth_to_twenty_times_and_to_a_hundred_times_the_pace(
+    monkeypatch: pytest.MonkeyPatch, down: float, up: float, late: float, wanted: tuple[float, float, float]
+) -> None:
+    """Of a loop that crosses over at 2 rad/s: a delay of 50 s or more is none that matters."""
+    monkeypatch.setattr("autopilot.control.observed_margins._crossover", lambda _: 2.0)
+    monkeypatch.setattr(
+        "autopilot.control.observed_margins._holds",
+        lambda _, __, factor, delay=0.0: down < factor < up and delay < late,
+    )
+    found = observed_margins(CASES[0])
+    assert found.stable
+    assert (found.gain_down, found.gain_up, found.delay) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_the_pace_is_the_highest_frequency_at_which_the_loop_is_not_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    scales: list[float] = []
+    monkeypatch.setattr("autopilot.control.observed_margins._delay", lambda _, scale: scales.append(scale))
+    for observed in CASES:
+        observed_margins(observed)
+        pace = 1.0 / scales[-1]
+        (inner, outer), (after, beyond) = loop_of(observed, pace), loop_of(observed, 1.07 * pace)
+        assert abs(outer) >= 0.999 * abs(inner) and abs(beyond) < abs(after)
+
+
+@pytest.mark.parametrize(
+    ("observed", "least", "says"),
+    [
+        (CASES[0], 0.8, ""),
+        (CASES[0], 1.0, "unstable with the heading filter"),
+        (CASES[5], 0.699, ""),
+        (CASES[5], 0.701, "is lost where her rudder is 30 % weaker"),
+        (CASES[5], 1.0, "unstable with the heading filter"),
+    ],
+)
+def test_only_a_course_unstable_boat_needs_a_rudder_to_spare(
+    monkeypatch: pytest.MonkeyPatch, observed: Observed, least: float, says: str
+) -> None:
+    monkeypatch.setattr("autopilot.control.observed_margins._holds", lambda _, __, factor, delay=0.0: least < factor)
+    found = refusal_of(observed)
+    assert says in found and bool(found) is bool(says)
