@@ -35,13 +35,13 @@ def tick(now: float, siren: Siren) -> Tick:
 
 
 def rung(*sirens: tuple[Siren, int]) -> list[int]:
-    """Return at which tenths of a second the bell rings; each siren for so many of them."""
+    """Return at which eighths of a second the bell rings; each siren for so many of them."""
     terminal, times, step = io.StringIO(), [], 0
     bell = Bell(terminal)
-    for siren, tenths in sirens:
-        for _ in range(tenths):
+    for siren, eighths in sirens:
+        for _ in range(eighths):
             before = terminal.tell()
-            bell.show(tick(0.1 * step + 1e-9 * step, siren))
+            bell.show(tick(0.125 * step, siren))
             times += [step] * (terminal.tell() - before)
             step += 1
     assert set(terminal.getvalue()) <= {"\a"}
@@ -52,8 +52,8 @@ def test_a_bell_rings_every_other_second_and_twice_a_second_once_escalated() -> 
     bell = Bell(io.StringIO())
     assert (bell.fileno(), bell.receive(0.0), bell.take_packets()) == (-1, [], [])
     assert rung((Siren.QUIET, 50)) == []
-    assert rung((Siren.SOUNDING, 50)) == [0, 20, 40]
-    assert rung((Siren.ESCALATED, 13)) == [0, 5, 10]
+    assert rung((Siren.SOUNDING, 50)) == [0, 16, 32, 48]
+    assert rung((Siren.ESCALATED, 13)) == [0, 4, 8, 12]
     assert rung((Siren.SOUNDING, 3), (Siren.QUIET, 2), (Siren.SOUNDING, 3)) == [0, 5]
 
 

@@ -746,3 +746,27 @@ def test_the_helm_comes_before_what_was_measured_and_every_word_but_attitude_is_
     bench.rover.heartbeat()
     helm, *rest = bench.link.receive(bench.now + 0.02)
     assert isinstance(helm, HelmSample) and any(isinstance(sample, HeadingSample) for sample in rest)
+
+
+def test_times_of_the_companion_s_line_to_the_bit() -> None:
+    """A heartbeat a second, a peer let go of after more than 5 s, a silence of ours after more than one."""
+    near, far = loopback_pair()
+    link = CompanionLink(near, CompanionSettings(FULL))
+    beats, forgotten, unheard = [], [], []
+    near.forget_peer = lambda: forgotten.append(now)
+    link._reader.unheard = lambda: unheard.append(now)
+    for now in (0.0, 0.9999, 1.0, 1.9999, 2.0, 5.0, 5.001):
+        link.keep(now)
+        beats += [now] * len(far.receive())
+    assert (beats, forgotten) == ([0.0, 1.0, 2.0, 5.0], [5.001])
+    for now in (10.0, 11.0, 12.001):
+        link.receive(now)
+    assert unheard[-1:] == [12.001] and 11.0 not in unheard
+
+
+@pytest.mark.parametrize(("override_time", "patience"), [(None, 3.0), (0.0, 3.0), (-1.0, 3.0), (0.5, 0.5), (9.0, 9.0)])
+def test_orders_may_stay_away_as_long_as_the_vehicle_keeps_the_last(override_time, patience) -> None:
+    link = CompanionLink(loopback_pair()[0], CompanionSettings(FULL))
+    if override_time is not None:
+        link._reader.parameters.take("RC_OVERRIDE_TIME", override_time)
+    assert link._patience() == patience
