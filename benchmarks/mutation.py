@@ -167,6 +167,10 @@ EXPLAINED: dict[tuple[str, str], str] = {
         "core/ReplaceBinaryOperator_Mul_Sub",
         "if until >= end and until - state.time <= LONGEST_SHARE - model.time_constant:",
     ): "a shortcut that is taken less often: the way round comes to the same mean",
+    (
+        "core/ReplaceComparisonOperator_LtE_Lt",
+        "if now - since > SILENT_SAID_S or now - entry.last < entry.stale:",
+    ): "a compass is left when it has been silent for longer, and is no longer silent when it is heard, which is now",
     ("core/ReplaceComparisonOperator_GtE_Gt", "if newest < 0 or begun > times[newest & ring]:"): (
         "a shortcut that is taken less often: the way round comes to the same angle"
     ),

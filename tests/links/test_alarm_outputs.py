@@ -166,6 +166,13 @@ def test_a_text_leaves_in_pieces_of_fifty_a_fifth_of_a_second_apart() -> None:
     assert texts.dropped == 0
 
 
+def test_a_fifth_of_a_second_to_the_bit_is_enough_between_two_texts() -> None:
+    texts = StatusTexts()
+    for text in "ab":
+        texts.say(0.0, 4, text)
+    assert [len(texts.due(now)) for now in (0.0, 0.1999, 0.2)] == [1, 0, 1]
+
+
 def test_the_same_text_is_said_again_after_ten_seconds() -> None:
     texts = StatusTexts()
     said = []

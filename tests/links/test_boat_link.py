@@ -330,3 +330,18 @@ def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:
     bench.link.keep(20.0)
     bench.link.release(20.0)
     assert bench.link.fileno() == -1
+
+
+def test_times_of_the_station_s_line_to_the_bit() -> None:
+    """A heartbeat a second, the same refusal once a minute, word of who has stopped us for half a minute."""
+    bench = Bench()
+    bench.link.keep(-9.0)
+    bench.far.receive()
+    assert [bool(bench.far.receive()) for now in (-8.0001, -8.0) if bench.link.keep(now) is None] == [False, True]
+    said: list[float] = []
+    bench.link._texts.say = lambda now, *_: said.append(now)  # type: ignore[method-assign]
+    for now in (0.0, 59.999, 60.0):
+        bench.link._refuse(now, "no")
+    assert said == [0.0, 60.0]
+    bench.link._stopped = 0.0
+    assert [len(bench.link._stop(now)) for now in (0.0, 29.999, 30.0)] == [1, 0, 1]

@@ -304,6 +304,14 @@ def test_a_maestro_pulse_is_in_quarters_of_a_microsecond(deg: float, quarters: i
     assert bench.answers("position", struct.pack("<H", quarters)) == [pytest.approx(math.radians(held), abs=1e-12)]
 
 
+@pytest.mark.parametrize(("later", "is_silent"), [(1.5, False), (1.501, True)])
+def test_an_asked_drive_is_silent_after_more_than_a_second_and_a_half(later: float, is_silent: bool) -> None:
+    for drive, answer in ((JrkG2(SETTINGS), motion()), (Maestro(SETTINGS), b"\x70\x17")):
+        drive.ask(0.0)
+        drive.feed(0.0, answer)
+        assert ("does not answer" in drive.fault(later)) is is_silent
+
+
 def test_a_maestro_is_addressed_in_the_pololu_protocol() -> None:
     drive = Maestro(SETTINGS._replace(channel=5, device=12))
     assert [drive.ask(float(second)).hex() for second in range(1, 9)] == 7 * ["aa0c1005"] + ["aa0c21"]

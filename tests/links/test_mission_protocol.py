@@ -171,6 +171,12 @@ def test_a_missing_item_is_asked_for_six_times_eight_tenths_of_a_second_apart() 
     assert peers.server.said == ""
 
 
+def test_eight_tenths_of_a_second_to_the_bit_are_waited_for_an_item() -> None:
+    peers = Peers()
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    assert [len(peers.server.due(now)) for now in (0.7999, 0.8)] == [0, 1]
+
+
 def test_the_end_of_an_upload_that_stands_still_is_told_to_its_sender() -> None:
     peers = Peers()
     peers.say(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)

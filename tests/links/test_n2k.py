@@ -17,6 +17,7 @@ from autopilot.build_links import LinkOptions, build_link
 from autopilot.links.base import LinkError
 from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
 from autopilot.links.n2k_messages import NAME, Compass, NodeAddress, group_and_source, identifier, sample_of
+from autopilot.links.north import UnusableHeadings
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.params.vessel_file import load_vessel
@@ -117,6 +118,13 @@ def test_headings_that_take_an_unknown_variation_are_told_of(bus: Bus) -> None:
             if isinstance(sample, AlarmSample)
         ]
     assert told == ["headings come that take the magnetic variation, and it is not known", ""]
+
+
+def test_headings_that_cannot_be_used_are_told_of_after_three_seconds() -> None:
+    found = UnusableHeadings("line")
+    assert [len(found.news(now, [], 1)) for now in (0.0, 2.999, 3.0, 9.0)] == [0, 0, 1, 0]
+    assert found.news(10.0, [HeadingSample(10.0, 1.0)], 1) == [AlarmSample(10.0, None, "line, variation")]
+    assert found.news(20.0, [], 1) == [], "none has come since"
 
 
 def test_a_magnetic_heading_needs_a_variation_and_keeps_the_last_one_heard(bus: Bus) -> None:

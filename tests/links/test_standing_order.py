@@ -59,3 +59,23 @@ def test_after_an_order_five_releases_are_said_and_no_more() -> None:
         order.say(0.01 * tick, lambda angle: not said.append(angle))
     assert said == [None] * RELEASES
     assert order.end() == 0
+
+
+def test_times_of_a_standing_order_to_the_bit() -> None:
+    """An order is said anew after its period for one second, a release after its own."""
+    order = StandingOrder(0.25, 0.5)
+    said: list[float | None] = []
+
+    def counts(*times: float) -> list[int]:
+        found = []
+        for now in times:
+            before = len(said)
+            order.say(now, lambda angle: not said.append(angle))
+            found.append(len(said) - before)
+        return found
+
+    order.take(0.0, RudderCommand(0.1, 0.2, True))
+    order.take(0.0, RudderCommand(0.0, 0.2, True))
+    assert counts(0.0, 0.2499, 0.25, 1.0, 1.0001, 9.0) == [1, 0, 1, 1, 0, 0]
+    order.take(10.0, RudderCommand(10.0, 0.2, False))
+    assert counts(10.0, 10.4999, 10.5) == [1, 0, 1]

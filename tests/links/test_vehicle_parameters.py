@@ -69,6 +69,13 @@ def test_each_name_is_asked_for_every_half_second_and_so_often_as_it_may_be_miss
         assert min((b - a for a, b in pairwise(asked)), default=1.0) >= 0.5 - 1e-9
 
 
+@pytest.mark.parametrize(("later", "is_asked"), [(0.4999, False), (0.5, True)])
+def test_half_a_second_to_the_bit_is_waited_for_an_answer(later: float, is_asked: bool) -> None:
+    parameters = known()
+    assert "SYSID_MYGCS" in parameters.due(0.0)
+    assert ("SYSID_MYGCS" in parameters.due(later)) is is_asked
+
+
 def test_a_name_that_six_questions_did_not_bring_is_unanswered_while_it_is_needed() -> None:
     parameters = known(MAV_GCS_SYSID=255.0)
     named: list[tuple[int, bool]] = []

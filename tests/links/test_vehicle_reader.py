@@ -247,3 +247,12 @@ def test_the_engine_runs_where_the_boat_is_armed_and_has_throttle(
     assert boat.reader.guided is not None
     shown = boat.reader.guided._shown
     assert (shown.has_servo, shown.ran_time == 1.0, shown.runs) == (True, ran, runs)
+
+
+@pytest.mark.parametrize(("later", "counts"), [(1.0, False), (1.001, True)])
+def test_the_servo_shows_a_release_where_the_input_has_been_silent_for_a_second(later: float, counts: bool) -> None:
+    boat, shown = Boat(**STEERED), []
+    boat.channels(0.0)
+    boat.reader.release.report = lambda now, pulse, name, *_: shown.append((now, name))  # type: ignore[method-assign]
+    boat.servos(later, 1500)
+    assert shown == ([(later, "SERVO_OUTPUT_RAW")] if counts else [])
