@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -232,3 +233,22 @@ def test_only_a_course_unstable_boat_needs_a_rudder_to_spare(
     monkeypatch.setattr("autopilot.control.observed_margins._holds", lambda _, __, factor, delay=0.0: least < factor)
     found = refusal_of(observed)
     assert says in found and bool(found) is bool(says)
+
+
+@pytest.mark.parametrize("observed", CASES)
+def test_the_curve_is_that_of_the_matrices_up_to_half_the_sampling_frequency(
+    monkeypatch: pytest.MonkeyPatch, observed: Observed
+) -> None:
+    """160 frequencies from a thousandth of the slower of the boat's own pace and the highest one."""
+    seen: list[Any] = []
+    monkeypatch.setattr("autopilot.control.observed_margins._crossover", lambda curve: [seen.append(curve), 1.0][1])
+    found = observed_margins(observed)
+    omegas, inner, outer = seen[0]
+    high = 0.98 * math.pi / observed.steady.interval
+    low = 1e-3 * min(1.0 / observed.model.time_constant, high)
+    assert omegas == pytest.approx(np.geomspace(low, high, 160))
+    for place in range(0, 160, 12):
+        d, n = loop_of(observed, omegas[place])
+        assert (inner[place], outer[place]) == (pytest.approx(d, rel=1e-6), pytest.approx(n, rel=1e-6))
+    worst = max(abs(d / (d + n)) for d, n in zip(inner, outer, strict=True))
+    assert found.sensitivity == pytest.approx(worst)
