@@ -168,6 +168,14 @@ EXPLAINED: dict[tuple[str, str], str] = {
         "if until >= end and until - state.time <= LONGEST_SHARE - model.time_constant:",
     ): "a shortcut that is taken less often: the way round comes to the same mean",
     (
+        "core/ReplaceUnaryOperator_Delete_USub",
+        "def __init__(self, battery_percent: float = math.inf) -> None:",
+    ): "a charge is watched where its limit is finite",
+    (
+        "core/ReplaceUnaryOperator_USub_UAdd",
+        "def __init__(self, battery_percent: float = +math.inf) -> None:",
+    ): "a charge is watched where its limit is finite",
+    (
         "core/ReplaceComparisonOperator_LtE_Lt",
         "if now - since > SILENT_SAID_S or now - entry.last < entry.stale:",
     ): "a compass is left when it has been silent for longer, and is no longer silent when it is heard, which is now",

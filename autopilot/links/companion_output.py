@@ -62,7 +62,7 @@ class SteeringOutput:
         self._number = 0
         self._table: InputTable | None = None
         self._last: Message | None = None
-        self._last_sent = -math.inf
+        self._last_sent = math.nan
         self._given = math.nan
         self._releases_left = 0
         self._touched = False

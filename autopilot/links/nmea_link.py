@@ -99,8 +99,8 @@ class NmeaLink:
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
         self._line_free = -math.inf
         self._command: RudderCommand | None = None
-        self._given = -math.inf
-        self._last_sent = -math.inf
+        self._given = math.nan
+        self._last_sent = math.nan
         self._pending = False
         self._releases_left = 0
         self._orders_in_row = 0

@@ -123,7 +123,7 @@ class OverrideRelease:
     def __init__(self) -> None:
         self.is_asked = False
         self._sent: deque[tuple[float, int]] = deque()
-        self._asked_time = -math.inf
+        self._asked_time = math.nan
         self._last_order = math.nan
         self._report_time = math.nan
         self._period = 0.1

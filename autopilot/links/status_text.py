@@ -33,7 +33,7 @@ class StatusTexts:
         self._waiting: deque[Message] = deque()
         self._next = -math.inf
         self._identity = 0
-        self._last = ("", -math.inf)
+        self._last = ("", math.nan)
 
     def say(self, now: float, severity: int, text: str) -> None:
         """Queue `text` with MAV_SEVERITY `severity` (0 emergency to 7 debug)."""

@@ -122,6 +122,7 @@ def test_the_way_out_releases_five_times_at_once_whatever_was_released_before() 
         assert steering.release(9.0) is None and steering.repeat(9.0, 10.0) is None
     unmoved = output()
     assert unmoved.unmoving(1500) is not None
+    assert unmoved.release(-9.0) is not None, "at once"
     assert len(unmoved.release_burst()) == 5, "the proof is an override too"
 
 

@@ -305,6 +305,7 @@ def test_times_of_a_release_to_the_bit() -> None:
     watch.mark(0.0, 1710)
     assert [watch.mark_due(now) for now in (0.0, 0.0999, 0.1)] == [True, False, True]
     assert watch.is_marking(0.5999) and not watch.is_marking(0.6)
+    assert not watch.mark_due(0.6)
     line = UnshownRelease("line", "")
     line.has_ordered = True
     line.asked(0.0, False)

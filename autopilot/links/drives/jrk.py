@@ -69,7 +69,7 @@ class JrkG2:
         self._targets: deque[int] = deque(maxlen=TARGETS_KEPT)
         self._buffer = b""
         self._asked: tuple[int, struct.Struct] | None = None
-        self._asked_time = -math.inf
+        self._asked_time = math.nan
         self._turn = 0
         self._heard = -math.inf
         self._engaged_since = math.inf

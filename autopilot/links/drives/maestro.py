@@ -51,7 +51,7 @@ class Maestro:
         self._targets: deque[int] = deque(maxlen=TARGETS_KEPT)
         self._buffer = b""
         self._asked = 0
-        self._asked_time = -math.inf
+        self._asked_time = math.nan
         self._turn = 0
         self._heard = -math.inf
         self._warning: AlarmEvent | None = None
