@@ -129,3 +129,18 @@ def test_the_slowing_is_the_regression_of_the_acceleration_on_the_rate() -> None
         found = undone(LANXIN, free, FREE, 3.0, Waves(heading, rate, 1.0e-9, 1.0))
         push = float(on_both @ (heading, rate)) + LANXIN.n1 / LANXIN.time_constant * rate
         assert found.rudder == pytest.approx(-(1.0 - found.alone) * push * LANXIN.time_constant / LANXIN.gain)
+
+
+def test_less_than_a_fiftieth_is_not_worth_a_movement() -> None:
+    """Where the rudder's angle binds, the share goes with it."""
+    waves, free = Waves(0.01, 0.02, 0.02, 0.8), IDEAL._replace(angle_max=math.inf)
+
+    def at(angle: float) -> Met:
+        return undone(LANXIN, free, FREE._replace(angle_max=angle), 3.0, waves)
+
+    share = 1.0 - at(2.0e-3).alone
+    assert 1.0 - at(1.0e-3).alone == pytest.approx(0.5 * share)
+    least = 2.0e-3 * 0.02 / share
+    assert 1.0 - at(1.001 * least).alone == pytest.approx(0.02002)
+    assert at(1.001 * least).rudder != 0.0
+    assert at(0.999 * least) == Met(1.0, 0.0)

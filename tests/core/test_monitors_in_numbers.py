@@ -8,13 +8,14 @@ import pytest
 from alarm_texts import words
 
 from autopilot.models.norrbin import Norrbin, steady_rate
+from autopilot.monitors import Monitors
 from autopilot.monitors.answer import first_memory
 from autopilot.monitors.answer_filter import NOTHING, Noise
-from autopilot.monitors.course import OffCourse, Runaway
+from autopilot.monitors.course import OffCourse, Runaway, course_step
 from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
 from autopilot.monitors.rudder import AtTheStop, Overpowered
 from autopilot.monitors.watched import AlarmLimits, Watched
-from autopilot.signals import HeadingSample, NavState, RateSample
+from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
 
 BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)
 STOP = math.radians(30.0)
@@ -361,3 +362,79 @@ def test_that_heading_and_rate_differ_is_said_after_a_second_to_the_bit_and_for_
         if monitor.found:
             said.append(now)
     assert (said[0], said[-1]) == (1.25, 21.0)
+
+
+@SIDES
+@pytest.mark.parametrize(
+    ("error", "limit", "is_off", "wanted"),
+    [
+        (0.25, 0.25, False, (False, False)),
+        (0.2500001, 0.25, False, (True, False)),
+        (0.175, 0.25, True, (False, False)),
+        (0.1750001, 0.25, True, (True, True)),
+        (math.nan, 0.25, False, (True, False)),
+    ],
+)
+def test_what_is_off_course_to_the_bit(
+    side: float, error: float, limit: float, is_off: bool, wanted: tuple[bool, bool]
+) -> None:
+    limits = AlarmLimits(off_course=limit, off_course_time=8.0)
+    since, found = course_step(limits, 4.0 if is_off else math.nan, is_off, 11.0, side * error)
+    assert (not math.isnan(since), found) == wanted
+    if not math.isnan(since) and not is_off:
+        assert since == 11.0
+        assert [course_step(limits, since, False, now, error)[1] for now in (18.9375, 19.0)] == [False, True]
+
+
+@SIDES
+def test_ten_degrees_more_to_the_bit_are_no_news_yet(side: float) -> None:
+    limits, monitor, ten = AlarmLimits(off_course=0.1, off_course_time=0.0), OffCourse(), math.radians(10.0)
+    for now, error in ((0.0, ten), (1.0, ten), (2.0, 2.0 * ten)):
+        monitor.look(limits, watched(now, side * error))
+    assert words(monitor.found).startswith("off course by 10 deg")
+    monitor.look(limits, watched(3.0, side * (2.0 * ten + 1e-9)))
+    assert words(monitor.found).startswith("off course by 20 deg")
+    heel = Monitors(AlarmLimits(roll=0.1))
+    for now, roll in ((0.0, ten), (2.0, ten), (3.0, 2.0 * ten)):
+        heel.hear((RollSample(now, side * roll),))
+    heel.look(BOAT, watched(3.0))
+    assert words(heel.findings["roll"]).startswith("heeling 10 deg")
+
+
+def test_a_heading_that_is_no_number_turns_nothing() -> None:
+    """Of a boat that turns against her rudder: what is between two headings is not known, and counts as nothing."""
+    monitor = Runaway()
+    for tick, heading in enumerate((0.0, -0.1, math.nan, -0.2, -0.3)):
+        monitor.look(BOAT, watched(1.0 * tick, heading, STOP, -0.1))
+        assert monitor.overpowered == ""
+    monitor.look(BOAT, watched(5.0, -0.46, STOP, -0.1))
+    assert monitor.overpowered == "to port", "0.36 rad are more than 20 deg"
+
+
+@SIDES
+@pytest.mark.parametrize(
+    ("seconds", "turned", "far"), [(2.0, 0.375, True), (1.9375, 0.375, False), (2.0, math.radians(20.0) - 1e-9, False)]
+)
+def test_a_rudder_takes_hold_in_a_time_constant_to_the_bit(
+    side: float, seconds: float, turned: float, far: bool
+) -> None:
+    monitor = Runaway()
+    for now, heading in ((0.0, 0.0), (1.0, 0.5 * turned), (seconds, turned)):
+        monitor.look(BOAT, watched(now, -side * heading, side * STOP, -side * 0.1))
+    assert (monitor.overpowered != "") is far
+
+
+@SIDES
+@pytest.mark.parametrize(("astray", "rate", "has_run"), [(45.0, -0.1, False), (45.001, -0.1, True), (60.0, 0.0, False)])
+def test_a_zigzag_is_astray_beyond_45_degrees(side: float, astray: float, rate: float, has_run: bool) -> None:
+    monitor = Runaway()
+    monitor.look(BOAT, watched(0.0, 0.0, side * 0.1, side * rate)._replace(astray=math.radians(astray)))
+    assert monitor.has_run is has_run
+
+
+@SIDES
+def test_in_waves_the_mean_rate_is_one_over_longer(side: float) -> None:
+    """2 deviations of 5 deg over a fifth of K delta_max, 6 deg/s, are 8.33 s: four fifths are reached after ln 5 of it,
+    13.4 s, where the boat turns as for the rudder at its other stop."""
+    for seconds, has_run in ((13.2, False), (13.6, True)):
+        assert ran(side, 1.0, seconds, 6.0 * seconds, math.radians(5.0))[0] is has_run
