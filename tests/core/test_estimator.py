@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -215,6 +216,44 @@ def test_what_cannot_be_is_dropped_and_counted(bad: Sample) -> None:
     before = tested.update(1.0, ())
     assert tested.update(1.0, (bad,)) == before
     assert tested.counters.implausible == 1
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("limit", "made"),
+    [
+        (100.0, lambda value: SpeedSample(0.1, value)),
+        (10.0, lambda value: RateSample(0.1, value)),
+        (10.0, lambda value: HeadingSample(0.1, 0.2, value)),
+        (0.5 * math.pi, lambda value: RudderSample(0.1, value)),
+    ],
+)
+def test_a_hundred_metres_and_ten_radians_a_second_and_a_rudder_athwart_are_the_limits(
+    limit: float, made: Callable[[float], Sample], side: float
+) -> None:
+    for value, count in ((limit, 0), (math.nextafter(limit, math.inf), 1)):
+        tested = estimator()
+        tested.update(0.0, (HeadingSample(0.0, 0.2, 0.0),))
+        tested.update(0.1, (made(side * value),))
+        assert tested.counters.implausible == count
+
+
+def test_a_boat_without_headings_for_more_than_two_seconds_begins_anew() -> None:
+    for silence in (2.0, 2.0001):
+        tested = estimator()
+        tested.update(0.0, (HeadingSample(0.0, 0.0, 0.0),))
+        found = tested.update(silence, (HeadingSample(silence, 0.15),)).heading
+        assert (found == pytest.approx(0.15, abs=1e-12)) is (silence > 2.0)
+
+
+@pytest.mark.parametrize(("watched", "push"), [(39.999, 0.0), (40.0, 0.1)])
+def test_wind_is_known_once_the_sea_has_been_watched_for_forty_seconds(watched: float, push: float) -> None:
+    tested = Estimator(MODEL, GEAR, NOISE._replace(waves=True))
+    assert tested.push == 0.0
+    tested.update(0.0, (HeadingSample(0.0, 0.0, 0.0),))
+    assert tested._fusion is not None
+    tested._fusion = tested._fusion._replace(state=tested._fusion.state._replace(time=watched, bias=0.1))
+    assert tested.push == push
 
 
 def test_a_heading_from_the_future_is_taken_as_of_now() -> None:

@@ -93,3 +93,11 @@ def test_feedback_counts_until_it_is_stale_and_the_newest_counts() -> None:
     assert track.advance(0.5) == track.angle == pytest.approx(0.0), "time does not go back"
     track.reset()
     assert (track.angle, track.past.ticks) == (0.0, 0)
+
+
+def test_at_a_tick_s_own_time_its_angle_counts() -> None:
+    past = RudderPast([0.0, 1.0, 2.0, 3.0], [0.1, 0.2, 0.3, 0.4], 4)
+    assert [tick_at(past, time) for time in (0.0, 0.5, 1.0, 2.0, 3.0)] == [0, 0, 1, 2, 3]
+    assert list(held(past, 1.0, 3.0, 0.0)) == [(2.0, 0.2), (3.0, 0.3)]
+    assert list(held(past, 3.0, 4.0, 0.0)) == [(4.0, 0.4)]
+    assert list(held(past, 1.0, 3.0, 2.0)) == [(3.0, pytest.approx(0.25))], "so long a grain is one"
