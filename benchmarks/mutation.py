@@ -251,7 +251,7 @@ def places_of(path: Path) -> list[Place]:
         occurrence = 0
         for node in nodes:
             for start, _ in operator().mutation_positions(node):
-                if not _is_annotation(node) and not _is_strict(node):
+                if not (_is_annotation(node) or _is_strict(node) or _is_bare_star(node)):
                     found[start].append((name, occurrence))
                 occurrence += 1
     return [Place(str(path.relative_to(ROOT)), line, tuple(found[line, column])) for line, column in sorted(found)]
@@ -277,6 +277,11 @@ def _is_strict(node: Any) -> bool:
     """Return whether a node is the value of `strict=`: what it guards against is a mistake in the line itself."""
     argument = node.parent
     return argument is not None and argument.type == "argument" and argument.get_code(False).startswith("strict=")
+
+
+def _is_bare_star(node: Any) -> bool:
+    """Return whether a node is the `*` of a signature: how callers write what follows, not what becomes of it."""
+    return node.type == "operator" and node.parent is not None and node.parent.type == "parameters"
 
 
 def drawn(rooms: Sequence[str], count: int, seed: str) -> list[Mutant]:
