@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from scipy.integrate import solve_ivp
 
-from autopilot.control.large_errors import Loop, Recovery, recoveries, trace
+from autopilot.control.large_errors import Loop, Recovery, Trace, recoveries, trace
 from autopilot.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -134,3 +134,31 @@ def test_it_is_looked_at_for_long_enough(time_constant: float, bandwidth: float,
     law = Counting(lambda *_: 0.0)
     recoveries(LOOP._replace(model=boat, rate_hz=2.0), law, bandwidth, [0.1])
     assert len(law.shown) == round(2.0 * (own + 2.0 * math.pi / 0.15))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("error", "errors", "wanted"),
+    [
+        (1.0, [1.0, 0.5, 0.1, *[0.04] * 7], (True, 0.0, 3.0, 0.04)),
+        (1.0, [1.0, 0.5, -0.3, *[0.05] * 7], (True, 0.3, 3.0, 0.05)),
+        (1.0, [*[1.0] * 7, 0.051, 0.05, -0.05], (True, 0.05, 8.0, 0.05)),
+        (1.0, [*[1.0] * 8, 0.051, 0.01], (False, 0.0, math.inf, 0.051)),
+        (1.0, [*[1.0] * 11, 0.06, 0.01, 0.0], (True, 0.0, 12.0, 0.01)),
+        (1.0, [1.0, 0.5, 0.06, 0.01], (True, 0.0, 3.0, 0.01)),
+        (1.0, [1.0, 0.5, 0.01, 0.06], (False, 0.0, math.inf, 0.06)),
+        (0.1, [0.1, 0.0088, *[0.0087] * 8], (True, 0.0, 2.0, 0.0087)),
+        (0.1, [0.0087] * 10, (True, 0.0, 0.0, 0.0087)),
+    ],
+)
+def test_what_is_made_of_a_trace(
+    monkeypatch: pytest.MonkeyPatch,
+    side: float,
+    error: float,
+    errors: list[float],
+    wanted: tuple[bool, float, float, float],
+) -> None:
+    """A twentieth, half a degree at least; it must lie within for the last fifth."""
+    motion = Trace([float(n) for n in range(len(errors))], [side * each for each in errors], [])
+    monkeypatch.setattr("autopilot.control.large_errors.trace", lambda *_: motion)
+    assert recoveries(LOOP, Ordered(lambda *_: 0.0), 0.5, [side * error]) == [Recovery(side * error, *wanted)]

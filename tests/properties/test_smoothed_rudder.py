@@ -13,7 +13,6 @@ from scipy.linalg import solve_continuous_are
 
 from autopilot.control import sliding_heading
 from autopilot.control.backstepping import (
-    PLANNED,
     BacksteppingGains,
     backstepping_rudder,
     gains_at,
@@ -141,8 +140,8 @@ def test_a_planned_turn_with_rudder_is_not_slowed(model: Norrbin) -> None:
     assert smoothing_in(model, 0.8, Reference(1.0)) == 0.8
     for side in (1.0, -1.0):
         drive = side * model.gain / model.time_constant
-        assert smoothing_in(model, 0.8, Reference(1.0, 0.0, 0.9 * PLANNED * drive)) == 0.8
-        assert smoothing_in(model, 0.8, Reference(1.0, 0.0, 1.1 * PLANNED * drive)) == 0.0
+        assert smoothing_in(model, 0.8, Reference(1.0, 0.0, math.radians(0.9) * drive)) == 0.8
+        assert smoothing_in(model, 0.8, Reference(1.0, 0.0, math.radians(1.1) * drive)) == 0.0
 
 
 def test_smoothing_goes_with_the_speed_like_the_gains() -> None:
