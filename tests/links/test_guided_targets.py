@@ -110,6 +110,11 @@ def test_a_vehicle_that_repeats_no_heading_is_let_steer_and_one_that_leaves_for_
         targets.show(tick(10.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)
         targets.report(10.0 + 0.1 * step, 1.0, 1.0, 12.0)
     assert watch.disobeyed
+    targets, watch = proven()
+    for step in range(20):
+        targets.show(tick(10.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)
+        targets.report(10.0 + 0.1 * step, 1.0, 1.0, 12.0)
+    assert watch.disobeyed, "from the beginning, too"
 
 
 @pytest.mark.parametrize("period", [0.7, 1.0, 2.4, 3.0, 4.0, 6.0, 9.0, 20.0])
@@ -391,6 +396,14 @@ def test_a_tenth_of_a_degree_is_a_heading_that_changes(turned_deg: float, later:
     assert targets.show(tick(100.0, Mode.ENGAGED, 1.0, 1.0), True) is not None
     again = targets.show(tick(100.0 + later, Mode.ENGAGED, 1.0 + math.radians(turned_deg), 1.0), True)
     assert (again is not None) is leaves
+
+
+@pytest.mark.parametrize(("later", "runs"), [(3.0, False), (3.001, True)])
+def test_an_engine_that_runs_three_seconds_after_our_last_heading_runs_by_it(later: float, runs: bool) -> None:
+    targets, _ = proven()
+    targets.show(tick(20.0, Mode.ENGAGED, 0.3, 0.3), True)
+    targets.engine(20.0 + later, is_running=True, is_guided=True)
+    assert targets._shown.runs is runs and (targets._shown.ran_time == 20.0 + later) is not runs
 
 
 def test_who_follows_other_headings_is_said_with_both_of_them() -> None:

@@ -745,7 +745,8 @@ def test_the_helm_comes_before_what_was_measured_and_every_word_but_attitude_is_
     bench.rover.attitude()
     bench.rover.heartbeat()
     helm, *rest = bench.link.receive(bench.now + 0.02)
-    assert isinstance(helm, HelmSample) and any(isinstance(sample, HeadingSample) for sample in rest)
+    assert isinstance(helm, HelmSample) and helm.cause is HelmCause.TAKEN
+    assert any(isinstance(sample, HeadingSample) for sample in rest)
 
 
 def test_times_of_the_companion_s_line_to_the_bit() -> None:

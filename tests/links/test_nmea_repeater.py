@@ -173,6 +173,8 @@ def test_after_a_pause_nothing_is_made_up_for() -> None:
     repeater = NmeaRepeater((("HDT", 1.0),))
     times = [now for now in (0.0, 0.5, 0.95, 1.05, 1.9, 2.0, 9.0, 9.9, 10.0, 10.9, 11.0) if repeater.due(tick(now))]
     assert times == [0.0, 1.05, 2.0, 9.0, 10.0, 11.0]
+    late = NmeaRepeater((("HDT", 1.0),))
+    assert [now for now in (0.0, 2.0, 2.5, 3.0) if late.due(tick(now))] == [0.0, 2.0, 3.0], "a whole period late"
 
 
 @pytest.mark.parametrize(("age", "is_fresh"), [(2.0, True), (2.1, False)])
