@@ -168,6 +168,10 @@ EXPLAINED: dict[tuple[str, str], str] = {
         "if until >= end and until - state.time <= LONGEST_SHARE - model.time_constant:",
     ): "a shortcut that is taken less often: the way round comes to the same mean",
     (
+        "core/ReplaceComparisonOperator_GtE_Gt",
+        "if until > end and until - state.time <= LONGEST_SHARE * model.time_constant:",
+    ): "a shortcut that is never taken: the way round comes to the same mean",
+    (
         "core/ReplaceUnaryOperator_Delete_USub",
         "def __init__(self, battery_percent: float = math.inf) -> None:",
     ): "a charge is watched where its limit is finite",

@@ -149,3 +149,9 @@ def test_the_mean_is_carried_in_steps_of_half_the_time_constant_at_most(now: flo
     assert abs(one - two) > 1.0e-3
     assert mean_at(boat, NOISES, turning, PAST, now)[1] == pytest.approx(one if is_one_step else two, rel=1.0e-12)
     assert carried(boat, NOISES, turning, PAST, now).rate == pytest.approx(one if is_one_step else two, rel=1.0e-12)
+
+
+def test_at_the_measurement_s_own_time_the_mean_is_the_state_s_wherever_the_rudder_went_since() -> None:
+    moved = RudderPast([0.0, 1.0, 2.0, 3.0], [0.0, 0.1, 0.2, 0.3], 4)
+    turning = Fusion(ekf.initial(1.0, 0.5, 0.1, NOISE))
+    assert mean_at(BOAT, NOISES, turning, moved, 1.0) == (0.5, 0.1, 0.0, 0.0)

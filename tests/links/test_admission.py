@@ -19,7 +19,7 @@ from autopilot.build_links import admission_of
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.guidance.track import TrackGuide
 from autopilot.links import extra_messages
-from autopilot.links.admission import Admission, Budget, Doors, gives_rudder_back, is_local
+from autopilot.links.admission import Admission, Budget, Doors, Presence, gives_rudder_back, is_local
 from autopilot.links.base import LinkError
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
@@ -665,3 +665,17 @@ def test_eight_kilobytes_at_once_and_fifty_a_second_are_looked_at() -> None:
     assert [len(chunk) for chunk in door.taken(0.1, [bytes(9000)])] == [5000]
     assert [len(chunk) for chunk in door.taken(9.0, [bytes(8000)])] == [8000]
     assert doors.refused.total() == 3
+
+
+def test_a_station_is_silent_after_more_than_five_seconds() -> None:
+    transport, _ = loopback_pair()
+    now, forgotten = -1.0, list[float]()
+    transport.forget_peer = lambda: forgotten.append(now)  # type: ignore[method-assign]
+    presence, said = Presence(transport), []
+    presence.heard(-1.0, is_heartbeat=True)
+    presence.update(-1.0)
+    forgotten.clear()
+    presence.heard(0.0, is_heartbeat=False)
+    for now in (5.0, 5.001):
+        said += presence.update(now)
+    assert forgotten == [5.001] and [sample.time for sample in said] == [5.001]
