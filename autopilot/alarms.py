@@ -288,7 +288,7 @@ _MOTION = [
         _WARNING,
         _PILOT,
         "four like or growing sweeps of the rudder in a row by half its limit, each with 10 deg of heading and the "
-        "rate of turn to 95 % the rudder's, or two of 8 s or more that swing the boat three times as far as its model, "
+        "rate of turn to 98 % the rudder's, or two of 8 s or more that swing the boat three times as far as its model, "
         "or twice the rate that the rudder hard over gives; then a quarter of the gain, and a sixteenth if need be; a "
         "speed below the trial's is doubted first",
     ),
