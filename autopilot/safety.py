@@ -76,7 +76,7 @@ class Supervisor:
         """What ended the engagement, or keeps one from beginning."""
         self._command_check.reset()
         self._cause = ""
-        self._since = math.nan
+        self._since = -math.inf  # held since ever is released
         self._rudder = Action.RELEASE
         self._spent = 0
         self._blocked: tuple[int, float] | None = None

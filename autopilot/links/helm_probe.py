@@ -71,7 +71,7 @@ class HelmProbe:
         self.stage = Stage.WAITING
         self.reason = "waiting for the vehicle to report its steering input (RC_CHANNELS)"
         self._reported: int | None = None
-        self._report_time = math.nan
+        self._report_time = -math.inf  # unheard of for ever is silent
         self._message: Message | None = None
         self._pulse = 0
         self._began = self._next = -math.inf
