@@ -10,7 +10,7 @@ import numpy as np
 from autopilot.models import waves, wind
 from autopilot.models.waves import GRAVITY, SecondOrderWaves
 from sitl.boat import BoatState, Disturbance, Hull
-from sitl.scenario import IttcSection, Scenario, SecondOrderSection, WindSection
+from sitl.scenario import CurrentSection, IttcSection, Scenario, SecondOrderSection, WindSection
 
 
 class Deviates:
@@ -53,7 +53,8 @@ class SecondOrderSea:
 class IttcWaves(NamedTuple):
     """Wave components, arrays (n,): frequency [rad/s] ascending, number [1/m], slope [rad] at the hull, phase [rad].
 
-    towards [rad]: where they travel; length and beam [m] of the hull they meet.
+    towards [rad]: where they travel; length and beam [m] of the hull they meet; drift [m/s] of the water they run in
+    along their way.
     """
 
     frequency: waves.Array
@@ -63,9 +64,15 @@ class IttcWaves(NamedTuple):
     towards: float
     length: float
     beam: float
+    drift: float = 0.0
 
 
-def ittc_waves(section: IttcSection, hull: Hull, generator: np.random.Generator) -> IttcWaves:
+STILL_WATER = CurrentSection()
+
+
+def ittc_waves(
+    section: IttcSection, hull: Hull, generator: np.random.Generator, current: CurrentSection = STILL_WATER
+) -> IttcWaves:
     """Return a random realisation of the sea for this hull."""
     peak = 2.0 * math.pi / section.peak_period_s
     # one frequency somewhere in each band: evenly spaced ones would repeat the sea every few minutes
@@ -77,7 +84,15 @@ def ittc_waves(section: IttcSection, hull: Hull, generator: np.random.Generator)
     amplitude = waves.component_amplitudes(frequency, section.significant_height_m, period)
     slope = amplitude * number * np.exp(-0.5 * number * hull.draught)
     phase = generator.uniform(0.0, 2.0 * math.pi, section.components)
-    return IttcWaves(frequency, number, slope, phase, math.radians(section.from_deg) + math.pi, hull.length, hull.beam)
+    towards = math.radians(section.from_deg) + math.pi
+    drift = current.speed_m_s * math.cos(math.radians(current.towards_deg) - towards)
+    return IttcWaves(frequency, number, slope, phase, towards, hull.length, hull.beam, drift)
+
+
+def way_along(components: IttcWaves, time: float, state: BoatState) -> float:
+    """Return the way [m] of a boat along the waves, in the water that the current takes along with them."""
+    along = state.north * math.cos(components.towards) + state.east * math.sin(components.towards)
+    return along - components.drift * time
 
 
 def wave_forces(components: IttcWaves, heading: float) -> tuple[waves.Array, waves.Array]:
@@ -105,8 +120,10 @@ class IttcSea:
     with theta the wave's phase amidships; summed over the components.
     """
 
-    def __init__(self, section: IttcSection, hull: Hull, generator: np.random.Generator) -> None:
-        self._waves = ittc_waves(section, hull, generator)
+    def __init__(
+        self, section: IttcSection, hull: Hull, generator: np.random.Generator, current: CurrentSection = STILL_WATER
+    ) -> None:
+        self._waves = ittc_waves(section, hull, generator, current)
         self._known_degree: int | None = None
         self._yaw_amplitude = np.zeros(section.components)
         self._roll_amplitude = np.zeros(section.components)
@@ -118,8 +135,7 @@ class IttcSea:
             # a wave force changes little in a degree, and this is the costly part
             self._known_degree = degree
             self._yaw_amplitude, self._roll_amplitude = wave_forces(self._waves, math.radians(degree))
-        towards = self._waves.towards
-        along = state.north * math.cos(towards) + state.east * math.sin(towards)
+        along = way_along(self._waves, time, state)
         theta = self._waves.number * along - self._waves.frequency * time + self._waves.phase
         yaw = waves.component_sum(self._yaw_amplitude, theta)
         slope = float(np.dot(self._roll_amplitude, np.sin(theta)))
@@ -163,7 +179,7 @@ class Sea:
         self._second_order = (
             SecondOrderSea(second_order, Deviates(np.random.default_rng(wave_seed)), dt) if second_order else None
         )
-        self._ittc = IttcSea(ittc, hull, np.random.default_rng(ittc_seed)) if ittc else None
+        self._ittc = IttcSea(ittc, hull, np.random.default_rng(ittc_seed), scenario.current) if ittc else None
         is_windy = scenario.wind.speed_m_s > 0.0 or scenario.wind.gust_m_s > 0.0
         self._wind = Wind(scenario.wind, Deviates(np.random.default_rng(wind_seed)), dt) if is_windy else None
         towards = math.radians(scenario.current.towards_deg)
@@ -173,10 +189,6 @@ class Sea:
     def step(self, time: float, state: BoatState) -> Disturbance:
         """Return what acts on the boat at `time` [s] since the start; to be called once a step."""
         rudder = self._second_order.step() if self._second_order else 0.0
-        yaw, slope = 0.0, 0.0
-        if self._ittc is not None:
-            # waves run in the water, and the current takes them along
-            north, east = state.north - self._current_north * time, state.east - self._current_east * time
-            yaw, slope = self._ittc.at(time, state._replace(north=north, east=east))
+        yaw, slope = self._ittc.at(time, state) if self._ittc else (0.0, 0.0)
         push, leeway = self._wind.step(state) if self._wind else (0.0, 0.0)
         return Disturbance(rudder + push, yaw, slope, leeway, self._current_north, self._current_east)

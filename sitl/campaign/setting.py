@@ -176,7 +176,7 @@ def water_of(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, ste
         swell = waves.stationary_state(model, float(drawn[0]), float(drawn[1]))
     components = IttcWaves(NOTHING, NOTHING, NOTHING, NOTHING, 0.0, 1.0, 1.0)
     if ittc is not None:
-        components = ittc_waves(ittc, plant.hull, np.random.default_rng(ittc_seed))
+        components = ittc_waves(ittc, plant.hull, np.random.default_rng(ittc_seed), scenario.current)
     has_wind = gusts.speed_m_s > 0.0 or gusts.gust_m_s > 0.0
     towards = math.radians(scenario.current.towards_deg)
     water = Water(

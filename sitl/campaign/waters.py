@@ -20,7 +20,7 @@ from autopilot.models import waves, wind
 from autopilot.models.waves import WaveState, WaveTransition
 from autopilot.models.wind import Gust, WindLoad
 from sitl.boat import BoatState, Disturbance
-from sitl.sea import IttcWaves, wave_forces, whole_degree
+from sitl.sea import IttcWaves, wave_forces, way_along, whole_degree
 
 Floats = NDArray[np.float64]
 
@@ -95,9 +95,7 @@ def water_step(
         if not surface.known[degree]:
             # not inlined, and handed many numbers: called once a degree
             _meet(water.waves, surface, degree)
-        # waves run in the water, and the current takes them along
-        north, east = state.north - water.current_north * step * dt, state.east - water.current_east * step * dt
-        along = _phases(water.waves, surface, before.along, step, dt, north, east)
+        along = _phases(water.waves, surface, before.along, step, dt, state)
         yaw, slope = summed(surface.yaw[degree], surface.roll[degree], surface.cosine, surface.sine)
     gust, push, leeway = before.gust, 0.0, 0.0
     if water.has_wind:
@@ -119,11 +117,10 @@ def _meet(components: IttcWaves, surface: Surface, degree: int) -> None:
 
 
 def _phases(
-    components: IttcWaves, surface: Surface, along_before: float, step: int, dt: float, north: float, east: float
+    components: IttcWaves, surface: Surface, along_before: float, step: int, dt: float, state: BoatState
 ) -> float:
-    """Bring cosine and sine of every component's phase to this step; return the way along the waves [m] of a boat at
-    `north`, `east` [m] in the water."""
-    along = north * math.cos(components.towards) + east * math.sin(components.towards)
+    """Bring cosine and sine of every component's phase to this step; return the way along the waves [m]."""
+    along = way_along(components, step * dt, state)
     moved = along - along_before
     is_far = abs(moved) * components.number[-1] + dt * components.frequency[-1] > LONGEST_TURN
     if step % AFRESH == 0 or is_far:
