@@ -7,6 +7,7 @@ from collections import deque
 from typing import NamedTuple
 
 from autopilot.angles import shortest_turn
+from autopilot.estimation.wave_motion import FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin
 from autopilot.monitors.answer_filter import (
     NOTHING,
@@ -74,7 +75,7 @@ PUSHED_S = 0.3
 PUSHED_SIGMAS = 2.0
 """A push that is heavier than the trial's rudder by so many standard deviations for this time [s] is one: with only
 one of them healthy zigzags in sea state 5 ended."""
-SEA_KNOWN_S = 2.0 * math.pi / 0.4
+SEA_KNOWN_S = 2.0 * math.pi / FREQUENCY_LEAST
 """One period of the longest wave that is estimated [s]: before, how large the sea is is not known, and it looks like a
 push."""
 ANSWERS_MOST = 1.6
@@ -134,7 +135,8 @@ class Memory(NamedTuple):
     and late; how much likelier it is that she does not answer than that she does, in time and late, and that she
     answers to the opposite; odd: squares that nothing explains; wild: so many headings were, the last ones; usual and
     shown: the share of the model's answer that she has had so far is the former over the latter; others: the
-    boat or its rudder may not be the file's."""
+    boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing was
+    suspect."""
 
     time: float
     spread: Spread
@@ -150,7 +152,7 @@ class Memory(NamedTuple):
     usual: float
     shown: float
     others: Others = NO_OTHERS
-    sea: float = 1.0
+    usual_colour: float = 1.0
 
 
 def first_memory(noise: Noise, time: float, heading: float) -> Memory:
@@ -214,7 +216,7 @@ def answer_step(
             memory.usual,
             memory.shown,
             memory.others._replace(slow=slow_answer),
-            memory.sea,
+            memory.usual_colour,
         )
     share = 1.0 - math.exp(-dt / ODD_TIME)
     least = min(max(LEAST_SHARE * memory.usual / memory.shown, LEAST[0]), LEAST[1])
@@ -253,7 +255,7 @@ def answer_step(
             1.0 - math.exp(-dt / max(STRANGE_TIME, model.time_constant)),
             kept_others,
         )._replace(fit=fit, left=left, colour=colour),
-        max(colour, 1.0) if learns > 0.0 else memory.sea,
+        colour if learns > 0.0 else memory.usual_colour,
     )
 
 
@@ -360,7 +362,7 @@ def _without_more(before: Others, after: Others) -> Others:
 
 def verdict(memory: Memory) -> int:
     """Return 0 where she answers or nothing tells, 1 where she does not answer, -1 where she does to the opposite."""
-    sure = SURE * max(memory.sea / COLOUR_KNOWN, 1.0)
+    sure = SURE * max(memory.usual_colour / COLOUR_KNOWN, 1.0)
     if min(memory.opposite, memory.opposite_late) >= sure:
         return -1
     return 1 if min(memory.silent, memory.silent_late) >= sure else 0

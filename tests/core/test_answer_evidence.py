@@ -133,7 +133,7 @@ def are_close(found: Sequence[float], wanted: Sequence[float] | Matrix, most: fl
     return len(found) == len(wanted) and all(abs(a - b) <= most for a, b in zip(found, wanted, strict=True))
 
 
-def sailed(share: float, slowness: float, usual: float, seconds: float = 20.0) -> list[tuple[Memory, Judge]]:
+def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -> list[tuple[Memory, Judge]]:
     """A boat that answers by `share` of the model to a rudder that trails by `slowness` [s]; both judges of it."""
     random = np.random.default_rng(5)
     memory, judge = first_memory(NOISE, 0.0, 0.1)._replace(usual=60.0 * usual), Judge(0.1)
@@ -176,8 +176,9 @@ def test_the_evidence_is_the_difference_of_log_likelihoods(share: float, slownes
         evidence += [others.weak, others.right, others.strong, others.late, *others.lively, *others.quick]
         assert are_close(evidence, [*sums.values(), *judge.pairs["lively"], *judge.pairs["quick"]], 1e-6)
         assert are_close([others.strange, others.strange_slow], [judge.strange, judge.strange_slow], 1e-9)
-        assert are_close([memory.usual, memory.shown], [judge.usual, judge.shown], 1e-7)
-        assert are_close([memory.odd, others.left, others.colour], [judge.odd, judge.left, judge.colour], 1e-5)
+        assert are_close([memory.usual / judge.usual, memory.shown / judge.shown], [1.0, 1.0], 1e-9)
+        assert are_close([others.left, others.colour / judge.colour], [judge.left, 1.0], 1e-6)
+        assert are_close([memory.odd], [judge.odd], 1e-5)
         assert memory.wild == 0
 
 
@@ -228,21 +229,21 @@ def test_a_verdict_takes_both_in_time_and_late(
     memory = first_memory(NOISE, 0.0, 0.0)._replace(silent=silent, silent_late=silent_late)
     accused = memory._replace(opposite=opposite, opposite_late=opposite_late)
     assert verdict(accused) == wanted
-    assert verdict(accused._replace(sea=2.5)) == wanted
-    assert verdict(accused._replace(sea=2.6)) == (1 if silent > SURE and wanted else 0)
+    assert verdict(accused._replace(usual_colour=2.5)) == wanted
+    assert verdict(accused._replace(usual_colour=2.6)) == (1 if silent > SURE and wanted else 0)
 
 
 def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() -> None:
     """Of a sea eight times as coloured as noise; what is suspect is not the sea's."""
     for share, wanted in ((1.01, -1), (0.99, 0)):
         evidence = share * 8.0 / 2.5 * SURE
-        memory = first_memory(NOISE, 0.0, 0.0)._replace(opposite=evidence, opposite_late=evidence, sea=8.0)
+        memory = first_memory(NOISE, 0.0, 0.0)._replace(opposite=evidence, opposite_late=evidence, usual_colour=8.0)
         assert verdict(memory) == wanted
     for opposite, learns in ((0.0, True), (5.0, False)):
         memory = first_memory(NOISE, 0.0, 0.0)._replace(opposite=opposite)
         memory = memory._replace(others=NO_OTHERS._replace(left=8.0, colour=8.0))
         after = answer_step(memory, BOAT, NOISE, 0.0, (DT, 0.0), 0.1, 0.1)
-        assert after.sea == (after.others.colour if learns else 1.0)
+        assert after.usual_colour == (after.others.colour if learns else 1.0)
         assert after.others.colour > 7.0
 
 

@@ -246,16 +246,22 @@ def test_ten_degrees_and_three_seconds_to_the_bit_are_enough_to_be_well(last: fl
     assert watch.reason("a") == "jumps", "four headings alike are no agreement"
 
 
-@pytest.mark.parametrize(("by", "is_left"), [(0.0, False), (1.0e-9, True)])
-def test_a_turn_of_two_and_a_half_degrees_to_the_bit_may_still_be_stood_through(by: float, is_left: bool) -> None:
+def is_left_standing(first: float, other: float, last: float) -> bool:
+    """Whether a compass is left that shows `first`, and from then on 0 until `last` [s], the other one having turned to
+    `other` [rad]."""
     watch = CompassWatch(math.inf, frozen=True)
-    watch.hear(-0.5, "a", 0.001)
+    watch.hear(-0.5, "a", first)
     watch.hear(-0.1, "b", 0.0)
     for now in (0.0, 0.1, 0.2):
         watch.hear(now, "a", 0.0)
-    watch.hear(0.25, "b", math.radians(2.5) + by)
-    watch.hear(0.5, "a", 0.0)
-    assert bool(watch.reason("a")) is is_left
+    watch.hear(0.25, "b", other)
+    watch.hear(last, "a", 0.0)
+    return bool(watch.reason("a"))
+
+
+def test_a_turn_of_two_and_a_half_degrees_to_the_bit_may_still_be_stood_through() -> None:
+    assert not is_left_standing(0.001, math.radians(2.5), 0.5)
+    assert is_left_standing(0.001, math.radians(2.5) + 1.0e-9, 0.5)
 
 
 def test_a_word_of_one_second_age_still_counts_and_the_middle_between_two_headings_is_neither() -> None:
@@ -267,16 +273,9 @@ def test_a_word_of_one_second_age_still_counts_and_the_middle_between_two_headin
         assert watch.reason("a") == reason
 
 
-@pytest.mark.parametrize(("last", "is_left"), [(0.2999, False), (0.3, True)])
-def test_it_stands_from_three_tenths_of_a_second_on(last: float, is_left: bool) -> None:
-    watch = CompassWatch(math.inf, frozen=True)
-    watch.hear(-0.5, "a", 0.1)
-    watch.hear(-0.1, "b", 0.0)
-    for now in (0.0, 0.1, 0.2):
-        watch.hear(now, "a", 0.0)
-    watch.hear(0.25, "b", 0.5)
-    watch.hear(last, "a", 0.0)
-    assert bool(watch.reason("a")) is is_left
+def test_it_stands_from_three_tenths_of_a_second_on() -> None:
+    assert not is_left_standing(0.1, 0.5, 0.2999)
+    assert is_left_standing(0.1, 0.5, 0.3)
 
 
 def test_it_is_not_well_that_agrees_and_stands() -> None:

@@ -402,7 +402,7 @@ def test_ten_degrees_more_to_the_bit_are_no_news_yet(side: float) -> None:
 
 
 def test_a_heading_that_is_no_number_turns_nothing() -> None:
-    """Of a boat that turns against her rudder: what is between two headings is not known, and counts as nothing."""
+    """Of a boat that turns against its rudder: what is between two headings is not known, and counts as nothing."""
     monitor = Runaway()
     for tick, heading in enumerate((0.0, -0.1, math.nan, -0.2, -0.3)):
         monitor.look(BOAT, watched(1.0 * tick, heading, STOP, -0.1))
