@@ -87,7 +87,7 @@ class Supervisor:
         self._over_since: float | None = None
         self.is_over = False
         """Whether what `alarm` names is no longer the case: headings, or a vehicle that was silent, are back."""
-        self._rebooted: HelmSample | None = None
+        self._rebooted = False
         self._reboot_time = math.nan
 
     @property
@@ -103,7 +103,7 @@ class Supervisor:
         """Take a link's word on whether the helm is free."""
         self._helm[sample.source] = sample
         if sample.cause is HelmCause.REBOOTED:
-            self._rebooted = sample
+            self._rebooted = True
 
     def note(self, sample: AlarmSample) -> None:
         """Take a link's word on what the skipper should know though steering goes on."""
@@ -264,12 +264,10 @@ class Supervisor:
             self._heading_since = now
 
     def _watch_alarm(self, now: float, lost: str) -> None:
-        """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement.
-
-        In other states no alarm is of these two.
-        """
+        """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
         is_silent = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
         name = self.alarm.name if self.alarm is not None else ""
+        # while it is engaged, or stands by, the alarm is neither of them
         on = {HEADING_LOST: lost == HEADING_LOST, LINK_SILENT: is_silent}.get(name, True)
         if on:
             self._over_since = None
@@ -279,9 +277,9 @@ class Supervisor:
 
     def _watch_reboot(self, now: float) -> None:
         """Note a reboot heard of, unless we stand by; when it ends an engagement, that is still on."""
-        if self._rebooted is not None and self.state is not SupervisorState.STANDBY:
+        if self._rebooted and self.state is not SupervisorState.STANDBY:
             self._reboot_time = now
-        self._rebooted = None
+        self._rebooted = False
 
     def _ended_by_reboot(self, now: float) -> bool:
         """Return whether a reboot not long ago, or the silence that went with it, is what ended the engagement."""

@@ -152,12 +152,12 @@ def is_so(alarm: str, pilot: Pilot, state: BoatState, truth: Truth, now: float) 
     """Return whether an alarm says what is the case: the boat off course indeed, or round by a whole turn, the rudder
     at its stop; overpowered is a boat off course with the true rudder at its stop against it, or one that turned on
     against it."""
-    off, limits = wrap(truth.away), pilot.config
+    off, config = wrap(truth.away), pilot.config
     if alarm == "off_course":
-        return abs(off) > 0.9 * limits.alarms.off_course
+        return abs(off) > 0.9 * config.alarms.off_course
     if alarm == "circling":
         return abs(truth.away) > 0.9 * ROUND
-    is_against = -math.copysign(1.0, off) * state.rudder >= AT_THE_STOP * limits.limits.angle_max
+    is_against = -math.copysign(1.0, off) * state.rudder >= AT_THE_STOP * config.limits.angle_max
     is_overpowered = (is_against and abs(off) > OFF_COURSE) or now - truth.against_time <= AGAINST_S
     return alarm == "rudder_at_stop" or (alarm == "overpowered" and is_overpowered)
 

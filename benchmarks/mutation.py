@@ -137,7 +137,7 @@ EXPLAINED: dict[tuple[str, str], str] = {
     (
         "core/ReplaceComparisonOperator_Gt_GtE",
         "off = f\"by {math.degrees(abs(error)):.0f} deg to {'starboard' if error >= 0.0 else 'port'}\"",
-    ): "a boat that is off her course is to one side of it",
+    ): "a boat that is off its course is to one side of it",
     ("core/ReplaceComparisonOperator_Gt_GtE", 'side = "starboard" if watched.push >= 0.0 else "port"'): (
         "a push that is heavier than the rudder is to one side"
     ),

@@ -143,7 +143,7 @@ class VehicleSounder:
     def __init__(self, tune: bool, relay: int | None) -> None:
         self._tune, self._relay = tune, relay
         self._siren = Siren.QUIET
-        self._next_tune = self._next_relay = math.nan
+        self._next_tune = self._next_relay = -math.inf
         self._relay_on = False
 
     def show(self, tick: Tick) -> None:

@@ -51,7 +51,7 @@ class KeptLink:
         self._opened: Link | None = None
         self._opening = False
         self._closed = False
-        self._next = math.nan  # no line has been lost yet
+        self._next = -math.inf
         self._helms = {name} if steers else set()
         self._alarmed: set[str] = set()
         self._news: list[Sample] = []

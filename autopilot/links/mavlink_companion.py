@@ -165,7 +165,7 @@ class CompanionLink:
         self._peer_heard: float | None = None
         self._helm: HelmSample | None = None
         self._reason = self._watch.obstacle
-        self._judge_at = math.nan
+        self._judge_at = -math.inf
         self._looked_at = math.inf
         self._may_prove = False
         self._alarms: tuple[AlarmEvent, ...] = ()

@@ -29,7 +29,8 @@ def device_of(name: str, path: str, ports: Callable[[], Iterable[Port]] | None =
         return path
     found = sorted(glob.glob(path))  # noqa: PTH207 - a pattern of whole paths
     if len(found) == 1:
-        return found.pop()
+        (only,) = found
+        return only
     if found:
         raise LinkError(f"{name}: {path} is {len(found)} devices ({', '.join(found)}); write more of the one meant")
     raise NotThereError(f"{name}: there is no device {path}; plug it in, or list the ports with `ls /dev/serial/by-id`")
