@@ -78,6 +78,9 @@ one of them healthy zigzags in sea state 5 ended."""
 SEA_KNOWN_S = 2.0 * math.pi / FREQUENCY_LEAST
 """One period of the longest wave that is estimated [s]: before, how large the sea is is not known, and it looks like a
 push."""
+SEA_TURNED = math.radians(10.0)
+"""So far [rad] from the headings of the last SEA_KNOWN_S the sea is not the one that is estimated there: a boat meets
+the same waves slower, and from a side that turns it more."""
 ANSWERS_MOST = 1.6
 """Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
 OPPOSITE_SHARE = -0.7
@@ -153,6 +156,38 @@ class Memory(NamedTuple):
     shown: float
     others: Others = NO_OTHERS
     usual_colour: float = 1.0
+
+
+class Seaway(NamedTuple):
+    """What a boat has met: at `time` [s], `swing` [rad] the largest yaw by waves of the last USUAL_TIME, `north` and
+    `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
+
+    time: float
+    swing: float
+    north: float
+    east: float
+
+
+def seaway_step(before: Seaway | None, time: float, heading: float, swing: float) -> Seaway:
+    """Return what has been met by `time` [s] with waves that yaw the boat by `swing` [rad] on a `heading` [rad]."""
+    north, east = math.cos(heading), math.sin(heading)
+    if before is None:
+        return Seaway(time, swing, north, east)
+    kept = math.exp(-(time - before.time) / SEA_KNOWN_S)
+    return Seaway(
+        time,
+        max(swing, before.swing * math.exp(-(time - before.time) / USUAL_TIME)),
+        north + kept * (before.north - north),
+        east + kept * (before.east - east),
+    )
+
+
+def sea_met(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
+    """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one
+    and the largest that has been met, at the slowest pace, the one that pushes harder."""
+    turned = shortest_turn(math.atan2(seaway.east, seaway.north), heading)
+    met = answer_noise(model, noise.heading, seaway.swing, SEA_SLOWEST)
+    return met if abs(turned) > SEA_TURNED and met.sea > noise.sea else noise
 
 
 def first_memory(noise: Noise, time: float, heading: float) -> Memory:
@@ -416,6 +451,7 @@ class RudderAnswer:
     def reset(self) -> None:
         """Forget everything."""
         self._memory: Memory | None = None
+        self._seaway: Seaway | None = None
         self._rudders: deque[tuple[float, float]] = deque()
         self._heard: list[HeadingSample] = []
         self._last: HeadingSample | None = None
@@ -492,7 +528,9 @@ class RudderAnswer:
 
     def _take(self, model: Norrbin, watched: Watched, variance: float, sample: HeadingSample) -> None:
         state, memory, last = watched.state, self._memory, self._last
+        self._seaway = seaway_step(self._seaway, watched.now, state.heading, state.wave_deviation)
         noise = answer_noise(model, variance, state.wave_deviation, state.wave_frequency)
+        noise = sea_met(model, noise, self._seaway, state.heading)
         self._same = self._same + 1 if last is not None and last.heading == sample.heading else 1
         stands = self._same >= FROZEN_SAMPLES
         if (

@@ -21,7 +21,9 @@ STANDS = math.radians(0.5)
 AT_THE_STOP = 0.9
 AT_THE_STOP_TIME = 15.0
 PUSH_LASTS = 2.0
-"""A push heavier than the rudder is an alarm when it lasts so long [s]."""
+STOP_LASTS = 0.5
+"""A push heavier than the rudder is an alarm when it lasts so long [s], and the rudder has been told for so long [s] to
+stand at its stop against it: until then it is on its way there."""
 
 
 class RudderFollows:
@@ -158,22 +160,25 @@ class Overpowered:
     def reset(self) -> None:
         """Forget everything."""
         self._since: float | None = None
+        self._hard_since = math.nan
         self.found = ""
 
     def look(self, watched: Watched) -> None:
         """Judge a tick; `found` is how hard the boat is pushed as it is at first, '' where the rudder can hold it."""
+        is_against = is_hard_over(watched) and watched.rudder * watched.push < 0.0
+        if not is_against:
+            self._hard_since = math.nan
+        elif math.isnan(self._hard_since):
+            self._hard_since = watched.now
+        # a trial's rudder rests where the trial wants it
+        has_none_left = not watched.follows or watched.now - self._hard_since >= STOP_LASTS
         if not (watched.steers and watched.has_way and abs(watched.push) > watched.angle_max):
             self.reset()
         elif self._since is None:
             self._since = watched.now
-        elif watched.now - self._since >= PUSH_LASTS and not self.found and _has_none_left(watched):
+        elif watched.now - self._since >= PUSH_LASTS and not self.found and has_none_left:
             side = "starboard" if watched.push > 0.0 else "port"
             self.found = f"to {side}, as by {math.degrees(abs(watched.push)):.0f} deg of rudder"
-
-
-def _has_none_left(watched: Watched) -> bool:
-    """Return whether the rudder is at its stop against the push, or rests where a trial wants it."""
-    return not watched.follows or (is_hard_over(watched) and watched.rudder * watched.push < 0.0)
 
 
 def is_hard_over(watched: Watched) -> bool:

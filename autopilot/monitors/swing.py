@@ -65,6 +65,10 @@ RATE_MOST = 10.0
 """No boat turns as fast [rad/s]: such a step is the compass's, or the estimate's that begins anew."""
 NO_MORE = 1.0e-9
 """A column of which less is left [share of its square] is a sum of the others."""
+DAY_S = 86400.0
+SEA_SIGMAS = math.sqrt(2.0 * math.log(DAY_S / (2.0 * LONGEST_WAVE_S)))
+"""Of a rate of turn so many standard deviations of the sea's may be the sea's, the largest of a day's waves (Rayleigh):
+of the sea that was there when the heading was ordered, for a boat that steering swings since then looks like one."""
 SPIN_TIME = (1.0, 0.3)
 """The rate of turn is taken over this time [s], or over so many time constants if that is longer."""
 
@@ -264,6 +268,8 @@ class Spinning:
     def reset(self) -> None:
         """Forget everything."""
         self._last: tuple[float, float] | None = None
+        self._wanted = math.nan
+        self._by_sea = 0.0
         self.rate = 0.0
         self.rushes = self.outruns_speed = False
 
@@ -278,6 +284,11 @@ class Spinning:
         if not watched.steers or last is None or not watched.now > last[0]:
             self.rate = self.rate if watched.steers else 0.0
             return 0.0
+        if not abs(shortest_turn(self._wanted, watched.wanted)) < NEW_COURSE:
+            # what is there before the first order is not known to be the sea's
+            known = watched.state.wave_deviation * watched.state.wave_frequency
+            self._by_sea = 0.0 if math.isnan(self._wanted) else SEA_SIGMAS * known
+            self._wanted = watched.wanted
         step = watched.now - last[0]
         turned = shortest_turn(last[1], watched.state.heading) / step
         if abs(turned) > RATE_MOST:
@@ -286,14 +297,17 @@ class Spinning:
         lasts = max(SPIN_TIME[0], SPIN_TIME[1] * quickest.time_constant)
         self.rate -= math.expm1(-step / lasts) * (turned - self.rate)
         is_steered = self.rate * watched.rudder > 0.0
+        # a wrong speed does what a sea does, and is doubted rather than borne
+        by_sea = 0.0 if reads_low(model, watched) else self._by_sea
+        by_rudder = math.copysign(max(abs(self.rate) - by_sea, 0.0), self.rate)
         # a course-unstable boat outruns its rudder, against it too, where it is steered by a wrong speed
         if is_steered or model.n1 <= 0.0:
             most = OUTRUNS if model.n1 > 0.0 else OUTRUNS_UNSTABLE
-            self.outruns_speed = is_beyond(model, self.rate / most, watched.angle_max)
+            self.outruns_speed = is_beyond(model, by_rudder / most, watched.angle_max)
         if not is_steered:
             return 0.0
-        self.rushes = is_beyond(quickest, self.rate / RUSH, watched.angle_max)
-        return self.rate if is_beyond(quickest, self.rate / SPIN, watched.angle_max) else 0.0
+        self.rushes = is_beyond(quickest, by_rudder / RUSH, watched.angle_max)
+        return self.rate if is_beyond(quickest, by_rudder / SPIN, watched.angle_max) else 0.0
 
 
 def is_beyond(model: Norrbin, rate: float, angle_max: float) -> bool:

@@ -24,6 +24,8 @@ from autopilot.monitors.answer import (
     is_doubtful,
     other_verdict,
     push_at_least,
+    sea_met,
+    seaway_step,
     verdict,
     without_evidence,
 )
@@ -210,6 +212,33 @@ def test_the_noise_of_a_boat_in_a_sea() -> None:
     assert noise.pace == 0.8
     calm = answer_noise(BOAT, 2.0e-4, 0.0, 0.1)
     assert (calm.sea, calm.pace) == (pytest.approx(math.radians(1.0) ** 2), 0.5)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("turned_deg", "age", "swing", "is_met"),
+    [(10.5, 0.0, 0.05, True), (9.5, 0.0, 0.05, False), (90.0, 890.0, 0.05, True), (90.0, 910.0, 0.05, False)],
+)
+def test_after_a_turn_the_largest_sea_of_late_may_come(
+    side: float, turned_deg: float, age: float, swing: float, is_met: bool
+) -> None:
+    """The launch and the coaster came from a following sea that hardly turned them; a wave held them against the
+    rudder, and it was called reversed. What is met fades with 900 s, the headings with 15.7 s."""
+    seaway = seaway_step(None, 0.0, 1.0, swing)
+    for tick in range(round(age)):
+        seaway = seaway_step(seaway, tick + 1.0, 1.0, 0.0)
+    assert seaway.swing == pytest.approx(swing * math.exp(-age / 900.0))
+    # the sea that is estimated turns the boat as much as what was met 900 s ago, at the slowest pace
+    noise = answer_noise(BOAT, 2.0e-4, swing / math.e, 0.5)
+    met = sea_met(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg))
+    assert met == (answer_noise(BOAT, 2.0e-4, seaway.swing, 0.5) if is_met else noise)
+    seaway = seaway_step(seaway._replace(time=0.0), 2.0 * math.pi / 0.4, 1.0 + side * math.radians(25.0), 0.0)
+    assert math.atan2(seaway.east, seaway.north) == pytest.approx(1.0 + side * 0.2767, abs=1e-4)
+
+
+def test_calm_water_stays_calm_in_a_turn() -> None:
+    noise = answer_noise(BOAT, 2.0e-4, 0.0, 0.0)
+    assert sea_met(BOAT, noise, seaway_step(None, 0.0, 0.0, 0.0), 2.0) == noise
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,20 @@ def test_a_law_that_has_rudder_left_is_not_overpowered(
 
 
 @SIDES
+@pytest.mark.parametrize(("seconds", "is_said"), [(0.55, True), (0.45, False)])
+def test_a_rudder_on_its_way_to_its_stop_is_not_overpowered_yet(side: float, seconds: float, is_said: bool) -> None:
+    """The gear comes after the order: at 33 deg off course the alarm was said with the rudder 4 deg from its stop."""
+    monitor, arrives = Overpowered(), 5.0
+    for tick in range(round((arrives + seconds) / 0.1) + 1):
+        now = 0.1 * tick
+        at = watched(now, rudder=-side * STOP * (0.95 if now >= arrives - 1e-9 else 0.5))._replace(follows=True)
+        monitor.look(at._replace(push=side * 1.2 * STOP))
+    assert bool(monitor.found) is is_said
+    monitor.look(watched(30.0, rudder=-0.5 * side * STOP)._replace(follows=True, push=side * 1.2 * STOP))
+    assert bool(monitor.found) is is_said, "what has been said stays while the push does"
+
+
+@SIDES
 @pytest.mark.parametrize(
     ("share", "seconds", "is_said"), [(0.91, 15.05, True), (0.91, 14.85, False), (0.89, 60.0, False)]
 )

@@ -262,6 +262,31 @@ def test_a_boat_that_rushes_turns_twice_and_one_that_outruns_its_speed_half_agai
         assert (spinning.rushes, spinning.outruns_speed) == (rushes, outruns), (rate, trial)
 
 
+@SIDES
+@pytest.mark.parametrize(
+    ("rate", "turns", "trial", "rushes"),
+    [
+        # the largest of a day's waves: sqrt(2 ln(86400/15.7)) = 4.150 standard deviations, here of 0.05 * 0.8 rad/s
+        (0.2 + 4.1 * 0.04, True, 0.0, False),
+        (0.2 + 4.2 * 0.04, True, 0.0, True),
+        (0.2 + 4.1 * 0.04, False, 0.0, True),
+        (0.275 + 0.5 * 0.04, True, 5.5, True),
+    ],
+)
+def test_what_the_sea_before_a_turn_may_do_is_no_rush(
+    side: float, rate: float, turns: bool, trial: float, rushes: bool
+) -> None:
+    """A launch in sea state 5 was turned at 12 deg/s by a wave, twice what its rudder does: it was said to hunt."""
+    spinning, boat = Spinning(), BOAT._replace(n3=0.0)
+    for tick in range(400):
+        # the sea is what it was when the heading was ordered, not what a boat that rushes makes of it afterwards
+        wanted, swing = (0.3, 0.05) if turns and tick == 200 else (0.3 if turns and tick > 200 else 0.0, 0.0)
+        at = watched(tick * DT, side * rate * max(tick - 200, 0) * DT, side * STOP, side * wanted)
+        state = at.state._replace(wave_deviation=swing, wave_frequency=0.8)
+        spinning.too_fast(boat, at._replace(state=state, trial_speed=trial))
+    assert spinning.rushes is rushes
+
+
 @pytest.mark.parametrize(("n1", "found"), [(1.0, False), (-1.0, True)])
 def test_only_a_course_unstable_boat_outruns_its_rudder_against_it(n1: float, found: bool) -> None:
     spinning, model = Spinning(), BOAT._replace(n1=n1, n3=20.0)
