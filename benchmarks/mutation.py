@@ -42,6 +42,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import processor_time
 import pytest
 
 from autopilot.cli.progress import ProgressBar
@@ -79,7 +80,7 @@ TESTS = (
 """Folders of tests that must notice; what they leave out lives in real time or tests other things."""
 LEAST_NOTICED = 0.95
 TESTS_S = 30.0
-"""So many seconds of tests, by their own time unchanged, are tried on a mutant."""
+"""So many seconds of tests, by their own processor time with coverage, are tried on a mutant."""
 LONGEST_S = 120
 """Processor time of all its tests; a mutant that takes longer never ends, which is noticed."""
 WAITING_S = 600
@@ -502,8 +503,10 @@ def _traced(folder: Path, files: Sequence[str]) -> dict[str, Any]:
     data.unlink(missing_ok=True)
     print(f"finding out which lines {len(files)} files of tests reach", file=sys.stderr, flush=True)
     command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", f"--junitxml={times}"]
-    command += ["--cov=autopilot", "--cov-context=test", "--cov-report=", "-o", "filterwarnings=default", *files]
-    environment = {**os.environ, "COVERAGE_FILE": str(data), "NORRBIN_HYPOTHESIS": "gate"}
+    command += ["--cov=autopilot", "--cov-context=test", "--cov-report=", "-o", "filterwarnings=default"]
+    command += ["-p", processor_time.__name__, *files]
+    path = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))
+    environment = {**os.environ, "COVERAGE_FILE": str(data), "NORRBIN_HYPOTHESIS": "gate", "PYTHONPATH": path}
     subprocess.run(command, cwd=ROOT, env=environment, check=False, stdout=sys.stderr)
     seconds = _passed(ElementTree.parse(times).getroot())
     coverage = CoverageData(str(data))
@@ -523,14 +526,15 @@ def _traced(folder: Path, files: Sequence[str]) -> dict[str, Any]:
 
 
 def _passed(suites: ElementTree.Element) -> dict[str, float]:
-    """Return the tests that passed, by their node id, with their time [s]."""
+    """Return the tests that passed, by their node id, with their processor time [s]."""
     found = {}
     for case in suites.iter("testcase"):
         if len(case) == 0 or all(child.tag not in ("failure", "error", "skipped") for child in case):
             parts = str(case.get("classname")).split(".")
             cut = next((n for n in range(len(parts), 0, -1) if (ROOT / f"{'/'.join(parts[:n])}.py").exists()), 0)
             node = "::".join(["/".join(parts[:cut]) + ".py", *parts[cut:], str(case.get("name"))])
-            found[node] = float(case.get("time", 0.0))
+            taken = case.find(f"properties/property[@name='{processor_time.PROPERTY}']")
+            found[node] = math.inf if taken is None else float(taken.get("value", math.inf))
     return found
 
 
