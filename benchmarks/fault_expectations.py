@@ -136,7 +136,7 @@ NEEDS: Mapping[str, Expect] = {
     "first of two compasses lost": told("compasses is silent", AT_ONCE_S),
     "first of two compasses frozen": told("stands still|frozen", SOON_S),
     "first of two compasses jumps by 40 deg": told("jumps", AT_ONCE_S),
-    "first of two compasses noisy, 10 deg": told("jumps", SOON_S),
+    "first of two compasses noisy, 10 deg": told("jumps|is noisy", SOON_S),
     "first of two compasses drifts by 1 deg/s": noticed("compasses disagree"),
     "second of two compasses lost": BORNE,
     "second of two compasses frozen": told("stands still|disagree", SOON_S),

@@ -1,7 +1,7 @@
-"""Which of several compasses has failed by the word of the others: one that stands still, or jumps, alone. Pure.
+"""Which of several compasses has failed by the word of the others: it stands still, jumps or trembles alone. Pure.
 
 One compass alone is judged by the pilot's own monitors, with what they know of rudder, rate and sea. Two judge each
-other sooner and more surely: where one moves and the other does not, or one jumps and the other does not, the pilot
+other sooner and more surely: where one moves, jumps or trembles and the other does not, the pilot
 need not fail, it goes on with the one that is well.
 """
 
@@ -17,6 +17,12 @@ STANDS_TURN = math.radians(2.5)
 STANDS_DIGITS = 2.0
 """A compass that says the very same for so long [s] and so often while another has turned by this [rad], and by so many
 of its own digits, is frozen."""
+NOISY, QUIET = math.radians(4.0), math.radians(2.0)
+NOISY_S, NOISY_SHARE = 1.5, 1.0 / 15.0
+WILDEST = math.radians(20.0)
+"""A compass with white noise of more than NOISY [rad] beside one with less than QUIET is noisy: 0.5 to 1 deg are usual.
+Over so long [s], a heading at most a share of it, each counting as WILDEST [rad] at most: one of 2 deg was never called
+noisy in three hours, and one of 10 deg in 1.0 s on average, 2.4 s at most; a single jump or spike never is."""
 AGREES = math.radians(10.0)
 AGREES_S = 3.0
 """It is well again when it moves and is no further from the other than this [rad] for this time [s]."""
@@ -25,15 +31,35 @@ SILENT_S = 2.0
 FRESH_S = 1.0
 
 
-class _Compass:
-    """What one compass said last, since when it stands, and where the others were when it began to."""
+class _Noise:
+    """The standard deviation [rad] of an angle's white noise, from its second differences, which a steady turn has not:
+    they have the variance 6 sigma^2, and their size the mean sigma sqrt(12/pi)."""
 
-    __slots__ = ("agrees_since", "digit", "heading", "last", "others", "reason", "same", "since")
+    __slots__ = ("_last", "_step", "deviation")
+
+    def __init__(self, angle: float) -> None:
+        self._last, self._step, self.deviation = angle, 0.0, 0.0
+
+    def take(self, angle: float, share: float) -> None:
+        """Take the next angle [rad], which counts for a `share` of the mean."""
+        step = shortest_turn(self._last, angle)
+        size = abs(shortest_turn(self._step, step)) / math.sqrt(12.0 / math.pi)
+        self.deviation += share * (min(size, WILDEST) - self.deviation)
+        self._last, self._step = angle, step
+
+
+class _Compass:
+    """What one compass said last, since when it stands, and where the others were when it began to; the noise of its
+    headings, and of what lies between them and another's."""
+
+    __slots__ = ("agrees_since", "apart", "digit", "heading", "last", "noise", "others", "reason", "same", "since")
 
     def __init__(self, now: float, heading: float) -> None:
         self.heading, self.last = heading, now
         self.reason, self.digit = "", math.inf
         self.agrees_since: float | None = None
+        self.noise = _Noise(heading)
+        self.apart: dict[str, _Noise] = {}
         self.stand(now, {})
 
     def stand(self, now: float, others: dict[str, float]) -> None:
@@ -73,6 +99,9 @@ class CompassWatch:
         others = self._others(now, name)
         if not compass.reason:
             compass.reason = self._jumped(compass, heading, others)
+        is_noisy = self._is_noisy(now, compass, heading, others)
+        if is_noisy and not compass.reason:
+            compass.reason = "is noisy"
         if heading != compass.heading:
             compass.digit = min(compass.digit, abs(shortest_turn(compass.heading, heading)))
             compass.stand(now, others)
@@ -81,7 +110,7 @@ class CompassWatch:
             if not compass.reason and self._frozen and self._stands(now, compass, others):
                 compass.reason = "stands still"
         compass.heading, compass.last = heading, now
-        self._forgive(now, compass, others)
+        self._forgive(now, compass, {} if is_noisy else others)
 
     def _others(self, now: float, name: str) -> dict[str, float]:
         """Return where the other compasses are that may be believed."""
@@ -99,6 +128,21 @@ class CompassWatch:
             abs(shortest_turn(other, compass.heading)) < abs(shortest_turn(other, heading)) for other in others.values()
         )
         return "jumps" if stayed else ""
+
+    def _is_noisy(self, now: float, compass: _Compass, heading: float, others: dict[str, float]) -> bool:
+        """What the boat does is no noise: both show it, and nothing of it lies between them."""
+        share = min(-math.expm1(-(now - compass.last) / NOISY_S), NOISY_SHARE)
+        compass.noise.take(heading, share)
+        off = {name: shortest_turn(other, heading) for name, other in others.items()}
+        compass.apart = {name: compass.apart.get(name, _Noise(angle)) for name, angle in off.items()}
+        for name, angle in off.items():
+            compass.apart[name].take(angle, share)
+        if not math.isfinite(self._jump) or compass.noise.deviation <= NOISY:
+            return False
+        return any(
+            apart.deviation > NOISY and self._compasses[name].noise.deviation < QUIET
+            for name, apart in compass.apart.items()
+        )
 
     @staticmethod
     def _stands(now: float, compass: _Compass, others: dict[str, float]) -> bool:

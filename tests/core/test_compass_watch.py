@@ -1,10 +1,11 @@
-"""Of two compasses the one that stands still or jumps alone is not believed; the other steers, and nothing bumps."""
+"""Of two compasses the one that stands still, jumps or trembles alone is not believed; and the other steers."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from alarm_texts import words
 
@@ -296,3 +297,64 @@ def test_one_that_was_silent_for_two_seconds_begins_anew_and_is_not_spoken_of(si
     assert (watch.reason("a") == "") is is_new
     watch.reset()
     assert watch.reason("a") == watch.reason("nobody") == "" and watch.doubted(4.0) == []
+
+
+def noisy(sigma_deg: float, begins: float = 0.0, ends: float = math.inf, seed: int = 1) -> Callable[[float], float]:
+    random = np.random.default_rng(seed)
+
+    def heading(now: float) -> float:
+        noise = math.radians(sigma_deg) * random.standard_normal()
+        return swinging(now) + (noise if begins < now < ends else 0.0)
+
+    return heading
+
+
+def watched(
+    seconds: float, step: float, first: Callable[[float], float], second: Callable[[float], float]
+) -> list[str]:
+    """Return what is wrong with the first compass, a word for each of its headings; of the second nothing ever is."""
+    watch, found = CompassWatch(math.radians(60.0), frozen=True), []
+    for number in range(round(seconds / step)):
+        watch.hear(number * step, "first", first(number * step))
+        watch.hear(number * step + 0.01, "second", second(number * step + 0.01))
+        found.append(watch.reason("first"))
+        assert watch.reason("second") == ""
+    return found
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_compass_that_trembles_alone_is_noisy_within_three_seconds(seed: int) -> None:
+    """One of 10 deg was believed until its jumps had added up to a fail-safe, with a good one beside it."""
+    found = watched(17.0, 0.1, noisy(10.0, 5.0, 10.0, seed), noisy(0.5, seed=seed + 100))
+    assert set(found[:50]) == {""}
+    assert set(found[75:100]) == {"is noisy"}
+    assert found[128] == "is noisy"
+    assert found[-1] == "", "well again when it has agreed for 3 s"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_two_degrees_of_noise_are_an_ordinary_compass_s(seed: int) -> None:
+    assert set(watched(60.0, 0.1, noisy(2.0, seed=seed), noisy(0.5, seed=seed + 100))) == {""}
+
+
+@pytest.mark.parametrize("by_deg", [15.0, -30.0, 50.0])
+@pytest.mark.parametrize("lasts", [0.1, 20.0])
+def test_one_jump_or_spike_is_no_noise(by_deg: float, lasts: float) -> None:
+    def jumps(now: float) -> float:
+        return swinging(now) + (math.radians(by_deg) if 4.95 < now < 4.95 + lasts else 0.0)
+
+    assert set(watched(10.0, 0.1, jumps, noisy(0.5))) == {""}
+
+
+@pytest.mark.parametrize("step", [0.1, 0.5, 1.0])
+def test_what_both_show_is_the_boat_s(step: float) -> None:
+    """A launch in a sea of two seconds: once a second a compass sees it swing to and fro."""
+
+    def swings(now: float) -> float:
+        return math.radians(12.0) * math.sin(math.pi * now + 0.7)
+
+    assert set(watched(60.0, step, swings, swings)) == {""}
+
+
+def test_two_that_tremble_alike_tell_nothing() -> None:
+    assert set(watched(30.0, 0.1, noisy(8.0, seed=1), noisy(8.0, seed=2))) == {""}
