@@ -159,12 +159,12 @@ _HEADING = [
         _WARNING,
         _PILOT,
         "the turn that the rate adds up to in 5 s is so far from the heading's, or to the other side; as long as it is "
-        "said she is steered by heading alone",
+        "said, the boat is steered by heading alone",
         "alarms.rate_disagrees_deg",
     ),
     AlarmKind(
         "innovation",
-        "the boat does not move as her model says",
+        "the boat does not move as its model says",
         "look for a fouled propeller, a tow or a shifted load; identify the boat anew if it stays",
         _DEGRADE,
         _WARNING,
@@ -210,7 +210,7 @@ _RUDDER = [
     ),
     AlarmKind(
         "runaway",
-        "the boat turns against her rudder",
+        "the boat turns against its rudder",
         "steer by hand, check that the rudder moves, its sign, and the way through the water",
         _LET_GO,
         _CRITICAL,
@@ -248,8 +248,8 @@ _MOTION = [
     ),
     AlarmKind(
         "overpowered",
-        "the boat is pushed harder than her rudder can hold",
-        "take way off, ease sheets, cut what she tows or has in her rudder",
+        "the boat is pushed harder than its rudder can hold",
+        "take way off, ease sheets, cut what the boat tows or has in its rudder",
         _TELL,
         _ERROR,
         _PILOT,
@@ -597,7 +597,7 @@ _ARRIVED = [
         _TELL,
         Severity.NOTICE,
         _LOOP,
-        "the place that a ground station sent her to: the last course is held",
+        "the place that a ground station sent the boat to: the last course is held",
         sentence="{text}: {detail}; {remedy}",
     ),
 ]
@@ -763,8 +763,15 @@ _LINES = [
         "a ground station without a key has let the pilot stand by",
         "steer by hand, or order the course again",
         _LINK,
-        "an order to stand by from a station that only looks, while the rudder was ours",
-        "{text}: steer by hand",
+        "an order to stand by from a station that only looks, while an order to steer was in force",
+        "{text}{bracketed}: steer by hand",
+    ),
+    _notice(
+        "stop_refused",
+        "a ground station without a key wants the pilot to stand by",
+        "look around; it is not obeyed again so soon after you have engaged anew: stand by at the helm if it is right",
+        _LINK,
+        "an order to stand by from a station that only looks, within 1 to 60 min of engaging anew after such an order",
     ),
     _notice(
         "forwarding_ended",

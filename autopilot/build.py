@@ -43,10 +43,10 @@ DISTURBANCE_TIME = 0.5
 """What moves the boat like a rudder of this size [rad], correlated over this time [s]: the whole sea, or all but it."""
 MODEL_ERROR = 0.16
 """The rudder's effect is uncertain by this share of it over the boat's time constant, as white noise. Where much less
-is supposed, a boat that turns 40 % better than her model swings about her course after a push: what her rudder does too
-much is taken for wind. Where it is more, a quick boat's filter trusts her model too little to follow her."""
+is supposed, a boat that turns 40 % better than its model swings about its course after a push: what its rudder does too
+much is taken for wind. Where more is supposed, a quick boat's filter trusts its model too little to follow the boat."""
 MODEL_ERROR_UNSTABLE = 0.6
-"""The same of a course-unstable boat, whose rudder and own moment nearly cancel, whatever her time constant [s^(1/2)].
+"""The same of a course-unstable boat, whose rudder and own moment nearly cancel, whatever its time constant [s^(1/2)].
 With 0.1 a boat with 30 % less rudder than the model's swings by 12 deg on a straight course in calm water, with 0.6 by
 0.3 deg."""
 WAVE_CORNER_SHARE = 0.4
@@ -57,7 +57,7 @@ UNDONE_SHARE = 1.2
 GUST_TIME_LEAST = 6.0
 GUST_TIME_SHARE = 0.2
 """Gusts are what the bias does over so long [s], or over this share of the time in which it changes if that is longer:
-the wind on a boat that turns slowly shows slowly, and waves on her show in the bias."""
+the wind on a boat that turns slowly shows slowly, and waves on it show in the bias."""
 STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_INTERVAL = 0.1
@@ -72,8 +72,8 @@ BIAS_TIME = 10.0
 """Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer, where
 the file says nothing. Where waves are filtered it may be slow: how much it is in gusts is learnt, up to what it is
 without the filter, and what is sudden is noticed as more than a wave, and then it is quick. With the rudder at its stop
-it is in BIAS_TIME by any boat: what held her there may let go at once, however slow she is, and nothing wears by it
-(docs/gains.md)."""
+it is in BIAS_TIME by any boat: what held the boat there may let go at once, however slow it is, and nothing wears
+by it (docs/gains.md)."""
 
 
 def _integrates(vessel: Vessel, law: str | None) -> bool:

@@ -23,6 +23,7 @@ def _autopilot() -> int:
 
 def start(program: str, run: Callable[[], int]) -> None:
     """Run a program, which imports what it needs when it is called, and end with its exit code."""
+    open_standard_streams()
     take_signals(program, next((word for word in sys.argv[1:] if not word.startswith("-")), ""))
     try:
         code = run()
@@ -41,6 +42,17 @@ def start(program: str, run: Callable[[], int]) -> None:
         os.write(2, f"{program}: {where}{error.strerror}; free the disk and start again\n".encode())
         code = 2
     sys.exit(code)
+
+
+def open_standard_streams() -> None:
+    """Open onto the null device what the starter has closed of 0, 1 and 2, or the next file or link would get them."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)  # the lowest descriptor that is free
+            os.set_inheritable(opened, True)
+            setattr(sys, name, open(opened, "w" if number else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
 
 
 def _silence() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from enum import IntEnum
 
 from autopilot.printable import brief
@@ -30,6 +31,16 @@ class InputError(ValueError):
     def each(self) -> list[InputError]:
         """Return the mistakes one by one: this one, where it is not a collection."""
         return [self]
+
+
+UNREACHABLE = (errno.EACCES, errno.ENAMETOOLONG)
+
+
+def unreachable(error: OSError) -> InputError:
+    """Return the sentence for a path that cannot even be looked at; raises any other error as it is."""
+    if error.filename is None or error.errno not in UNREACHABLE:
+        raise error
+    return InputError(f"{error.filename}: {error.strerror}; give another file, which you may read or write.")
 
 
 class NotYetError(InputError):

@@ -24,6 +24,7 @@ STAYING = ("run", "trial", "web", "signalk", "helm", "serve", "ardupilot-physics
 """Commands that go on until they are ended: for them a signal is the way it is meant to be."""
 LEFT: list[Callable[[], None]] = []
 """What ends things outside this process (simulators, folders) when it is ended at once."""
+AGAIN_S = 0.02
 _owner = 0
 _command = ("", "")
 
@@ -68,12 +69,23 @@ def end(number: int) -> None:
 
 @contextlib.contextmanager
 def as_exceptions() -> Iterator[None]:
-    """Raise Interrupted for every signal within the block."""
+    """Raise Interrupted for every signal within the block.
+
+    Where Python drops what is raised (a callback of a fork, a destructor) it is raised again a little later.
+    """
 
     def throw(number: int, _frame: object) -> None:
         if os.getpid() != _owner:
             os._exit(128 + number)
         raise Interrupted(number)
+
+    def dropped(unraisable: sys.UnraisableHookArgs) -> None:
+        error = unraisable.exc_value
+        if not isinstance(error, Interrupted):
+            hook(unraisable)
+            return
+        signal.signal(signal.SIGALRM, lambda _, frame: throw(error.number, frame))
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
 
     before = {number: signal.getsignal(number) for number in NAMES}
     if not _owner or os.getpid() != _owner:  # called as a function: the signals are the caller's
@@ -81,9 +93,11 @@ def as_exceptions() -> Iterator[None]:
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:
             signal.signal(number, throw)
+    hook, sys.unraisablehook = sys.unraisablehook, dropped
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
 

@@ -6,27 +6,24 @@ For the helm page, the terminal's helm and skipper, and Signal K. Nothing here r
 from __future__ import annotations
 
 import hmac
-import json
 import math
 import re
 from typing import Any
 
 from autopilot.errors import InputError
 from autopilot.printable import printable
+from autopilot.strict_json import parse_json
 
 SHOWN = 40
 """Characters of a wrong value that a refusal quotes."""
-DIGITS_MOST = 18
-"""A whole number of more digits is read as a float, which may be infinite."""
+ORDER_MOST = 4096
+"""Bytes of an order."""
 TYPED = re.compile(r"[+-]?([0-9]{1,20}\.?[0-9]{0,20}|\.[0-9]{1,20})([eE][+-]?[0-9]{1,3})?")
 
 
 def order_object(data: bytes) -> dict[str, Any]:
-    """Return the JSON object that `data` is. Raises InputError; NaN and Infinity are no JSON."""
-    try:
-        found = json.loads(data.decode(), parse_int=_whole, parse_constant=_no_json)
-    except (ValueError, RecursionError):
-        raise InputError("an order is one object of JSON") from None
+    """Return the JSON object that `data` is. Raises InputError."""
+    found = parse_json(data, "an order is one object of JSON", ORDER_MOST)
     if not isinstance(found, dict):
         raise InputError("an order is one object of JSON: {...}")
     return found
@@ -57,11 +54,3 @@ def is_same_token(given: object, token: str) -> bool:
     if not isinstance(given, str) or not token:
         return False
     return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), token.encode())
-
-
-def _whole(digits: str) -> float:
-    return int(digits) if len(digits) <= DIGITS_MOST else float(digits)
-
-
-def _no_json(name: str) -> float:
-    raise ValueError(f"{name} is no JSON")

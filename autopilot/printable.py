@@ -19,6 +19,8 @@ SENTENCE = 2000
 """Characters of a sentence that a command ends with."""
 WORD, CUT = 400, 100
 """A word longer than WORD is cut to its first CUT characters."""
+LONG = 1.0e9
+"""Numbers from this on are shown in powers of ten."""
 KEPT = "\n\t"
 """What our own lines and tables are made with."""
 
@@ -51,6 +53,11 @@ def brief(sentence: str) -> str:
 def printable(value: object, most: int = SHORT) -> str:
     """Return a foreign value on one short line that a terminal shows and does not obey."""
     return escaped(shortened(value if isinstance(value, str) else repr(value), most))
+
+
+def fixed(value: float, places: int, sign: str = "") -> str:
+    """Return a number with so many decimals, or where that would be long in powers of ten; sign: '+' to show it."""
+    return f"{value:{sign}.{places}f}" if abs(value) < LONG else f"{value:{sign}.3g}"
 
 
 _LONG_WORD = re.compile(rf"\S{{{WORD + 1},}}")

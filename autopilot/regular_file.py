@@ -11,6 +11,8 @@ from pathlib import Path
 
 SIZE_MOST = 4 << 30
 """Bytes of the largest file that is read whole: days of any log."""
+UNTOLD = 1 << 20
+"""Bytes that are asked for of a file that tells no size, as those of /proc."""
 
 
 def open_regular(path: str | Path) -> int:
@@ -26,8 +28,16 @@ def open_regular(path: str | Path) -> int:
 
 
 def read_regular(path: str | Path, most: int = SIZE_MOST) -> bytes:
-    """Return what a regular file holds, at most `most` bytes of it. Raises OSError, also beyond SIZE_MOST."""
+    """Return what a regular file holds as it is opened, at most `most` bytes of it.
+
+    Raises OSError, also beyond SIZE_MOST and where the memory is too small for it.
+    """
     with open(open_regular(path), "rb") as file:
-        if most >= SIZE_MOST and os.fstat(file.fileno()).st_size > SIZE_MOST:
+        size = os.fstat(file.fileno()).st_size
+        if most >= SIZE_MOST and size > SIZE_MOST:
             raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
-        return file.read(most)
+        try:
+            # no more than there is: all that is asked for is reserved before anything is read
+            return file.read(min(most, size or UNTOLD))
+        except MemoryError:
+            raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)) from None

@@ -295,7 +295,7 @@ STATES: dict[str, Callable[[FaultBoat], None]] = {
 
 
 def deviation_deg(faulty: list[Moment], clean: list[Moment]) -> list[tuple[float, float]]:
-    """Return (time [s], how far the boat heads from where she would without the fault [deg]) of every tick."""
+    """Return (time [s], how far the boat heads from where it would without the fault [deg]) of every tick."""
     times = np.array([moment.tick.now for moment in clean])
     headings = np.array([moment.heading for moment in clean])
     return [

@@ -26,8 +26,8 @@ class Cell(NamedTuple):
 
     detected: the first new alarm or change of state. left: when the pilot left off steering. ends: the state at the
     end, and what the rudder does then. alarms: the new ones, in order. off_deg: how far the boat had gone from where
-    she would have been, while the pilot steered; unnoticed_deg: the same before it was detected. again: whether she
-    could be engaged when all was well again.
+    it would have been, while the pilot steered; unnoticed_deg: the same before the fault was detected. again: whether
+    the boat could be engaged when all was well again.
     """
 
     row: str

@@ -54,8 +54,8 @@ class Expect(NamedTuple):
 
     ends: states allowed at the end, `same` is the one before. says: what one of the new alarms must hold, a regular
     expression, '' for anything, where one is wanted. within [s]: by then an alarm or another state. unnoticed_deg: so
-    far off is she at most before that, or, with `soon` [s], is seen so soon. off_deg: limit of the heading for as long
-    as the pilot steers; where `off_until_noticed`, before it is noticed.
+    far off is the boat at most before that, or, with `soon` [s], is seen so soon. off_deg: limit of the heading for as
+    long as the pilot steers; where `off_until_noticed`, before it is noticed.
     """
 
     ends: tuple[str, ...]
@@ -78,7 +78,7 @@ BORNE = Expect(GOES_ON, unnoticed_deg=BORNE_DEG, off_deg=BORNE_DEG)
 WITHSTOOD = Expect(GOES_ON, unnoticed_deg=NOTICED_DEG, off_deg=NOTICED_DEG)
 """A gust that the rudder can hold: a boat let go in it has no helmsman at all."""
 OVERWHELMED = Expect((*GOES_ON, "failsafe"), "pushed|turns against|rudder", SOON_S, MOST_DEG, off_until_noticed=True)
-"""No rudder holds her: what the skipper needs is the word, in time; the pilot may go on doing what can be done."""
+"""No rudder holds the boat: what the skipper needs is the word, in time; the pilot may go on doing what can be done."""
 CRASHED = Expect(("fault",), "not finite|envelope", FAULT_S, BORNE_DEG, off_deg=BORNE_DEG)
 
 
@@ -98,12 +98,12 @@ def told(says: str, within: float) -> Expect:
 
 
 def noticed(says: str = "") -> Expect:
-    """It shows only as she leaves her course: before she is far off it, it has been noticed. Until then it is borne."""
+    """It shows only as the boat leaves its course: noticed before the boat is far off, and borne until then."""
     return Expect((*GOES_ON, *LETS_GO), says, unnoticed_deg=NOTICED_DEG)
 
 
 def reported(says: str) -> Expect:
-    """A sensor or report shows it as soon as the rudder should move: noticed in 3 s, or before she is 10 deg off."""
+    """A sensor or report shows it as soon as the rudder should move: noticed in 3 s, or less than 10 deg off."""
     return Expect((*GOES_ON, *LETS_GO), says, unnoticed_deg=BORNE_DEG, soon=REPORTED_S, swings=False)
 
 
@@ -111,7 +111,7 @@ IGNORED = Expect(LETS_GO, "does not obey|rudder", SOON_S, swings=False)
 """Nothing that is ordered is done."""
 REVERSED = Expect(("failsafe",), "rudder|turns against", SOON_S, REVERSED_DEG, off_deg=REVERSED_DEG, swings=False)
 HARD_OVER = Expect(("failsafe",), "rudder|pushed", WATCHED_S, swings=False)
-"""Where she turns to the same side already it may show late: what counts is how far she has come round."""
+"""Where the boat turns to the same side already it may show late: what counts is how far the boat has come round."""
 
 FROZEN, LOST, JUMPS = "heading frozen", "heading lost", "heading jumps"
 NEEDS: Mapping[str, Expect] = {
@@ -236,7 +236,7 @@ def expected(cell: Cell) -> Expect:
     if cell.state == "degraded" and cell.row.startswith(SAID_ALREADY):
         wanted = BORNE
     if cell.state == "trial" and wanted is not NOTHING and wanted.ends[:1] == ("same",):
-        # an alarm ends a trial: she holds her heading
+        # an alarm ends a trial: the boat holds its heading
         wanted = wanted._replace(ends=(*wanted.ends, "heading"))
     if cell.state == "degraded" and "degraded" in wanted.ends and wanted not in (BORNE, WITHSTOOD):
         # with a second fault there may be nothing left to steer by

@@ -5,26 +5,44 @@ The sound inputs that the engines begin with are made here: files that are shipp
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import json
+import lzma
 import math
 import os
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from starlette.responses import JSONResponse
 
 from autopilot.cli.helm_keys import wish_of
+from autopilot.cli.identify_report import Result
+from autopilot.cli.identify_report import as_json as identified_json
+from autopilot.cli.identify_report import as_text as identified_text
 from autopilot.cli.log import as_text
+from autopilot.cli.log_measures import as_json as measures_json
+from autopilot.cli.log_measures import as_text as measures_text
 from autopilot.cli.route_skipper import RouteSkipper
-from autopilot.errors import InputError
+from autopilot.errors import InputError, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
+from autopilot.identification.methods import Question
+from autopilot.identification.residual_tests import residual_tests
+from autopilot.identification.rudder_rate import rudder_rate_of
+from autopilot.identification.runs import Run, run_from_columns
+from autopilot.identification.trial_measures import measures_of
+from autopilot.identification.trial_record import record_of
+from autopilot.identification.two_stage_method import TwoStageMethod
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.file_server import ACK, HEADER, OPEN, READ
 from autopilot.links.boat.mission import Mission
 from autopilot.links.boat.mission_items import parse_items
 from autopilot.links.boat.parameter_server import ParameterServer
@@ -43,26 +61,41 @@ from autopilot.loop.logs.nmea_text import read_nmea
 from autopilot.loop.logs.reading import read_recording
 from autopilot.loop.logs.rudder import RudderSettings
 from autopilot.loop.logs.series import Recording
+from autopilot.loop.logs.table import table_of
 from autopilot.loop.logs.tlog import read_tlog
 from autopilot.loop.logs.ulog import read_ulog
-from autopilot.loop.record import Recorder, read_log
+from autopilot.loop.record import MOST_PIECES, PIECE, Recorder
+from autopilot.loop.recordings import load_run
+from autopilot.loop.replay import replay
+from autopilot.loop.tick_codec import HEADER as LOG_HEADER
 from autopilot.order_values import order_object
+from autopilot.params.component_metadata import PARAMETERS, metadata_files
 from autopilot.params.firmware_file import firmware_from
 from autopilot.params.foreign_files import parse_foreign
 from autopilot.params.strict_yaml import parse_document
 from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel
 from autopilot.params.vessel_parameters import parameters_of, value_of, with_value
-from autopilot.signalk.requests import BadRequestError, answer, parse
+from autopilot.signalk.deltas import Deltas
+from autopilot.signalk.requests import BadRequestError, answer, line_of, parse
 from autopilot.signals import OrderKind
+from autopilot.web.alarms import alarms_from
+from autopilot.web.hub import Hub
+from autopilot.web.line import BoatLine
+from autopilot.web.parameter_desk import descriptions_from
 from autopilot.web.requests import asked_of
+from autopilot.web.screen import screen
 from autopilot.web.station import Station
+from autopilot.web.view import NAMED
 from sitl.chaos import chaos_faults
 from sitl.fault_desk import obey
 from sitl.scenario import load_scenario, scenario_from
 from sitl.world import World
 
 ROOT = Path(__file__).parents[1]
+SETTINGS, METHOD = RudderSettings(at_full=0.5), TwoStageMethod()
+LINE_MOST = 2600
+"""Characters of a line that a command prints: a note and what it quotes."""
 SECONDS = 4.0
 """Length of the recordings that are damaged: short, so that damage reaches every part of them."""
 
@@ -86,11 +119,13 @@ def targets() -> dict[str, Target]:
         "parameter files": Target(_foreign, FOREIGN),
         "column map YAML": Target(_in_file(load_column_map), [b"time_s: t\nheading_deg: HDG\nspeed_kn: SOG\n"]),
         "CSV log": Target(_in_file(lambda path: _sound(read_recording(path))), logs["csv"]),
-        "telemetry log": Target(lambda data: _sound(read_tlog("x.tlog", data)), logs["tlog"]),
-        "own log": Target(_in_file(lambda path: read_log(Path(path))), logs["own"]),
+        "CSV numbers": Target(_csv_numbers(logs["csv"][1:]), CSV_EDITS),
+        "telemetry log": Target(lambda data: _sound(read_tlog("x.tlog", _sealed_log(data))), logs["tlog"]),
+        "own log": Target(_own_log_in_file(), logs["own"]),
+        "own log's header": Target(_own_header_in_file(), HEADERS),
         "DataFlash log": Target(lambda data: _sound(read_dataflash("x.bin", data)), logs["dataflash"]),
         "ULog": Target(lambda data: _sound(read_ulog("x.ulg", data)), logs["ulog"]),
-        "NMEA log": Target(lambda data: _sound(read_nmea("x.txt", data, 0.1)), logs["nmea"]),
+        "NMEA log": Target(lambda data: _sound(read_nmea("x.txt", mended(data), 0.1)), logs["nmea"]),
         "any log": Target(
             _in_file(lambda path: _sound(read_recording(path))), [*[log[0] for log in logs.values()], CANDUMP]
         ),
@@ -100,6 +135,9 @@ def targets() -> dict[str, Target]:
         "typed order": Target(lambda data: _text(data, _typed), TYPED),
         "page order": Target(_page_order, ORDERS),
         "Signal K order": Target(lambda data: _signalk_order(data), SIGNALK),
+        "alarm list": Target(_alarm_list, ALARM_LISTS),
+        "parameter metadata": Target(_metadata, [_described(), lzma.decompress(_described())]),
+        "MAVLink of a boat": Target(_boat, _said_by_a_boat()),
         "MAVLink order": Target(_mavlink_order(), _orders()),
         "NMEA line": Target(_nmea_line, logs["nmea"]),
         "faults and chaos": Target(lambda data: _faults(world, data), [b"loss=0.1,delay=2", b"yaw_push size=3 for=2"]),
@@ -143,6 +181,15 @@ SIGNALK = [
     b'{"requestId":"1","token":"%b","put":{"path":"steering.autopilot.actions.%b","value":10}}' % (TOKEN.encode(), word)
     for word in (b"adjustHeading", b"dodge")
 ]
+ALARM_LISTS = [
+    b'[{"name":"heading_lost","words":"heading lost: steer by hand","state":"sounding","escalated":true},'
+    b'{"name":"","words":"gear hot 5\xc2\xb0","state":"notice","escalated":false}]',
+    b'[{"name":"roll","words":"heeled","state":"acknowledged","escalated":false}]',
+]
+HEADERS = [
+    b'{"first": 0, "format": 2, "law": null, "norrbin": "1.0", "part": 1, "run": "1-2", "vessel": "x"}',
+    b'{"law": "pid", "part": 1, "vessel": %b}' % json.dumps(dump_vessel(load_vessel("lanxin"))).encode(),
+]
 CANDUMP = b"""(1436509052.249713) can0 09F11200#FFB2A4FF7FFF7FFD
 2016-02-28T19:57:02.364Z,2,127250,7,255,8,ff,10,3b,ff,7f,ce,f5,fc
 """
@@ -181,6 +228,99 @@ def _signalk_order(data: bytes) -> None:
         raise
     if wish is not None:
         asked_of(Station(), wish)
+
+
+class Display:
+    """A helm display on its line to a boat, which has alarms; it wants to know its parameters."""
+
+    def __init__(self) -> None:
+        near, self.far = loopback_pair()
+        self.station = Station()
+        self.line = BoatLine("udpin:127.0.0.1:1", self.station, opens=lambda _: near)
+        boat = MavlinkCodec(1, 1)
+        kind = dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC
+        self.far.send(boat.encode(dialect.MAVLink_heartbeat_message(*kind, 129, 15, 4, 3)))
+        self.far.send(boat.encode(dialect.MAVLink_named_value_float_message(1000, b"alarms", 1.0)))
+        self.line.turn(0.0)
+        self.station.parameters.read()
+
+    def show(self, now: float) -> None:
+        """Show what is known: in a terminal, on the page, in Signal K."""
+        for size in ((80, 24), (30, 8)):
+            assert all(len(line.text) <= size[0] for line in screen(self.station, now, size))
+        assert Hub(self.station, self.line, lambda: now).first().endswith(b"\n\n")
+        JSONResponse({"rows": list(self.station.view.history), **self.station.parameters.table()})
+        told = Deltas().due(self.station, now)
+        assert told is not None and line_of(told).count(b"\n") == 1
+
+
+def _alarm_list(data: bytes) -> None:
+    """A boat's list of alarms; a board that is given one that is none still shows what it knows."""
+    display = Display()
+    display.station.alarms._take(data)
+    display.show(1.0)
+    alarms_from(data)
+
+
+def _metadata(data: bytes) -> None:
+    """A boat's description of its parameters, packed or to be packed."""
+    packed = data if data.startswith(b"\xfd7zXZ") else lzma.compress(data, preset=0)
+    display = Display()
+    display.station.parameters._describe(packed)
+    display.show(1.0)
+    descriptions_from(packed)
+
+
+def _described() -> bytes:
+    """Return the packed metadata of a few parameters of every kind."""
+    table = [each for each in parameters_of(load_vessel("lanxin")) if each.name.startswith(("CTL_", "MDL_"))]
+    return metadata_files(table, "0.2.0")[PARAMETERS]
+
+
+def _said_by_a_boat() -> list[bytes]:
+    """Return what a boat says to a helm display, a message of every kind that it listens to."""
+    codec = MavlinkCodec(1, 1)
+    named = (*NAMED, "lrn_state", "lrn_K", "lrn_T")
+    list_read = HEADER.pack(1, 1, ACK, 0, OPEN, 0, 0), HEADER.pack(3, 1, ACK, 2, READ, 0, 0) + b"[]"
+    return [
+        b"".join(codec.encode(dialect.MAVLink_named_value_float_message(1000, name.encode(), 2.0)) for name in named),
+        b"".join(
+            codec.encode(dialect.MAVLink_file_transfer_protocol_message(0, 255, 190, list(part.ljust(251, b"\0"))))
+            for part in list_read
+        ),
+        b"".join(
+            codec.encode(dialect.MAVLink_param_value_message(name, 1.5, 9, count, 2))
+            for count, name in enumerate((b"CTL_RATE", b"MDL_K"))
+        ),
+        b"".join(codec.encode(dialect.MAVLink_statustext_message(4, b"gear hot " * 5, 7, part)) for part in range(3)),
+        *(
+            codec.encode(message)
+            for message in (
+                dialect.MAVLink_heartbeat_message(11, 0, 129, 15, 5, 3),
+                dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 1.5, 0.0, 0.0, -0.02),
+                dialect.MAVLink_vfr_hud_message(0.0, 3.0, 10, 0, 0.0, 0.0),
+                dialect.MAVLink_nav_controller_output_message(0.0, 0.0, 10, 20, 300, 0.0, 0.0, 5.0),
+                dialect.MAVLink_mission_current_message(2),
+                dialect.MAVLink_command_ack_message(400, 0),
+                dialect.MAVLink_command_ack_message(31010, 5, 20),
+            )
+        ),
+    ]
+
+
+def _boat(data: bytes) -> None:
+    """What a boat says to a helm display that gives it orders, with the right checksums."""
+    display = Display()
+    for wish in ({"do": "engage"}, {"do": "set", "name": "CTL_RATE", "value": 20}):
+        asked_of(display.station, wish)(0.0, lambda taken, words: None)
+    now = 0.0
+    for now, frame in enumerate(_sealed(data)):
+        display.line.turn(float(now))
+        display.far.send(frame)
+        display.far.receive()
+        display.line.turn(now + 0.5)
+        display.station.view.keep_history(now + 0.5)
+    display.show(now + 0.5)
 
 
 def _orders() -> list[bytes]:
@@ -252,12 +392,54 @@ def _sealed(data: bytes) -> Iterator[bytes]:
         place = data.find(b"\xfd", place + 1)
 
 
+def mended(data: bytes) -> bytes:
+    """Return lines with the right checksum behind every sentence, so that damage reaches its fields."""
+    lines = []
+    for line in data.splitlines():
+        prefix, dollar, rest = line.partition(b"$")
+        body = rest.partition(b"*")[0]
+        lines.append(b"%b$%b*%02X\r\n" % (prefix, body, nmea_checksum(body)) if dollar else line + b"\r\n")
+    return b"".join(lines)
+
+
+def _sealed_log(data: bytes) -> bytes:
+    """Return a .tlog with the right checksum on every packet, so that damage reaches its fields."""
+    found, place = bytearray(data), data.find(b"\xfd")
+    while 0 <= place <= len(found) - 12:
+        kind = dialect.mavlink_map.get(int.from_bytes(found[place + 7 : place + 10], "little"))
+        end = place + 10 + found[place + 1]
+        if kind is not None and end + 2 <= len(found):
+            found[end : end + 2] = checksum(bytes(found[place + 1 : end]), kind.crc_extra)
+            place = end + 1
+        place = found.find(b"\xfd", place + 1)
+    return bytes(found)
+
+
+def _own_log_in_file() -> Callable[[bytes], None]:
+    """Return a target for logs of our own, which are read and replayed."""
+
+    def use(path: str) -> None:
+        _sound(read_recording(path))
+        try:
+            replay(Path(path))
+        except RefusedError as error:
+            raise InputError(str(error)) from error
+
+    take = _in_file(use)
+    return lambda data: take(_sealed_log(data))
+
+
+def _own_header_in_file() -> Callable[[bytes], None]:
+    """Return the same, of sound ticks behind a header of any text."""
+    take = _own_log_in_file()
+    return lambda data: take(_own_log(data[: MOST_PIECES * PIECE - 1]))
+
+
 def _nmea_line(data: bytes) -> None:
     """A line as instruments send it, every sentence of it with the right checksum."""
     framer, reader = NmeaFramer(), NmeaReader(0.1)
     for line in data.splitlines():
-        body = line[line.find(b"$") + 1 :].partition(b"*")[0]
-        for sentence in framer.feed(b"$%b*%02X\r\n" % (body, nmea_checksum(body))):
+        for sentence in framer.feed(mended(line if b"$" in line else b"$" + line)):
             for sample in (reader.read(1.0, sentence), reader.take_position()):
                 values = [] if sample is None else [value for value in sample if isinstance(value, float)]
                 assert all(map(math.isfinite, values)), sample
@@ -316,13 +498,44 @@ def _in_file(use: Callable[[str], object]) -> Callable[[bytes], None]:
 
 
 def _sound(recording: Recording) -> None:
-    """Times rise, every value is a number, and what there is to know of it can be shown."""
-    assert as_text(info_of(recording, RudderSettings()))
+    """Times rise, every value is a number, and what there is to know of it can be shown, measured and identified."""
+    assert_short(as_text(info_of(recording, SETTINGS)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # what no reader has refused must not trouble the arithmetic
+        with contextlib.suppress(InputError):
+            _measured(recording)
+        with contextlib.suppress(InputError):
+            _identified(run_from_columns(recording.source, table_of(recording, SETTINGS).columns))
     for series in recording.series:
         assert series.time.shape == series.values.shape
         assert bool(np.all(np.isfinite(series.time))), series.quantity
         assert bool(np.all(np.diff(series.time) >= 0.0)), series.quantity
         assert bool(np.all(np.isfinite(series.values))), series.quantity
+
+
+def assert_short(text: str) -> None:
+    """What is printed holds no number that has no end."""
+    assert max(map(len, text.splitlines())) < LINE_MOST, text
+
+
+def _measured(recording: Recording) -> None:
+    measures = measures_of(record_of(recording.source, table_of(recording, SETTINGS).columns))
+    assert_short(measures_text(recording.source, measures, 10.0, recording.notes))
+    json.loads(measures_json(recording.source, measures, None, recording.notes), parse_constant=_no_constant)
+
+
+def _identified(run: Run) -> None:
+    """The cheapest method, as the command has it."""
+    found = METHOD.identify([run], Question("nomoto"))
+    predictions = [(run, "fit", found.foretell(run))]
+    tests = residual_tests([run], found.model)
+    result = Result("nomoto", found, None, predictions, tests, None, rudder_rate_of([run]))
+    assert_short(identified_text(result))
+    json.loads(identified_json(result), parse_constant=_no_constant)
+
+
+def _no_constant(word: str) -> None:
+    raise AssertionError(f"{word} is no JSON")
 
 
 def _shipped(folder: str, pattern: str) -> list[bytes]:
@@ -341,16 +554,78 @@ def _recordings() -> dict[str, list[bytes]]:
         f"{t:.2f},{math.degrees(h):.2f},{v:.2f}" for t, h, v in zip(short.time, short.heading, short.speed, strict=True)
     ]
     return {
-        "csv": ["\n".join(["time_s,heading_deg,speed_m_s", *rows[::10]]).encode()],
+        "csv": ["\n".join(["time_s,heading_deg,speed_m_s", *rows[::10]]).encode(), *_manoeuvres()],
         "tlog": [tlog(tlog_events(short))],
         "own": [_own_log()],
         "dataflash": [dataflash(short)],
         "ulog": [ulog(short)],
-        "nmea": [_nmea(short)],
+        "nmea": [_nmea(), *(_every_sentence(stamp) for stamp in STAMPS)],
     }
 
 
-def _own_log() -> bytes:
+CSV_NUMBERS = (0, -1, 5e-324, 1e-300, 1e-100, 1e-9, 1e-3, 0.5, 1, 90, 359.999, 1e4, 1e9, 99999999999, -1e11, math.nan)
+CSV_EDITS = [bytes([table, 0, 0, 0, 0]) for table in (0, 1)]
+
+
+def _csv_numbers(tables: Sequence[bytes]) -> Callable[[bytes], None]:
+    """Return a target that puts other numbers into sound tables, each of five bytes: what to do, column, row, number.
+
+    Such tables are taken by the reader more often than those with other damage, and so reach what reads behind it.
+    """
+
+    def use(path: str) -> None:
+        _sound(read_recording(path))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            _identified(load_run(path))
+
+    take = _in_file(use)
+
+    def edited(data: bytes) -> None:
+        header, *lines = tables[data[0] % len(tables) if data else 0].decode().splitlines()
+        columns = np.array([[float(cell) for cell in line.split(",")] for line in lines]).T
+        for place in range(1, len(data) - 4, 5):
+            what, column, row = data[place] % 6, data[place + 1] % len(columns), data[place + 2] * len(lines) // 256
+            number = CSV_NUMBERS[data[place + 3] % len(CSV_NUMBERS)]
+            rows = slice(row, row + 1 + data[place + 4] * (len(lines) - row) // 256)
+            if what == 0:
+                columns[column, row] = number
+            elif what == 1:
+                columns[column, rows] = number
+            elif what == 2:
+                columns[column, rows] *= number
+            elif what == 3:
+                columns[column, rows] += number
+            elif what == 4:
+                columns[:, rows] = columns[:, rows][:, ::-1] if column else columns[:, rows.start : rows.start + 1]
+            else:
+                columns[0, row:] += number
+        rows_ = [",".join(f"{cell!r}" for cell in row) for row in columns.T.tolist()]
+        take("\n".join([header, *rows_]).encode())
+
+    return edited
+
+
+def _manoeuvres() -> list[bytes]:
+    """Return tables with a zigzag, and with a turning circle and a pull-out, at 2 Hz."""
+    from boat_recordings import every, zigzag_boat
+
+    boat = zigzag_boat(50.0, straight=1.0)
+    columns = [boat.time, np.degrees(boat.heading), np.degrees(boat.rudder), boat.speed]
+    rows = [",".join(f"{column[i]:.3f}" for column in columns) for i in every(boat, 2.0)]
+    zigzag = "\n".join(["time_s,heading_deg,rudder_deg,speed_m_s", *rows])
+    rate, heading, turn = 0.0, 0.0, []
+    for step in range(180):
+        rudder = 30.0 if 10 <= step < 140 else 0.0
+        turn.append(f"{0.5 * step},{heading:.3f},{rate:.3f},{rudder},3,57.{step:04d},11.{step:04d}")
+        rate += 0.5 * (0.2 * rudder - rate) / 5.0
+        heading += 0.5 * rate
+    circle = "\n".join(["time_s,heading_deg,yaw_rate_deg_s,rudder_deg,speed_m_s,latitude_deg,longitude_deg", *turn])
+    return [zigzag.encode(), circle.encode()]
+
+
+def _own_log(header: bytes | None = None) -> bytes:
+    """Return a short log of our own, with another text in the place of its header's."""
     from autopilot.build import build_pilot
     from autopilot.signals import HeadingSample, Order, OrderKind
 
@@ -359,7 +634,9 @@ def _own_log() -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "own.tlog"
         recorder = Recorder(path, {"vessel": dump_vessel(vessel), "law": None}, 0.0)
-        for step in range(40):
+        if header is not None:
+            path.write_bytes(recorder._tunnel(0.0, bytes([LOG_HEADER]) + header))
+        for step in range(40 if header is None else 4):
             now = 0.05 * step
             order = Order(OrderKind.HEADING, 0.3, serial=1)
             recorder.record(pilot.step(now, (HeadingSample(now, 0.1, 0.0),), order), [])
@@ -367,7 +644,7 @@ def _own_log() -> bytes:
         return path.read_bytes()
 
 
-def _nmea(boat: object) -> bytes:
+def _nmea() -> bytes:
     from autopilot.links import nmea_encoders as encode
 
     lines = []
@@ -379,3 +656,29 @@ def _nmea(boat: object) -> bytes:
             stamp + encode.encode_rsa(0.05),
         ]
     return b"".join(lines)
+
+
+SENTENCES = (
+    b"GPZDA,12000%d.00,01,06,2026,00,00",
+    b"GPRMC,12000%d.00,A,5741.400,N,01150.400,E,5.8,114.6,010626,3.1,E,A",
+    b"GPGGA,12000%d.00,5741.400,N,01150.400,E,1,12,0.9,3.0,M,36.0,M,,",
+    b"GPGLL,5741.400,N,01150.400,E,12000%d.00,A,A",
+    b"HCHDG,11%d.0,1.0,W,3.1,E",
+    b"HCHDM,11%d.0,M",
+    b"HEHDT,11%d.0,T",
+    b"HETHS,11%d.0,A",
+    b"TIROT,6%d.0,A",
+    b"IIRSA,%d.5,A,,V",
+    b"VWVHW,114.0,T,111.0,M,5.%d,N,10.0,K",
+    b"GPVTG,114.6,T,111.5,M,5.%d,N,10.7,K,A",
+    b"WIMWV,35.%d,R,12.0,N,A",
+    b"IIRPM,S,1,120%d.0,10.0,A",
+)
+"""One of every kind that a log is read from; the digit is the second."""
+STAMPS = (b"", b"178030800%d ", b"2026-06-01T12:00:0%dZ ", b"\\c:178030800%d000*00\\")
+
+
+def _every_sentence(stamp: bytes) -> bytes:
+    """Return three seconds of a line with every sentence, each behind its time stamp; '' has the UTC inside alone."""
+    seconds = range(3)
+    return mended(b"\n".join((stamp + b"$" + each).replace(b"%d", b"%d" % s) for s in seconds for each in SENTENCES))

@@ -2,9 +2,9 @@
 
     python benchmarks/liu2017_pilot.py [--json] [--seeds 5]      the pilot's table in docs/liu2017.md
     python benchmarks/liu2017_pilot.py --variants                what else was tried, and a heel that sets in at once
-    python benchmarks/liu2017_pilot.py --vessel                  the numbers of the vessel file `naval_vessel`, from her
+    python benchmarks/liu2017_pilot.py --vessel                  the numbers of the vessel file `naval_vessel`, from it
 
-`Pilot.step` is called at 20 Hz with what her instruments show, noise on all of it, and nothing else: heading with yaw
+`Pilot.step` is called at 20 Hz with what the instruments show, noise on all of it, and nothing else: heading with yaw
 rate, roll with roll rate, and once a second the speed. So estimator, wave filter, planning and limits are in the loop.
 """
 

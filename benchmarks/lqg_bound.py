@@ -7,7 +7,7 @@ sqrt(2/pi) times its rms.
 
 The sea as met on a straight course is fitted by oscillators whose powers are not negative (least squares on its
 covariance), the boat's cubic damping by its slope in the mean, n1 + 3 n3 E[r^2]; the wind's moment goes with the
-heading too. Of what goes beyond the rudder's stops, and of waves that push otherwise as she yaws, the bound knows
+heading too. Of what goes beyond the rudder's stops, and of waves that push otherwise as the boat yaws, the bound knows
 nothing: `lqg_sailed.py` sails the law.
 """
 
@@ -58,7 +58,7 @@ def covariance_met(boat: StudyBoat, side: float, sea: StudySea = SEAS["state 5"]
 
 
 def worth_of(boat: StudyBoat, covariance: Floats) -> float:
-    """Return the rms [deg] of the rudder angle that would push her as the waves do."""
+    """Return the rms [deg] of the rudder angle that would push the boat as the waves do."""
     model = model_of(boat.vessel)
     return math.degrees(math.sqrt(covariance[0]) * model.time_constant / model.gain)
 
@@ -90,7 +90,7 @@ class Linear(NamedTuple):
     """The boat on a straight course by steps of 1/HZ s: x' = transition x + move u + what has the covariance `driven`,
     and instruments that show x with `noise`.
 
-    x: psi, r, rudder, gust [m/s], what nobody told her as a lasting rudder angle [rad], and two of each oscillator,
+    x: psi, r, rudder, gust [m/s], what nobody told it as a lasting rudder angle [rad], and two of each oscillator,
     scaled; spread: what their variances are about. u: the rudder's movement [rad]. steady: the mean wind as a rudder
     angle [rad].
     """
@@ -113,8 +113,8 @@ def linear_of(
     has_gyro: bool = True,
     unknown: float = 0.0,
 ) -> Linear:
-    """Return the boat about a course with the sea `side` deg off her bow, her damping that of E[r^2] [rad^2/s^2];
-    `unknown` [rad] is the deviation of what nobody told her."""
+    """Return the boat about a course with the sea `side` deg off its bow, its damping that of E[r^2] [rad^2/s^2];
+    `unknown` [rad] is the deviation of what nobody told it."""
     model, sensors = model_of(boat.vessel), boat.vessel.sensors
     n, dt, time = FIRST_WAVE + 2 * len(waves), 1.0 / HZ, model.time_constant
     load, speed, start = wind.WindLoad(math.radians(0.003)), model.reference_speed, math.radians(side)
@@ -124,7 +124,7 @@ def linear_of(
 
     a, noise = np.zeros((n, n)), np.zeros((n, n))
     a[0, 1] = 1.0
-    # the speed is held towards the bow: what turns with the boat is the wind about her alone
+    # the speed is held towards the bow: what turns with the boat is the wind about it alone
     a[1, 0] = model.gain / time * (moment(0.0, 1.0e-3) - moment(0.0, -1.0e-3)) / 2.0e-3
     a[1, 1] = -(model.n1 + 3.0 * model.n3 * rate_variance) / time
     a[1, 2] = model.gain / time
@@ -198,7 +198,7 @@ def bound(linear: Linear) -> tuple[list[Point], float]:
 def settled(
     boat: StudyBoat, side: float, sea: StudySea, waves: list[Oscillator], has_gyro: bool
 ) -> tuple[Linear, list[Point]]:
-    """Return the bound, and the boat to sail with the law, her damping that of the rate she turns with."""
+    """Return the bound, and the boat to sail with the law, its damping that of the rate it turns with."""
     points, rate_variance = list[Point](), 0.0
     for _ in range(2):
         points, most = bound(linear_of(boat, side, waves, rate_variance, sea, has_gyro))

@@ -2,9 +2,9 @@
 
 It knows the boat, the mean wind to half a degree of rudder, the gusts, the instruments' noise and the spectrum of the
 waves on a straight course, and nothing of what makes the run harder than its equations: the rudder's stops, rate, lag
-and delay, waves that push otherwise when she yaws, damping that grows with the rate. Its filter begins with what is
-known before the first reading; it takes in each reading with the Kalman gain of that moment, and starts from the rudder
-that was really told.
+and delay, waves that push otherwise when the boat yaws, damping that grows with the rate. Its filter begins with what
+is known before the first reading; it takes in each reading with the Kalman gain of that moment, and starts from the
+rudder that was really told.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class LqgHelm(NamedTuple):
 
 
 def kalman_gains(linear: Linear, count: int) -> Floats:
-    """Return the gains of the first `count` readings, from a boat at rest on her course in waves of unknown phase."""
+    """Return the gains of the first `count` readings, from a boat at rest on its course in waves of unknown phase."""
     covariance = np.diag([*linear.noise.diagonal()[:1], *np.full(2, 1.0e-9), *linear.spread[3:]])
     found = []
     for _ in range(count):

@@ -6,10 +6,10 @@
 
 A mutant is the program with one operator, number, condition or constant changed, by the operators of cosmic-ray. The
 places are drawn evenly over all rooms together, then the change. Each mutant runs against the tests that reach its
-line (of a line that only an import reaches, those of its module), the quickest first, in a fork that finds it in the
-place of the module. Which tests reach which line comes from one run of them with coverage, kept in --map; after a
-change only the tests that are new, or reached what changed, are run again for it. Tests that live in real time, and
-those of compiled code, are left out.
+line (of a line that only an import reaches, those of its module, or of who imports it), the quickest first, in a fork
+that finds it in the place of the module. Which tests reach which line comes from one run of them with coverage, kept
+in --map; after a change only the tests that are new, or reached what changed, are run again for it. Tests that live in
+real time, and those of compiled code, are left out.
 
 What survives is either in EXPLAINED, with the reason why nobody could notice, or a gap in the tests; both are printed.
 """
@@ -83,10 +83,12 @@ TESTS_S = 30.0
 """So many seconds of tests, by their own processor time with coverage, are tried on a mutant."""
 LONGEST_S = 120
 """Processor time of all its tests; a mutant that takes longer never ends, which is noticed."""
-WAITING_S = 600
-"""Wall time of all its tests: one that waits for ever uses no processor."""
+WAITING_S = 60
+"""So long one may use no processor: it waits for ever."""
 PRELOADED = ("hypothesis.strategies", "numpy", "scipy.linalg", "pymavlink.dialects.v20.ardupilotmega", "serial")
 """What no mutant is in: loaded once, shared by all forks."""
+SETTINGS = {"NORRBIN_HYPOTHESIS": "gate", "NORRBIN_SLOW": "1"}
+"""The same inputs every time, and the night's tests too."""
 SENSELESS = re.compile(
     r"BitOr_\w+$|_(BitAnd|BitOr|BitXor|LShift|RShift|Mod|Pow|FloorDiv|Invert)$|(Is|IsNot|Eq|NotEq)_(Lt|LtE|Gt|GtE)$"
     r"|Is_Eq$|IsNot_NotEq$|Eq_Is$|NotEq_IsNot$|RemoveDecorator$|ReplaceUnaryOperator_USub_Not$"
@@ -184,6 +186,35 @@ EXPLAINED: dict[tuple[str, str], str] = {
         "core/ReplaceComparisonOperator_LtE_Lt",
         "if now - since > SILENT_SAID_S or now - entry.last < entry.stale:",
     ): "a compass is left when it has been silent for longer, and is no longer silent when it is heard, which is now",
+    **{
+        (
+            "core/NumberReplacer",
+            f"straight, at_rest = linear_of(model), FilterState({', '.join(zeros)})",
+        ): "where the mean goes does not depend on how well it is known"
+        for place in range(4, 10)
+        for one in (" 1.0", " -1.0")
+        for zeros in [["0.0"] * place + [one.strip()] + ["0.0"] * (9 - place)]
+    },
+    ("core/NumberReplacer", "ratio = min(frequency / corner, 1001.0) ** SHARPNESS"): "a share of 1 less a millionth",
+    ("core/NumberReplacer", "ratio = min(frequency / corner, 999.0) ** SHARPNESS"): "a share of 1 less a millionth",
+    (
+        "core/NumberReplacer",
+        "return 1 < length <= len(data) and bool(MavlinkCodec().decode(data[:length]))",
+    ): "no frame is one byte long",
+    ("core/NumberReplacer", "self._different = -1"): "set with each release, before anybody looks",
+    ("core/NumberReplacer", "self._different = 1"): "set with each release, before anybody looks",
+    ("core/NumberReplacer", "OPEN = -1"): "the value of a name that is compared by itself",
+    ("core/NumberReplacer", "OPEN = 1"): "the value of a name that is compared by itself",
+    ("core/NumberReplacer", "time.sleep( 2.0)  # a broken disk is not asked without end"): "seconds between two tries",
+    ("core/NumberReplacer", "time.sleep( 0.0)  # a broken disk is not asked without end"): "seconds between two tries",
+    ("core/NumberReplacer", "return buffer[place + 1] + 8 if waiting > 2 else 0"): "no frame is whole with two bytes",
+    ("core/ReplaceFalseWithTrue", "self._was_at_rest = True"): "set as a proof begins, before anybody looks",
+    ("core/ReplaceTrueWithFalse", "self._was_at_rest = False"): "set as a proof begins, before anybody looks",
+    (
+        "core/ReplaceComparisonOperator_Lt_LtE",
+        "elif short <= 0:",
+    ): "a payload of its own length is cut to its own length",
+    ("core/NumberReplacer", "channels = [LEAVE_ALONE] * 8 + [0] * 9"): "the message fills up its last channel with 0",
     ("core/ReplaceComparisonOperator_GtE_Gt", "if newest < 0 or begun > times[newest & ring]:"): (
         "a shortcut that is taken less often: the way round comes to the same angle"
     ),
@@ -225,9 +256,12 @@ class Reach(NamedTuple):
     seconds: dict[str, float]
 
     def tests_of(self, file: str, line: int) -> list[str]:
-        """Return the tests that reach a line, the quickest first, as many as TESTS_S holds."""
-        reached = self.lines.get(file, {})
-        names = reached.get(line) or sorted({name for names in reached.values() for name in names})
+        """Return the tests that reach a line, the quickest first, as many as TESTS_S holds.
+
+        Of a line that only an import reaches those of its module; of a module of nothing else, of who imports it.
+        """
+        names = self.lines.get(file, {}).get(line) or self._of_module(file)
+        names = names or sorted({name for user in _users(file) for name in self._of_module(user)})
         chosen, total = [], 0.0
         for name in sorted(names, key=lambda name: self.seconds.get(name, math.inf)):
             total += self.seconds.get(name, math.inf)
@@ -235,6 +269,17 @@ class Reach(NamedTuple):
                 break
             chosen.append(name)
         return chosen
+
+    def _of_module(self, file: str) -> list[str]:
+        return sorted({name for names in self.lines.get(file, {}).values() for name in names})
+
+
+def _users(file: str) -> list[str]:
+    """Return the modules that import one."""
+    name = file.removesuffix(".py").replace("/", ".")
+    package, _, module = name.rpartition(".")
+    said = re.compile(rf"^from ({re.escape(name)} import|{re.escape(package)} import .*\b{module}\b)", re.MULTILINE)
+    return [_name(path) for path in _modules() if said.search(path.read_text(encoding="utf-8"))]
 
 
 def files_of(room: str) -> list[Path]:
@@ -340,11 +385,25 @@ def is_noticed(file: str, source: str, tests: Sequence[str]) -> bool:
             # processor time: on a busy machine a mutant is not noticed by waiting
             signal.signal(signal.SIGPROF, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
-            signal.signal(signal.SIGALRM, signal.SIG_DFL)
-            signal.alarm(WAITING_S)
             code = _run_tests(file, source, tests)
         os._exit(code)
-    return os.waitpid(child, 0)[1] != 0
+    return _outcome(child) != 0
+
+
+def _outcome(child: int) -> int:
+    """Return how a child ended; one that waits for ever is killed."""
+    used, since = -1.0, time.monotonic()
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return status
+        fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+        now_used = sum(map(float, fields[11:15]))
+        if now_used != used:
+            used, since = now_used, time.monotonic()
+        elif time.monotonic() - since > WAITING_S:
+            os.kill(child, signal.SIGKILL)
+        time.sleep(0.02)
 
 
 def _run_tests(file: str, source: str, tests: Sequence[str]) -> int:
@@ -366,7 +425,7 @@ def judged(mutant: Mutant, tests: Sequence[str]) -> Judged:
 
 
 def _prepare() -> None:
-    os.environ.setdefault("NORRBIN_HYPOTHESIS", "gate")
+    os.environ.update(SETTINGS)
     for name in PRELOADED:
         importlib.import_module(name)
 
@@ -506,7 +565,7 @@ def _traced(folder: Path, files: Sequence[str]) -> dict[str, Any]:
     command += ["--cov=autopilot", "--cov-context=test", "--cov-report=", "-o", "filterwarnings=default"]
     command += ["-p", processor_time.__name__, *files]
     path = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))
-    environment = {**os.environ, "COVERAGE_FILE": str(data), "NORRBIN_HYPOTHESIS": "gate", "PYTHONPATH": path}
+    environment = {**os.environ, **SETTINGS, "COVERAGE_FILE": str(data), "PYTHONPATH": path}
     subprocess.run(command, cwd=ROOT, env=environment, check=False, stdout=sys.stderr)
     seconds = _passed(ElementTree.parse(times).getroot())
     coverage = CoverageData(str(data))

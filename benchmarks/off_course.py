@@ -6,7 +6,7 @@
 The whole closed loop (boat, sea, sensors, filter, law, limits) is `sitl.campaign`'s, compiled; the alarm is the
 monitor's own step with the limits of the vessel file. Waves and wind come from five sides in turn. A false alarm is one
 in a run without a fault. In a departure the steering gear jams at a random moment and angle, and the boat goes where
-that takes her; she has departed when her true heading has been further off than the limit for the alarm's own time. It
+that takes it; it has departed when its true heading has been further off than the limit for the alarm's own time. It
 is missed where no alarm has come half that time later. Exit code 1 at a false or a missed alarm.
 
 `--kept` names a file with a line for each hour that is done, and a run that was cut goes on from there. `--compare`
@@ -166,11 +166,11 @@ def quiet(boat: str, hours: int, limits: AlarmLimits, run: Callable[..., Seen], 
         if kept is not None:
             with kept.open("a") as file:
                 print(json.dumps(done[name]), file=file)
-    hers = [each for name, each in done.items() if name.startswith(f"{boat} ")]
-    alarms, worst = sum(each["alarms"] for each in hers), math.degrees(max(each["worst"] for each in hers))
-    gone, spent = sum(each["gone"] for each in hers), sum(each["seconds"] for each in hers)
+    sailed = [each for name, each in done.items() if name.startswith(f"{boat} ")]
+    alarms, worst = sum(each["alarms"] for each in sailed), math.degrees(max(each["worst"] for each in sailed))
+    gone, spent = sum(each["gone"] for each in sailed), sum(each["seconds"] for each in sailed)
     print(
-        f"| {boat} | {len(hers)} h without a fault | {alarms} false | {worst:.1f} | "
+        f"| {boat} | {len(sailed)} h without a fault | {alarms} false | {worst:.1f} | "
         f"{gone} runs where another monitor would have looked; {spent:.0f} s of one core |",
         flush=True,
     )

@@ -3,19 +3,19 @@
     python benchmarks/steady_wind.py [--seeds 40] [--rudder-rate 2] [--pilot]
     python benchmarks/steady_wind.py --pushes
 
-Boats and gains of `turns.py`, the course-unstable one apart: more wind than her rudder holds turns her round and round.
+Boats and gains of `turns.py`, the course-unstable one apart: more wind than its rudder holds turns it round and round.
 10 Hz compass with 0.3 deg of noise, without a gyro and with one of 0.2 deg/s. The wind is worth 5 deg of rudder, its
 gusts 1 deg rms with a memory of 10 s; the mean error is that of the true heading over the last two thirds of this part.
-Then it is worth 1.03 times the whole rudder for 60 s, and then nothing. Past: how far the boat leads past her course on
-the way back; second: how far she then comes back to the side that the wind had blown her to. Medians over the seeds,
+Then it is worth 1.03 times the whole rudder for 60 s, and then nothing. Past: how far the boat leads past its course on
+the way back; second: how far it then comes back to the side that the wind had blown it to. Medians over the seeds,
 and the worst of them: the largest mean error to either side, the largest second. By the pilot's tick as campaigns have
 it, compiled (`norrbin[fast]`); with --pilot by `Pilot.step` itself, one seed being minutes.
 --rudder-rate: the rudder moves so many times as fast, the gains being the same.
 
 --pushes: another table, six boats in 216 runs each: calm water, with compass noise of 0.3 deg or none, with a gyro or
 none, K right, 30 % less, 40 % more; 10 or 60 s after the start a push of 0.5, 1 or 2 deg more than the whole rudder,
-for 40, 60 or 61.5 s. How often a boat then goes past her course a second time by more than 1 deg, how far, and how far
-the first time; and when she is within 1 deg for good, in time constants.
+for 40, 60 or 61.5 s. How often a boat then goes past its course a second time by more than 1 deg, how far, and how far
+the first time; and when it is within 1 deg for good, in time constants.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class Pushed(NamedTuple):
 
 
 def pushed(boat: Boat, factor: float, noise_deg: float, has_gyro: bool, push: Pushed) -> tuple[float, float, float]:
-    """Return how far past [deg] the boat goes on the way back, how far a second time, and when [T] she is back."""
+    """Return how far past [deg] the boat goes on the way back, how far a second time, and when [T] it is back."""
     constant, ends = boat.model.time_constant, push.begins + push.lasts
     times = np.arange(round((ends + 200.0 + 40.0 * constant) / CONTROL_S)) * CONTROL_S
     worth = np.where((times >= push.begins) & (times < ends), math.radians(boat.angle_deg + push.over_deg), 0.0)

@@ -3,13 +3,13 @@
     python benchmarks/turns.py [--seeds 40] [--levels 3,5,8] [--boats unstable,unstable2] [--no-gyro] [--gusts-deg 1]
 
 The pilot with gains of level 5 (the course-unstable boats: 7) and the turn it plans by itself, 10 Hz compass with
-noise and gyro, rudder with 0.1 s lag and 0.1 s of delay in all; the boat turns as her model says (K 1.0), or as if K
-were 30 % less or more. Settled: within 1 deg of the new heading, to stay; past: how far beyond it she goes; medians
-over the seeds, the worst of them, and how many go past by more than 3 deg. Quickest: `time_optimal.bang_bang`, which
-knows of no lag and no delay. Reserve: the quickest turn that is ended with RESERVED of the rudder's angle and rate, so
-that a rudder which is as much weaker than the model's would still end it, and the same up to 1 deg from its end. By
-the pilot's tick as campaigns have it, compiled (`norrbin[fast]`); `turned` does the same by `Pilot.step`. The numbers
-of the plan were tuned on other seeds.
+noise and gyro, rudder with 0.1 s lag and 0.1 s of delay in all; the boat turns as its model says (K 1.0), or as if K
+were 30 % less or more. Settled: within 1 deg of the new heading, to stay; past: how far beyond it the boat goes;
+medians over the seeds, the worst of them, and how many go past by more than 3 deg. Quickest: `time_optimal.bang_bang`,
+which knows of no lag and no delay. Reserve: the quickest turn that is ended with RESERVED of the rudder's angle and
+rate, so that a rudder which is as much weaker than the model's would still end it, and the same up to 1 deg from its
+end. By the pilot's tick as campaigns have it, compiled (`norrbin[fast]`); `turned` does the same by `Pilot.step`. The
+numbers of the plan were tuned on other seeds.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def vessel_of(boat: Boat) -> Vessel:
 
 
 def quickest(boat: Boat, braked: float = 1.0) -> float:
-    """Return the least time [s] of the turn, as the model has it, her trim aside; `braked` as in `bang_bang`."""
+    """Return the least time [s] of the turn, as the model has it, its trim aside; `braked` as in `bang_bang`."""
     return bang_bang(
         boat.model._replace(n0=0.0), math.radians(boat.angle_deg), math.radians(boat.rate_deg_s), TURN, braked
     )

@@ -5,7 +5,7 @@
 Measured by the campaign's loop: heading rms and rudder travel with `wave_filter` off, auto and meet, over the seeds.
 Beside them the least travel at 1.1 times the heading rms without the filter: of the bound of `lqg_bound.py`, and of the
 same law sailed in the very same runs (`lqg_sailed.py`), where it meets the rudder's stops and rate and waves that push
-otherwise as she yaws. Worth: the rms of the waves' push as a rudder angle.
+otherwise as the boat yaws. Worth: the rms of the waves' push as a rudder angle.
 
 --held: another table, in how many of the runs the boat strays by more than 10 deg rms; median and worst rms; travel.
 """
@@ -98,7 +98,7 @@ def middle_of(found: list[Point]) -> Point:
 
 
 def held_row(name: str, boat: StudyBoat, side: float, seeds: int) -> str:
-    """Return a boat's row of the table of runs in which she is not held."""
+    """Return a boat's row of the table of runs in which it is not held."""
     told = f"{name:9s}{side:6.0f}"
     for mode in ("off", "auto"):
         found = points_of(runs_of(name, boat, side, mode, seeds))
@@ -130,7 +130,7 @@ def main() -> None:
     parser.add_argument("--sides", default=",".join(f"{side:g}" for side in SIDES_DEG))
     parser.add_argument("--boats", default=",".join(NAMES))
     parser.add_argument("--spare-rudder", type=int, metavar="LEVEL", help="gains that spare the rudder, of this level")
-    parser.add_argument("--held", action="store_true", help="in how many runs she strays by more than 10 deg rms")
+    parser.add_argument("--held", action="store_true", help="in how many runs the boat strays by more than 10 deg rms")
     asked = parser.parse_args()
     if asked.held:
         of = f"of {asked.seeds}"

@@ -60,7 +60,7 @@ PUSH, PUSHED_S = math.radians(31.0), (30.0, 90.0)
 
 
 def after_push(name: str, wave_filter: str, seed: int) -> tuple[float, float]:
-    """Return how far [deg] the boat leads past her course after the push, and when [s] she is within 1 deg for good."""
+    """Return how far [deg] the boat leads past its course after the push, and when [s] it is within 1 deg for good."""
     estimator = Estimator(wave_filter="auto" if wave_filter == "auto" else "off")
     vessel = dataclasses.replace(boat_of(name).vessel, estimator=estimator)
     seconds = PUSHED_S[1] + 60.0 + 15.0 * vessel.model.T_s

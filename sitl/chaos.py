@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
+from autopilot.order_values import typed_number
 from sitl.fault_kinds import KINDS, FaultKind
 from sitl.faults import Fault, FaultBoard
 from sitl.serve import Endpoint
@@ -178,7 +179,7 @@ def chaos_faults(text: str) -> Iterable[Fault]:
 
 def _number(text: str, name: str, value: str, low: float, high: float) -> float:
     try:
-        number = float(value)
+        number = typed_number(value)
     except ValueError:
         number = math.nan
     if not low <= number <= high:

@@ -10,7 +10,8 @@ from pathlib import Path
 from types import FrameType
 
 from autopilot import __version__
-from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.cli.option_numbers import SEED, SPEEDUP, number, whole_number
+from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
 from autopilot.interruption import say_end
 from autopilot.links.base import LinkError
 from autopilot.printable import brief, escaped, printable_output
@@ -21,6 +22,8 @@ from sitl.scenario import shipped_scenarios
 
 DEFAULT_MAVLINK = "udpout:127.0.0.1:14550"
 DEFAULT_SENTENCES = "HDG,ROT,RSA,VHW"
+SIMULATED = number(0.001, 1.0e6)
+"""Seconds of a simulation."""
 
 EXIT_CODES = """exit codes:
   0  ended by --duration, Ctrl-C or a termination signal
@@ -67,8 +70,8 @@ def build_parser() -> argparse.ArgumentParser:
         "first lines, for `autopilot identify --wave-glider`.",
     )
     glider.add_argument("--out", metavar="FILE.csv", type=Path, required=True, help="where to write the record")
-    glider.add_argument("--duration", metavar="S", type=_positive, default=600.0, help="seconds (default 600)")
-    glider.add_argument("--seed", metavar="N", type=_seed, default=1, help="seed of the noise (default 1)")
+    glider.add_argument("--duration", metavar="S", action=SIMULATED, default=600.0, help="seconds (default 600)")
+    glider.add_argument("--seed", metavar="N", action=SEED, default=1, help="seed of the noise (default 1)")
     glider.set_defaults(run=run_wave_glider)
     campaign.add_parser(commands)
     tune_command.add_parser(commands)
@@ -86,12 +89,18 @@ def _add_physics_options(physics: argparse.ArgumentParser) -> None:
         default="calm",
         help=f"scenario file, or a shipped one: {', '.join(shipped_scenarios())} (default calm)",
     )
-    physics.add_argument("--seed", metavar="N", type=_seed, help="seed of all that is random (default: the scenario's)")
-    for name, number in (("steering", 1), ("throttle", 3)):
+    physics.add_argument(
+        "--seed", metavar="N", action=SEED, help="seed of all that is random (default: the scenario's)"
+    )
+    for name, output in (("steering", 1), ("throttle", 3)):
         physics.add_argument(
-            f"--{name}-servo", metavar="N", type=_servo, default=number, help=f"{name} output (default {number})"
+            f"--{name}-servo",
+            metavar="N",
+            action=whole_number(1, 32),
+            default=output,
+            help=f"{name} output (default {output})",
         )
-    physics.add_argument("--duration", metavar="S", type=_positive, help="stop after so many simulated seconds")
+    physics.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after so many simulated seconds")
     physics.set_defaults(run=run_physics)
 
 
@@ -138,48 +147,20 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
     serve.add_argument(
         "--control", metavar="HOST:PORT", help=f"listen there for `sitl fault`, e.g. {DEFAULT_DESK}; loopback only"
     )
-    serve.add_argument("--speedup", metavar="X", type=_positive, default=1.0, help="simulated seconds per second")
-    serve.add_argument("--seed", metavar="N", type=_seed, help="seed of all that is random (default: the scenario's)")
-    serve.add_argument("--duration", metavar="S", type=_positive, help="stop after so many simulated seconds")
+    serve.add_argument("--speedup", metavar="X", action=SPEEDUP, default=1.0, help="simulated seconds per second")
+    serve.add_argument("--seed", metavar="N", action=SEED, help="seed of all that is random (default: the scenario's)")
+    serve.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after so many simulated seconds")
     arming = serve.add_mutually_exclusive_group()
     arming.add_argument(
         "--armed", action="store_true", default=None, help="start armed (default: as the scenario says)"
     )
     arming.add_argument("--disarmed", dest="armed", action="store_false", help="start disarmed")
     serve.add_argument("--mode", choices=("MANUAL", "HOLD", "GUIDED"), help="mode at the start")
-    serve.add_argument("--speed-m-s", metavar="X", type=_speed, help="speed at the start, held by the throttle")
+    serve.add_argument(
+        "--speed-m-s", metavar="X", action=number(0.0, 50.0), help="speed at the start, held by the throttle"
+    )
     serve.add_argument("--truth", metavar="FILE.csv", type=Path, help="write what the boat really did")
     serve.set_defaults(run=run_serve)
-
-
-def _positive(text: str) -> float:
-    return _number(text, 1.0e-3, 1.0e6)
-
-
-def _speed(text: str) -> float:
-    return _number(text, 0.0, 50.0)
-
-
-def _number(text: str, low: float, high: float) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from {low:g} to {high:g}")
-    return value
-
-
-def _seed(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text) < 2**63):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 2^63 - 1")
-    return int(text)
-
-
-def _servo(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 32):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a servo output from 1 to 32")
-    return int(text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -189,12 +170,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: Sequence[str] | None) -> int:
-    arguments = build_parser().parse_args(argv)
-    arguments.typed = ["sitl", *(sys.argv[1:] if argv is None else argv)]  # reports print it, whole
     try:
+        arguments = build_parser().parse_args(argv)
+        arguments.typed = ["sitl", *(sys.argv[1:] if argv is None else argv)]  # reports print it, whole
         return int(arguments.run(arguments))
     except InputError as error:
         return _complain(error, ExitCode.USAGE)
+    except OSError as error:
+        return _complain(unreachable(error), ExitCode.USAGE)
     except LinkError as error:
         return _complain(error, ExitCode.LINK)
     except RefusedError as error:

@@ -17,6 +17,7 @@ from typing import cast
 
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError, NotThereError
+from autopilot.order_values import typed_number
 from sitl.fault_kinds import KINDS, SOURCES, FaultKind, Source, wrong_size, wrong_source
 from sitl.faults import Fault
 from sitl.world import World
@@ -128,7 +129,7 @@ def _values(words: list[str]) -> dict[str, float]:
     for word in words:
         name, _, text = word.partition("=")
         try:
-            number = float(text)
+            number = typed_number(text)
         except ValueError:
             number = math.nan
         if name not in WORDS or name in values or not math.isfinite(number) or (name != "size" and number < 0.0):

@@ -326,7 +326,7 @@ class Firmware:
         sticks = [1500] * CHANNELS
         throttle = self.setup.throttle_input
         above = throttle.trim + throttle.dead_zone
-        # one more microsecond than the exact share, so that truncation does not lose a percent
+        # one more microsecond than the exact share, so that truncation does not lose one per cent
         sticks[self.setup.throttle_channel - 1] = above + math.ceil(CRUISE_SHARE * (throttle.high - above))
         sticks[7] = 1000
         return sticks

@@ -22,6 +22,7 @@ class FirmwareTcpServer:
 
     def __init__(self, inside: TcpServerTransport, clock: Callable[[], float]) -> None:
         self.name = inside.name
+        self.is_local = inside.is_local
         self._inside = inside
         self._clock = clock
         self._waiting: list[tuple[float, bytes]] = []

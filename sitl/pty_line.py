@@ -19,6 +19,7 @@ class PtyTransport:
     """
 
     is_stream = True
+    is_local = True
 
     def __init__(self, path: str) -> None:
         self.name = path

@@ -16,6 +16,7 @@ from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.links import nmea_encoders as encode
 from autopilot.links.nmea0183 import NmeaFramer, Sentence
+from autopilot.order_values import typed_number
 from sitl.fault_kinds import FaultKind
 from sitl.plotter import ChartPlotter
 from sitl.reading import Reading
@@ -95,7 +96,7 @@ def chosen_rates(text: str, baud: int) -> dict[str, float]:
 
 def _rate(name: str, text: str) -> float:
     try:
-        rate = float(text)
+        rate = typed_number(text)
     except ValueError:
         rate = math.nan
     if not 0.01 <= rate <= 100.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import threading
 import time
 from pathlib import Path
@@ -21,6 +22,8 @@ os.environ.setdefault("MAVLINK20", "1")
 # as in the commands; more threads than cores, several workers' together, wait for each other by spinning
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+NIGHTLY = Path(__file__).parent / "nightly.txt"
+"""Tests that take seconds each and are like others that stay: the night runs them, `.ci/slow tests`."""
 REAL_TIME = Path(__file__).parent / "interop"
 REAL_TIME_GROUPS = 2
 STOOD_STILL_S = 1.0
@@ -54,17 +57,30 @@ WATCH = MachineWatch()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Name the marker."""
+    """Name the marker; let what the tests start be ended.
+
+    A shell's `&` and `nohup` leave signals ignored, and every child inherits that: a Ctrl-C that a test sends to a
+    command would be none, and the command would stay for ever.
+    """
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            # a handler is not inherited: this process goes on ignoring, what it starts does not
+            signal.signal(number, lambda *_: None)
     config.addinivalue_line("markers", "real_time: starts processes that keep to the wall clock")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep real-time tests to two workers, on each one after the other.
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the night's tests out unless NORRBIN_SLOW is set; keep real-time tests to two workers.
 
-    They start a simulator and a pilot as a user would, and mostly sleep. A machine that takes the processor away for
-    seconds makes the boat sail on unsteered, which says nothing about the pilot: a test that failed while the machine
-    was seen to stand still is run again, up to twice. Any other failure is one. How many were run again is printed.
+    Those start a simulator and a pilot as a user would, and mostly sleep; each worker has them one after the other. A
+    machine that takes the processor away for seconds makes the boat sail on unsteered, which says nothing about the
+    pilot: a test that failed while the machine was seen to stand still is run again, up to twice. Any other failure is
+    one. How many were run again is printed.
     """
+    if "NORRBIN_SLOW" not in os.environ:
+        nightly = set(NIGHTLY.read_text(encoding="utf-8").splitlines())
+        config.hook.pytest_deselected(items=[item for item in items if f"tests/{_name(item)}" in nightly])
+        items[:] = [item for item in items if f"tests/{_name(item)}" not in nightly]
     real_time = [item for item in items if _is_real_time(item)]
     for number, item in enumerate(real_time):
         item.add_marker(pytest.mark.xdist_group(f"real time {number % REAL_TIME_GROUPS}"))
@@ -76,6 +92,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print how many tests were run again, also where none was."""
     again = terminalreporter.stats.get("rerun", [])
     terminalreporter.write_line(f"run again because the machine stood still for over {STOOD_STILL_S:g} s: {len(again)}")
+
+
+def _name(item: pytest.Item) -> str:
+    return item.path.relative_to(NIGHTLY.parent).as_posix() + item.nodeid[item.nodeid.index("::") :]
 
 
 def _is_real_time(item: pytest.Item) -> bool:

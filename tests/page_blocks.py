@@ -3,11 +3,13 @@
 A comment in the page's source, just before a block, says so:
 
     <!-- run: files -->       run in one process, in a folder of the page's own, by every run of the tests
-    <!-- run: page -->        run as processes, five times as fast as printed where it sails, by every run of the tests
-    <!-- run: slow -->        the same with NORRBIN_SLOW=1
-    <!-- run: before LINE --> a line run before the blocks of the page (files, page and slow alike)
+    <!-- run: page -->        run as processes, by every run of the tests
+    <!-- run: slow -->        the same with NORRBIN_SLOW=1, each block alone
+    <!-- run: first -->       run before each of the page's slow blocks: what starts the boat that they need
     <!-- command: NAME -->    run by the gate under this name
     <!-- not run: REASON -->  what it would need
+
+What is printed is what is run. A line whose comment says `exit code 6`, or `exit code 0 or 4`, ends with that one.
 
 Blocks that call only `python benchmarks/...` make the tables of the page and need no mark, nor do those of pytest.
 """
@@ -68,13 +70,6 @@ def blocks_of(page: Path) -> list[Block]:
     return found
 
 
-def before(page: Path) -> list[str]:
-    """Return the lines that the page wants run before its blocks."""
-    marks = (MARK.match(line) for line in page.read_text(encoding="utf-8").splitlines())
-    said = [mark[2] for mark in marks if mark is not None and mark[1] == "run"]
-    return [each.removeprefix("before ") for each in said if each.startswith("before ")]
-
-
 def _code(lines: list[str]) -> Iterator[tuple[int, str, tuple[str, str], list[str]]]:
     """Yield the line, language, mark and text of each code block, fenced or indented by four."""
     mark, at = ("", ""), 0
@@ -91,7 +86,7 @@ def _code(lines: list[str]) -> Iterator[tuple[int, str, tuple[str, str], list[st
                 at += 1
             yield start, "", mark, lines[start - 1 : at + 1]
             mark = ("", "")
-        elif marked is not None and not marked[2].startswith("before "):
+        elif marked is not None:
             mark = (marked[1], marked[2])
         elif line.strip() and marked is None:
             mark = ("", "")

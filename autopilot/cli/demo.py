@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from autopilot.cli.option_numbers import SEED
 from autopilot.errors import ExitCode, InputError
 
 
@@ -20,7 +21,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "90 deg, hold in sea state 5, beside a PID: over UDP sockets and a pseudo-terminal. Takes about a minute.",
     )
     parser.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="new folder (demo, then demo-2)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of sea and sensors (1)")
+    parser.add_argument("--seed", action=SEED, default=1, metavar="N", help="seed of sea and sensors (1)")
     parser.add_argument("--no-report", action="store_true", help="no figures and report.html (needs no extra)")
     parser.add_argument("--json", action="store_true", help="print demo.json instead of the table")
     parser.set_defaults(run=run)

@@ -23,6 +23,7 @@ way; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go, as wh
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
+    from autopilot.cli.option_numbers import number
     from autopilot.cli.waiting import add_waiting_option
 
     parser = subparsers.add_parser(
@@ -32,7 +33,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument("--link", action="append", default=[], metavar="URL", help="as for `autopilot run`; repeatable")
     parser.add_argument("--as-gcs", action="store_true", help="as for `autopilot run`")
     add_waiting_option(parser)
-    parser.add_argument("--seconds", type=float, default=10.0, metavar="S", help="listen to the links for this long")
+    parser.add_argument(
+        "--seconds", action=number(1.0, 3600.0), default=10.0, metavar="S", help="listen to the links for this long"
+    )
     parser.add_argument(
         "--log-dir", type=Path, default=Path(), metavar="DIR", help="the disk to look at (default: here)"
     )
@@ -44,8 +47,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Look, print, and return the exit code."""
     from autopilot.doctor.finding import Verdict, worst
 
-    if not 1.0 <= arguments.seconds <= 3600.0:
-        raise InputError(f"--seconds {arguments.seconds:g}: 1 to 3600 are allowed")
     if arguments.link and arguments.vessel is None:
         raise InputError("doctor: with --link give the vessel file too; it says what the instruments are like")
     findings = _findings(arguments)

@@ -10,6 +10,7 @@ import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.cli import gains_tune
+from autopilot.cli.option_numbers import NumberOption, number, whole_number
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
@@ -35,12 +36,17 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument("--out", metavar="FILE.yaml", help="write the vessel with the designed gains")
     parser.add_argument("--overwrite", action="store_true", help="replace another vessel file that --out names")
     parser.add_argument(
-        "--level", type=int, metavar="1..9", help="response: 1 calm, 5 the quickest with good margins, 9 quick"
+        "--level",
+        action=whole_number(1, 9),
+        metavar="1..9",
+        help="response: 1 calm, 5 the quickest with good margins, 9 quick",
     )
     parser.add_argument(
-        "--bandwidth-rad-s", type=float, metavar="W", help="place the loop's bandwidth instead of a level"
+        "--bandwidth-rad-s", action=NumberOption, metavar="W", help="place the loop's bandwidth instead of a level"
     )
-    parser.add_argument("--damping", type=float, metavar="Z", help="its damping ratio, with --bandwidth-rad-s (0.8)")
+    parser.add_argument(
+        "--damping", action=number(0.1, 0.99), metavar="Z", help="its damping ratio, with --bandwidth-rad-s (0.8)"
+    )
     parser.add_argument(
         "--spare-rudder",
         action=argparse.BooleanOptionalAction,
@@ -70,6 +76,7 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
     from autopilot.control.design import design_backstepping, equivalent_pid, placed, sliding_of
     from autopilot.control.spared_rudder import spared_gains
     from autopilot.params.vessel import Backstepping, Pid, Sliding
+    from autopilot.params.vessel_file import rounded
 
     model, spares = model_of(vessel), spares_rudder(vessel, wish)
     try:
@@ -84,9 +91,9 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
     slope, *surface = sliding_of(model, gains, limits_of(vessel).angle_max)
     control = replace(
         vessel.control,
-        backstepping=Backstepping(*(round(gain, 5) for gain in gains)),
-        pid=Pid(*(round(gain, 5) for gain in pid)),
-        sliding=Sliding(round(slope, 5), *(round(math.degrees(gain), 5) for gain in surface)),
+        backstepping=Backstepping(*(rounded(gain) for gain in gains)),
+        pid=Pid(*(rounded(gain) for gain in pid)),
+        sliding=Sliding(rounded(slope), *(rounded(math.degrees(gain)) for gain in surface)),
     )
     return replace(vessel, control=control)
 
@@ -122,7 +129,7 @@ def in_hand(vessel: Vessel, wish: Wish, is_chosen: bool) -> Vessel:
         return quicker
     raise RefusedError(
         f"vessel {vessel.name!r}: at level {wish.level}, and at any quicker one, {lost}; ask for a calmer --level, or "
-        "give her a quicker rudder"
+        "give the boat a quicker rudder"
     )
 
 
@@ -142,6 +149,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         require_extra("by leaving out --report")
     vessel = load_vessel(arguments.vessel)
+    _check_bandwidth(vessel, wish)
     better = designed(vessel, wish) if vessel.model.n1 > 0.0 else in_hand(vessel, wish, arguments.level is not None)
     rows = {f"designed {law}": judged(better, law) for law in LAWS}
     asked_for = rows["designed backstepping"].verdict.refusal
@@ -161,21 +169,28 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _wish(arguments: argparse.Namespace) -> Wish:
     level, bandwidth, damping = arguments.level, arguments.bandwidth_rad_s, arguments.damping
-    if level is not None and not 1 <= level <= 9:
-        raise InputError(f"--level {level}: allowed is 1 (calm) to 9 (quick)")
     if level is not None and bandwidth is not None:
         raise InputError("--level and --bandwidth-rad-s exclude each other")
     if damping is not None and bandwidth is None:
         raise InputError("--damping goes with --bandwidth-rad-s")
-    if bandwidth is not None and not 0.0 < bandwidth <= 1.0e3:
-        raise InputError(f"--bandwidth-rad-s {bandwidth:g}: allowed is above 0, at most 1000")
     if damping is not None and arguments.spare_rudder:
         raise InputError("--damping and --spare-rudder exclude each other: the weight on the rudder's rate sets it")
-    if damping is not None and not 0.1 <= damping <= 0.99:
-        raise InputError(f"--damping {damping:g}: allowed is 0.1 to 0.99")
     # who asks for a damping asks for gains that do not spare the rudder
     spares = False if damping is not None else arguments.spare_rudder
     return Wish(5 if level is None else level, bandwidth, 0.8 if damping is None else damping, spares)
+
+
+def _check_bandwidth(vessel: Vessel, wish: Wish) -> None:
+    """Raise InputError for a bandwidth that is none for this boat."""
+    from autopilot.build_laws import model_of
+    from autopilot.control.design import BANDWIDTHS, bandwidths_of
+
+    low, high = bandwidths_of(model_of(vessel))
+    if wish.bandwidth is not None and not low <= wish.bandwidth <= high:
+        raise InputError(
+            f"--bandwidth-rad-s {wish.bandwidth:g}: allowed for {vessel.name!r} is {low:.3g} to {high:.3g}, which is "
+            f"{BANDWIDTHS[0]:g} to {BANDWIDTHS[1]:g} over its T of {vessel.model.T_s:g} s"
+        )
 
 
 def check_place(arguments: argparse.Namespace) -> None:
@@ -187,25 +202,30 @@ def check_place(arguments: argparse.Namespace) -> None:
     if arguments.out:
         refuse_bare_name(arguments.out)
     out, vessel = arguments.out and Path(arguments.out), Path(arguments.vessel)
-    if out and out.exists() and not arguments.overwrite and not (vessel.exists() and out.samefile(vessel)):
+    if out and out.is_file() and not arguments.overwrite and not (vessel.exists() and out.samefile(vessel)):
         raise InputError(f"{out}: exists already, with another boat; give another name, or --overwrite to replace it.")
 
 
 def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
     """Write the vessel where --out says; in the file's own place its comments stay.
 
-    Raises InputError where that is another boat's file and --overwrite does not say that it may go.
+    Raises InputError where that is another boat's file and --overwrite does not say that it may go, and where no
+    command could read what is written.
     """
     from pathlib import Path
 
     from autopilot.params.editing import updated_vessel_text
     from autopilot.params.saving import save_text
-    from autopilot.params.vessel_file import dump_vessel
+    from autopilot.params.vessel_file import dump_vessel, parse_vessel
 
     paths = Path(arguments.out), Path(arguments.vessel)
     is_same = all(path.exists() for path in paths) and paths[0].samefile(paths[1])
     before = paths[0].read_text(encoding="utf-8-sig") if is_same else None
     text = updated_vessel_text(before, better, arguments.out) if before else dump_vessel(better)
+    try:
+        parse_vessel(text, arguments.out)
+    except InputError as error:
+        raise InputError(f"{arguments.out} is not written, for no command could read it: {error}") from None
     save_text(arguments.out, text, overwrite=is_same or arguments.overwrite)
     if not arguments.json:
         print(f"\nWrote {arguments.out}.")

@@ -12,7 +12,12 @@ import sys
 from dataclasses import replace
 from typing import Any
 
+from autopilot.cli.option_numbers import number, whole_number
 from autopilot.errors import ExitCode, InputError, RefusedError
+
+WEIGHT = number(0.0, 1.0e6)
+"""0: the heading alone."""
+GENERATIONS = whole_number(1, 10_000)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -20,10 +25,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tune", action="store_true", help="optimise the gains of --law over a simulated campaign")
     parser.add_argument("--law", choices=("backstepping", "pid", "sliding"), help="with --tune (default: the file's)")
     parser.add_argument(
-        "--weight", type=float, metavar="W", help="with --tune: deg of heading rms that a deg/s of rudder is worth (1)"
+        "--weight",
+        action=WEIGHT,
+        metavar="W",
+        help="with --tune: deg of heading rms that a deg/s of rudder is worth (1)",
     )
     parser.add_argument("--study", metavar="STUDY.yaml", help="with --tune: seas and mismatches (default: sitl's own)")
-    parser.add_argument("--generations", type=int, metavar="N", help="with --tune: of the search (10)")
+    parser.add_argument("--generations", action=GENERATIONS, metavar="N", help="with --tune: of the search (10)")
 
 
 def check_options(arguments: argparse.Namespace) -> None:

@@ -30,6 +30,7 @@ Heading or yaw rate may be absent. Where the table calls them otherwise, MAP.yam
 def add_parser(subparsers: Any) -> None:
     """Add the `identify` subcommand."""
     from autopilot.cli.log_options import add_log_options
+    from autopilot.cli.option_numbers import number
 
     parser = subparsers.add_parser(
         "identify",
@@ -41,7 +42,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("logs", nargs="*", metavar="LOG", help="logs to fit; of what kinds, `autopilot log -h` says")
     parser.add_argument("--holdout", nargs="+", default=[], metavar="LOG", help="recordings to foretell, not to fit")
     parser.add_argument("--steady-turns", metavar="FILE", help="CSV of steady turns (rudder, yaw rate): gives n3")
-    parser.add_argument("--gain-1-s", type=float, metavar="K", help="hold K [1/s] in the steady-turn stage")
+    parser.add_argument(
+        "--gain-1-s", action=number(1.0e-5, 100.0), metavar="K", help="hold K [1/s] in the steady-turn stage"
+    )
     parser.add_argument(
         "--model",
         choices=("auto", "nomoto", "nomoto1", "nomoto2", "norrbin", "norrbin-n2"),
@@ -68,7 +71,11 @@ def add_parser(subparsers: Any) -> None:
         help="of --method fpf (default constant); what each costs: docs/identification.md",
     )
     parser.add_argument(
-        "--forgetting", type=float, default=1.0, metavar="F", help="forgetting of recursive least squares (default 1)"
+        "--forgetting",
+        action=number(0.001, 1.0),
+        default=1.0,
+        metavar="F",
+        help="forgetting of recursive least squares (default 1)",
     )
     parser.add_argument(
         "--fit-rudder",
@@ -84,18 +91,27 @@ def add_parser(subparsers: Any) -> None:
         help="prediction-error: weigh each sample by what those before it could not foretell, for records in gusts; "
         "without propeller, wind, drift and --fit-rudder",
     )
-    parser.add_argument("--reference-speed-m-s", type=float, metavar="U", help="default: mean speed of the LOGs")
+    parser.add_argument(
+        "--reference-speed-m-s", action=number(0.01, 100.0), metavar="U", help="default: mean speed of the LOGs"
+    )
     parser.add_argument("--course-unstable", action="store_true", help="n1 = -1: the boat will not go straight")
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
     parser.add_argument(
         "--wave-glider", action="store_true", help="both bodies of a wave glider, from a CSV with glider_heading_deg"
     )
     parser.add_argument(
-        "--fixed-angle-deg", type=float, default=30.0, metavar="DEG", help="delta_0 of the wave glider (default 30)"
+        "--fixed-angle-deg",
+        action=number(1.0, 90.0),
+        default=30.0,
+        metavar="DEG",
+        help="delta_0 of the wave glider (default 30)",
     )
     parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
     parser.add_argument(
-        "--rudder-max-deg", type=float, metavar="DEG", help="end stop of the rudder, each side, for a new --out file"
+        "--rudder-max-deg",
+        action=number(1.0, 90.0),
+        metavar="DEG",
+        help="end stop of the rudder, each side, for a new --out file",
     )
     parser.add_argument("--report", metavar="FILE.html", help="write figures and tables into one page")
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -176,14 +192,6 @@ def _methods() -> str:
 def _check(arguments: argparse.Namespace) -> None:
     from autopilot.cli.identify_model import check_model
 
-    if not 0.0 < arguments.forgetting <= 1.0:
-        raise InputError(f"--forgetting {arguments.forgetting:g}: a number above 0, at most 1, is allowed.")
-    for name, value in (("--gain-1-s", arguments.gain_1_s), ("--reference-speed-m-s", arguments.reference_speed_m_s)):
-        if value is not None and not 0.0 < value < float("inf"):
-            raise InputError(f"{name} must be a positive number, got {value:g}.")
-    stop = arguments.rudder_max_deg
-    if stop is not None and not 1.0 <= stop <= 90.0:
-        raise InputError(f"--rudder-max-deg {stop:g}: allowed is 1 to 90")
     check_model(arguments)
     if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
         raise InputError(
@@ -214,7 +222,7 @@ def _steady_turns(path: str) -> SteadyTurns:
     from autopilot.identification.identified import SteadyTurns
     from autopilot.loop.csv_log import STEADY_TURN_NEEDS, read_csv
 
-    table = read_csv(path, None, STEADY_TURN_NEEDS)
+    table, _ = read_csv(path, None, STEADY_TURN_NEEDS)
     return SteadyTurns(table["rudder_rad"], table["yaw_rate_rad_s"], table.get("speed_m_s"))
 
 

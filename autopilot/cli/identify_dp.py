@@ -1,4 +1,4 @@
-"""`autopilot identify-dp`: a ship's thrust and damping coefficients from trials under her thrusters."""
+"""`autopilot identify-dp`: a ship's thrust and damping coefficients from trials under its thrusters."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from autopilot.cli.option_numbers import SEED, whole_number
 from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Identifies thrust coefficients and damping of a ship at low speed with an extended Kalman filter, a feedback particle
-filter and a batch fit, from a TRIAL recorded under her thrusters alone, or from a simulated one (--scenario).
+filter and a batch fit, from a TRIAL recorded under its thrusters alone, or from a simulated one (--scenario).
 """
 
 COLUMNS_HELP = """\
@@ -32,7 +33,7 @@ def add_parser(subparsers: Any) -> None:
     """Add the `identify-dp` subcommand."""
     parser = subparsers.add_parser(
         "identify-dp",
-        help="a ship's thrust and damping from trials under her thrusters",
+        help="a ship's thrust and damping from trials under its thrusters",
         description=DESCRIPTION,
         epilog=COLUMNS_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -42,8 +43,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--scenario", choices=("S1", "S2", "S3", "S4"), help="simulate a trial of Zheng's dredger")
     parser.add_argument("--record", metavar="FILE.csv", help="write the simulated trial as a CSV table")
     parser.add_argument("--gain", choices=("constant", "galerkin", "kernel"), default="constant", help="of the FPF")
-    parser.add_argument("--particles", type=int, default=500, metavar="N", help="of the FPF (default 500)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of noise, prior and particles (default 0)")
+    parser.add_argument(
+        "--particles", action=whole_number(10, 100_000), default=500, metavar="N", help="of the FPF (default 500)"
+    )
+    parser.add_argument("--seed", action=SEED, default=0, metavar="S", help="of noise, prior and particles (default 0)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
@@ -69,10 +72,6 @@ def _check(arguments: argparse.Namespace) -> None:
         raise InputError("--scenario simulates Zheng's dredger; --ship goes with a TRIAL.csv.")
     if arguments.record and not arguments.scenario:
         raise InputError("--record writes the trial that --scenario simulates; there is none.")
-    if not 10 <= arguments.particles <= 100_000:
-        raise InputError(f"--particles must lie between 10 and 100000, got {arguments.particles}.")
-    if arguments.seed < 0:
-        raise InputError(f"--seed must not be negative, got {arguments.seed}.")
     if arguments.gain == "kernel" and arguments.particles > 2000:
         raise InputError("--gain kernel takes N x N matrices: at most 2000 --particles.")
 

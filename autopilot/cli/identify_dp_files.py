@@ -1,4 +1,4 @@
-"""Files of `autopilot identify-dp`: the ship with what is believed of her, and the trial."""
+"""Files of `autopilot identify-dp`: the ship with what is believed of it, and the trial."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SHORTEST_TRIAL = 20
 
 
 class Ship(NamedTuple):
-    """A ship, her noise, and for each parameter what is believed of it and how firmly."""
+    """A ship, its noise, and for each parameter what is believed of it and how firmly."""
 
     hull: Hull
     noise: Noise
@@ -90,7 +90,9 @@ def _number(key: str, node: Node) -> float:
 
 def load_trial(path: str, ship: Ship) -> ShipTrial:
     """Return the trial in a CSV table, of surge or of sway and yaw by its columns. Raises InputError."""
-    table = read_csv(path, None, (("time_s",), ("thrust_1_n", "thrust_3_n")))
+    table, notes = read_csv(path, None, (("time_s",), ("thrust_1_n", "thrust_3_n")))
+    if notes:
+        raise InputError(f"{notes[0]} A trial under thrusters must go on: cut out one part.")
     is_surge = "thrust_1_n" in table
     if is_surge and "thrust_3_n" in table and bool(np.any(table["thrust_3_n"] != 0.0)):
         raise InputError(

@@ -15,6 +15,7 @@ from autopilot.identification.residual_tests import ResidualTest
 from autopilot.identification.rudder_rate import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
+from autopilot.printable import fixed
 
 DEG = math.pi / 180.0
 
@@ -252,8 +253,8 @@ def _run_rows(result: Result) -> list[tuple[str, ...]]:
                 run.source,
                 role,
                 f"{prediction.seconds:.1f}",
-                "-" if r2 is None else f"{r2:.3f}",
-                "-" if rms is None else f"{math.degrees(rms):.1f}",
+                "-" if r2 is None else fixed(r2, 3),
+                "-" if rms is None else fixed(math.degrees(rms), 1),
             )
         )
     return rows

@@ -28,8 +28,6 @@ def identify_wave_glider(arguments: argparse.Namespace) -> str:
             raise InputError(f"--{name.replace('_', '-')} does not go with --wave-glider; leave one of them out.")
     if not arguments.logs:
         raise InputError("identify --wave-glider needs a LOG, a CSV table with the headings of both bodies.")
-    if not 1.0 <= arguments.fixed_angle_deg <= 90.0:
-        raise InputError(f"--fixed-angle-deg {arguments.fixed_angle_deg:g}: allowed is 1 to 90.")
     method = method_named(arguments.method, arguments.gain)
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
     question = Question(arguments.model, arguments.reference_speed_m_s, forgetting=arguments.forgetting)
@@ -50,10 +48,11 @@ def _load(paths: list[str], arguments: argparse.Namespace) -> list[BodyRuns]:
     column_map = load_column_map(arguments.columns) if arguments.columns else None
     records = []
     for path in paths:
-        table = read_csv(path, column_map, WAVE_GLIDER_NEEDS)
+        table, notes = read_csv(path, column_map, WAVE_GLIDER_NEEDS)
         if arguments.reverse_rudder:
             table["rudder_rad"] = -table["rudder_rad"]
-        records.append(body_runs(path, table, math.radians(arguments.fixed_angle_deg)))
+        found = body_runs(path, table, math.radians(arguments.fixed_angle_deg))
+        records.append(BodyRuns(*(run._replace(notes=(*notes, *run.notes)) for run in found)))
     return records
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from autopilot.cli import service_files as service
+from autopilot.cli.option_numbers import number
 from autopilot.errors import ExitCode, InputError
 
 DESCRIPTION = """\
@@ -37,7 +38,11 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--python", default=sys.executable, metavar="FILE", help="Python to run with (default: this one)"
     )
     parser.add_argument(
-        "--watchdog-s", type=float, default=5.0, metavar="S", help="a loop silent for this is restarted"
+        "--watchdog-s",
+        action=number(service.WATCHDOG_MIN_S, 600.0),
+        default=5.0,
+        metavar="S",
+        help="a loop silent for this is restarted",
     )
     parser.add_argument("--root", type=Path, default=Path("/"), metavar="DIR", help="write below DIR and run nothing")
     parser.add_argument("--dry-run", action="store_true", help="print the files and change nothing")
@@ -81,10 +86,6 @@ def _service_of(arguments: argparse.Namespace, name: str) -> service.Service:
 
     if arguments.vessel is None or not arguments.link:
         raise InputError("install-service: give the vessel file and at least one --link (or --uninstall)")
-    if not service.WATCHDOG_MIN_S <= arguments.watchdog_s <= 600.0:
-        raise InputError(
-            f"--watchdog-s {arguments.watchdog_s:g}: seconds from {service.WATCHDOG_MIN_S:g} to 600 are allowed"
-        )
     links = [word for url in arguments.link for word in ("--link", parse_url(url).text)]
     command = [
         str(Path(arguments.python).absolute()), "-m", "autopilot", "run", f"/var/lib/{name}/boat.yaml", *links,
@@ -142,6 +143,8 @@ def _write(path: Path, text: str) -> None:
     from autopilot.params.saving import replace_file
 
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is no file, as where systemd is told to leave it out; remove it first")
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text)
     except OSError as error:

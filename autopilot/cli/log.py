@@ -6,12 +6,14 @@ import argparse
 import json
 import math
 import shlex
+import sys
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.errors import ExitCode, InputError
-from autopilot.printable import SENTENCE, escaped, printable
+from autopilot.errors import ExitCode
+from autopilot.printable import SENTENCE, escaped, fixed, printable
 
 if TYPE_CHECKING:
     from autopilot.loop.logs.info import LogInfo
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 def add_parser(subparsers: Any) -> None:
     """Add the `log` subcommand with its actions."""
     from autopilot.cli.log_options import KINDS_HELP, add_log_options
+    from autopilot.cli.option_numbers import number
 
     parser = subparsers.add_parser("log", help="what a log holds, and the same as a CSV table", description=KINDS_HELP)
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
@@ -40,7 +43,9 @@ def add_parser(subparsers: Any) -> None:
     exported.add_argument("--overwrite", action="store_true", help="replace FILE where it exists")
     measures = actions.add_parser("measures", help="zigzags, turning circles, pull-outs and spirals in it, measured")
     measures.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
-    measures.add_argument("--length-m", type=float, metavar="L", help="the boat's length, for the criteria")
+    measures.add_argument(
+        "--length-m", action=number(0.1, 1000.0), metavar="L", help="the boat's length, for the criteria"
+    )
     measures.add_argument("--json", action="store_true", help="print JSON")
     measures.add_argument(
         "--report", metavar="FILE.html", help="write a page with the figures (extra: norrbin[report])"
@@ -76,14 +81,17 @@ def _rewrite(arguments: argparse.Namespace, recording: Recording, options: LogOp
     from autopilot.cli.log_export import export
     from autopilot.loop.logs.columnar import write_csv
     from autopilot.loop.logs.table import table_of
+    from autopilot.params.saving import is_standard_output
 
+    place = Path(arguments.to if arguments.action == "export" else arguments.out)
+    say = partial(print, file=sys.stderr if is_standard_output(place) else sys.stdout)  # not into the table
     for note in recording.notes:
-        print(note)
+        say(note)
     if arguments.action == "export":
-        print(export(arguments.log, recording, options, arguments.to))
+        say(export(arguments.log, recording, options, place))
     else:
-        rows = write_csv(Path(arguments.out), table_of(recording, options.rudder), arguments.log)
-        print(f"Wrote {rows} rows to {arguments.out}.")
+        rows = write_csv(place, table_of(recording, options.rudder), arguments.log)
+        say(f"Wrote {rows} rows to {arguments.out}.")
     return int(ExitCode.OK)
 
 
@@ -94,8 +102,6 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
     from autopilot.loop.logs.table import table_of
 
     length = arguments.length_m
-    if length is not None and not 0.0 < length < math.inf:
-        raise InputError(f"--length-m {length:g}: a number above 0 is allowed")
     if arguments.report:
         from autopilot.report import require_extra
 
@@ -103,7 +109,7 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
     record = record_of(arguments.log, table_of(recording, options.rudder).columns)
     measures = measures_of(record)
     shown = report.as_json if arguments.json else report.as_text
-    print(shown(arguments.log, measures, length))
+    print(shown(arguments.log, measures, length, recording.notes))
     if arguments.report:
         from autopilot.params.saving import save_page
         from autopilot.report.trials import trials_page
@@ -121,14 +127,15 @@ def as_json(info: LogInfo) -> str:
 
 def as_text(info: LogInfo) -> str:
     """Return the information as a table for people."""
-    lines = [f"{escaped(info.source)}: {info.kind}, {info.duration:.1f} s{_date(info.began)}", ""]
+    lines = [f"{escaped(info.source)}: {info.kind}, {fixed(info.duration, 1)} s{_date(info.began)}", ""]
     heads = f"{'samples':>8s} {'Hz':>6s} {'from s':>8s} {'to s':>8s} {'gaps':>5s} {'longest s':>9s}  range"
     lines.append(f"{'quantity':18s} {'source':38s} {heads}")
     for series in info.series:
         name, factor = _shown(series.quantity)
         lines.append(
-            f"{name:18s} {printable(series.source, 60):38s} {series.samples:8d} {series.rate_hz:6.1f} "
-            f"{series.begins:8.1f} {series.ends:8.1f} {series.gaps:5d} {series.longest_gap:9.2f}  "
+            f"{name:18s} {printable(series.source, 60):38s} {series.samples:8d} {fixed(series.rate_hz, 1):>6s} "
+            f"{fixed(series.begins, 1):>8s} {fixed(series.ends, 1):>8s} {series.gaps:5d} "
+            f"{fixed(series.longest_gap, 2):>9s}  "
             f"{series.low * factor:.4g} to {series.high * factor:.4g}"
         )
     lines.append("")
@@ -136,7 +143,7 @@ def as_text(info: LogInfo) -> str:
         lines.append(f"Identification cannot use it: {printable(info.missing, SENTENCE)}")
     else:
         runs = "one stretch" if info.segments == 1 else f"{info.segments} stretches"
-        lines.append(f"Identification can use {info.usable:.1f} s in {runs}:")
+        lines.append(f"Identification can use {fixed(info.usable, 1)} s in {runs}:")
     lines += [f"  {_shown(column)[0].rsplit(' ', 1)[0]}: {printable(source)}" for column, source in info.uses.items()]
     return "\n".join(lines + [f"- {printable(note, SENTENCE)}" for note in info.notes])
 

@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 from autopilot import __version__
+from autopilot.cli.option_numbers import number
 from autopilot.errors import InputError
 from autopilot.links.base import Link
 from autopilot.links.guide_alarms import GuideAlarms
@@ -38,7 +39,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log-total-mb",
         metavar="MB",
-        type=float,
+        action=number(1.0, 1.0e7),
         default=TOTAL_MB,
         help=f"what the logs of --log-dir may need together (default {TOTAL_MB:g})",
     )
@@ -47,8 +48,6 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 def open_log(arguments: argparse.Namespace, vessel: Vessel, law: str | None, now: float) -> Recorder | None:
     """Return the log that the options ask for, None where there is to be none. Raises InputError."""
     total = arguments.log_total_mb
-    if not 1.0 <= total <= 1.0e7:
-        raise InputError(f"--log-total-mb {total:g}: megabytes from 1 to 10000000 are allowed")
     if arguments.log is not None:
         folder = arguments.log.parent
         if not folder.is_dir():

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from autopilot.identification import manoeuvring_criteria as criteria
 from autopilot.identification.trial_measures import Measures
+from autopilot.printable import SENTENCE, printable
 from autopilot.report.measure_rows import blocks_of
 
 NOTHING = (
@@ -16,8 +18,8 @@ NOTHING = (
 )
 
 
-def as_json(source: str, measures: Measures, length: float | None) -> str:
-    """Return the measures as JSON; SI units and radians, null where a measure is not known."""
+def as_json(source: str, measures: Measures, length: float | None, notes: Sequence[str] = ()) -> str:
+    """Return the measures as JSON; SI units and radians, null where a measure is not known. notes: of the log."""
     found = {
         "source": source,
         "length_m": length,
@@ -26,6 +28,7 @@ def as_json(source: str, measures: Measures, length: float | None) -> str:
         "circles": [one._asdict() for one in measures.circles],
         "pull_outs": [one._asdict() for one in measures.pull_outs],
         "spiral": None if measures.spiral is None else measures.spiral._asdict(),
+        "notes": list(notes),
     }
     return json.dumps(_without_nan(found), indent=2)
 
@@ -38,12 +41,14 @@ def _without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def as_text(source: str, measures: Measures, length: float | None) -> str:
-    """Return the measures for people, each beside its criterion where there is one and `length` [m] is known."""
+def as_text(source: str, measures: Measures, length: float | None, notes: Sequence[str] = ()) -> str:
+    """Return the measures for people, each beside its criterion where there is one and `length` [m] is known, and the
+    log's notes."""
+    told = [f"- {printable(note, SENTENCE)}" for note in notes]
     lines = [f"{source}: positions by {measures.position}"]
     blocks = blocks_of(measures, length)
     if not blocks:
-        return f"{lines[0]}\n{NOTHING}"
+        return "\n".join([*lines, NOTHING, *told])
     for block in blocks:
         lines += ["", block.title]
         for name, value, criterion in block.rows:
@@ -51,4 +56,4 @@ def as_text(source: str, measures: Measures, length: float | None) -> str:
     lines += ["", f"({criteria.SHIPS})"]
     if length is None:
         lines.append("Give the boat's length with --length-m to see distances in lengths and all criteria.")
-    return "\n".join(lines)
+    return "\n".join(lines + told)

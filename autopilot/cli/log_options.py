@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from autopilot.cli.option_numbers import SYSTEM_ID, number
 from autopilot.errors import InputError
 from autopilot.params.saving import newer_numbered
 
@@ -27,7 +28,9 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say how to read logs and where the rudder comes from."""
     group = parser.add_argument_group("reading logs")
     group.add_argument("--columns", metavar="MAP.yaml", help="how CSV tables call their columns")
-    group.add_argument("--system", type=int, metavar="ID", help="MAVLink system to read (default: most attitudes)")
+    group.add_argument(
+        "--system", action=SYSTEM_ID, metavar="ID", help="MAVLink system to read (default: most attitudes)"
+    )
     group.add_argument("--vessel", metavar="VESSEL.yaml", help="its steering gear moves a rudder known by orders only")
     group.add_argument(
         "--rudder",
@@ -36,13 +39,19 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         help="where the rudder comes from",
     )
     group.add_argument(
-        "--rudder-at-full-deg", type=float, metavar="DEG", help="rudder at full steering (default: the vessel file's)"
+        "--rudder-at-full-deg",
+        action=number(-90.0, 90.0),
+        metavar="DEG",
+        help="rudder at full steering (default: the vessel file's)",
     )
     group.add_argument(
         "--servo", metavar="N:MIN:TRIM:MAX", help="the steering servo, where no parameter in the log says it"
     )
     group.add_argument(
-        "--variation-deg", type=float, metavar="DEG", help="magnetic variation, east positive, for NMEA compasses"
+        "--variation-deg",
+        action=number(-180.0, 180.0),
+        metavar="DEG",
+        help="magnetic variation, east positive, for NMEA compasses",
     )
 
 
@@ -85,8 +94,6 @@ def log_options(arguments: argparse.Namespace, vessel: Vessel | None) -> LogOpti
     from autopilot.loop.recordings import LogOptions
 
     variation = arguments.variation_deg
-    if variation is not None and not -180.0 <= variation <= 180.0:
-        raise InputError(f"--variation-deg {variation:g}: allowed is -180 to 180")
     full = arguments.rudder_at_full_deg
     if full is not None and not 1.0 <= abs(full) <= 90.0:
         raise InputError(f"--rudder-at-full-deg {full:g}: allowed is 1 to 90, negative where the servo is reversed")

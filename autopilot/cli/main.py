@@ -9,14 +9,14 @@ import sys
 from collections.abc import Sequence
 
 from autopilot import __version__
-from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
 from autopilot.printable import brief, escaped, printable_output
 
 SUBCOMMANDS = {
     "run": "steer a boat in real time",
     "trial": "manoeuvres to identify the boat from, and to measure it by",
     "identify": "a boat's model from recordings of rudder, speed and motion",
-    "identify-dp": "a ship's thrust and damping from trials under her thrusters",
+    "identify-dp": "a ship's thrust and damping from trials under its thrusters",
     "log": "what a log holds, and the same as a CSV table",
     "gains": "design gains for a vessel's model and rudder, and show the margins",
     "params": "check, convert, upload, verify and restore parameter files",
@@ -72,14 +72,16 @@ def _run(argv: Sequence[str] | None) -> int:
     # before numpy comes: its threads spin on cores that others need, and a sum's last digit hangs on their number
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = sys.argv[1:] if argv is None else argv
-    arguments = build_parser(given).parse_args(given)
-    arguments.typed = ["autopilot", *given]  # reports print it, whole
     from autopilot.links.base import LinkError
 
     try:
+        arguments = build_parser(given).parse_args(given)
+        arguments.typed = ["autopilot", *given]  # reports print it, whole
         return int(arguments.run(arguments))
     except InputError as error:
         return _complain(error, ExitCode.USAGE)
+    except OSError as error:
+        return _complain(unreachable(error), ExitCode.USAGE)
     except LinkError as error:
         return _complain(error, ExitCode.LINK)
     except RefusedError as error:

@@ -7,6 +7,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
+from autopilot.cli.option_numbers import SYSTEM_ID, WAITING
 from autopilot.interruption import as_exceptions
 
 SIGNING_HELP = "sign with the key in FILE, and hear only what is signed with it"
@@ -64,7 +65,7 @@ def _add_file_actions(actions: Any) -> None:
     convert.add_argument(
         "--firmware", choices=("ardurover", "px4", "norrbin"), help="for which firmware, where FILE says not"
     )
-    convert.add_argument("--system", type=_system_id, default=1, metavar="N", help="vehicle id in a .params file")
+    convert.add_argument("--system", action=SYSTEM_ID, default=1, metavar="N", help="vehicle id in a .params file")
     convert.add_argument("--overwrite", action="store_true", help="replace OUT where it exists")
     convert.set_defaults(run=_call("params_files", "convert"))
 
@@ -95,7 +96,7 @@ def _add_reading_actions(actions: Any) -> None:
     )
     diff.add_argument("file", metavar="FILE")
     diff.add_argument("other", metavar="FILE|LINK", help=f"another file, or a link: {LINK_HELP}")
-    diff.add_argument("--system", type=_system_id, metavar="N", help="the vehicle's system id")
+    diff.add_argument("--system", action=SYSTEM_ID, metavar="N", help="the vehicle's system id")
     diff.add_argument("--signing-key", metavar="FILE", help=SIGNING_HELP)
     diff.add_argument("--json", action="store_true", help="print JSON")
     diff.set_defaults(run=_call("params_reading", "diff"))
@@ -181,13 +182,7 @@ def _add_writing_options(parser: argparse.ArgumentParser) -> None:
 def _add_link_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--link", required=True, metavar="URL", help=LINK_HELP)
     parser.add_argument("--signing-key", metavar="FILE", help=SIGNING_HELP)
-    parser.add_argument("--link-wait", metavar="S", type=float, default=10.0, help=WAIT_HELP)
+    parser.add_argument("--link-wait", metavar="S", action=WAITING, default=10.0, help=WAIT_HELP)
     parser.add_argument(
-        "--system", type=_system_id, metavar="N", help="the vehicle's system id where several are heard"
+        "--system", action=SYSTEM_ID, metavar="N", help="the vehicle's system id where several are heard"
     )
-
-
-def _system_id(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 255:
-        raise argparse.ArgumentTypeError(f"{text} is not a system id; allowed are 1 to 255")
-    return int(text)

@@ -24,12 +24,13 @@ from autopilot.params.comparison import Difference, differences, flattened
 from autopilot.params.download import Download, NamedDownload
 from autopilot.params.firmware_dump import Heading, TypedValue
 from autopilot.params.firmware_file import FIRMWARE_NAMES, Wanted
-from autopilot.params.firmware_owned import LeftOut, sentence_of, settings_of
+from autopilot.params.firmware_owned import LeftOut, Marks, sentence_of, settings_of
 from autopilot.params.foreign_files import is_foreign
 from autopilot.params.outcome import Verdict
 from autopilot.params.saving import refuse_existing, save_text, save_unused
 from autopilot.params.session import ParameterSession, Vehicle
 from autopilot.params.upload import Upload
+from autopilot.params.vehicle_metadata import PX4_WAIT_S, WAIT_S, MetadataDownload
 from autopilot.params.vessel import Vessel
 
 
@@ -77,11 +78,30 @@ def _compared(session: ParameterSession, file: str, *, calibration: bool) -> tup
     """Return an upload that has read and compared all settings and set nothing, and what was not compared."""
     parameters = load_parameters(file, vessel_too=True)
     refuse_other_firmware(file, parameters, session.vehicle)
-    wanted, left = settings_of(parameters.wanted, session.vehicle.firmware, calibration=calibration)
+    marks = own_marks(session)
+    wanted, left = settings_of(parameters.wanted, session.vehicle.firmware, calibration=calibration, marks=marks)
     reading = Upload(session.vehicle.target, wanted)
     with ProgressBar("reading") as bar:
         session.run(reading, bar.show)
     return reading, left
+
+
+def own_marks(session: ParameterSession) -> Marks:
+    """Return what the vehicle says of its own parameters; where that is nothing usable, one line says so."""
+    vehicle = session.vehicle
+    client = MetadataDownload(vehicle.target, PX4_WAIT_S if vehicle.firmware == "px4" else WAIT_S)
+    with ProgressBar("metadata") as bar:
+        session.run(client, bar.show)
+    trouble = client.trouble
+    if vehicle.firmware == "px4" and not client.is_offered:
+        trouble = "it offers no metadata"
+    if trouble:
+        print(
+            f"autopilot: vehicle {vehicle.system} does not say which parameters move by themselves ({trouble}); the "
+            "built-in table alone does.",
+            file=sys.stderr,
+        )
+    return client.marks
 
 
 def refuse_other_firmware(file: str, parameters: ParameterFile, vehicle: Vehicle) -> None:
@@ -125,11 +145,12 @@ def backup(arguments: argparse.Namespace) -> int:
     """Write all parameters into a dated file that nothing has been written to before."""
     with opened_session(arguments, arguments.link) as session:
         values = fetched(session, [], arguments.link)
+        marks = own_marks(session)
         vehicle = session.vehicle
     path = Path(arguments.folder) / f"backup-{time.strftime('%Y%m%dT%H%M%S')}-sys{vehicle.system}.yaml"
     path = save_unused(path, vehicle_text(path, values, vehicle, arguments.link, is_backup=True))
     print(f"{path}: {len(values)} parameters of vehicle {vehicle.system} ({vehicle.firmware})")
-    _, left = settings_of((Wanted((each.name,), each.value) for each in values), vehicle.firmware)
+    _, left = settings_of((Wanted((each.name,), each.value) for each in values), vehicle.firmware, marks=marks)
     if left:
         print(f"a restore leaves {sentence_of(left).replace(' left', '', 1)}")
     return int(ExitCode.OK)

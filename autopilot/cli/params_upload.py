@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from autopilot.cli.params_reading import opened_session, refuse_other_firmware
+from autopilot.cli.params_reading import opened_session, own_marks, refuse_other_firmware
 from autopilot.cli.params_report import Report, settled_table, upload_json, upload_table
 from autopilot.cli.progress import ProgressBar
 from autopilot.errors import ExitCode, InputError, RefusedError
@@ -16,7 +16,7 @@ from autopilot.params.any_file import load_parameters
 from autopilot.params.download import NamedDownload
 from autopilot.params.firmware_dump import Heading, TypedValue, dump_firmware
 from autopilot.params.firmware_file import Wanted
-from autopilot.params.firmware_owned import settings_of
+from autopilot.params.firmware_owned import Marks, settings_of
 from autopilot.params.journal import (
     Journal,
     continued,
@@ -52,10 +52,13 @@ def upload(arguments: argparse.Namespace, *, settles: bool = False) -> int:
         )
     with opened_session(arguments, arguments.link) as session:
         refuse_other_firmware(arguments.file, file, session.vehicle)
-        wanted, left = settings_of(file.wanted, session.vehicle.firmware, calibration=arguments.with_calibration)
+        marks = own_marks(session)
+        wanted, left = settings_of(
+            file.wanted, session.vehicle.firmware, calibration=arguments.with_calibration, marks=marks
+        )
         earlier = None
         if not arguments.dry_run:
-            earlier = _unfinished(session, arguments, wanted if settles else [])
+            earlier = _unfinished(session, arguments, wanted if settles else [], marks)
         attempt = Upload(session.vehicle.target, wanted)
         with ProgressBar("reading") as bar:
             session.run(attempt, bar.show)
@@ -199,7 +202,7 @@ def restore(arguments: argparse.Namespace) -> int:
             print(f"vehicle {session.vehicle.system}: no upload was cut off, nothing to restore")
             return int(ExitCode.OK)
         _refuse_other_board(session, journal, path)
-        journal = of_settings(journal)
+        journal = of_settings(journal, own_marks(session))
         with ProgressBar("reading") as bar:
             holds = look(session, journal, bar.show)
         if arguments.to == "as-is":
@@ -274,7 +277,9 @@ def _sentence(vehicle: Vehicle, side: Holds, journal: Journal) -> str:
     return f"vehicle {vehicle.system} holds exactly the {side} values of the upload of {journal.file} ({journal.date})"
 
 
-def _unfinished(session: ParameterSession, arguments: argparse.Namespace, wanted: list[Wanted]) -> Journal | None:
+def _unfinished(
+    session: ParameterSession, arguments: argparse.Namespace, wanted: list[Wanted], marks: Marks
+) -> Journal | None:
     """Return the upload to this vehicle that was cut off, None where none was.
 
     Raises RefusedError where `wanted` does not hold every parameter that it has changed.
@@ -285,7 +290,7 @@ def _unfinished(session: ParameterSession, arguments: argparse.Namespace, wanted
     if journal is None:
         return None
     given = {name for each in wanted for name in each.names}
-    journal = of_settings(journal)
+    journal = of_settings(journal, marks)
     if not wanted or (missing := [each.name for each in journal.changes if each.name not in given]):
         lacks = f" {arguments.file} does not hold {', '.join(missing)}, which it has changed." if wanted else ""
         raise RefusedError(

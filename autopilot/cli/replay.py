@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from pathlib import Path
 from typing import Any
 
-from autopilot.errors import ExitCode, InputError
+from autopilot.cli.option_numbers import number
+from autopilot.errors import ExitCode
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
@@ -30,7 +30,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         metavar="URL",
         help="play the log onto this link: udpout:127.0.0.1:14550, 'nmea-tcpin:127.0.0.1:10110?send=HDT:5'; repeatable",
     )
-    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="so many times as fast (default 1)")
+    parser.add_argument(
+        "--speed", action=number(0.01, 10_000.0), default=1.0, metavar="X", help="so many times as fast (default 1)"
+    )
     add_signing_option(parser)
     parser.set_defaults(run=run)
 
@@ -62,11 +64,9 @@ def _play(arguments: argparse.Namespace) -> int:
     from autopilot.loop.clock import MonotonicClock
     from autopilot.loop.replay_onto import replay_onto
 
-    if not (math.isfinite(arguments.speed) and 0.01 <= arguments.speed <= 10_000.0):
-        raise InputError(f"--speed {arguments.speed:g}: a number from 0.01 to 10000 is allowed")
     stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: stopped.append(number))
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, lambda each, _: stopped.append(each))
     clock, signing = MonotonicClock(arguments.speed), signing_of(arguments)
     print(replay_onto(arguments.log, arguments.link, clock, lambda: bool(stopped), signing))
     if stopped:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
+    from autopilot.cli.option_numbers import SECONDS, NumberOption
     from autopilot.cli.serving import add_serving_options
     from autopilot.cli.steering import add_steering_options
 
@@ -52,19 +53,22 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument(
         "--turn-rate-deg-s",
-        type=float,
+        action=NumberOption,
         metavar="R",
         help="turn no faster (default: the file's, or what the rudder does)",
     )
     parser.add_argument(
-        "--turn-radius-m", type=float, metavar="R", help="turn no tighter, through the water (default: the file's)"
+        "--turn-radius-m",
+        action=NumberOption,
+        metavar="R",
+        help="turn no tighter, through the water (default: the file's)",
     )
     parser.add_argument(
         "--learn",
         action="store_true",
         help="learn the boat's model while steering; type learn, adopt, revert on a terminal",
     )
-    parser.add_argument("--duration", type=float, metavar="S", help="stop after this time (default: run on)")
+    parser.add_argument("--duration", action=SECONDS, metavar="S", help="stop after this time (default: run on)")
     parser.set_defaults(run=run)
 
 
@@ -88,10 +92,6 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.printable import rewrite_line
     from autopilot.signals import Tick
 
-    if arguments.duration is not None and not arguments.duration > 0.0:
-        raise InputError(f"--duration {arguments.duration}: seconds above 0 are allowed")
-    if not (math.isfinite(arguments.speedup) and arguments.speedup > 0.0):
-        raise InputError(f"--speedup {arguments.speedup}: a number above 0 is allowed")
     vessel = load_vessel(arguments.vessel)
     if arguments.steer is not None:
         vessel = replace(vessel, helm=replace(vessel.helm, method=arguments.steer))

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from autopilot import __version__
 from autopilot.build import track_settings_of
 from autopilot.build_links import networks_of
+from autopilot.cli.option_numbers import SYSTEM_ID
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide
 from autopilot.guidance.wind_vane import WindGuide
@@ -34,7 +35,6 @@ from autopilot.params.vessel import Vessel
 from autopilot.params.vessel_parameters import parameters_of
 from autopilot.regular_file import read_regular
 
-SYSTEM_MAX = 255
 ROUTE_MOST_BYTES = 1 << 20
 
 
@@ -63,13 +63,13 @@ def add_serving_options(parser: argparse.ArgumentParser) -> None:
         metavar="URL",
         help="be a MAVLink surface boat for ground stations: udpout:127.0.0.1:14550, tcpin:127.0.0.1:5762; repeatable",
     )
-    parser.add_argument("--system", type=int, default=1, metavar="ID", help="our system id for --serve (default 1)")
+    parser.add_argument(
+        "--system", action=SYSTEM_ID, default=1, metavar="ID", help="our system id for --serve (default 1)"
+    )
 
 
 def serving_of(arguments: argparse.Namespace, helmsman: Helmsman, mission: Mission, armed: bool) -> Serving:
     """Return what the options ask for. Raises InputError."""
-    if not 1 <= arguments.system <= SYSTEM_MAX:
-        raise InputError(f"--system {arguments.system}: a system id from 1 to {SYSTEM_MAX} is allowed")
     for url in arguments.serve:
         if parse_url(url).protocol != "mavlink":
             raise InputError(f"--serve {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")

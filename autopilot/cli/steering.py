@@ -15,6 +15,7 @@ from autopilot.build_links import LinkOptions, admission_of, alarm_outputs_of, b
 from autopilot.cli.ending import Ending, Held, last_line
 from autopilot.cli.learning_desk import LearningDesk
 from autopilot.cli.log_keeping import add_log_options, alarm_links, open_log
+from autopilot.cli.option_numbers import SPEEDUP, SYSTEM_ID, WAITING
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
 from autopilot.cli.skipper import Skipper
@@ -72,15 +73,20 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
     parser.add_argument(
         "--orders-without-key",
         action="store_true",
-        help="take orders over --serve and --forward from other machines though no --signing-key says whose they are",
+        help="take orders over --serve and --forward from other machines and serial lines, "
+        "though no --signing-key says whose they are",
     )
     add_signing_option(parser)
-    parser.add_argument("--vehicle-system", type=int, metavar="ID", help="MAVLink system id of the vehicle")
+    parser.add_argument("--vehicle-system", action=SYSTEM_ID, metavar="ID", help="MAVLink system id of the vehicle")
     parser.add_argument(
-        "--wait", type=float, default=30.0, metavar="S", help="give up when no heading comes for this long (0: never)"
+        "--wait",
+        action=WAITING,
+        default=30.0,
+        metavar="S",
+        help="give up when no heading comes for this long (0: never)",
     )
     parser.add_argument(
-        "--speedup", type=float, default=1.0, metavar="X", help="for a simulator that runs X times faster"
+        "--speedup", action=SPEEDUP, default=1.0, metavar="X", help="for a simulator that runs X times faster"
     )
 
 

@@ -6,6 +6,8 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
+from autopilot.cli.option_numbers import SECONDS, SEED, NumberOption, number
+from autopilot.cli.trial_plans import HOLDS, LASTING, SPEEDS
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
@@ -30,14 +32,16 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     kinds = parser.add_subparsers(dest="kind", metavar="TRIAL", required=True)
     zigzag = _kind(kinds, "zigzag", "rudder over each time the heading has swung past the execute angle")
     _number(zigzag, "--rudder-deg", 15.0, "DEG", "rudder angle")
-    _number(zigzag, "--heading-deg", 15.0, "DEG", "execute angle")
-    _number(zigzag, "--duration", 60.0, "S", "seconds of zigzag")
+    _number(zigzag, "--heading-deg", 15.0, "DEG", "execute angle", number(1.0, 90.0))
+    _number(zigzag, "--duration", 60.0, "S", "seconds of zigzag", number(*LASTING))
     turning = _kind(kinds, "turning", "one rudder angle after another, each for the same time")
     turning.add_argument("--rudder-deg", default="10,20,-10,-20", metavar="LIST", help="angles (10,20,-10,-20)")
-    _number(turning, "--each", 20.0, "S", "seconds at each angle")
+    _number(turning, "--each", 20.0, "S", "seconds at each angle", number(*LASTING))
     circle = _kind(kinds, "turning-circle", "a turn of 540 deg at full rudder, to both sides", approach=5.0)
-    circle.add_argument("--rudder-deg", type=float, metavar="DEG", help="rudder angle (the vessel file's largest)")
-    _number(circle, "--turn-deg", 540.0, "DEG", "how far to turn")
+    circle.add_argument(
+        "--rudder-deg", action=NumberOption, metavar="DEG", help="rudder angle (the vessel file's largest)"
+    )
+    _number(circle, "--turn-deg", 540.0, "DEG", "how far to turn", number(90.0, 3600.0))
     spiral = _kind(kinds, "spiral", "rudder angle after angle, each until the turn is steady")
     _number(spiral, "--rudder-deg", 15.0, "DEG", "largest angle")
     _number(spiral, "--step-deg", 5.0, "DEG", "steps at large angles")
@@ -47,13 +51,15 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     for kind in (circle, pull):
         kind.add_argument("--side", choices=("starboard", "port", "both"), default="both", help="(both)")
     for kind in (circle, spiral, pull):
-        _number(kind, "--each", 120.0, "S", "most seconds at each angle")
+        _number(kind, "--each", 120.0, "S", "most seconds at each angle", number(*LASTING))
     prbs = _kind(kinds, "prbs", "the rudder to either side in a pseudo-random binary sequence")
     _number(prbs, "--rudder-deg", 10.0, "DEG", "rudder angle")
-    prbs.add_argument("--hold", type=float, metavar="S", help="seconds of one step (the model's time constant)")
-    _number(prbs, "--swing-deg", 45.0, "DEG", "beyond this change of heading the rudder leads back")
-    _number(prbs, "--duration", 120.0, "S", "seconds of it")
-    prbs.add_argument("--seed", type=int, default=1, metavar="N", help="where the sequence begins (1)")
+    prbs.add_argument(
+        "--hold", action=number(*HOLDS), metavar="S", help="seconds of one step (the model's time constant)"
+    )
+    _number(prbs, "--swing-deg", 45.0, "DEG", "beyond this change of heading the rudder leads back", number(5.0, 120.0))
+    _number(prbs, "--duration", 120.0, "S", "seconds of it", number(*LASTING))
+    prbs.add_argument("--seed", action=SEED, default=1, metavar="N", help="where the sequence begins (1)")
     parser.set_defaults(run=run)
     design = kinds.add_parser("design", help="which trial tells most in the water and the time there is")
     add_options(design)
@@ -68,18 +74,27 @@ def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.A
     parser.add_argument(
         "--foretell", action="store_true", help="say how nearly it would tell K, T and n3 at best, and sail nothing"
     )
-    _number(parser, "--approach", approach, "S", "seconds with the rudder amidships before it")
+    _number(parser, "--approach", approach, "S", "seconds with the rudder amidships before it", number(0.0, LASTING[1]))
     limits = parser.add_argument_group("limits that end it")
-    limits.add_argument("--time-limit", type=float, metavar="S", help="seconds from its beginning")
-    limits.add_argument("--speed-min-m-s", type=float, metavar="U", help="least speed")
-    limits.add_argument("--speed-max-m-s", type=float, metavar="U", help="highest speed")
-    limits.add_argument("--corridor-deg", type=float, metavar="DEG", help="most change of heading to either side")
-    limits.add_argument("--radius-m", type=float, metavar="M", help="farthest from where it began")
+    limits.add_argument("--time-limit", action=SECONDS, metavar="S", help="seconds from its beginning")
+    limits.add_argument("--speed-min-m-s", action=number(*SPEEDS), metavar="U", help="least speed")
+    limits.add_argument("--speed-max-m-s", action=number(*SPEEDS), metavar="U", help="highest speed")
+    limits.add_argument(
+        "--corridor-deg", action=number(1.0, 180.0), metavar="DEG", help="most change of heading to either side"
+    )
+    limits.add_argument("--radius-m", action=number(0.1, 1.0e6), metavar="M", help="farthest from where it began")
     return parser
 
 
-def _number(parser: argparse.ArgumentParser, name: str, default: float, unit: str, text: str) -> None:
-    parser.add_argument(name, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
+def _number(
+    parser: argparse.ArgumentParser,
+    name: str,
+    default: float,
+    unit: str,
+    text: str,
+    action: type[NumberOption] = NumberOption,
+) -> None:
+    parser.add_argument(name, action=action, default=default, metavar=unit, help=f"{text} ({default:g})")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -125,18 +140,6 @@ def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:
 def _limits(arguments: argparse.Namespace) -> TrialLimits:
     from autopilot.guidance.trial_limits import TrialLimits
 
-    given = {
-        "--time-limit": arguments.time_limit,
-        "--speed-min-m-s": arguments.speed_min_m_s,
-        "--speed-max-m-s": arguments.speed_max_m_s,
-        "--corridor-deg": arguments.corridor_deg,
-        "--radius-m": arguments.radius_m,
-    }
-    for name, value in given.items():
-        if value is not None and not 0.0 < value < math.inf:
-            raise InputError(f"{name} {value:g}: a number above 0 is allowed")
-    if arguments.corridor_deg is not None and arguments.corridor_deg > 180.0:
-        raise InputError(f"--corridor-deg {arguments.corridor_deg:g}: allowed is up to 180")
     least, most = arguments.speed_min_m_s or -math.inf, arguments.speed_max_m_s or math.inf
     if least >= most:
         raise InputError(f"--speed-min-m-s {least:g} must be below --speed-max-m-s {most:g}")

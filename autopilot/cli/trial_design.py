@@ -8,7 +8,9 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from autopilot.cli.option_numbers import NumberOption, number
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.order_values import typed_number
 
 if TYPE_CHECKING:
     from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Water
@@ -22,10 +24,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the design."""
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file with a first guess of the model")
     parser.add_argument("--water", required=True, metavar="LxW", help="the water there is, in metres: 300x200")
-    parser.add_argument("--time", type=float, required=True, metavar="S", help="seconds there are")
-    parser.add_argument("--margin-m", type=float, metavar="M", help="room kept on every side (a tenth of the width)")
-    parser.add_argument("--speed-m-s", type=float, metavar="U", help="speed (the model's reference speed)")
-    parser.add_argument("--rate-hz", type=float, default=10.0, metavar="HZ", help="samples a second (10)")
+    parser.add_argument("--time", action=number(10.0, 36000.0), required=True, metavar="S", help="seconds there are")
+    parser.add_argument(
+        "--margin-m", action=NumberOption, metavar="M", help="room kept on every side (a tenth of the width)"
+    )
+    parser.add_argument(
+        "--speed-m-s", action=number(0.05, 100.0), metavar="U", help="speed (the model's reference speed)"
+    )
+    parser.add_argument(
+        "--rate-hz", action=number(0.05, 100.0), default=10.0, metavar="HZ", help="samples a second (10)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -53,9 +61,6 @@ def _boat(vessel: Vessel, arguments: argparse.Namespace) -> Boat:
     from autopilot.identification.information import InstrumentNoise
     from autopilot.identification.trial_design import Boat
 
-    for name, value, most in (("--speed-m-s", arguments.speed_m_s, 100.0), ("--rate-hz", arguments.rate_hz, 100.0)):
-        if value is not None and not 0.05 <= value <= most:
-            raise InputError(f"{name} {value:g}: allowed is 0.05 to {most:g}")
     if vessel.model.n1 < 0.0:
         raise InputError(f"{arguments.vessel}: model.n1 is -1: trials are designed for course-stable boats only")
     sensors, model = vessel.sensors, model_of(vessel)
@@ -71,13 +76,11 @@ def _water(arguments: argparse.Namespace) -> Water:
 
     parts = arguments.water.lower().split("x")
     try:
-        sides = sorted((float(part) for part in parts), reverse=True)
-    except ValueError:
+        sides = sorted((typed_number(part) for part in parts), reverse=True)
+    except InputError:
         sides = []
     if len(sides) != 2 or not all(5.0 <= side <= 100_000.0 for side in sides):
         raise InputError(f"--water {arguments.water!r}: write length and width in metres, 5 to 100000, such as 300x200")
-    if not 10.0 <= arguments.time <= 36000.0:
-        raise InputError(f"--time {arguments.time:g}: allowed is 10 to 36000")
     margin = 0.1 * sides[1] if arguments.margin_m is None else arguments.margin_m
     if not 0.0 <= margin < 0.5 * sides[1]:
         raise InputError(f"--margin-m {margin:g}: allowed is 0 to less than half the width, {0.5 * sides[1]:g}")

@@ -10,9 +10,13 @@ from autopilot.cli.trial_script import Helm, Step, Until, turning, zigzag
 from autopilot.errors import InputError
 from autopilot.guidance.trials import BinaryHelm, SteadyRate, Turned, spiral_angles
 from autopilot.models.norrbin import Norrbin
+from autopilot.order_values import typed_number
 from autopilot.signals import Order, OrderKind, Tick
 
-LONGEST_S = 36000.0
+LEAST_ANGLE_DEG, LEAST_STEP_DEG = 1.0, 0.5
+LASTING = (1.0, 36000.0)
+HOLDS = (0.2, 600.0)
+SPEEDS = (0.01, 100.0)
 STEADY_SHARE = 0.02
 """A rate is steady when it changes by less than this share of the linear model's steady rate, over a window."""
 LEAST_WINDOW_S = 4.0
@@ -29,9 +33,7 @@ def steps_of(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin
         "prbs": _prbs,
     }
     steps = makers[arguments.kind](arguments, angle_max_deg, model)
-    approach = getattr(arguments, "approach", 0.0)
-    check("--approach", approach, 0.0, LONGEST_S)
-    return [*_straight(approach), *steps]
+    return [*_straight(arguments.approach), *steps]
 
 
 def check(name: str, value: float, low: float, high: float) -> None:
@@ -49,9 +51,7 @@ def _held(angle: float, seconds: float, label: str, until: Until | None = None) 
 
 
 def _zigzag(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin) -> list[Step]:
-    check("--rudder-deg", arguments.rudder_deg, 1.0, angle_max_deg)
-    check("--heading-deg", arguments.heading_deg, 1.0, 90.0)
-    check("--duration", arguments.duration, 1.0, LONGEST_S)
+    check("--rudder-deg", arguments.rudder_deg, LEAST_ANGLE_DEG, angle_max_deg)
     label = f"zigzag {arguments.rudder_deg:g}/{arguments.heading_deg:g}"
     rudder, change = math.radians(arguments.rudder_deg), math.radians(arguments.heading_deg)
     return [zigzag(rudder, change, arguments.duration)._replace(label=label)]
@@ -59,20 +59,17 @@ def _zigzag(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin)
 
 def _turning(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin) -> list[Step]:
     try:
-        angles = [float(part) for part in arguments.rudder_deg.split(",")]
-    except ValueError:
+        angles = [typed_number(part) for part in arguments.rudder_deg.split(",")]
+    except InputError:
         raise InputError(f"--rudder-deg {arguments.rudder_deg!r}: write angles like 10,20,-10,-20") from None
     for angle in angles:
         check("--rudder-deg", angle, -angle_max_deg, angle_max_deg)
-    check("--each", arguments.each, 1.0, LONGEST_S)
     return [_held(math.radians(angle), arguments.each, f"turn {angle:+g} deg") for angle in angles]
 
 
 def _turning_circle(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin) -> list[Step]:
     degrees = angle_max_deg if arguments.rudder_deg is None else arguments.rudder_deg
-    check("--rudder-deg", degrees, 1.0, angle_max_deg)
-    check("--turn-deg", arguments.turn_deg, 90.0, 3600.0)
-    check("--each", arguments.each, 1.0, LONGEST_S)
+    check("--rudder-deg", degrees, LEAST_ANGLE_DEG, angle_max_deg)
     steps: list[Step] = []
     for side in _sides(arguments.side):
         if steps:
@@ -84,10 +81,9 @@ def _turning_circle(arguments: argparse.Namespace, angle_max_deg: float, model: 
 
 
 def _spiral(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin) -> list[Step]:
-    check("--rudder-deg", arguments.rudder_deg, 1.0, angle_max_deg)
-    check("--step-deg", arguments.step_deg, 0.5, arguments.rudder_deg)
-    check("--fine-step-deg", arguments.fine_step_deg, 0.5, arguments.step_deg)
-    check("--each", arguments.each, 1.0, LONGEST_S)
+    check("--rudder-deg", arguments.rudder_deg, LEAST_ANGLE_DEG, angle_max_deg)
+    check("--step-deg", arguments.step_deg, LEAST_STEP_DEG, arguments.rudder_deg)
+    check("--fine-step-deg", arguments.fine_step_deg, LEAST_STEP_DEG, arguments.step_deg)
     steps_deg = (arguments.rudder_deg, arguments.step_deg, arguments.fine_step_deg)
     angles = spiral_angles(*(math.radians(degrees) for degrees in steps_deg))
     return [
@@ -97,8 +93,7 @@ def _spiral(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin)
 
 
 def _pull_out(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin) -> list[Step]:
-    check("--rudder-deg", arguments.rudder_deg, 1.0, angle_max_deg)
-    check("--each", arguments.each, 1.0, LONGEST_S)
+    check("--rudder-deg", arguments.rudder_deg, LEAST_ANGLE_DEG, angle_max_deg)
     steps = []
     for side in _sides(arguments.side):
         degrees = side * arguments.rudder_deg
@@ -108,11 +103,8 @@ def _pull_out(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbi
 
 
 def _prbs(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin) -> list[Step]:
-    check("--rudder-deg", arguments.rudder_deg, 1.0, angle_max_deg)
-    check("--swing-deg", arguments.swing_deg, 5.0, 120.0)
-    check("--duration", arguments.duration, 1.0, LONGEST_S)
-    hold = arguments.hold if arguments.hold is not None else max(model.time_constant, 1.0)
-    check("--hold", hold, 0.2, 600.0)
+    check("--rudder-deg", arguments.rudder_deg, LEAST_ANGLE_DEG, angle_max_deg)
+    hold = arguments.hold if arguments.hold is not None else min(max(model.time_constant, 1.0), HOLDS[1])
     helm = _binary(math.radians(arguments.rudder_deg), hold, math.radians(arguments.swing_deg), arguments.seed)
     label = f"binary sequence, {arguments.rudder_deg:g} deg every {hold:g} s"
     return [Step(Order(OrderKind.RUDDER), arguments.duration, None, helm, label)]

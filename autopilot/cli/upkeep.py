@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
+from autopilot.cli.option_numbers import whole_number
 from autopilot.cli.resumption import Resumption
 from autopilot.errors import InputError, RefusedError
 from autopilot.links.base import LinkError
@@ -30,7 +31,7 @@ def add_upkeep_options(parser: argparse.ArgumentParser) -> None:
         "--realtime",
         metavar="PRIORITY",
         nargs="?",
-        type=int,
+        action=whole_number(1, 99),
         const=PRIORITY,
         help=f"steer with real-time priority, 1 to 99 (without a number {PRIORITY}), and memory locked",
     )
@@ -45,8 +46,6 @@ def add_upkeep_options(parser: argparse.ArgumentParser) -> None:
 
 def real_time_of(arguments: argparse.Namespace) -> RealTime:
     """Return what the options ask for. Raises InputError."""
-    if arguments.realtime is not None and not 1 <= arguments.realtime <= 99:
-        raise InputError(f"--realtime {arguments.realtime}: a priority from 1 to 99 is allowed")
     return RealTime(arguments.realtime, () if arguments.cpu is None else cpus_of(arguments.cpu))
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from autopilot.errors import InputError, NotYetError
+from autopilot.cli.option_numbers import WAITING
+from autopilot.errors import NotYetError
 from autopilot.links.base import NotThereError, parted
 
 LINK_WAIT_S = 10.0
@@ -22,7 +22,7 @@ def add_waiting_option(parser: argparse.ArgumentParser) -> None:
     """Add `--link-wait`."""
     parser.add_argument(
         "--link-wait",
-        type=float,
+        action=WAITING,
         default=LINK_WAIT_S,
         metavar="S",
         help="wait so long for a device or a connection that is not there yet (%(default)g; 0: do not wait)",
@@ -30,11 +30,9 @@ def add_waiting_option(parser: argparse.ArgumentParser) -> None:
 
 
 class Patience:
-    """Opens what may not be there yet, for so long [s] altogether; says once what it waits for. InputError."""
+    """Opens what may not be there yet, for so long [s] altogether; says once what it waits for."""
 
     def __init__(self, seconds: float) -> None:
-        if not (math.isfinite(seconds) and seconds >= 0.0):
-            raise InputError(f"--link-wait {seconds:g}: seconds from 0 are allowed")
         self._seconds = seconds
         self._until: float | None = None
 
@@ -58,5 +56,5 @@ class Patience:
 
 
 def patience_of(arguments: argparse.Namespace) -> Patience:
-    """Return the patience that the options ask for. Raises InputError."""
+    """Return the patience that the options ask for."""
     return Patience(getattr(arguments, "link_wait", 0.0))

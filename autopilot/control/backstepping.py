@@ -9,7 +9,7 @@ wind, current and trim are worth: the estimator learns it from the rudder that w
 is nothing here to wind up.
 
 A heading error larger than E counts as E: the law then turns the boat back at the rate (W/S) E, with W = g + k1 k2 and
-S = k1 + k2, in place of swinging her to and fro with a rudder that is always late. With e = z1 and a course or a rate
+S = k1 + k2, in place of swinging it to and fro with a rudder that is always late. With e = z1 and a course or a rate
 that is held,
 
     e'' + S e' + W sat(e) = 0,   V = e'^2/2 + W int_0^e sat(y) dy,   V' = -S e'^2,
@@ -63,7 +63,7 @@ LEAST_BOUND = math.radians(2.0)
 OVERTAXED = 1.7
 """The law answers an error in proportion up to one whose swing takes this many times the rudder's rate. With less,
 quick loops lag in turns and a launch is held worse in following seas; with 2 and more, a boat turning 40 % better than
-her model may swing about her course for ever after a push that her rudder did not hold (docs/gains.md)."""
+its model may swing about its course for ever after a push that its rudder did not hold (docs/gains.md)."""
 
 
 class BacksteppingGains(NamedTuple):
@@ -94,7 +94,8 @@ def error_max_of(model: Norrbin, gains: BacksteppingGains, rudder_rate: float) -
     total, square = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2
     steered = total - model.n1 / model.time_constant
     asked = model.time_constant / model.gain * square * math.sqrt(square + steered * steered)
-    return max(OVERTAXED * rudder_rate / asked, LEAST_BOUND)
+    # gains too small for a number to hold what they ask for can follow any error
+    return max(OVERTAXED * rudder_rate / asked, LEAST_BOUND) if asked > 0.0 else math.inf
 
 
 def error_max_at(error_max: float, speed_ratio: float) -> float:

@@ -36,6 +36,8 @@ MIDDLE_LEVEL = 5
 """Of the response levels 1 to 9."""
 REFUSED_ERROR = math.radians(0.1)
 """A loop whose rudder rate saturates at errors as small as this limit-cycles on compass noise alone."""
+BANDWIDTHS = (0.03, 100.0)
+"""Times 1/T: slower loops cross over below the frequencies that are judged, and quicker ones no rudder follows."""
 GRID = 400
 
 
@@ -227,7 +229,7 @@ def design_backstepping(
 
 
 class Steered(NamedTuple):
-    """A boat with her rudder, the dead time [s] of the whole loop, and her gains by how quick they are, k [1/s]."""
+    """A boat with its rudder, the dead time [s] of the whole loop, and its gains by how quick they are, k [1/s]."""
 
     model: Norrbin
     gear: SteeringGear
@@ -250,7 +252,7 @@ def _quickest(steered: Steered, worst: float, least_error: float) -> float:
     if not good:
         raise ValueError(
             "design: no gain gives a stable loop with margins: the steering gear is too slow for this boat"
-            + (", or she cannot be spared: try --no-spare-rudder" if at(slowest).smoothing > 0.0 else "")
+            + (", or the rudder cannot be spared: try --no-spare-rudder" if at(slowest).smoothing > 0.0 else "")
         )
     return good[-1]
 
@@ -265,6 +267,12 @@ def placed(bandwidth: float, damping: float) -> BacksteppingGains:
         raise ValueError("bandwidth must be positive, and damping above 0 and below 1")
     k = damping * bandwidth
     return BacksteppingGains(k, k, bandwidth * bandwidth * (1.0 - damping * damping))
+
+
+def bandwidths_of(model: Norrbin) -> tuple[float, float]:
+    """Return the least and the largest bandwidth [rad/s] that is looked at for a boat."""
+    low, high = BANDWIDTHS
+    return low / model.time_constant, high / model.time_constant
 
 
 class Spread(NamedTuple):

@@ -23,6 +23,8 @@ LEAST_SETTLED = math.radians(0.5)
 LONGEST_TIME_CONSTANTS = 40.0
 FASTEST_LOOPS = 25.0
 """The simulation lasts this many of the loop's own times, and of the boat's time constants at most."""
+MOST_TICKS = 100_000
+"""What is not corrected by then is not called corrected."""
 
 
 class Law(Protocol):
@@ -69,7 +71,8 @@ def _duration(loop: Loop, bandwidth: float) -> float:
     own = FASTEST_LOOPS / max(bandwidth, 1.0e-6)
     # the rudder can take the boat round no faster than this
     turning = 2.0 * math.pi / max(loop.model.gain * loop.limits.angle_max, 1.0e-6)
-    return max(own, min(LONGEST_TIME_CONSTANTS * loop.model.time_constant, 4.0 * own)) + turning
+    lasting = max(own, min(LONGEST_TIME_CONSTANTS * loop.model.time_constant, 4.0 * own)) + turning
+    return min(lasting, MOST_TICKS / loop.rate_hz)
 
 
 class Trace(NamedTuple):

@@ -32,7 +32,7 @@ GAIN_MOST = 20.0
 GAIN_LEAST = 0.02
 BISECTIONS = 24
 WEAKER = 0.7
-"""A course-unstable boat must stay steerable with this share of the rudder's effect that her model has."""
+"""A course-unstable boat must stay steerable with this share of the rudder's effect that its model has."""
 
 
 class Delays(NamedTuple):
@@ -55,7 +55,7 @@ class ObservedMargins(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """The boat as the filter knows her, her gear, what passes unknown, the law's gains, whether it takes the filter's
+    """The boat as the filter knows it, its gear, what passes unknown, the law's gains, whether it takes the filter's
     bias away, and the filter."""
 
     model: Norrbin
@@ -99,7 +99,7 @@ def refusal_of(observed: Observed) -> str:
     if observed.model.n1 < 0.0 and not _holds(curve, wanted, WEAKER):
         less = round(100.0 * (1.0 - WEAKER))
         return (
-            f"refused to engage: with these gains this course-unstable boat is lost where her rudder is {less} % "
+            f"refused to engage: with these gains this course-unstable boat is lost where its rudder is {less} % "
             f"weaker than the model's; {cure}"
         )
     return ""

@@ -114,13 +114,13 @@ def linear_step_of(model: LinearMotion, dt: float) -> LinearStep:
 
 
 def linear_response(step: LinearStep, x: Motion, rudder: float) -> Motion:
-    """Return the response one step later, from `x` under `rudder` [rad]."""
+    """Return the response one step later, from `x` under `rudder` [rad]; nothing but itself depends on the heading."""
     a, b, c, d, e = step
     return Motion(
-        a[0] * x.v + a[1] * x.p + a[2] * x.r + a[3] * x.phi + a[4] * x.psi + a[5] * rudder,
-        b[0] * x.v + b[1] * x.p + b[2] * x.r + b[3] * x.phi + b[4] * x.psi + b[5] * rudder,
-        c[0] * x.v + c[1] * x.p + c[2] * x.r + c[3] * x.phi + c[4] * x.psi + c[5] * rudder,
-        d[0] * x.v + d[1] * x.p + d[2] * x.r + d[3] * x.phi + d[4] * x.psi + d[5] * rudder,
+        a[0] * x.v + a[1] * x.p + a[2] * x.r + a[3] * x.phi + a[5] * rudder,
+        b[0] * x.v + b[1] * x.p + b[2] * x.r + b[3] * x.phi + b[5] * rudder,
+        c[0] * x.v + c[1] * x.p + c[2] * x.r + c[3] * x.phi + c[5] * rudder,
+        d[0] * x.v + d[1] * x.p + d[2] * x.r + d[3] * x.phi + d[5] * rudder,
         e[0] * x.v + e[1] * x.p + e[2] * x.r + e[3] * x.phi + e[4] * x.psi + e[5] * rudder,
     )
 

@@ -274,7 +274,7 @@ class SlidingRollLaw:
         return self._list
 
     def _look_on(self, place: int, off: Motion, rudder: float, dt: float) -> None:
-        """Take the schedule on by `dt` [s] with the boat `off` her course and her `rudder` [rad] beside the planned."""
+        """Take the schedule on by `dt` [s] with the boat `off` its course and its `rudder` [rad] beside the planned."""
         owed = clip(self._owed + dt, 0.0, LONGEST_STEP)
         step = round(owed, STEP_PLACES)
         self._owed = owed - step

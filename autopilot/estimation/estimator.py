@@ -42,7 +42,7 @@ SPEED_RATIO_MOST = 3.0
 """The model is not scaled beyond this many times the speed it was identified at."""
 
 
-@dataclass(slots=True)
+@dataclass
 class Counters:
     """What became of the samples."""
 

@@ -36,7 +36,7 @@ DOUBT_SHARE = 0.3
 """Of the variance of b so much is doubt of y - z: the rest is forgotten on the way. With 1, gusts of slow boats take
 minutes to be forgotten in a calm."""
 STRENGTH_ERROR = 0.4
-"""A rudder may be so much stronger or weaker than the model's. With 0 a coaster that turns 40 % better than her model
+"""A rudder may be so much stronger or weaker than the model's. With 0 a coaster that turns 40 % better than its model
 swings for ever after a push: the bias goes with the rudder, is taken for gusts, and follows the sooner."""
 SURGE = 10.0
 """What lies further apart than so many times what is expected is a push, not a gust: it counts as that."""

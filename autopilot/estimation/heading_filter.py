@@ -95,7 +95,7 @@ class FilterNoise(NamedTuple):
     the bias wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong rudder
     until the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is learnt.
     rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates that no
-    ship turns with, and what a heavy one is once believed to do she needs minutes to be believed out of.
+    ship turns with, and what a heavy one is once believed to do it needs minutes to be believed out of.
     """
 
     heading: float
@@ -208,7 +208,7 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     a01 = p01 + turn * p11 + drift * p12
     a02 = p02 + turn * p12 + drift * p22
     a12 = decay * p12 + gain * p22
-    # counted from the rudder that keeps her straight: with it she needs no more trust to port than to starboard
+    # counted from the rudder that keeps the boat straight, so that it needs no more trust to port than to starboard
     steered = noise.model_error * (model.gain * (rudder + bias) - model.n0) / model.time_constant
     pushed, wandered = noise.acceleration, max(noise.bias, state.gusts.density)
     if noise.waves and wave_motion.is_extreme(state.sea, state.wave):

@@ -126,7 +126,7 @@ def _compiled_update(observe: Observe, d: int, m: int) -> Callable[..., None]:
     @compile_
     def update(x: Any, measured: Any, whiten: Any) -> None:
         h, S, gain = np.empty((m, x.shape[1])), np.empty((m, m)), np.empty((d, m))
-        mean, toward, back = np.empty(m), np.empty(d), np.empty((d, m))
+        mean, towards, back = np.empty(m), np.empty(d), np.empty((d, m))
         done, taken, lost = 0.0, 0, 0.0
         while done < 1.0:
             observed(x, whiten, h)
@@ -143,26 +143,26 @@ def _compiled_update(observe: Observe, d: int, m: int) -> Callable[..., None]:
             if taken < MOST_STEPS:
                 step = min(LARGEST_STEP / max(trace, 1.0e-300), step)
             if taken == 1:
-                lost = 0.5 * damped(S, 1.0, gain, mean, toward, back) / (x.shape[1] - 1)
-            damped(S, step, gain, mean, toward, back)
-            move(x, h, toward, back)
+                lost = 0.5 * damped(S, 1.0, gain, mean, towards, back) / (x.shape[1] - 1)
+            damped(S, step, gain, mean, towards, back)
+            move(x, h, towards, back)
             done = 1.0 if step >= 1.0 - done else done + step
         grow(x, lost)
 
     return update  # type: ignore[no-any-return]
 
 
-def _damped_by_one(S: Any, step: float, gain: Any, off: Any, toward: Any, back: Any) -> float:
+def _damped_by_one(S: Any, step: float, gain: Any, off: Any, towards: Any, back: Any) -> float:
     """Write step K pull off and step K shrink, with the `damping_matrices` of one measured value; return the sum of
     s/(1 + s) over the eigenvalues s of step S, which is trace(I - (I + step S)^-1)."""
     a = 1.0 + step * S[0, 0]
     for k in range(gain.shape[0]):
-        toward[k] = step * gain[k, 0] * off[0] / a
+        towards[k] = step * gain[k, 0] * off[0] / a
         back[k, 0] = step * gain[k, 0] / (a + np.sqrt(a))
     return float(1.0 - 1.0 / a)
 
 
-def _damped_by_two(S: Any, step: float, gain: Any, off: Any, toward: Any, back: Any) -> float:
+def _damped_by_two(S: Any, step: float, gain: Any, off: Any, towards: Any, back: Any) -> float:
     """The same of two: the root of a 2 x 2 matrix A is (A + s I)/sqrt(trace A + 2 s), s the root of det A."""
     a, b, c = 1.0 + step * S[0, 0], step * S[0, 1], 1.0 + step * S[1, 1]
     det = a * c - b * b
@@ -172,7 +172,7 @@ def _damped_by_two(S: Any, step: float, gain: Any, off: Any, toward: Any, back: 
     size = p * r - q * q
     first, second = (c * off[0] - b * off[1]) / det, (a * off[1] - b * off[0]) / det
     for k in range(gain.shape[0]):
-        toward[k] = step * (gain[k, 0] * first + gain[k, 1] * second)
+        towards[k] = step * (gain[k, 0] * first + gain[k, 1] * second)
         back[k, 0] = step * (gain[k, 0] * r - gain[k, 1] * q) / size
         back[k, 1] = step * (gain[k, 1] * p - gain[k, 0] * q) / size
     return float(2.0 - (a + c) / det)
@@ -202,11 +202,11 @@ def _moments(x: Any, h: Any, mean: Any, S: Any, gain: Any) -> None:
             gain[k, j] = total / (N - 1)
 
 
-def _move(x: Any, h: Any, toward: Any, back: Any) -> None:
-    """Move every particle by `toward`, shape (d,), and back towards the others, `back` of shape (d, m)."""
+def _move(x: Any, h: Any, towards: Any, back: Any) -> None:
+    """Move every particle by `towards`, shape (d,), and back towards the others, `back` of shape (d, m)."""
     for k in range(x.shape[0]):
         for i in range(x.shape[1]):
-            x[k, i] += toward[k]
+            x[k, i] += towards[k]
         for j in range(h.shape[0]):
             share = back[k, j]
             for i in range(x.shape[1]):

@@ -106,14 +106,14 @@ class HeadingGuide:
             led = in_company(model, limits, led, state.heading, state.rate, state.rudder + state.bias, dt)
         self._boat = turn_step(model, pace, led, self.heading, dt)
         if not math.isfinite(self._boat.heading + self._boat.rate + self._boat.rudder):
-            # far quicker than the model of a boat that has lost her way allows: the turn is planned anew
+            # far quicker than the model of a boat that has lost its way allows: the turn is planned anew
             self.start(state, limits)
         return reference_of(model, limits, self._boat)
 
     def astray(self, heading: float) -> float:
         """Return how far [rad] beyond its swing a zigzag is off to the side that its rudder turns away from.
 
-        0 or less where she sails it, and where no zigzag is sailed.
+        0 or less where the boat sails it, and where no zigzag is sailed.
         """
         if self.order.kind is not OrderKind.ZIGZAG:
             return 0.0

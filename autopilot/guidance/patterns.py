@@ -10,7 +10,7 @@ A pattern says by how much the heading should have changed from where it began, 
     square       side pi/2 after each leg of length L
     S            swings of side a to -side a and back, along arcs of radius R
 
-A boat that cannot turn as sharply turns as sharply as she can: the order never leads her heading by more than `LEAD`,
+A boat that cannot turn as sharply turns as sharply as it can: the order never leads its heading by more than `LEAD`,
 so that the short way round stays the way of the pattern.
 """
 

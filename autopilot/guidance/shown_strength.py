@@ -1,4 +1,4 @@
-"""How strong a boat's rudder shows itself while she turns: her K in units of the model's.
+"""How strong a boat's rudder shows itself while the boat turns: its K in units of the model's.
 
 With K a share q of the model's and a push b0 that the estimator has not learnt,
 
@@ -55,7 +55,7 @@ NOTHING_SHOWN = Shown(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def watched(model: Norrbin, shown: Shown, rate: float, rudder: float, dt: float) -> Shown:
-    """Return what she has shown after `dt` [s] more at `rate` r [rad/s] with `rudder` delta [rad], bias included."""
+    """Return what has been shown after `dt` [s] more at `rate` r [rad/s] with `rudder` delta [rad], bias included."""
     if dt <= 0.0:
         return shown
     tau = SMOOTHED * model.time_constant

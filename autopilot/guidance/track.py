@@ -3,7 +3,7 @@
 A leg is the rhumb line between two waypoints; the first one begins where the boat is when following begins. A waypoint
 is passed inside its circle, at the place where the turn into the next leg has to begin (R tan(turn/2) before it, R the
 radius the boat turns with), or at the line through it across the leg. At the end of the route the last leg's course is
-held, corrected for the drift that was learned. Without a position, or after one that the boat cannot have reached, the
+held, corrected for the drift that was learnt. Without a position, or after one that the boat cannot have reached, the
 course steered last is held.
 """
 
@@ -25,11 +25,11 @@ SHORTEST_LEG = 1.0
 WHEEL_OVER_MOST = 2.0
 """A turn is begun no further before its waypoint than this many turning radii."""
 SET_KEPT_S = 1800.0
-"""The current that was learned counts for this long [s] when a route is begun anew."""
+"""The current that was learnt counts for this long [s] when a route is begun anew."""
 SET_MOST = 0.7
 """No more current is expected than this share of the boat's speed."""
 SPEED_LEAST = 0.5
-"""Below this speed [m/s] nothing is learned of the current, nor expected."""
+"""Below this speed [m/s] nothing is learnt of the current, nor expected."""
 ALARM_OFF = 0.8
 """The cross-track alarm ends inside this share of its limit."""
 
@@ -49,8 +49,8 @@ class Waypoint(NamedTuple):
 
 class TrackSettings(NamedTuple):
     """lookahead [s] of way; radius [m] within which a waypoint is reached; turn_radius [m] of the boat at work, and
-    turn_reach [m] that she goes before she turns; alarm_distance [m] off the track; position_timeout [s] after which a
-    lost position is an alarm; magnetic: the boat steers magnetic courses, and no route can lead her."""
+    turn_reach [m] that it goes before it turns; alarm_distance [m] off the track; position_timeout [s] after which a
+    lost position is an alarm; magnetic: the boat steers magnetic courses, and no route can lead it."""
 
     lookahead: float = LOOKAHEAD_S
     radius: float = 10.0
@@ -182,7 +182,7 @@ class TrackGuide:
         before = self._held if self._held is not None else heading
         ahead = self.look_ahead(speed)
         age = self.fix.age(now)
-        # since its position was measured the boat has gone by its heading, and across by the current that was learned
+        # since its position was measured the boat has gone by its heading, and across by the current that was learnt
         gone = (speed * age * math.cos(heading), speed * age * math.sin(heading))
         aside = speed * age * self._drift / math.hypot(ahead, self._drift)
         leg = self._leg_seen(gone, aside, before)

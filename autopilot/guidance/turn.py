@@ -9,13 +9,13 @@ now would leave, e - D, the wanted acceleration is
     r' = -kappa r + mu (e - D),   held to what rate and rudder allow.
 
 A turn is begun with more of the rudder than it is ended with: a boat whose rudder is weaker than the model's is slow to
-turn then, and `within_reach` waits for her, but the rudder left is enough to stop her in time.
+turn then, and `within_reach` waits for it, but the rudder left is enough to stop it in time.
 
 A course-unstable boat whose rudder is weaker than the model's may not be stopped any more from a rate that is easy for
-the model. So she is watched (`shown_strength`). Turns begin carefully; with evidence that the model is right the rest
-is planned with more of the rudder, and what she needs more, or less, than planned is told beforehand from then on
-(`reference_of`). What she lags behind the plan is not caught up with while she turns: that would take her beyond the
-rate that the plan keeps to. The plan goes with her instead (`in_company`).
+the model. So it is watched (`shown_strength`). Turns begin carefully; with evidence that the model is right the rest
+is planned with more of the rudder, and what it needs more, or less, than planned is told beforehand from then on
+(`reference_of`). What it lags behind the plan is not caught up with while it turns: that would take it beyond the
+rate that the plan keeps to. The plan goes with it instead (`in_company`).
 
 Close to the goal D = r/kappa, and the poles are -kappa and -mu/kappa: no overshoot; far from it, e = D is
 the moment to meet the turn with counter-rudder.
@@ -44,26 +44,27 @@ BEGINS = 1.25
 MOST_SHARE = 0.9
 """A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share."""
 HELD_UNSTABLE = 0.655
-"""A course-unstable boat turns no faster than this share of the planned rudder can hold, until she has shown herself as
-strong as her model. This and the other numbers of such boats are tuned on five of them with T from 2 to 14 s, K 0.7 to
+"""A course-unstable boat turns no faster than this share of the planned rudder can hold, until it has shown itself as
+strong as its model. This and the other numbers of such boats are tuned on five of them with T from 2 to 14 s, K 0.7 to
 1.3 times the model's, for turns in little more than the least time that lead past by little with any noise."""
 BRAKED_UNSTABLE = 0.465
 BRAKED_RANGE = (0.382, 0.609)
 """The share of the rudder that a course-unstable boat's turn is stopped with, by its time constant over the time that
-the rudder takes amidships: a boat quicker than her rudder is stopped earlier."""
+the rudder takes amidships: a boat quicker than its rudder is stopped earlier."""
 BEGUN_UNSTABLE = 0.485
 """And the share that it is begun with."""
 RATE_UNSTABLE = 0.746
 """A course-unstable boat's plan keeps to this share of the planned rudder's rate: once the real rudder is at its
-quickest, she is soon lost."""
+quickest, the boat is soon lost."""
 EASED_UNSTABLE = 0.71
-"""She approaches the fastest rate with this share of the rudder's jerk: she needs counter-rudder to keep to it."""
+"""Such a boat approaches the fastest rate with this share of the rudder's jerk: it needs counter-rudder to keep to it.
+"""
 SURE_RUDDER, SURE_RATE = 1.34, 1.8
-"""Rudder and deceleration, and fastest rate, in units of the careful ones, for a boat as strong as her model."""
+"""Rudder and deceleration, and fastest rate, in units of the careful ones, for a boat as strong as its model."""
 CARE = 0.36
-"""Until she has shown her strength she is taken to be weaker than her model by this."""
+"""Until it has shown its strength such a boat is taken to be weaker than its model by this."""
 DRAWN, DRAWN_RATE = 9.0, 1.5
-"""At its fastest the plan is drawn to the real boat's heading and rate in so many parts of her time constant."""
+"""At its fastest the plan is drawn to the real boat's heading and rate in so many parts of its time constant."""
 CARRIED_OFF = 2.0
 """No plan turns at so many times the careful fastest rate, and its rudder may not stop the boat any more: the plan
 keeps to the careful rate then, and the law takes all of the rudder to come back to it."""
@@ -84,8 +85,8 @@ SETTLING_TIME_CONSTANTS = 5.0
 REPLAN = math.radians(20.0)
 """Carried off this far [rad] from the turn that was ordered, the boat is led on by a turn planned from where it is."""
 REPLAN_SOON = math.radians(8.0)
-"""A course-unstable boat that swings further than her rudder's rate can follow is lost: the plan, which knows that
-rate, takes over early. So it does where something holds any boat off her course."""
+"""A course-unstable boat that swings further than its rudder's rate can follow is lost: the plan, which knows that
+rate, takes over early. So it does where something holds any boat off its course."""
 STOP_STEPS = 24
 STOP_STEPS_MOST = 60
 
@@ -94,7 +95,7 @@ class TurnLimits(NamedTuple):
     """rudder_max [rad] and rudder_rate [rad/s] the virtual boat may use, and what follows from them: rate_max
     [rad/s], acceleration [rad/s^2], kappa [1/s] and mu [1/s^2]. A turn is begun with `begins` [-] times rudder_max and
     rudder_rate and with `begun` [rad/s^2]; rate_max is approached with no more than `eases` [rad/s^3]. watches: whether
-    a boat as strong as her model is led quicker."""
+    a boat as strong as its model is led quicker."""
 
     rudder_max: float
     rudder_rate: float
@@ -111,7 +112,7 @@ class TurnLimits(NamedTuple):
 def without_haste(limits: TurnLimits) -> TurnLimits:
     """Return the limits of a turn that nobody ordered: it leads a boat back that was carried off, with rudder to spare.
 
-    With more a boat that turns 40 % better than her model swings for minutes after a gust that her rudder did not hold.
+    With more a boat that turns 40 % better than its model swings for minutes after a gust that its rudder did not hold.
     """
     most = limits.rudder_max, limits.rudder_rate, limits.rate_max, limits.acceleration
     return TurnLimits(*most, limits.kappa, limits.mu, 1.0, limits.acceleration, limits.eases, False)
@@ -277,7 +278,7 @@ def in_company(
 
 
 def paced(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> TurnLimits:
-    """Return the limits for a boat that has shown herself as strong as `boat` knows of her."""
+    """Return the limits for a boat that has shown itself as strong as `boat` knows of it."""
     if not limits.watches:
         return limits
     strong = strength(model, limits.rudder_max, boat.shown, CARE)
@@ -312,8 +313,8 @@ def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int)
     """Return the virtual boat, waiting where the real one at `heading` [rad] and `rate` [rad/s] cannot keep up with it.
 
     hard_over: the side, 1 or -1, on which the real rudder is at its stop; 0: at neither. A boat that turns worse than
-    her model is then never more than BEHIND, so that the turn is met when she must meet it; and one that is blown away
-    is led back from where she is when her rudder holds her again, not from where a plan ran to without her.
+    its model is then never more than BEHIND, so that the turn is met when it must be met; and one that is blown away
+    is led back from where it is when its rudder holds it again, not from where a plan ran to without it.
     """
     behind = hard_over * wrap(boat.heading - heading)
     if behind <= BEHIND or hard_over * boat.rate <= max(hard_over * rate, 0.0):
@@ -326,9 +327,9 @@ def caught_up(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: fl
     """Return the virtual boat, taken along where the real one at `heading` [rad] is far ahead on the way to `target`
     [rad], but no further than where it must begin to stop.
 
-    It keeps its rate. A law that saw more error would have her wait with more rudder than its rate can take off again
-    in time, and a boat that turns better than her model would swing about the plan. A plan that goes with a
-    course-unstable boat anyway, `in_company`, is left to that.
+    The plan keeps its rate. A law that saw more error would have the boat wait with more rudder than the rudder's rate
+    can take off again in time, and a boat that turns better than its model would swing about the plan. A plan that goes
+    with a course-unstable boat anyway, `in_company`, is left to that.
     """
     ahead = wrap(heading - boat.heading)
     if limits.watches or ahead * boat.rate <= 0.0 or abs(ahead) <= AHEAD or not is_turning(model, limits, boat):
@@ -364,7 +365,7 @@ def replan_beyond(model: Norrbin, limits: TurnLimits, is_late: bool, stuck: floa
 
     is_late: no ordered turn is under way any more. stuck: how long [s] the rudder has been at its stop. A boat that
     keeps a course is carried off where the rudder has been there for as long as it takes from stop to stop. What lasts
-    less is a wave, and the law brings her back from it sooner than a turn planned from where the wave threw her.
+    less is a wave, and the law brings the boat back from it sooner than a turn planned from where the wave threw it.
     """
     if model.n1 < 0.0:
         return REPLAN_SOON

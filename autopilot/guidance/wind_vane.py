@@ -18,7 +18,7 @@ SMOOTHING_S = 5.0
 WIND_LEAST = 0.5
 """In less apparent wind [m/s] than this a vane points anywhere."""
 SHIFT = math.radians(30.0)
-"""A wind that leads the boat this far from where she went when the hold began is told of."""
+"""A wind that leads the boat this far from where it went when the hold began is told of."""
 
 
 class WindGuide:

@@ -1,4 +1,4 @@
-"""A ship's thrust and damping from trials under her thrusters: Zheng et al. 2019 as cases for `recursive`."""
+"""A ship's thrust and damping from trials under its thrusters: Zheng et al. 2019 as cases for `recursive`."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def trial_steps(hull: Hull, trial: Trial) -> Steps:
 def simulated_trial(
     hull: Hull, case: Case, truth: Sequence[float], dt: float, thrust: FloatArray, random: np.random.Generator
 ) -> tuple[Trial, FloatArray]:
-    """Return a trial of the ship whose parameters are `truth`, begun at rest, and her states, bis, shape (n + 1, d).
+    """Return a trial of the ship whose parameters are `truth`, begun at rest, and its states, bis, shape (n + 1, d).
 
     thrust [N], shape (n, 2) or (n, 1), held over dt [s]; integrated at dt/10 with the case's process noise in every
     step, measured with its measurement noise.

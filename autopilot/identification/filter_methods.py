@@ -16,7 +16,7 @@ from autopilot.identification.methods import Question, begin, identified_as
 from autopilot.identification.norrbin_case import NAMES
 from autopilot.identification.recursive import Case, Found, Steps, by_particle_filter
 from autopilot.identification.residuals import typical_rate
-from autopilot.identification.runs import Run
+from autopilot.identification.runs import Run, shortest_time_constant
 
 PARTICLES = 300
 SEED = 2019
@@ -66,8 +66,9 @@ def _identify(runs: Sequence[Run], question: Question, filter_: Filter | None, n
     start = found if question.start is None else question.start
     cubic = question.kind == "norrbin" or question.course_unstable
     steps = ProgressSteps(question.progress, total=PASSES)
-    unit = typical_rate([segment for run in runs for segment in run.segments])
-    passes = Passes(runs, unit, start if cubic else start._replace(n3=0.0), name, steps)
+    segments = [segment for run in runs for segment in run.segments]
+    unit, shortest = typical_rate(segments), shortest_time_constant(segments)
+    passes = Passes(runs, unit, start if cubic else start._replace(n3=0.0), name, steps, shortest)
     result, reasons = passes.kalman(cubic), {}
     if cubic and not _tells_n3(result):
         reason = _untold(result, unit)

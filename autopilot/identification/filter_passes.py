@@ -58,13 +58,15 @@ class Passed(NamedTuple):
 
 
 class Passes(NamedTuple):
-    """Passes over `runs` from the model `start`; unit: the typical rate; method: what calls itself so."""
+    """Passes over `runs` from the model `start`; unit: the typical rate; method: what calls itself so; shortest: the
+    shortest time constant [s] that the runs can tell."""
 
     runs: Sequence[Run]
     unit: float
     start: Norrbin
     method: str
     steps: ProgressSteps
+    shortest: float
 
     def kalman(self, cubic: bool) -> Passed:
         """Return what the Kalman filter ends with, its covariance that of scores which may remember. Raises
@@ -82,6 +84,7 @@ class Passes(NamedTuple):
             if far <= SETTLED and weighed:
                 break
             about = about + np.clip(off, -LARGEST_MOVE, LARGEST_MOVE)
+            about[1] = max(about[1], math.log(self.shortest))
             # a strength found far from the end says nothing of the end
             before, noise = noise, self._noise(self.model(about), noise.process)
             weighed = abs(math.log(noise.process / before.process)) < ALIKE
@@ -106,8 +109,9 @@ class Passes(NamedTuple):
         return Passed(belief.mean, kalman.covariance + np.diag(off * off), convergence)
 
     def model(self, values: FloatArray) -> Norrbin:
-        """Return the model that parameters in the state's units stand for."""
-        return model_of(values, self.start, self.unit)
+        """Return the model that parameters in the state's units stand for, T held where the samples can tell it."""
+        model = model_of(values, self.start, self.unit)
+        return model._replace(time_constant=max(model.time_constant, self.shortest))
 
     def _prior(self, cubic: bool) -> Gaussian:
         return prior_about(self.start, self.unit, cubic)

@@ -6,7 +6,7 @@ heading and rate alone, the parameters held, tells how likely the record is:
     -2 log L = sum log det S_k + e_k' S_k^-1 e_k
 
 and the strength that makes it most likely is taken (Ljung 1999, section 7.4). A heading that drifts away betrays gusts
-long before the rates' own scatter does, and where a boat is course-unstable, and her simulation strays however good the
+long before the rates' own scatter does, and where a boat is course-unstable, and its simulation strays however good the
 model is, the filter stays with the record.
 
 The instruments' noise comes from second differences of the record, or of what a simulation leaves of it where that is

@@ -130,8 +130,13 @@ def _too_uncertain(solution: Solution) -> dict[str, str]:
                 "record a zigzag in which the rudder goes over several times."
             )
     if "time_constant" in solution.at_bound:
-        reasons["T"] = (
-            f"T: below {solution.model.time_constant:.2g} s, a fifth of the time between two samples: the boat answers "
-            "faster than these runs can show; record a zigzag, with heading and rate more often."
-        )
+        reasons["T"] = too_quick(solution.model.time_constant)
     return reasons
+
+
+def too_quick(shortest: float) -> str:
+    """Return why no T is told where it would be below the `shortest` [s] that the samples can tell."""
+    return (
+        f"T: below {shortest:.2g} s, a fifth of the time between two samples: the boat answers faster than these runs "
+        "can show; record a zigzag, with heading and rate more often."
+    )

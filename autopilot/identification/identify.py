@@ -75,7 +75,7 @@ def identify(
     weighting: "prediction-error" knows gusts from instrument noise; K, T, n3 and n0 alone, of a course-stable boat.
 
     quadratic: n2 too, of a boat that turns otherwise to one side; left out again where it cannot be told from 0 or
-    would let her turn without bound. trim: "per-run" fits an n0 for each run; the model has their mean.
+    would let the boat turn without bound. trim: "per-run" fits an n0 for each run; the model has their mean.
 
     Raises InputError where the rudder never moves, the boat makes no way, the motion does not follow the
     rudder, or follows it backwards.

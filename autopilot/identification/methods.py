@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
-from autopilot.identification.identified import Convergence, Identified, ModelKind, Progress, SteadyTurns
+from autopilot.identification.identified import Convergence, Identified, ModelKind, Progress, SteadyTurns, too_quick
 from autopilot.identification.identify import check_excitation, check_response, mean_speed
 from autopilot.identification.noise import residual_noise
 from autopilot.identification.output_error import Weighting
 from autopilot.identification.prediction import simulate_run
 from autopilot.identification.run_trim import Trim
-from autopilot.identification.runs import Run
+from autopilot.identification.runs import Run, shortest_time_constant
 from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
 from autopilot.models.norrbin import Norrbin
 
@@ -91,8 +91,13 @@ def identified_as(
 ) -> Identified:
     """Return the result for a model that was found in whatever way, with the residuals of its open-loop prediction.
 
-    standard_errors: by the names of the model's parameters, only those that the method has an honest one for.
+    standard_errors: by the names of the model's parameters, only those that the method has an honest one for. A time
+    constant that the samples cannot tell is held where they can.
     """
+    reasons = dict(unidentifiable or {})
+    shortest = shortest_time_constant([segment for run in runs for segment in run.segments])
+    if model.time_constant <= shortest:
+        model, reasons["T"] = model._replace(time_constant=shortest), too_quick(shortest)
     residuals = [
         (simulated[:, 0] - segment.rate, simulated[:, 1] - segment.heading)
         for run in runs
@@ -101,7 +106,7 @@ def identified_as(
     return Identified(
         model=model,
         standard_errors={name: standard_errors.get(name) for name in PARAMETERS},
-        unidentifiable=dict(unidentifiable or {}),
+        unidentifiable=reasons,
         noise=(residual_noise([rate for rate, _ in residuals]), residual_noise([heading for _, heading in residuals])),
         notes=tuple(notes),
         convergence=convergence,

@@ -34,7 +34,7 @@ MUCH_WORSE = 1.5
 """Residuals this many times as large as another candidate's need not be tried on runs left out."""
 EXPLAINED = 0.3
 """Residuals whose correlation from sample to sample is below this are the instruments': a boat that will not go
-straight by herself is not looked for then."""
+straight by itself is not looked for then."""
 LEAST_WORTH = 2.0
 """Independent samples that a record is at least taken to be worth."""
 

@@ -28,7 +28,7 @@ from autopilot.identification.noise import Noise, residual_noise, robust_covaria
 from autopilot.identification.residuals import Problem, initial_state, triangle, typical_rate, units
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.run_trim import NO_TRIMS, RunTrims
-from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
 from autopilot.identification.whitening import gusts_in
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.race_and_wind import RaceAndWind
@@ -38,9 +38,6 @@ STEPS_PER_TIME_CONSTANT = 4.0
 SAMPLES_TOGETHER = 200.0
 """Samples closer than a time constant by this number are stepped over together: what lies inside a step, the rudder's
 movement and the motion between two samples, is otherwise known only roughly."""
-SHORTEST_SHARE = 0.2
-"""A time constant below this share of the time between two samples is not told from none: it is held there, or each
-round of the fit would take it for shorter still, on steps that are smaller by as much."""
 LARGE_TURN = 2.0
 """Cubic damping shortens the memory in a turn; it is reckoned with at the largest rates measured, at most at this many
 times the typical rate."""
@@ -153,11 +150,6 @@ def fit_steps(segments: Sequence[Segment], model: Norrbin, typical_rate: float) 
     memory = model.time_constant / (1.0 + 3.0 * model.n3 * _large_rate(segments, typical_rate) ** 2)
     memory = max(memory, shortest_time_constant(segments))
     return forcing(segments, memory / STEPS_PER_TIME_CONSTANT, memory / SAMPLES_TOGETHER)
-
-
-def shortest_time_constant(segments: Sequence[Segment]) -> float:
-    """Return the shortest time constant [s] that samples so far apart can tell."""
-    return SHORTEST_SHARE * float(np.median(np.concatenate([np.diff(segment.time) for segment in segments])))
 
 
 def _large_rate(segments: Sequence[Segment], typical_rate: float) -> float:

@@ -31,6 +31,10 @@ SHORTEST_SEGMENT_SAMPLES = 8
 """Shorter stretches between gaps tell less than their own initial state costs."""
 
 
+SHORTEST_SHARE = 0.2
+"""A time constant below this share of the time between two samples is not told from none: it is held there, or it would
+be taken for ever shorter, and simulated on ever smaller steps."""
+
 NOTHING: FloatArray = np.empty(0)
 
 
@@ -81,6 +85,12 @@ def has_wind(runs: Sequence[Run]) -> bool:
 def seconds(run: Run) -> float:
     """Return the recorded time [s] inside the run's segments."""
     return float(sum(segment.time[-1] - segment.time[0] for segment in run.segments))
+
+
+def shortest_time_constant(segments: Sequence[Segment]) -> float:
+    """Return the shortest time constant [s] that samples so far apart, on average, can tell."""
+    steps = sum(segment.time.size - 1 for segment in segments)
+    return SHORTEST_SHARE * float(sum(segment.time[-1] - segment.time[0] for segment in segments)) / steps
 
 
 def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:

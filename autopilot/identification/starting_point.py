@@ -9,7 +9,7 @@ import numpy as np
 
 from autopilot.identification.forcing import Forcing, at_samples, forcing
 from autopilot.identification.residuals import initial_state, triangle, typical_rate
-from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
 from autopilot.identification.simulation import RATE_BOUND_RAD_S, linear_responses
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
 
@@ -42,7 +42,7 @@ class StartingPoint(NamedTuple):
 
 
 def starting_point(runs: Sequence[Run], reference_speed: float) -> StartingPoint:
-    """Return the best linear model on a logarithmic grid of T, from 0.05 s to 500 s.
+    """Return the best linear model on a logarithmic grid of T, from 0.05 s, or what the samples tell, to 500 s.
 
     With n3 = 0 the motion is linear in K, in n0 and in the initial rates: three simulations per T give them by
     least squares, on yaw rates where measured and on headings elsewhere.
@@ -50,17 +50,19 @@ def starting_point(runs: Sequence[Run], reference_speed: float) -> StartingPoint
     segments = tuple(segment for run in runs for segment in run.segments)
     duration = max(float(segment.time[-1] - segment.time[0]) for segment in segments)
     longest = max(min(LONGEST_TIME_CONSTANT_S, duration), 2.0 * SHORTEST_TIME_CONSTANT_S)
-    times = np.geomspace(longest, SHORTEST_TIME_CONSTANT_S, GRID_POINTS).tolist()
+    grid = np.geomspace(longest, SHORTEST_TIME_CONSTANT_S, GRID_POINTS).tolist()
+    shortest = shortest_time_constant(segments)
+    times = [T for T in grid if shortest <= T] or [shortest]
     # from the slow end, where steps are long: a short T costs most and is seldom worth trying
     tried: dict[int, StartingPoint] = {}
-    for index in range(0, GRID_POINTS, EVERY):
+    for index in range(0, len(times), EVERY):
         tried[index] = _linear_fit(segments, times[index], reference_speed)
         best = max(tried, key=lambda at: tried[at].explained)
         # a regular zigzag is explained by half by a slow boat that turns the wrong way: no reason to stop there
         found = tried[best].model.gain > 0.0 and tried[best].explained > WELL_EXPLAINED
         if found and index - best >= PAST_THE_BEST:
             break
-    for index in range(max(best - EVERY + 1, 0), min(best + EVERY, GRID_POINTS)):
+    for index in range(max(best - EVERY + 1, 0), min(best + EVERY, len(times))):
         if index not in tried:
             tried[index] = _linear_fit(segments, times[index], reference_speed)
     return max(tried.values(), key=lambda point: point.explained)

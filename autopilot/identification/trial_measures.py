@@ -25,6 +25,7 @@ from autopilot.identification.trial_record import (
     is_steady,
     speed_before,
     steady_rate,
+    stretches_of,
     value_at,
     way_of,
 )
@@ -116,12 +117,13 @@ class Measures(NamedTuple):
 
 def measures_of(record: TrialRecord) -> Measures:
     """Return what the record can be measured by; empty where it holds none of these manoeuvres."""
-    holds = holds_of(record)
+    parts = [(part, holds_of(part)) for part in stretches_of(record)]
+    spirals = [spiral for part, holds in parts if (spiral := _spiral(part, holds)) is not None]
     return Measures(
-        tuple(_zigzags(record, holds)),
-        tuple(_circles(record, holds)),
-        tuple(_pull_outs(record, holds)),
-        _spiral(record, holds),
+        tuple(found for part, holds in parts for found in _zigzags(part, holds)),
+        tuple(found for part, holds in parts for found in _circles(part, holds)),
+        tuple(found for part, holds in parts for found in _pull_outs(part, holds)),
+        max(spirals, key=lambda spiral: len(spiral.down) + len(spiral.up), default=None),
         record.position,
     )
 

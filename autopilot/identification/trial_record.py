@@ -25,6 +25,8 @@ STILL_SHARE = 0.02
 """The rudder stands still within this, or within this share of the range it goes through."""
 SHORTEST_S = 0.3
 SHORTEST_SAMPLES = 3
+PAUSE_S = 30.0
+"""No manoeuvre is measured over a longer one."""
 POSITION_SHARE = 0.9
 """Positions are used where this share of the rows at least has them."""
 
@@ -103,6 +105,13 @@ def _track(
     return north, east, RECKONED
 
 
+def stretches_of(record: TrialRecord) -> list[TrialRecord]:
+    """Return the record in parts, cut where nothing came for so long that nobody knows what the boat did."""
+    cuts = np.flatnonzero(np.diff(record.time) > max(PAUSE_S, gap_limit(record.time))) + 1
+    parts = [part for part in np.split(np.arange(record.time.size), cuts) if part.size >= SHORTEST_SAMPLES]
+    return [TrialRecord._make([*(array[part] for array in record[:-1]), record.position]) for part in parts]
+
+
 def still_within(rudder: FloatArray) -> float:
     """Return the band [rad] within which the rudder counts as standing still."""
     return max(STILL_RAD, STILL_SHARE * float(np.ptp(rudder)))
@@ -153,9 +162,14 @@ def steady_rate(record: TrialRecord, hold: Hold) -> float:
 
 
 def is_steady(record: TrialRecord, hold: Hold) -> bool:
-    """Return whether the yaw rate of the last part of a hold differs little from that of the part before."""
+    """Return whether the yaw rate of the last part of a hold differs little from that of the part before.
+
+    Where nothing came in the part before, it is not.
+    """
     time, length = record.time, STEADY_PART * (record.time[hold.last] - record.time[hold.first])
     late, early = (int(np.searchsorted(time, time[hold.last] - parts * length)) for parts in (1.0, 2.0))
+    if early == late:
+        return False
     rates = float(np.mean(record.rate[early:late])), float(np.mean(record.rate[late : hold.last + 1]))
     return abs(rates[1] - rates[0]) < STEADY_CHANGE * abs(rates[1])
 

@@ -1,6 +1,6 @@
 """Prediction-error weighting: residuals of a simulation through the Kalman filter that makes them white.
 
-Gusts push the boat, and what they push her off course she keeps for a while. The errors of a simulated boat are then a
+Gusts push the boat, and what they push it off course it keeps for a while. The errors of a simulated boat are then a
 process of their own, x' = -x/T + w in the rate and its integral in the heading, seen through the instruments' noise. A
 steady Kalman filter of that process turns residuals e_k into innovations, what of e_k could not be foretold from those
 before it:

@@ -1,8 +1,8 @@
 """Who of a ground station's side is heard, and how much of it: allowed system ids, and rates. Pure.
 
 Behind the signature, which says who holds the key: a station that does, or a boat without a key, is held to this. What
-gives the rudder back is never held to a rate. Over a link that others than this machine's programs can reach, no order
-is taken without a key, unless the skipper has said so.
+gives the rudder back is never held to a rate. Over a link that others than this machine's programs can reach, a serial
+line among them, no order is taken without a key, unless the skipper has said so; but to stand by, within `Stops`.
 """
 
 from __future__ import annotations
@@ -54,12 +54,18 @@ COMMANDS = frozenset(
     }
 )
 STRANGERS_AT_ONCE = 20
+STOP_LASTS_S = 2.0
+"""What follows an order to stand by within this belongs to it: a station sets mode MANUAL, then disarms."""
+KEPT_FIRST_S, KEPT_MOST_S = 60.0, 3600.0
+"""So long who has engaged anew is not stopped again without a key: at first, twice as long each time, at most."""
+STOP_FORGOTTEN_S = 2.0 * KEPT_MOST_S
+"""Behind so long without another stop the next one is the first again."""
 LOOKING_ONLY = (
-    "other machines can look and give no orders: no signing key is set. Give --signing-key FILE, or "
+    "whoever is there can look and give no orders: no signing key is set. Give --signing-key FILE, or "
     "--orders-without-key to obey everybody who reaches it"
 )
 NOT_THE_PEER = "datagrams from others than the station that is heard"
-NO_KEY = "orders from another machine without a key"
+NO_KEY = "orders without a key over a link that others can reach"
 STRANGER, TOO_MANY_COMMANDS, TOO_MANY_WRITES = "from system ids not allowed", "commands too many", "writes too many"
 
 
@@ -92,11 +98,49 @@ class Budget:
         self._since = now
 
 
+class Stops:
+    """Orders to stand by over links that take no others: the first is obeyed, whoever sends it; who has engaged since
+    is not stopped again so soon.
+
+    For all links together: addresses and system ids can be forged.
+    """
+
+    def __init__(self) -> None:
+        self._is_steering = False
+        self._stopped = self._kept_until = -math.inf
+        self._keeps = 0.0
+        self._is_stopped = False
+
+    def ticked(self, now: float, is_steering: bool) -> None:
+        """Note whether an order to steer is in force at `now` [s]."""
+        if is_steering and not self._is_steering and self._is_stopped:
+            self._is_stopped, self._kept_until = False, now + self._keeps
+        self._is_steering = is_steering
+
+    def obeys(self, now: float) -> bool:
+        """Return whether an order to stand by ends the steering at `now` [s], and note that it does."""
+        if not self._is_steering or self.keeps(now):
+            return False
+        if not self._is_stopped:
+            is_again = now - self._stopped < STOP_FORGOTTEN_S
+            self._keeps = min(2.0 * self._keeps, KEPT_MOST_S) if is_again else KEPT_FIRST_S
+            self._stopped, self._is_stopped = now, True
+        return True
+
+    def keeps(self, now: float) -> bool:
+        """Return whether the skipper steers, and is not stopped because of having engaged anew."""
+        return self._is_steering and now < self._kept_until
+
+    def has_just_obeyed(self, now: float) -> bool:
+        """Return whether what is ordered now belongs to an order to stand by that has been obeyed."""
+        return self._is_stopped and now - self._stopped < STOP_LASTS_S
+
+
 class Admission(NamedTuple):
     """What is let in. systems: MAVLink system ids of ground stations, all where empty.
 
     commands_hz, writes_hz: commands and parameter writes a second over one link, four seconds' worth at once.
-    orders_without_key: whether orders are taken, and passed on, from other machines where no key is set.
+    orders_without_key: whether orders are taken, and passed on, from other machines and serial lines without a key.
     """
 
     systems: frozenset[int] = frozenset()
@@ -106,11 +150,16 @@ class Admission(NamedTuple):
 
 
 class Doors:
-    """One rule for all links to ground stations of this process; `refused` counts what was not let in, by reason."""
+    """One rule for all links to ground stations of this process.
+
+    Attributes:
+        refused: counts what was not let in, by reason.  stops: which orders to stand by are obeyed without a key.
+    """
 
     def __init__(self, admission: Admission = Admission()) -> None:  # noqa: B008 - a tuple that nobody can change
         self.admission = admission
         self.refused: Counter[str] = Counter()
+        self.stops = Stops()
 
     def link(self) -> Door:
         """Return the door of one more link."""
@@ -127,11 +176,12 @@ class Door:
     """The door of one link.
 
     Attributes:
-        crowded: more came than is looked at since it was last set to False.
+        crowded: more came than is looked at since it was last set to False.  stops: those of all links.
     """
 
     def __init__(self, doors: Doors) -> None:
         self.crowded = False
+        self.stops = doors.stops
         self._doors = doors
         rules = doors.admission
         self._bytes = Budget(BYTES_S, BYTES_AT_ONCE)
@@ -171,7 +221,7 @@ class Door:
 
     def takes_orders(self, transport: Transport, has_key: bool) -> bool:
         """Return whether what comes over `transport` may be an order, and not only a question."""
-        return has_key or is_local(transport) or self._doors.admission.orders_without_key
+        return has_key or transport.is_local or self._doors.admission.orders_without_key
 
     def passes_on(self, frame: bytes) -> bool:
         """Return whether a frame for a flight controller is passed on over a link that takes no orders; counts it."""
@@ -252,16 +302,16 @@ def only_looks(message: Message) -> bool:
     return kind in LOOKS
 
 
-def is_local(transport: Transport) -> bool:
-    """Return whether nobody but programs of this machine, or who is wired to it, can be at the other side."""
-    found: bool = getattr(transport, "is_local", True)
-    return found
-
-
 def strangers_of(transport: Transport) -> int:
     """Return how many datagrams or connections of strangers a transport has dropped so far."""
     found: int = getattr(transport, "strangers", 0)
     return found
+
+
+def disarms(message: Message) -> bool:
+    """Return whether a message is the order to disarm."""
+    is_command = message.get_type() in ("COMMAND_LONG", "COMMAND_INT")
+    return is_command and bool(message.command == dialect.MAV_CMD_COMPONENT_ARM_DISARM and message.param1 == 0.0)
 
 
 def gives_rudder_back(message: Message) -> bool:
@@ -273,9 +323,12 @@ def stands_by(message: Message) -> bool:
     """Return whether a message lets the pilot stand by: disarm, mode MANUAL. Behind the end of a trial it steers on."""
     kind = message.get_type()
     if kind == "SET_MODE":
-        return bool(message.custom_mode == MANUAL)
+        return _is_custom(message.base_mode) and bool(message.custom_mode == MANUAL)
     if kind not in ("COMMAND_LONG", "COMMAND_INT"):
         return False
-    if message.command == dialect.MAV_CMD_COMPONENT_ARM_DISARM:
-        return bool(message.param1 == 0.0)
-    return bool(message.command == dialect.MAV_CMD_DO_SET_MODE and message.param2 == MANUAL)
+    is_mode = message.command == dialect.MAV_CMD_DO_SET_MODE and message.param2 == MANUAL
+    return disarms(message) or (bool(is_mode) and _is_custom(message.param1))
+
+
+def _is_custom(base_mode: float) -> bool:
+    return math.isfinite(base_mode) and bool(int(base_mode) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)

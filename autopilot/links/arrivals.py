@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from autopilot.links.base import Transport
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports import UdpInTransport
+from autopilot.links.transports.sockets import peer_of
 from autopilot.links.url import SCHEMES
 
 KEPT_BYTES = 30_000
@@ -31,6 +32,7 @@ class HeardTransport:
         self.protocol = protocol
         self.name = inside.name
         self.is_stream = inside.is_stream
+        self.is_local = inside.is_local
         self.count = 0
         self.kept: list[bytes] = []
         self._room = KEPT_BYTES
@@ -72,7 +74,7 @@ class HeardTransport:
     @property
     def words(self) -> str:
         """What came and what to do about it, as a part of a sentence."""
-        data, sender = b"".join(self.kept), self._sender()
+        data, sender = b"".join(self.kept), peer_of(self.inside)
         refused = self.inside.refused if isinstance(self.inside, UdpInTransport) and not data else None
         if refused is not None:
             data, sender = refused
@@ -97,10 +99,6 @@ class HeardTransport:
 
     def _wiring(self) -> str:
         return ", and the wiring (RX to TX)" if self._is_serial() else ""
-
-    def _sender(self) -> str:
-        peer = getattr(self.inside, "peer", None)
-        return f"{peer[0]}:{peer[1]}" if peer else ""
 
     def _instead(self, protocol: str) -> str:
         """Return the URL that reads what comes."""

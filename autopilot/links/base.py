@@ -40,6 +40,9 @@ class Transport(Protocol):
     is_stream: bool
     """True where chunks may split or join packets anywhere (TCP, serial); False where each is a datagram."""
 
+    is_local: bool
+    """Whether nobody but programs of this machine can be at the other end."""
+
     def fileno(self) -> int:
         """Return the descriptor to wait on, or -1 where there is none (loopback, replay, not yet connected)."""
 

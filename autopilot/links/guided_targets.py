@@ -47,7 +47,7 @@ AWAY_S = 2.0
 somebody else."""
 PROGRESS = math.radians(2.0)
 PROGRESS_S = 15.0
-"""A boat that is far off her ordered heading comes nearer by this much in this time."""
+"""A boat that is far off its ordered heading comes nearer by this much in this time."""
 
 TIMEOUT_S = 3.0
 """A target older than this ends (GUID_TIMEOUT on newer firmware)."""

@@ -18,7 +18,7 @@ KNOWN: dict[int, type[Any]] = {**EXTRA_MESSAGES, **dialect.mavlink_map}
 
 
 class Layout(NamedTuple):
-    """How the payload of one message without arrays is read: pymavlink's own tables, looked up once."""
+    """How the payload of one message is read: pymavlink's own tables, looked up once. Texts of ours come as bytes."""
 
     kind: type[Any]
     unpack: Callable[[bytes], tuple[float, ...]]
@@ -29,7 +29,8 @@ class Layout(NamedTuple):
 
 
 def _layout(kind: type[Any]) -> Layout | None:
-    if dialect.mcrf4xx is None or any(kind.array_lengths) or "char" in kind.fieldtypes:
+    has_arrays = any(kind.array_lengths) or "char" in kind.fieldtypes
+    if dialect.mcrf4xx is None or (has_arrays and kind.id not in EXTRA_MESSAGES):
         return None
     blank = dict(vars(kind(*[0] * len(kind.fieldnames))))
     extra = bytes([kind.crc_extra])
@@ -91,7 +92,7 @@ def writer_of(kind: type[Any]) -> Writer | None:
 
 
 def layout_of(identity: int) -> Layout | None:
-    """Return the layout of the message `identity`; None where it has arrays and is left to pymavlink."""
+    """Return the layout of the message `identity`; None where it has arrays and pymavlink knows it."""
     try:
         return _layouts[identity]
     except KeyError:

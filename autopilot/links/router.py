@@ -24,7 +24,7 @@ ROUND_S = 2.0
 AGAIN_S = 0.25
 """Within this time at the same endpoint too; later they are from a sender that does not count its packets."""
 MOST_ADDRESSES = 64
-"""Addresses learned at one endpoint: a flood of invented ones fills no memory."""
+"""Addresses learnt at one endpoint: a flood of invented ones fills no memory."""
 STAYS = frozenset(
     {
         int(dialect.MAVLINK_MSG_ID_RADIO_STATUS),

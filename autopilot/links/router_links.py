@@ -42,6 +42,7 @@ class RoutedTransport:
         self.inside = inside
         self.name = inside.name
         self.is_stream = inside.is_stream
+        self.is_local = inside.is_local
         self._router = router
         self._framer = Framer(inside.is_stream)
         # an observer: whoever reads the transport judges the same frames again

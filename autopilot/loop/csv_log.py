@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
+from autopilot.loop.logs.series import LARGEST, STEPS_S, check_steps, clock_of
 from autopilot.params.strict_yaml import read_document
 from autopilot.printable import printable
 from autopilot.regular_file import read_regular
@@ -89,15 +90,20 @@ def load_column_map(path: str) -> dict[str, str]:
     return {key: str(node.value) for key, node in root.value.items()}
 
 
-def read_csv(
-    path: str, column_map: Mapping[str, str] | None = None, needs: Need = RUN_NEEDS
-) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a CSV file under their SI names (`time_s`, `heading_rad`, `yaw_rate_rad_s`,
-    `rudder_rad`, `speed_m_s`, ...), nan where a cell is blank.
+class Columns(NamedTuple):
+    """Columns of one length under their SI names (`time_s`, `heading_rad`, `yaw_rate_rad_s`, `rudder_rad`,
+    `speed_m_s`, ...), nan where a cell is blank; notes: sentences about times that jump."""
+
+    columns: dict[str, NDArray[np.float64]]
+    notes: tuple[str, ...] = ()
+
+
+def read_csv(path: str, column_map: Mapping[str, str] | None = None, needs: Need = RUN_NEEDS) -> Columns:
+    """Return the columns of a CSV file, their times on one clock.
 
     Without a map the columns that are named by quantity and unit are taken. Raises InputError, naming file,
     line and column, where the file cannot be read, is empty or cut off, lacks a column, has text where a number
-    belongs, or has times that do not increase.
+    belongs, or has times that do not increase or cannot be those of a recording.
     """
     header, lines, rows = _rows(path)
     places = _places(path, header, column_map, needs)
@@ -105,9 +111,15 @@ def read_csv(
     for row, (line, cells) in enumerate(zip(lines, rows, strict=True)):
         for name, index, factor in places:
             columns[name][row] = _number(path, line, header[index], cells[index]) * factor
-    if "time_s" in columns:
-        _check_time(path, lines, columns["time_s"])
-    return columns
+    if "time_s" not in columns:
+        return Columns(columns)
+    time = columns["time_s"]
+    known = time[np.isfinite(time)]
+    if not known.size:
+        return Columns(columns)
+    _check_time(path, lines, time)
+    clock = clock_of(path, known)
+    return Columns({**columns, "time_s": clock.read(time)}, clock.notes)
 
 
 def _rows(path: str) -> tuple[list[str], list[int], list[list[str]]]:
@@ -201,18 +213,21 @@ def _number(path: str, line: int, column: str, cell: str) -> float:
     except ValueError as error:
         said = f"'{printable(text, NAME_MOST)}' in column '{printable(column, NAME_MOST)}'"
         raise InputError(f"{path}, line {line}: {said} is not a number.") from error
-    if math.isinf(value) or "_" in text:
+    if not abs(value) <= LARGEST or "_" in text:
         said = f"'{printable(text, NAME_MOST)}' in column '{printable(column, NAME_MOST)}'"
-        raise InputError(f"{path}, line {line}: {said} is not a finite number.")
+        raise InputError(f"{path}, line {line}: {said} is not a finite number of at most {LARGEST:g}.")
     return value
 
 
 def _check_time(path: str, lines: Sequence[int], time: NDArray[np.float64]) -> None:
     known = np.flatnonzero(np.isfinite(time))
-    wrong = np.flatnonzero(np.diff(time[known]) <= 0.0)
+    steps = np.diff(time[known])
+    if np.all(steps > 0.0):
+        check_steps(path, time[known])
+    wrong = np.flatnonzero(steps < STEPS_S[0])
     if wrong.size:
         before, after = known[wrong[0]], known[wrong[0] + 1]
         raise InputError(
             f"{path}, line {lines[after]}: time {time[after]:g} s does not come after {time[before]:g} s of line "
-            f"{lines[before]}; it must increase from row to row."
+            f"{lines[before]}; it must increase from row to row, by {STEPS_S[0]:g} s at least."
         )

@@ -6,7 +6,6 @@ A part is one file that can be read alone. Whoever writes says where a part may 
 from __future__ import annotations
 
 import contextlib
-import errno
 import fcntl
 import os
 import queue
@@ -92,8 +91,7 @@ class FileSink:
         except OSError as error:
             if error.errno in FULL:
                 return f"log stopped: {error.strerror}; free the disk"
-            why = "nobody reads this pipe" if error.errno == errno.ENXIO else error.strerror
-            raise InputError(f"log {self.path}: {why}; give another place with --log") from error
+            raise InputError(f"log {self.path}: {error.strerror}; give another place with --log") from error
         return ""
 
     def next_part(self) -> None:

@@ -50,7 +50,7 @@ def cpus_of(text: str) -> tuple[int, ...]:
     """Return the cores named in `text`, such as 3 or 2,3. Raises InputError."""
     present = os.cpu_count() or 1
     words = text.split(",")
-    if not all(word.isascii() and word.isdigit() and int(word) < present for word in words):
+    if not {*words} <= {str(core) for core in range(present)}:
         raise InputError(f"--cpu {text}: numbers of cores from 0 to {present - 1} are allowed, such as {present - 1}")
     return tuple(int(word) for word in words)
 

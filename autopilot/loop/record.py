@@ -9,7 +9,6 @@ with a header, so that every part can be read alone; parts with no tick missing 
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import struct
@@ -46,6 +45,8 @@ MOST_PIECES = 255
 PLOT_PERIOD = 0.1
 COMPONENT = 191
 FORMAT = 2
+LONGEST_STEP_S = 1.0e6
+"""From tick to tick by the loop's clock, which is never set."""
 SETUP_SIGNING = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 
 
@@ -206,13 +207,12 @@ def read_logs(*paths: Path) -> list[Log]:
     Parts that follow one another without a gap are one log. Raises InputError where there is none.
     """
     logs: list[Log] = []
-    for record in itertools.chain.from_iterable(map(_records, paths)):
-        if record[0] == HEADER:
-            _take_header(logs, decode_header(record))
-        elif record[0] in TICKS and logs:
-            logs[-1].ticks.append(decode_tick(record))
-        elif record[0] == VESSEL and logs:
-            logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")
+    for path in paths:
+        for record in _records(path):
+            try:
+                _take(logs, record)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from error
     if not logs:
         raise InputError(f"{paths[0]}: holds no Norrbin ticks; give a log that `autopilot run --log` wrote")
     return logs
@@ -220,7 +220,27 @@ def read_logs(*paths: Path) -> list[Log]:
 
 def is_headless(log: Log) -> bool:
     """Return whether ticks are missing before the first one."""
-    return int(log.header.get("part", 1)) > 1
+    return bool(log.header.get("part", 1) > 1)
+
+
+def _take(logs: list[Log], record: bytes) -> None:
+    if record[0] == HEADER:
+        _take_header(logs, decode_header(record))
+    elif record[0] in TICKS and logs:
+        _take_tick(logs[-1].ticks, decode_tick(record))
+    elif record[0] == VESSEL and logs:
+        logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")
+
+
+def _take_tick(ticks: list[Tick], tick: Tick) -> None:
+    """Append a tick. Raises InputError where the loop's clock cannot have shown its time."""
+    before = ticks[-1].now if ticks else tick.now
+    if not 0.0 <= tick.now - before <= LONGEST_STEP_S:
+        raise InputError(
+            f"a tick in the log is damaged: number {tick.number} at {tick.now:.9g} s comes behind {before:.9g} s; give "
+            "another log."
+        )
+    ticks.append(tick)
 
 
 def _take_header(logs: list[Log], header: dict[str, Any]) -> None:
@@ -231,8 +251,9 @@ def _take_header(logs: list[Log], header: dict[str, Any]) -> None:
         logs.append(Log(header, [], {}))
         return
     in_force = list(last.changes.values())[-1] if last.changes else last.header.get("vessel")
-    if header.get("vessel") != in_force:
-        last.changes[len(last.ticks)] = str(header.get("vessel"))
+    vessel = header.get("vessel", in_force)
+    if vessel != in_force:
+        last.changes[len(last.ticks)] = str(vessel)
 
 
 def read_log(path: Path) -> Log:
@@ -252,7 +273,7 @@ def _records(path: Path) -> Iterator[bytes]:
             if message_id(message) != dialect.MAVLINK_MSG_ID_TUNNEL or message.payload_type != PAYLOAD_TYPE:
                 continue
             payload = bytes(message.payload[: message.payload_length])
-            if len(payload) < PART_HEAD:
+            if len(payload) <= PART_HEAD:
                 continue
             number, index, count = struct.unpack_from("<HBB", payload)
             if index == 0:

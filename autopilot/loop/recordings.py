@@ -42,7 +42,9 @@ def load_run(
     reading = options.reading._replace(columns=column_map or options.reading.columns)
     sources = sources_of(text)
     if len(sources) == 1 and kind_of(text, bytes_of(text)) is Kind.TABLE:
-        return run_from_columns(text, _turned(read_csv(text, reading.columns, RUN_NEEDS), reverse_rudder))
+        columns, notes = read_csv(text, reading.columns, RUN_NEEDS)
+        run = run_from_columns(text, _turned(columns, reverse_rudder))
+        return run._replace(notes=(*notes, *run.notes))
     recording = load_recording(text, reading)
     table = _table(text, recording, options.rudder)
     notes = recording.notes

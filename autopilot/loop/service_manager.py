@@ -80,4 +80,4 @@ def _address(name: str) -> str:
 
 
 def _microseconds(text: str) -> float:
-    return int(text) * 1.0e-6 if text.isascii() and text.isdigit() else 0.0
+    return int(text) * 1.0e-6 if text.isascii() and text.isdigit() and len(text) < 19 else 0.0

@@ -12,11 +12,13 @@ from __future__ import annotations
 import json
 import math
 import struct
+from collections.abc import Callable
 from typing import Any
 
 from autopilot.alarm_words import FORMS, UNHEARD
 from autopilot.alarms import CATALOGUE, OTHER, VERBATIM
 from autopilot.errors import InputError
+from autopilot.printable import printable
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,
@@ -43,8 +45,11 @@ from autopilot.signals import (
     Tick,
     WindSample,
 )
+from autopilot.strict_json import parse_json
 
 HEADER = 1
+HEADER_MOST = 1 << 20
+"""Bytes of a header; ours hold a vessel file and little else."""
 TICK_BEFORE_WAVES = 2
 """A tick as the first version wrote it: its state knows no waves."""
 VESSEL = 3
@@ -79,6 +84,20 @@ _OLD_CAUSES = {
     "no heartbeat from the vehicle": HelmCause.SILENT,
     "the radio is lost": HelmCause.RADIO_LOST,
 }
+_OLD_BEGINNINGS = {
+    "the boat does not move as ": "innovation",
+    "the boat turns against ": "runaway",
+    "the boat is pushed harder than ": "overpowered",
+}
+"""Alarms that older logs put into other words: how their sentences began."""
+_READ_AGAIN: dict[str, tuple[Callable[[object], bool], str]] = {
+    "part": (lambda value: type(value) is int and 1 <= value < 1 << 32, "a whole number from 1"),
+    "first": (lambda value: type(value) is int and 0 <= value < 1 << 32, "a whole number from 0"),
+    "run": (lambda value: isinstance(value, str), "a text"),
+    "vessel": (lambda value: isinstance(value, str), "a text"),
+    "law": (lambda value: value is None or isinstance(value, str), "a text or null"),
+}
+"""What a header is read again for, and what each may be."""
 _UNKNOWN = 0xFF
 """In the place of an alarm's state that nobody knows."""
 
@@ -90,12 +109,13 @@ def encode_header(fields: dict[str, Any]) -> bytes:
 
 def decode_header(record: bytes) -> dict[str, Any]:
     """Return the fields of a header record. Raises InputError."""
-    try:
-        fields = json.loads(record[1:].decode())
-    except ValueError as error:
-        raise InputError(f"the log's header is damaged: {error}") from error
+    fields = parse_json(record[1:], "the log's header is damaged", HEADER_MOST)
     if not isinstance(fields, dict):
         raise InputError("the log's header is damaged: not a mapping")
+    for name, (is_right, allowed) in _READ_AGAIN.items():
+        if name in fields and not is_right(fields[name]):
+            said = f"{name} is {printable(fields[name], 20)}, and {allowed} is allowed"
+            raise InputError(f"the log's header is damaged: {said}; give another log.")
     return fields
 
 
@@ -146,7 +166,7 @@ def decode_tick(record: bytes) -> Tick:
     try:
         return _decode_tick(record)
     except (struct.error, IndexError, ValueError, OverflowError) as error:
-        raise InputError(f"a tick in the log is damaged: {error}") from error
+        raise InputError(f"a tick in the log is damaged: {error}; give another log.") from error
 
 
 def _decode_tick(record: bytes) -> Tick:
@@ -320,7 +340,8 @@ def _decode_event(record: bytes, place: int, is_behind: bool = False) -> tuple[A
 def _event_of(sentence: str) -> AlarmEvent:
     """Return the alarm that a sentence of an older log is of, by how it begins; the sentence stays as it was."""
     said = sentence.removeprefix(UNHEARD)
-    name = next((name for name, kind in CATALOGUE.items() if said.startswith(kind.text)), OTHER)
+    begins = {kind.text: name for name, kind in CATALOGUE.items()} | _OLD_BEGINNINGS
+    name = next((name for text, name in begins.items() if said.startswith(text)), OTHER)
     return AlarmEvent(name, said, VERBATIM, is_escalated=said != sentence)
 
 

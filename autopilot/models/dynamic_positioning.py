@@ -1,4 +1,4 @@
-"""A ship under her thrusters at low speed: surge alone, and sway with yaw, in the bis system.
+"""A ship under its thrusters at low speed: surge alone, and sway with yaw, in the bis system.
 
 Surge, from two main thrusters:      X' = u,   M11 u' = k1 F1 + k2 F2 - Xu u
 Sway and yaw, from a side thruster:  y' = v cos psi,   psi' = r,   (v, r) = M^-1 h,   h' = t k3 F3 - D M^-1 h,

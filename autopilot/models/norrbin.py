@@ -102,7 +102,7 @@ def rate_step(model: Norrbin, rate: float, rudder: float, dt: float) -> float:
 
 
 def folds(model: Norrbin) -> bool:
-    """Return whether the damping of a course-stable boat (n1 > 0) turns back on itself at some rate, so that she may
+    """Return whether the damping of a course-stable boat (n1 > 0) turns back on itself at some rate, so that it may
     turn faster and faster to one side: its slope 3 n3 r^2 + 2 n2 r + n1 has a root where n2^2 >= 3 n3 n1, n2 not 0."""
     return model.n1 > 0.0 and model.n2 != 0.0 and model.n2**2 >= 3.0 * model.n3 * model.n1
 

@@ -1,4 +1,4 @@
-"""Whether the boat answers to her rudder, by her heading alone: one that is stuck, gone, or wired the wrong way."""
+"""Whether the boat answers to its rudder, by its heading alone: one that is stuck, gone, or wired the wrong way."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ USUAL = 0.75
 USUAL_SURE = 60.0
 SUSPECT = 2.0
 USUAL_TIME = 900.0
-"""What share of the model's answer she is supposed to have before she has shown it; how sure that is, as a sum of
-squares of the answer over their variance; with so much evidence against her nothing is learnt; and how long [s] what
-she has shown is remembered."""
+"""What share of the model's answer the boat is supposed to have before it has shown any; how sure that is, as a sum of
+squares of the answer over their variance; with so much evidence against it nothing is learnt; and how long [s] what
+it has shown is remembered."""
 FADES_TIME = 20.0
 """Evidence is forgotten in this time [s]: a fault that matters shows more of it."""
 FADES_SLOW = 8.0
 """Or, of the boat and its gear, in so many time constants if that is longer."""
 SURE = 10.4
-"""So much more likely, as a natural logarithm, must it be that she does not answer."""
+"""So much more likely, as a natural logarithm, must it be that the boat does not answer."""
 MOST_AT_ONCE = 0.8
 """What one heading may add to that."""
 LATE_S = 0.4
@@ -135,9 +135,9 @@ NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0
 
 class Memory(NamedTuple):
     """time [s] of the newest heading; spread and mean of a boat without a rudder; answers to the rudder [rad], in time
-    and late; how much likelier it is that she does not answer than that she does, in time and late, and that she
+    and late; how much likelier it is that the boat does not answer than that it does, in time and late, and that it
     answers to the opposite; odd: squares that nothing explains; wild: so many headings were, the last ones; usual and
-    shown: the share of the model's answer that she has had so far is the former over the latter; others: the
+    shown: the share of the model's answer that the boat has had so far is the former over the latter; others: the
     boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing was
     suspect."""
 
@@ -197,7 +197,7 @@ def first_memory(noise: Noise, time: float, heading: float) -> Memory:
 
 
 def answer_noise(model: Norrbin, heading: float, swing: float, frequency: float) -> Noise:
-    """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws her by `swing` [rad] at `frequency`."""
+    """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws by `swing` [rad] at `frequency`."""
     drive = model.gain / model.time_constant
     pace = max(frequency, SEA_SLOWEST)
     yaw, lag = swing * pace / model.gain, pace * model.time_constant
@@ -260,7 +260,7 @@ def answer_step(
     kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
     silent = max(kept * memory.silent + _evidence(gains, off, least * answer.psi, 0.0, most), 0.0)
     silent_late = max(kept * memory.silent_late + _evidence(gains, off, least * late_answer.psi, 0.0, most), 0.0)
-    # what may be a fault is none of her usual ways
+    # what may be a fault is none of the boat's usual ways
     learns = 1.0 / gains.variance if max(silent, memory.opposite) < SUSPECT else 0.0
     contrary, contrary_late = OPPOSITE_SHARE * answer.psi, OPPOSITE_SHARE * late_answer.psi
     opposite = max(kept * memory.opposite + _evidence(gains, off, least * answer.psi, contrary, most), 0.0)
@@ -396,7 +396,7 @@ def _without_more(before: Others, after: Others) -> Others:
 
 
 def verdict(memory: Memory) -> int:
-    """Return 0 where she answers or nothing tells, 1 where she does not answer, -1 where she does to the opposite."""
+    """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite."""
     sure = SURE * max(memory.usual_colour / COLOUR_KNOWN, 1.0)
     if min(memory.opposite, memory.opposite_late) >= sure:
         return -1
@@ -438,7 +438,7 @@ def other_verdict(others: Others) -> str:
 
 
 class RudderAnswer:
-    """Sums up, over the headings, how much likelier it is that the boat does not answer than that she does.
+    """Sums up, over the headings, how much likelier it is that the boat does not answer than that it does.
 
     A cumulative sum that begins anew at zero (Page 1954), so that it needs no window: it grows only where the rudder
     moves, faster than wind and sea would, and the boat does not go along. A straight course with a rudder that rests
@@ -471,7 +471,7 @@ class RudderAnswer:
             self._heard.append(sample)
 
     def look(self, model: Norrbin, watched: Watched, noise: float, rudder_rate: float = math.inf) -> tuple[str, str]:
-        """Return the alarm's name and what is seen, '' where she answers or nothing tells; `noise` [rad^2].
+        """Return the alarm's name and what is seen, '' where the boat answers or nothing tells; `noise` [rad^2].
 
         rudder_rate [rad/s]: the filed one; inf: nobody asks whether the rudder is slower.
         """
@@ -563,12 +563,7 @@ class RudderAnswer:
 
     def _rudder_at(self, time: float) -> float:
         """Return the rudder at `time` [s]: each is that of the end of its tick."""
-        found = self._rudders[-1][1]
-        for then, angle in reversed(self._rudders):
-            if then < time:
-                break
-            found = angle
-        return found
+        return next((angle for then, angle in self._rudders if then >= time), self._rudders[-1][1])
 
     def _found(self) -> tuple[str, str]:
         memory = self._memory

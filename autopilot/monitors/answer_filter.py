@@ -1,4 +1,4 @@
-"""How a boat should answer her rudder, parted from what the sea and the wind do to her: a filter for `answer`.
+"""How a boat should answer its rudder, parted from what the sea and the wind do to it: a filter for `answer`.
 
 State (psi, r, p, w): psi' = r, T r' = K (a delta + p + w) - lambda r. p [rad of rudder] is wind, trim and a rudder that
 stands anywhere, a random walk; w [rad of rudder] is the sea, w' = -w/tau + white noise. lambda = n1 + n2 r + n3 r^2 at

@@ -1,4 +1,4 @@
-"""A boat off the course that she is to hold, and one that turns against her rudder."""
+"""A boat off the course that it is to hold, and one that turns against its rudder."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ AGAINST_SHARE = 0.8
 """A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
 ASTRAY = math.radians(45.0)
 """No zigzag overshoots by as much: IMO MSC.137(76) allows 40 deg at most for the second of 10/10, 25 deg for 20/20."""
-TAKES_HOLD = 1.0
-SETTLED = 3.0
-"""Time constants after which a rudder hard over has stopped what it can stop, and what was before it is forgotten."""
+TAKES_HOLD, HOLDS, SETTLED = 1.0, 2.0, 3.0
+"""Time constants after which a rudder hard over has begun to stop what it can stop, has stopped most of it, and what
+was before it is forgotten."""
 FAR = math.radians(20.0)
 WAVES_REACH = 2.0
 """So far [rad], and so many standard deviations of what the waves turn it, has a boat turned against its rudder that is
@@ -27,7 +27,7 @@ pushed harder than it can hold."""
 
 
 def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, error: float) -> tuple[float, bool]:
-    """Return since when [s] the boat has been off course (nan: she is on it), and whether that is an alarm.
+    """Return since when [s] the boat has been off course (nan: it is on course), and whether that is an alarm.
 
     `since` and `is_off` are what this returned before; `error` [rad] is the heading's, off the course ordered.
     """
@@ -89,6 +89,7 @@ class Runaway:
         self._heading = math.nan
         self._time, self._mean_rate = math.nan, 0.0
         self._side = self._turned = math.nan
+        self._way = self._held_way = self._held_since = 0.0
         self.has_run = False
         self.overpowered = ""
 
@@ -108,6 +109,7 @@ class Runaway:
             share = -math.expm1(-elapsed / _averaging_time(model, watched))
             self._mean_rate += share * (step / elapsed - self._mean_rate)
         # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
+        self._way += step
         side = math.copysign(1.0, watched.rudder)
         self._turned = max(self._turned - side * step, 0.0) if side == self._side else 0.0
         self._side = side
@@ -120,17 +122,20 @@ class Runaway:
             self._hard_since = watched.now
         far = FAR + WAVES_REACH * state.wave_deviation
         lasted = watched.now - self._hard_since
+        if lasted < HOLDS * model.time_constant:
+            self._held_since, self._held_way = watched.now, self._way
         if lasted < TAKES_HOLD * model.time_constant or self._turned < far:
             return
-        self.has_run = lasted >= SETTLED * model.time_constant and _turns_against(model, watched, self._mean_rate)
+        if lasted >= SETTLED * model.time_constant:
+            # both: the mean remembers how the boat turned before the rudder came over, this one holds a wave's
+            held = (self._way - self._held_way) / (watched.now - self._held_since)
+            self.has_run = _turns_against(model, watched, (held, self._mean_rate))
         self.overpowered = self.overpowered or f"to {'port' if watched.rudder > 0.0 else 'starboard'}"
 
 
-def _turns_against(model: Norrbin, watched: Watched, mean_rate: float) -> bool:
-    # both: the mean remembers how the boat turned before the rudder came over, the present rate holds a wave's
-    answers_to = (steady_rudder(model, rate) for rate in (watched.state.rate, mean_rate))
+def _turns_against(model: Norrbin, watched: Watched, rates: tuple[float, ...]) -> bool:
     side = -math.copysign(1.0, watched.rudder)
-    return all(side * angle >= AGAINST_SHARE * abs(watched.rudder) for angle in answers_to)
+    return all(side * steady_rudder(model, rate) >= AGAINST_SHARE * abs(watched.rudder) for rate in rates)
 
 
 def _averaging_time(model: Norrbin, watched: Watched) -> float:

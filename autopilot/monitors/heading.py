@@ -38,7 +38,7 @@ JUMP_GAP = 2.0
 DISAGREES_LASTS = 1.0
 """Turns by heading and by rate must differ for so long [s]."""
 DISAGREES_SAID = 20.0
-"""That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of her gyro."""
+"""That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of its gyro."""
 OPPOSITE_WAYS = "they turn opposite ways"
 
 

@@ -13,7 +13,7 @@ from autopilot.models.steering_gear import clip
 APART_TIME = 5.0
 """Turns by heading and by rate are compared over about this time [s]."""
 SENSE_TIME = 2.0
-"""Which way she turns is taken from her turns over about this time [s]."""
+"""Which way the boat turns is taken from its turns over about this time [s]."""
 SENSE_LASTS = 4.0
 SENSE_LEAST = math.radians(2.0) ** 2
 SENSE_SHARE = 4.0
@@ -37,7 +37,7 @@ NO_TURNS = Turns(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def turns_told(turns: Turns, by_heading: float, by_rate: float, step: float) -> Turns:
-    """Return what is known after a step of `step` [s] in which she turned `by_heading` and `by_rate` [rad]."""
+    """Return what is known after a step of `step` [s] in which the boat turned `by_heading` and `by_rate` [rad]."""
     fades = math.exp(-step / SENSE_TIME)
     # no boat turns further between two headings, and an instrument that says so must not spoil the sums
     by_rate = clip(by_rate, -math.pi, math.pi)
@@ -58,5 +58,5 @@ def are_opposite(turns: Turns) -> bool:
 
 
 def are_alike(turns: Turns) -> bool:
-    """Return whether they tell of turns to the same side: where she hardly turns neither holds."""
+    """Return whether they tell of turns to the same side: where the boat hardly turns neither holds."""
     return turns.sum > SENSE_SHARE * turns.difference + SENSE_LEAST

@@ -34,7 +34,7 @@ def table_hash(values: Iterable[ParameterValue]) -> int:
     crc = 0
     for each in sorted(values):
         raw = struct.pack("<f", each.value) if isinstance(each.value, float) else encode(each.value, each.kind, True)
-        crc = zlib.crc32(each.name.encode("ascii") + raw, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
+        crc = zlib.crc32(each.name.encode() + raw, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
     return crc
 
 

@@ -3,14 +3,16 @@
 A file that holds a whole vehicle holds these too. Written back, they would never agree (a counter has gone on),
 describe another board (device ids), undo a calibration, or erase the vehicle (FORMAT_VERSION).
 
+PX4 serves metadata that mark what it moves by itself and what is read only: `Marks`, which `vehicle_metadata` fetches.
 ArduPilot marks them in the metadata of its sources, which no vehicle sends: `@ReadOnly`, `@Volatile`, `@Calibration`
 and AP_PARAM_FLAG_INTERNAL_USE_ONLY in AP_Stats, AP_Baro, AP_Mission, AP_InertialSensor, AP_Compass, AP_Airspeed
 (apm.pdef of Rover 4.5 and 4.6). FORMAT_VERSION is unmarked there: Rover erases every parameter at the next boot where
-it is not the firmware's own. PX4 keeps calibration in CAL_ and TC_. RULES is all of it in one table.
+it is not the firmware's own. PX4 keeps calibration in CAL_ and TC_. RULES is all of that in one table.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
@@ -18,12 +20,15 @@ from typing import NamedTuple
 
 from autopilot.params.firmware_file import Wanted
 
+NUMBER = re.compile(r"([0-9]+)")
+
 
 class Kept(StrEnum):
     """Why a parameter is left to the firmware."""
 
     FORMAT = "erases the vehicle's parameters"
     STATE = "moves by itself"
+    READ_ONLY = "read only"
     DEVICE = "names a device of the board"
     CALIBRATION = "calibration"
 
@@ -53,12 +58,35 @@ _COMPILED = {
 }
 
 
-def kept_by_firmware(firmware: str, name: str) -> Kept | None:
-    """Return why parameter `name` is left to the firmware, None where it is a setting."""
-    for kept, expression in _COMPILED.get(firmware, ()):
-        if expression.fullmatch(name):
-            return kept
-    return None
+class Marks(NamedTuple):
+    """What the vehicle itself says is `volatile` or `read_only`; FOO{n}_BAR there stands for FOO1_BAR and so on."""
+
+    volatile: frozenset[str] = frozenset()
+    read_only: frozenset[str] = frozenset()
+
+
+NO_MARKS = Marks()
+
+
+def kept_by_firmware(firmware: str, name: str, marks: Marks = NO_MARKS) -> Kept | None:
+    """Return why parameter `name` is left to the firmware, None where it is a setting.
+
+    The table goes before the mark: PX4 marks calibration as volatile, which `--with-calibration` writes all the same.
+    """
+    rows = _COMPILED.get(firmware, ())
+    by_table = next((kept for kept, expression in rows if expression.fullmatch(name)), None)
+    if by_table not in (None, Kept.CALIBRATION):
+        return by_table
+    if _is_among(marks.read_only, name):
+        return Kept.READ_ONLY
+    return Kept.STATE if by_table is None and _is_among(marks.volatile, name) else by_table
+
+
+def _is_among(names: frozenset[str], name: str) -> bool:
+    if not names or name in names:
+        return name in names
+    parts = [(part, "{n}") if part.isdigit() else (part,) for part in NUMBER.split(name)]
+    return any("".join(spelling) in names for spelling in itertools.product(*parts))
 
 
 class LeftOut(NamedTuple):
@@ -69,7 +97,7 @@ class LeftOut(NamedTuple):
 
 
 def settings_of(
-    wanted: Iterable[Wanted], firmware: str, *, calibration: bool = False
+    wanted: Iterable[Wanted], firmware: str, *, calibration: bool = False, marks: Marks = NO_MARKS
 ) -> tuple[list[Wanted], list[LeftOut]]:
     """Return what of a file is to be written, and what is left to the firmware.
 
@@ -78,7 +106,7 @@ def settings_of(
     settings: list[Wanted] = []
     left: list[LeftOut] = []
     for each in wanted:
-        kept = next(filter(None, (kept_by_firmware(firmware, name) for name in each.names)), None)
+        kept = next(filter(None, (kept_by_firmware(firmware, name, marks) for name in each.names)), None)
         if kept is None or (calibration and kept is Kept.CALIBRATION):
             settings.append(each)
         else:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from autopilot.errors import InputError
-from autopilot.params.firmware_owned import Kept, kept_by_firmware
+from autopilot.params.firmware_owned import Kept, Marks, kept_by_firmware
 from autopilot.params.outcome import Change
 from autopilot.params.saving import save_text, sync_folder
 from autopilot.params.session import Vehicle
@@ -92,10 +92,10 @@ def _change(fields: dict[str, Any]) -> Change:
     return change
 
 
-def of_settings(journal: Journal) -> Journal:
+def of_settings(journal: Journal, marks: Marks) -> Journal:
     """Return the journal without what the firmware moves by itself: it holds neither the old nor the new value."""
-    owned = (Kept.STATE, Kept.DEVICE)
-    kept = [each for each in journal.changes if kept_by_firmware(journal.firmware, each.name) not in owned]
+    owned = (Kept.STATE, Kept.READ_ONLY, Kept.DEVICE)
+    kept = [each for each in journal.changes if kept_by_firmware(journal.firmware, each.name, marks) not in owned]
     return replace(journal, changes=tuple(kept))
 
 

@@ -1,5 +1,6 @@
 """Files that are either old or new, never half: written beside, flushed to disk, renamed.
 
+A link stays and what it leads to is replaced; a pipe, a terminal or another device stays too, and is written into.
 A file that may not be had again (a recording, a backup) never replaces another: it takes the next free name,
 run.tlog, run-2.tlog, run-3.tlog. While it is written it is locked (flock), and nothing here replaces or removes a file
 that is locked.
@@ -13,12 +14,15 @@ import fcntl
 import itertools
 import math
 import os
+import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from autopilot.errors import InputError
+from autopilot.regular_file import read_regular
 
 MOST_NUMBERS = 100_000
 PAGE_BEGINNINGS = (b"<!doctypehtml", b"<html")
@@ -50,12 +54,12 @@ def save_schema(path: str | Path, schema: str) -> None:
 
 
 def _save_again(path: str | Path, text: str, beginnings: tuple[bytes, ...], kind: str) -> None:
-    path = Path(path)
-    if path.is_file() and path.stat().st_size:
-        with path.open("rb") as file:
-            begins = b"".join(file.read(64).lower().split())
-        if not begins.startswith(beginnings):
-            raise InputError(f"{path}: exists already and is no {kind}.")
+    try:
+        before = read_regular(path, 64) if os.path.isfile(path) else b""  # noqa: PTH113
+    except OSError as error:
+        raise _unwritable(path, error.strerror) from None
+    if before and not b"".join(before.lower().split()).startswith(beginnings):
+        raise InputError(f"{path}: exists already and is no {kind}.")
     save_text(path, text)
 
 
@@ -63,13 +67,16 @@ def save_unused(path: Path, text: str) -> Path:
     """Write `text` whole to `path`, or to its next free name; return where. Raises InputError."""
     try:
         descriptor, found = create_unused(path)
+        is_new = stat.S_ISREG(os.fstat(descriptor).st_mode) and not is_standard_output(found)
         with open(descriptor, "w", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path
             try:
                 file.write(text)
                 file.flush()
-                os.fsync(descriptor)
+                if is_new:
+                    os.fsync(descriptor)
             except OSError:
-                found.unlink()
+                if is_new:
+                    found.unlink()
                 raise
         sync_folder(found.parent)
     except OSError as error:
@@ -78,8 +85,10 @@ def save_unused(path: Path, text: str) -> Path:
 
 
 def refuse_existing(path: str | Path) -> None:
-    """Raise InputError where something is at `path`: said before the work, not after it."""
-    if Path(path).exists():
+    """Raise InputError where a file or a folder is at `path`: said before the work, not after it."""
+    if os.path.isdir(path):  # noqa: PTH112 - of what must not be looked at nothing is known here
+        raise InputError(f"{path}: is a folder; give the name of a file.")
+    if os.path.isfile(path) and not is_standard_output(path):  # noqa: PTH113
         raise InputError(f"{path}: exists already; give another name, or --overwrite to replace it.")
 
 
@@ -101,15 +110,71 @@ def create_unused(path: Path) -> tuple[int, Path]:
         except FileExistsError:
             if name.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR)) from None
-            if name.is_file() or not name.exists():
+            if (name.is_file() and not is_standard_output(name)) or not name.exists():
                 continue
-            # without O_NONBLOCK, opening a pipe waits for its reader
-            descriptor = os.open(name, os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK)
-            os.set_blocking(descriptor, True)
-            return descriptor, name
+            return _open_as_it_is(name), name
         lock(descriptor)
         return descriptor, name
     raise FileExistsError(errno.EEXIST, "all numbers are taken")
+
+
+def open_over(path: Path) -> int:
+    """Return a descriptor to write into the file at `path`, emptied and locked, or into the pipe or device there.
+
+    For what is written bit by bit and cannot be put in place when it is whole. Raises OSError.
+    """
+    if not _is_replaced(path):
+        return _open_as_it_is(path)
+    refuse_in_use(path)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
+    lock(descriptor)
+    os.ftruncate(descriptor, 0)
+    return descriptor
+
+
+def _open_as_it_is(path: Path) -> int:
+    """Return a descriptor to write into the pipe or device at `path`, waiting for nobody. Raises OSError."""
+    if is_standard_output(path):
+        sys.stdout.flush()
+        return os.dup(1)
+    mode = path.stat().st_mode
+    if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
+        raise OSError(errno.EINVAL, "a disk or a socket, not a file")
+    try:
+        # without O_NONBLOCK, opening a pipe waits for its reader
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY)
+    except OSError as error:
+        if error.errno == errno.ENXIO and stat.S_ISFIFO(mode):
+            raise OSError(errno.ENXIO, "nobody reads this pipe") from None
+        raise
+    os.set_blocking(descriptor, True)
+    return descriptor
+
+
+def is_standard_output(path: str | Path) -> bool:
+    """Return whether what is written to `path` goes where this process prints."""
+    try:
+        return os.path.samestat(Path(path).stat(), os.fstat(1))
+    except OSError:
+        return False
+
+
+def _is_replaced(path: Path) -> bool:
+    """Return whether `path` is to be replaced by a new file, not written into as it is. Raises OSError."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return True
+    return stat.S_ISREG(mode) and not is_standard_output(path)
+
+
+def _write_into(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a file elsewhere, and pass on what it holds to the pipe or device. Raises OSError."""
+    with open(_open_as_it_is(path), "wb") as into, tempfile.TemporaryDirectory() as folder:
+        whole = Path(folder) / "whole"
+        write(whole)
+        with whole.open("rb") as file:
+            shutil.copyfileobj(file, into)
 
 
 def newer_numbered(path: Path) -> Path | None:
@@ -158,14 +223,24 @@ def is_in_use(path: Path) -> bool:
     return False
 
 
-def write_new(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a file beside, flush it to disk, and only then give it the name `path`. Raises OSError."""
+def write_new(path: Path, write: Callable[[Path], object], *, private: bool = False) -> None:
+    """Let `write` fill a file beside, flush it to disk, and only then give it the name `path`. Raises OSError.
+
+    private: for its owner alone, and then a file or nothing; else what is no file gets what `write` wrote.
+    """
+    if not private and not _is_replaced(path):
+        _write_into(path, write)
+        return
+    path = Path(os.path.realpath(path))
     refuse_in_use(path)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+    if private and path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "Not a file but a pipe, socket or device")
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         write(Path(temporary))
         os.fsync(descriptor)
-        os.fchmod(descriptor, 0o666 & ~_umask())
+        # mkstemp's 0600 would lock out the user's other programs
+        os.fchmod(descriptor, 0o600 if private else 0o666 & ~_umask())
         Path(temporary).replace(path)
         sync_folder(path.parent)
     except BaseException:
@@ -189,27 +264,12 @@ def check_folder(path: str | Path) -> None:
 
 
 def _unwritable(path: str | Path, why: str | None) -> InputError:
-    return InputError(f"{path}: cannot be written ({why}); give a folder that you may write to.")
+    return InputError(f"{path}: cannot be written ({why}); give another file, in a folder that you may write to.")
 
 
 def replace_file(path: Path, text: str, *, private: bool = False) -> None:
     """Write `text` to `path` atomically, a `private` file for its owner alone. Raises OSError."""
-    refuse_in_use(path)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with open(descriptor, "w", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        if not private:
-            # mkstemp's 0600 would lock out the user's other programs
-            Path(temporary).chmod(0o666 & ~_umask())
-        Path(temporary).replace(path)
-        sync_folder(path.parent)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            Path(temporary).unlink()
-        raise
+    write_new(path, lambda new: new.write_text(text, encoding="utf-8"), private=private)
 
 
 def sync_folder(folder: Path) -> None:

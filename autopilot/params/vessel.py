@@ -96,7 +96,7 @@ class Pid:
 
     kp: Annotated[float, Bounds(0.0, 1000.0, "rudder angle per heading error")]
     ki_1_s: Annotated[float, Bounds(0.0, 1000.0, "rudder angle per integral of the heading error")] = 0.0
-    kd_s: Annotated[float, Bounds(0.0, 1000.0, "rudder angle per rate error")] = 0.0
+    kd_s: Annotated[float, Bounds(0.0, 1.0e5, "rudder angle per rate error")] = 0.0
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ class Alarms:
         Annotated[float, Bounds(1.0, 5.0, "alarm where measurements lie this far to one side for 20 s")] | None
     ) = 3.0
     reversed_rudder: bool = True
-    """A boat that does not answer to her rudder, or to its opposite, ends steering, rudder sensor or not."""
+    """A boat that does not answer to its rudder, or to its opposite, ends steering, rudder sensor or not."""
     outputs: tuple[str, ...] = ("bell",)
     """Where alarms are heard: bell (the terminal's), tune (the vehicle's buzzer), relay:N (the vehicle's relay N),
     file:PATH (1 is written while an alarm sounds, else 0: a GPIO's value)."""
@@ -304,7 +304,7 @@ class Security:
     commands_per_s: Annotated[float, Bounds(0.1, 1000.0, "commands heeded, four seconds' worth at once")] = 10.0
     writes_per_s: Annotated[float, Bounds(0.1, 1000.0, "parameter writes heeded, four seconds' worth at once")] = 25.0
     orders_without_key: bool = False
-    """Whether orders are taken over --serve from other machines where no signing key is set."""
+    """Whether orders are taken over --serve from other machines and serial lines where no signing key is set."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from autopilot.identification.rudder_path import RudderTrain
 from autopilot.identification.runs import FloatArray, Run
 from autopilot.identification.steering import steering_model
 from autopilot.models.norrbin import Norrbin, steady_rate
+from autopilot.printable import fixed
 from autopilot.report.figures import Line, Panel, time_figure
 from autopilot.report.page import Section, render
 
@@ -152,8 +153,8 @@ def _correlation(found: Identified) -> list[Section]:
 def _predictions(runs: Sequence[tuple[Run, str, Prediction]]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [("run", "role", "length [s]", "R² of yaw rate [-]", "heading rms [deg]")]
     for run, role, told in runs:
-        r2 = "-" if told.yaw_rate_r2 is None else f"{told.yaw_rate_r2:.3f}"
-        rms = "-" if told.heading_rms is None else f"{math.degrees(told.heading_rms):.1f}"
+        r2 = "-" if told.yaw_rate_r2 is None else fixed(told.yaw_rate_r2, 3)
+        rms = "-" if told.heading_rms is None else fixed(math.degrees(told.heading_rms), 1)
         rows.append((_name(run), role, f"{told.seconds:.0f}", r2, rms))
     return rows
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from autopilot.identification import manoeuvring_criteria as criteria
 from autopilot.identification.trial_measures import Circle, Measures, PullOut, Spiral, Zigzag
+from autopilot.printable import fixed
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
@@ -36,7 +37,7 @@ def blocks_of(measures: Measures, length: float | None) -> list[Block]:
 def _zigzag(found: Zigzag, length: float | None) -> Iterator[Row]:
     kind = criteria.zigzag_kind(found.rudder, found.execute)
     yield (
-        f"Zigzag {_deg(found.rudder)}/{_deg(found.execute)} from {found.begins:.1f} s at {found.speed:.2f} m/s",
+        f"Zigzag {_deg(found.rudder)}/{_deg(found.execute)} from {_s(found.begins)} at {_speed_of(found.speed)}",
         "",
         "",
     )
@@ -58,12 +59,12 @@ def _overshoot_limit(kind: int, number: int, speed: float, length: float | None)
     if kind != 10 or number > 1 or length is None or not speed > 0.0:
         return ""
     limit = (criteria.first_overshoot_10, criteria.second_overshoot_10)[number](length, speed)
-    return f"{_deg(limit)} (L/V {length / speed:.1f} s)"
+    return f"{_deg(limit)} (L/V {fixed(length / speed, 1)} s)"
 
 
 def _circle(found: Circle, length: float | None) -> Iterator[Row]:
     yield (
-        f"Turning circle at {_deg(found.rudder, sign=True)} from {found.begins:.1f} s at {found.speed:.2f} m/s",
+        f"Turning circle at {_deg(found.rudder, sign=True)} from {_s(found.begins)} at {_speed_of(found.speed)}",
         "",
         "",
     )
@@ -73,17 +74,17 @@ def _circle(found: Circle, length: float | None) -> Iterator[Row]:
     yield "steady radius (speed/yaw rate)", _m(found.radius, length), ""
     yield "steady yaw rate", _rate(found.rate), ""
     yield "time to 90, 180, 360 deg", ", ".join(_s(one) for one in (found.time_90, found.time_180, found.time_360)), ""
-    yield "speed lost in the turn", "-" if math.isnan(found.speed_lost) else f"{100.0 * found.speed_lost:.0f} %", ""
+    yield "speed lost in the turn", _percent(found.speed_lost), ""
 
 
 def _pull_out(found: PullOut) -> Iterator[Row]:
-    yield f"Pull-out from {_deg(found.rudder, sign=True)} at {found.begins:.1f} s", "", ""
+    yield f"Pull-out from {_deg(found.rudder, sign=True)} at {_s(found.begins)}", "", ""
     yield "steady yaw rate before", _rate(found.turn_rate), ""
-    yield f"residual yaw rate after {found.time:.0f} s", _rate(found.residual_rate), ""
+    yield f"residual yaw rate after {fixed(found.time, 0)} s", _rate(found.residual_rate), ""
 
 
 def _spiral(found: Spiral, length: float | None, speed: float) -> Iterator[Row]:
-    yield f"Spiral of {len(found.down)} and {len(found.up)} angles from {found.begins:.1f} s", "", ""
+    yield f"Spiral of {len(found.down)} and {len(found.up)} angles from {_s(found.begins)}", "", ""
     limit = "" if length is None or not speed > 0.0 else _deg(criteria.loop_width(length, speed)) + " (MSC/Circ.1053)"
     yield "loop width", _deg(found.width), limit
     yield "loop height at rudder amidships", _rate(found.height), ""
@@ -99,18 +100,26 @@ def _speed(measures: Measures) -> float:
 
 
 def _deg(angle: float, sign: bool = False) -> str:
-    return "-" if math.isnan(angle) else f"{math.degrees(angle):{'+' if sign else ''}.1f} deg"
+    return "-" if math.isnan(angle) else f"{fixed(math.degrees(angle), 1, '+' if sign else '')} deg"
 
 
 def _rate(rate: float) -> str:
-    return "-" if math.isnan(rate) else f"{math.degrees(rate):+.2f} deg/s"
+    return "-" if math.isnan(rate) else f"{fixed(math.degrees(rate), 2, '+')} deg/s"
 
 
 def _s(seconds: float) -> str:
-    return "-" if math.isnan(seconds) else f"{seconds:.1f} s"
+    return "-" if math.isnan(seconds) else f"{fixed(seconds, 1)} s"
+
+
+def _speed_of(speed: float) -> str:
+    return f"{fixed(speed, 2)} m/s"
+
+
+def _percent(share: float) -> str:
+    return "-" if math.isnan(share) else f"{fixed(100.0 * share, 0)} %"
 
 
 def _m(metres: float, length: float | None) -> str:
     if math.isnan(metres):
         return "-"
-    return f"{metres:.1f} m" if length is None else f"{metres:.1f} m = {metres / length:.1f} L"
+    return f"{fixed(metres, 1)} m" if length is None else f"{fixed(metres, 1)} m = {fixed(metres / length, 1)} L"

@@ -1,6 +1,6 @@
 """What becomes of a planned turn where the rudder is weaker than the model's: the pilot itself, simulated.
 
-For course-unstable boats: one that turns faster than her rudder can stop is lost, and linear margins do not say so.
+For course-unstable boats: one that turns faster than its rudder can stop is lost, and linear margins do not say so.
 """
 
 from __future__ import annotations

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import socket
-from collections import Counter
 from typing import NamedTuple
 
 from autopilot.links.transports.sockets import open_error, resolve
+from autopilot.web.access import makes_room
 
 CLIENTS_MOST = 8
 """Places. A newcomer gets the place of one who has not shown the token; where all have, it is hung up on."""
@@ -102,14 +102,11 @@ class LineClients:
             new.append(self._count)
 
     def _make_room(self) -> bool:
-        """Hang up on the oldest client without the token, of the address from which most come; False for none."""
-        strangers = [number for number in self._clients if number not in self._trusted]
-        if not strangers:
+        """Hang up on one without the token; False where all have shown it."""
+        goes = makes_room({number: self._addresses[number] for number in self._clients if number not in self._trusted})
+        if goes is None:
             return False
-        crowd = Counter(self._addresses[number] for number in strangers)
-        self._drop(
-            max(strangers, key=lambda number: (crowd[self._addresses[number]], -number)), "made room for another"
-        )
+        self._drop(goes, "made room for another")
         return True
 
     def _lines_of(self, number: int) -> list[bytes]:

@@ -2,7 +2,7 @@
 
 A request is one line of JSON, as https://signalk.org/specification/1.7.0/doc/put.html has it, with the token:
 {"requestId": "1", "token": "...", "put": {"path": "steering.autopilot.state", "value": "auto"}}
-Without `put` it is a greeting, which orders nothing. The token is looked at before all else.
+Without `put` it is a greeting, which orders nothing. The token is looked at before what is wanted.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import math
 from typing import Any, NamedTuple
 
 from autopilot.errors import InputError
-from autopilot.order_values import SHOWN, is_same_token, number_from, order_object
+from autopilot.order_values import ORDER_MOST, SHOWN, is_same_token, number_from, order_object
 from autopilot.printable import printable
 
-LINE_MOST = 4096
+LINE_MOST = ORDER_MOST
 ID_MOST = 64
 STATE = "steering.autopilot.state"
 HEADING = "steering.autopilot.target.headingTrue"

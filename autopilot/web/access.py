@@ -6,7 +6,10 @@ import hashlib
 import hmac
 import secrets
 import stat
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeVar
 
 from autopilot.errors import InputError
 from autopilot.order_values import is_same_token
@@ -17,6 +20,8 @@ TOKEN_BYTES = 18
 SHORTEST = 16
 TOKEN_FILE_MOST = 1024
 TICKET_S = 120.0
+
+Client = TypeVar("Client")
 
 
 class Access:
@@ -46,6 +51,16 @@ class Access:
 
     def _sign(self, name: str, until: str) -> str:
         return hmac.new(self.token.encode(), f"{until}\n{name}".encode(), hashlib.sha256).hexdigest()
+
+
+def makes_room(strangers: Mapping[Client, str]) -> Client | None:
+    """Return which client goes where the places are full and another comes; None: the newcomer has to.
+
+    strangers: the address of each client that has not shown the token, the oldest first. The oldest of the address from
+    which most come goes; who has shown the token keeps its place.
+    """
+    crowd = Counter(strangers.values())
+    return max(strangers, key=lambda client: crowd[strangers[client]], default=None)
 
 
 def token_of(path: Path | None) -> str:

@@ -6,18 +6,30 @@ comes later has not heard them.
 
 from __future__ import annotations
 
-import json
+import contextlib
 import math
+import re
 from typing import Any
 
+from autopilot.errors import InputError
 from autopilot.links.boat.alarm_list import ALARMS
+from autopilot.order_values import SHOWN
+from autopilot.params.ftp_client import FtpClient
+from autopilot.printable import printable
 from autopilot.signals import AlarmState
-from autopilot.web.ftp_client import FtpClient
+from autopilot.strict_json import parse_json
 from autopilot.web.view import BoatView
 
 LOOK_S = 5.0
 """The list is fetched again after this [s] while alarms are on: one may have taken another's place."""
 STATES = {state.name.lower(): state for state in AlarmState}
+LIST_MOST = 65536
+"""Bytes of a list: three hundred alarms, or thirty of the longest sentences."""
+NAME = re.compile(r"([a-z][a-z0-9_]{0,63})?")
+"""A name, "" where an alarm is of no kind."""
+
+Alarms = dict[str, tuple[str, AlarmState]]
+"""Name and state of each alarm by its words."""
 
 
 class AlarmBoard:
@@ -25,7 +37,7 @@ class AlarmBoard:
 
     def __init__(self, files: FtpClient) -> None:
         self._files = files
-        self._on: dict[str, tuple[str, AlarmState]] = {}
+        self._on: Alarms = {}
         self._seen: set[str] = set()
         self._told: tuple[float, float | None] | None = None
         self._next = -math.inf
@@ -74,9 +86,29 @@ class AlarmBoard:
 
     def _take(self, content: bytes | None) -> None:
         self._is_asked = False
-        try:
-            entries = json.loads(content or b"null")
-            self._on = {str(entry["words"]): (str(entry["name"]), STATES[entry["state"]]) for entry in entries}
-        except (ValueError, TypeError, KeyError):
+        if content is None:
             return
-        self._seen &= self._on.keys()
+        with contextlib.suppress(InputError):  # the alarms known stay, until a list comes that is one
+            self._on = alarms_from(content)
+            self._seen &= self._on.keys()
+
+
+def alarms_from(content: bytes) -> Alarms:
+    """Return the alarms of a boat's list. Raises InputError."""
+    origin = "the boat's list of alarms"
+    entries = parse_json(content, origin, LIST_MOST)
+    if not isinstance(entries, list):
+        raise InputError(f"{origin}: a list [...] is needed")
+    return dict(_alarm_from(entry, f"{origin}: alarm {number}") for number, entry in enumerate(entries, 1))
+
+
+def _alarm_from(entry: Any, origin: str) -> tuple[str, tuple[str, AlarmState]]:
+    fields = entry if isinstance(entry, dict) else {}
+    words, name, state = (fields.get(key) for key in ("words", "name", "state"))
+    if not isinstance(words, str):
+        raise InputError(f"{origin}: words {printable(repr(words), SHOWN)}: a text is needed")
+    if not (isinstance(name, str) and NAME.fullmatch(name)):
+        raise InputError(f"{origin}: name {printable(repr(name), SHOWN)}: up to 64 of a-z, 0-9 and _ are allowed")
+    if not (isinstance(state, str) and state in STATES):
+        raise InputError(f"{origin}: state {printable(repr(state), SHOWN)}: allowed are {', '.join(STATES)}")
+    return words, (name, STATES[state])

@@ -11,6 +11,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
+from autopilot.web.access import makes_room
 from autopilot.web.line import BoatLine
 from autopilot.web.orders import Answer, Told
 from autopilot.web.station import Station
@@ -20,6 +21,7 @@ TURN_S = 0.05
 BEHIND_MOST = 50
 """Events that may wait for one browser: five seconds."""
 CLIENTS_MOST = 32
+"""Places. Where they are full who has the token gets one, and keeps it, before who only looks."""
 ANSWER_S = 8.0
 REASON_S = 1.2
 """Why something was refused comes as a text of its own, after the refusal, in pieces."""
@@ -33,7 +35,8 @@ class Hub:
 
     def __init__(self, station: Station, line: BoatLine, clock: Callable[[], float] = time.monotonic) -> None:
         self.station, self.line, self.clock = station, line, clock
-        self._queues: set[asyncio.Queue[bytes | None]] = set()
+        self._queues: dict[asyncio.Queue[bytes | None], str] = {}
+        """What waits for each browser, by the address of who only looks, "" of who has the token; the oldest first."""
         self._told: dict[str, bytes] = {}
         self._texts = 0
         self._closed = False
@@ -76,27 +79,40 @@ class Hub:
             try:
                 queue.put_nowait(events)
             except asyncio.QueueFull:
-                self._queues.discard(queue)
+                del self._queues[queue]
 
-    async def follow(self) -> AsyncIterator[bytes]:
-        """Yield the events for one browser: all that is known at first, then what changes."""
+    def first(self) -> bytes:
+        """Return all that is known, as events."""
+        events = event("state", self._state(self.clock()))
+        events += b"".join(event(name, content) for name, content in self._seldom().items())
+        return events + b"".join(event("text", text) for text in self._texts_after(0))
+
+    def follow(self, address: str = "") -> AsyncIterator[bytes] | None:
+        """Return the events for one browser: all that is known at first, then what changes; None: there is no place.
+
+        address: where one comes from that only looks; "": it has the token.
+        """
+        if self._closed:
+            return None
+        if len(self._queues) >= CLIENTS_MOST:
+            goes = makes_room({queue: place for queue, place in self._queues.items() if place})
+            if goes is None:
+                return None
+            self._let_go(goes)
         queue: asyncio.Queue[bytes | None] = asyncio.Queue(BEHIND_MOST)
-        if self._closed or len(self._queues) >= CLIENTS_MOST:
-            return
-        now = self.clock()
-        first = b"retry: 1000\n\n" + event("state", self._state(now))
-        first += b"".join(event(name, content) for name, content in self._seldom().items())
-        first += b"".join(event("text", text) for text in self._texts_after(0))
-        self._queues.add(queue)
+        queue.put_nowait(self.first())
+        self._queues[queue] = address
+        return self._events(queue)
+
+    async def _events(self, queue: asyncio.Queue[bytes | None]) -> AsyncIterator[bytes]:
         try:
-            yield first
             while queue in self._queues or not queue.empty():
                 data = await queue.get()
                 if data is None:
                     return
                 yield data
         finally:
-            self._queues.discard(queue)
+            self._queues.pop(queue, None)
 
     async def ask(self, asked: Asked) -> tuple[bool, str]:
         """Give an order; return whether it was taken, and in words why not."""
@@ -119,10 +135,13 @@ class Hub:
         """Let every browser go, and take no more."""
         self._closed = True
         for queue in list(self._queues):
-            self._queues.discard(queue)
-            while not queue.empty():
-                queue.get_nowait()
-            queue.put_nowait(None)
+            self._let_go(queue)
+
+    def _let_go(self, queue: asyncio.Queue[bytes | None]) -> None:
+        del self._queues[queue]
+        while not queue.empty():
+            queue.get_nowait()
+        queue.put_nowait(None)
 
     async def _reason(self, said: int, words: str) -> str:
         """Return the boat's own words for a refusal where they come soon, `words` where not."""

@@ -59,4 +59,6 @@ class LogShelf:
         return size, pieces()
 
     def _is_log(self, path: Path) -> bool:
-        return path.suffix in SUFFIXES and not path.name.startswith(".") and not path.is_symlink() and path.is_file()
+        # a name that is no text cannot be told, nor asked for
+        is_name = path.suffix in SUFFIXES and path.name.isprintable() and not path.name.startswith(".")
+        return is_name and not path.is_symlink() and path.is_file()

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-import json
+import contextlib
 import lzma
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import Message
+from autopilot.order_values import SHOWN
 from autopilot.params.component_metadata import PARAMETERS
 from autopilot.params.download import Download
+from autopilot.params.ftp_client import FtpClient
 from autopilot.params.protocol import Target, parameter_value, set_value
-from autopilot.web.ftp_client import FtpClient
+from autopilot.printable import printable
+from autopilot.strict_json import parse_json
 from autopilot.web.orders import NO_ANSWER, Answer, Told
 
 AGAIN_S, TRIES = 0.5, 4
-DESCRIBED = ("shortDesc", "group", "units", "min", "max", "values", "rebootRequired")
-EXPANDED_MOST = 4_000_000
+EXPANDED_MOST = 1_000_000
+"""Bytes of the descriptions; ours have 16 kB."""
+UNPACKING_MOST = 64 << 20
+"""Bytes of memory that unpacking may take; ours takes 9 MB. What is packed may ask for gigabytes."""
 
 
 class _Setting(NamedTuple):
@@ -109,15 +116,58 @@ class ParameterDesk:
             self._download.update(value)
 
     def _describe(self, content: bytes | None) -> None:
-        try:
-            text = lzma.LZMADecompressor().decompress(content or b"", EXPANDED_MOST)
-            entries = json.loads(text)["parameters"]
-            self._described = {
-                str(entry["name"]): {key: entry[key] for key in DESCRIBED if key in entry} for entry in entries
-            }
-        except (lzma.LZMAError, ValueError, KeyError, TypeError, EOFError):
-            # a boat without descriptions: the table shows names and values alone
-            self._described = {}
+        self._described = {}
+        with contextlib.suppress(InputError):  # a boat without descriptions: the table shows names and values alone
+            self._described = descriptions_from(content or b"")
+
+
+def descriptions_from(content: bytes) -> dict[str, dict[str, Any]]:
+    """Return what a boat's packed component metadata says of each parameter, by name. Raises InputError."""
+    origin = "the boat's description of parameters"
+    unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ, UNPACKING_MOST)
+    try:
+        text = unpacker.decompress(content, EXPANDED_MOST)
+    except lzma.LZMAError as error:
+        raise InputError(f"{origin}: cannot be unpacked ({error})") from None
+    if not unpacker.eof:
+        raise InputError(f"{origin}: cut off, or longer than {EXPANDED_MOST} bytes")
+    found = parse_json(text, origin, EXPANDED_MOST)
+    entries = found.get("parameters") if isinstance(found, dict) else None
+    if not isinstance(entries, list):
+        raise InputError(f"{origin}: a list `parameters` is needed")
+    return dict(_description_from(entry, f"{origin}: entry {number}") for number, entry in enumerate(entries, 1))
+
+
+def _description_from(entry: Any, origin: str) -> tuple[str, dict[str, Any]]:
+    if not (isinstance(entry, dict) and isinstance(entry.get("name"), str)):
+        raise InputError(f"{origin}: an object with a name is needed")
+    for key, is_fit in DESCRIBED.items():
+        if key in entry and not is_fit(entry[key]):
+            raise InputError(f"{origin}: {key} {printable(repr(entry[key]), SHOWN)} is not of its kind")
+    return entry["name"], {key: entry[key] for key in DESCRIBED if key in entry}
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _are_choices(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(each, dict) and _is_number(each.get("value")) and _is_text(each.get("description")) for each in value
+    )
+
+
+DESCRIBED: dict[str, Callable[[Any], bool]] = {
+    **dict.fromkeys(("shortDesc", "group", "units"), _is_text),
+    **dict.fromkeys(("min", "max"), _is_number),
+    "values": _are_choices,
+    "rebootRequired": lambda value: isinstance(value, bool),
+}
+"""What is shown of a parameter, and whether a value of it is of the right kind."""
 
 
 def _plain(value: float) -> float | None:

@@ -27,6 +27,7 @@ KEYS = (
 )
 KEYS_LOOKING = (" only looking  q leave",)
 STATES = {5: "FAIL-SAFE", 6: "FAULT"}
+PROPOSALS = {1.0: "proposed, being tried", 2.0: "proved: :adopt steers with it"}
 
 
 class Line(NamedTuple):
@@ -192,7 +193,7 @@ def _learning(station: Station) -> list[Line]:
     learnt = station.view.learning()
     if not learnt:
         return []
-    words = ("learning", "proposed, being tried", "proved: :adopt steers with it")[int(learnt.get("lrn_state") or 0)]
+    words = PROPOSALS.get(learnt.get("lrn_state") or 0.0, "learning")
     gain, time = learnt.get("lrn_K"), learnt.get("lrn_T")
     told = f"   K {gain:.3g} 1/s, T {time:.3g} s" if gain is not None and time is not None else ""
     return [Line(f" model: {words}{told}", "dim")]

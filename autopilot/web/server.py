@@ -23,7 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from autopilot.errors import InputError
 from autopilot.interruption import say_end
-from autopilot.order_values import order_object
+from autopilot.order_values import ORDER_MOST, order_object
 from autopilot.web import page_files
 from autopilot.web.access import Access
 from autopilot.web.hub import Hub
@@ -37,9 +37,10 @@ KINDS = {
     ".css": "text/css",
     ".svg": "image/svg+xml",
 }
-ORDER_MOST_BYTES = 4096
 ORDER_S = 5.0
 """Within this time an order has come whole."""
+BAD_ORDER, CANNOT_NOW = 400, 409
+"""Statuses of an order that is none, and of one that the boat does not carry out as things stand."""
 CLOSING = {"connection": "close"}
 """Sent with the refusal of a body that is not read to its end."""
 HEADERS = {
@@ -104,11 +105,13 @@ class Page:
         kind = KINDS.get(name[name.rfind(".") :], "text/plain; charset=utf-8")
         return Response(content, media_type=kind, headers={"cache-control": "no-cache"})
 
-    async def events(self, _: Request) -> Response:
-        """What is known of the boat, ten times a second, as server-sent events."""
-        return StreamingResponse(
-            self._hub.follow(), media_type="text/event-stream", headers={"cache-control": "no-store"}
-        )
+    async def events(self, request: Request) -> Response:
+        """What is known of the boat, ten times a second, as server-sent events; who has the token goes first."""
+        address = request.client.host if request.client is not None else "unknown"
+        events = self._hub.follow("" if self._may(request) else address)
+        if events is None:
+            return _refusal(503, "all places are taken by displays that may steer: close one of them")
+        return StreamingResponse(events, media_type="text/event-stream", headers={"cache-control": "no-store"})
 
     async def history(self, _: Request) -> Response:
         """The last minutes for the plots, column by column."""
@@ -130,15 +133,15 @@ class Page:
         except ClientDisconnect:
             return _refusal(400, "the order did not come to its end", CLOSING)
         if body is None:
-            return _refusal(413, f"an order is at most {ORDER_MOST_BYTES} bytes long", CLOSING)
+            return _refusal(413, f"an order is at most {ORDER_MOST} bytes long", CLOSING)
         try:
             asked = asked_of(self._hub.station, order_object(body))
         except InputError as error:
-            return _refusal(422, str(error))
+            return _refusal(BAD_ORDER, str(error))
         if self._hub.station.target is None:
-            return _refusal(503, "no boat that runs this pilot is heard")
+            return _refusal(CANNOT_NOW, "no boat that runs this pilot is heard")
         taken, words = await self._hub.ask(asked)
-        return JSONResponse({"taken": taken, "words": words})
+        return JSONResponse({"taken": True, "words": words}) if taken else _refusal(CANNOT_NOW, words)
 
     async def parameters(self, _: Request) -> Response:
         """The boat's parameters as far as they have come; asked for, they are fetched."""
@@ -242,12 +245,12 @@ def build_app(hub: Hub, access: Access, shelf: LogShelf) -> ASGIApp:
 async def _short_body(request: Request) -> bytes | None:
     """Return the body of a request; None, and no more of it is read, where it is longer than an order may be."""
     length = request.headers.get("content-length", "0")
-    if not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= ORDER_MOST_BYTES):
+    if not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= ORDER_MOST):
         return None
     body = b""
     async for chunk in request.stream():
         body += chunk
-        if len(body) > ORDER_MOST_BYTES:
+        if len(body) > ORDER_MOST:
             return None
     return body
 

@@ -7,11 +7,11 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import Message
+from autopilot.params.ftp_client import FtpClient
 from autopilot.params.protocol import Target
 from autopilot.params.session import GROUND_STATION_COMPONENT, GROUND_STATION_SYSTEM
 from autopilot.web.alarms import AlarmBoard
 from autopilot.web.course import Course
-from autopilot.web.ftp_client import FtpClient
 from autopilot.web.orders import Orders
 from autopilot.web.parameter_desk import ParameterDesk
 from autopilot.web.view import BoatView

@@ -40,7 +40,7 @@ LEARNT = "lrn_"
 
 
 class Trial(NamedTuple):
-    """A trial that was begun: its command, share done in percent, MAV_RESULT (5 while it lasts), when it was told."""
+    """A trial that was begun: its command, share done in per cent, MAV_RESULT (5 while it lasts), when it was told."""
 
     command: int
     percent: int

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from autopilot.cli.option_numbers import whole_number
 from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import as_exceptions
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 ENGINES = ("local", "ray", "dask")
 SAME = 1.0e-9
+COUNT = whole_number(1, 2**31 - 1)
+WORKERS = whole_number(1, 1024)
 
 
 def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
@@ -33,21 +36,20 @@ def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument("--out", metavar="FILE", type=Path, help="results, one row a run: .csv or .parquet")
     parser.add_argument("--overwrite", action="store_true", help="replace the results of --out where they exist")
     parser.add_argument("--report", metavar="FILE.html", type=Path, help="summary and Pareto plot in one page")
-    parser.add_argument("--runs", metavar="N", type=_whole, help="runs of every case (default: the study's)")
-    parser.add_argument("--seed", metavar="N", type=_whole, help="seed of the first run (default: the study's)")
+    parser.add_argument("--runs", metavar="N", action=COUNT, help="runs of every case (default: the study's)")
+    parser.add_argument("--seed", metavar="N", action=COUNT, help="seed of the first run (default: the study's)")
     parser.add_argument("--engine", choices=ENGINES, default="local", help="who does the runs (default local)")
-    parser.add_argument("--workers", metavar="N", type=_whole, help="processes (default: as many as there are cores)")
+    parser.add_argument("--workers", metavar="N", action=WORKERS, help="processes (default: one for each core)")
     parser.add_argument("--address", metavar="HOST:PORT", help="of a running ray or dask cluster (default: one here)")
     parser.add_argument("--plain", action="store_true", help="nothing compiled: every run in the full simulator")
-    parser.add_argument("--replay", metavar="RUN", type=int, help="only this run, compiled and in the full simulator")
+    parser.add_argument(
+        "--replay",
+        metavar="RUN",
+        action=whole_number(0, 2**31 - 1),
+        help="only this run, compiled and in the full simulator",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
-
-
-def _whole(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) < 2**31):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 2147483647")
-    return int(text)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,6 +1,6 @@
 """Failing instruments, tabled before a run begins: what their faults add, multiply and swallow, set by set.
 
-Faults that keep an old value, and those of the boat herself, depend on how the run goes: the full simulator has them.
+Faults that keep an old value, and those of the boat itself, depend on how the run goes: the full simulator has them.
 """
 
 from __future__ import annotations

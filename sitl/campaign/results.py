@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from autopilot.errors import InputError
+from autopilot.params.saving import open_over
 from sitl.campaign.cases import Case, Job, case_and_seed
 from sitl.campaign.score import Figures
 from sitl.campaign.work import Row
@@ -45,7 +46,7 @@ class CsvResults:
 
     def __init__(self, path: Path, job: Job) -> None:
         self._job = job
-        self._file = path.open("w", newline="", encoding="utf-8")
+        self._file = open(open_over(path), "w", newline="", encoding="utf-8")  # noqa: PTH123, SIM115
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._writer.writerow(COLUMNS)
 
@@ -72,7 +73,8 @@ class ParquetResults:
         kinds = {int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
         first = (0, 0, *Case("", "", 0.0, 0.0, "", 0.0, "", "", ""), "", *[0.0] * len(Figures._fields))
         self._schema = pyarrow.schema([(name, kinds[type(value)]) for name, value in zip(COLUMNS, first, strict=True)])
-        self._writer = parquet.ParquetWriter(path, self._schema)
+        self._file = open(open_over(path), "wb")  # noqa: PTH123, SIM115
+        self._writer = parquet.ParquetWriter(self._file, self._schema)
 
     def write(self, rows: list[Row]) -> None:
         """Add rows."""
@@ -83,3 +85,4 @@ class ParquetResults:
     def close(self) -> None:
         """End the file."""
         self._writer.close()
+        self._file.close()

@@ -7,7 +7,9 @@ import json
 from dataclasses import asdict, replace
 from typing import Any
 
-from autopilot.errors import ExitCode, InputError
+from autopilot.cli.gains_tune import GENERATIONS, WEIGHT
+from autopilot.errors import ExitCode
+from sitl.campaign.command import WORKERS
 
 
 def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
@@ -19,10 +21,12 @@ def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
     parser.add_argument("--law", choices=("backstepping", "pid", "sliding"), default="backstepping")
-    parser.add_argument("--weight", type=float, metavar="W", default=1.0, help="deg of rms a deg/s of travel is worth")
+    parser.add_argument(
+        "--weight", action=WEIGHT, metavar="W", default=1.0, help="deg of rms a deg/s of travel is worth"
+    )
     parser.add_argument("--study", metavar="STUDY.yaml", default="tuning", help="seas and mismatches (default tuning)")
-    parser.add_argument("--generations", type=int, metavar="N", default=10, help="of the search (default 10)")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes (default: as many as there are cores)")
+    parser.add_argument("--generations", action=GENERATIONS, metavar="N", default=10, help="of the search (default 10)")
+    parser.add_argument("--workers", action=WORKERS, metavar="N", help="processes (default: one for each core)")
     parser.set_defaults(run=run)
 
 
@@ -37,10 +41,6 @@ def run(arguments: argparse.Namespace) -> int:
     from sitl.campaign.study import load_study
     from sitl.campaign.tuning import tune
 
-    if not 0.0 <= arguments.weight <= 1.0e6:
-        raise InputError(f"--weight {arguments.weight:g}: allowed is 0 (heading alone) to 1e6")
-    if not 1 <= arguments.generations <= 10_000:
-        raise InputError(f"--generations {arguments.generations}: allowed is 1 to 10000")
     vessel = load_vessel(arguments.vessel)
     study, _ = load_study(arguments.study)
     path = str(Path(arguments.vessel).resolve()) if Path(arguments.vessel).exists() else arguments.vessel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -50,12 +51,40 @@ def test_a_log_that_is_not_there_or_a_folder_is_one_sentence(
 
 
 @pytest.mark.parametrize(
+    "command",
+    [
+        ["log", "info", "PATH"],
+        ["gains", "PATH.yaml"],
+        ["gains", "lanxin", "--out", "PATH.yaml"],
+        ["log", "csv", "PATH", "--out", "PATH"],
+        ["params", "check", "PATH"],
+        ["run", "PATH", "--link", "udpin:127.0.0.1:0"],
+        ["identify", "PATH", "PATH2"],
+    ],
+    ids=" ".join,
+)
+def test_a_path_that_cannot_be_looked_at_is_one_sentence(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    long = complaint(capsys, *(word.replace("PATH", "p" * 5000) for word in command))
+    assert "File name too long" in long and len(long) < 1000
+    closed, owner = tmp_path / "closed", os.geteuid()
+    closed.mkdir()
+    closed.chmod(0)
+    if owner == 0:  # to whom nothing is closed
+        os.seteuid(65534)
+    try:
+        assert "Permission denied" in complaint(capsys, *(word.replace("PATH", str(closed / "x")) for word in command))
+    finally:
+        os.seteuid(owner)
+
+
+@pytest.mark.parametrize(
     ("arguments", "named"),
     [
         ([], "COMMAND"),
         (["sail"], "'sail'"),
         (["run", "lanxin"], "--link"),
-        (["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--duration", "long"], "'long'"),
         (["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--law", "magic"], "'magic'"),
         (["trial", "lanxin"], "'lanxin'"),
     ],

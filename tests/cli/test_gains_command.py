@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,11 @@ from boats import BOATS, vessel_of
 
 from autopilot.build import build_pilot, verdict_of
 from autopilot.build_laws import gains_in_force, model_of
-from autopilot.cli.gains import Wish, designed, in_hand
+from autopilot.cli.gains import Wish, designed, in_hand, write_vessel
 from autopilot.cli.main import main
-from autopilot.errors import RefusedError
+from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import at_speed_ratio
-from autopilot.params.vessel import Backstepping, Vessel
+from autopilot.params.vessel import Backstepping, Control, Vessel
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.report import weaker_turn
 
@@ -104,6 +105,46 @@ def test_bandwidth_and_damping_are_placed_and_judged(capsys: pytest.CaptureFixtu
     assert main(["gains", "lanxin", "--bandwidth-rad-s", "2", "--damping", "1.5"]) == 2
     assert main(["gains", "lanxin", "--level", "12"]) == 2
     assert main(["gains", "lanxin", "--level", "4", "--bandwidth-rad-s", "2"]) == 2
+
+
+@pytest.mark.parametrize("asked", ["0", "-1", "1e-320", "1e-100", "1e-6", "0.0903", "302", "1e6"])
+def test_a_bandwidth_that_is_none_for_this_boat_is_one_sentence(asked: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gains", "lanxin", f"--bandwidth-rad-s={asked}"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and ": allowed for 'Lanxin' is 0.0904 to 301, " in said
+
+
+@pytest.mark.parametrize("spares", [[], ["--spare-rudder"]], ids=["placed", "spared"])
+def test_the_calmest_bandwidth_of_a_boat_is_judged(
+    tmp_path: Path, spares: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    vessel, path = load_vessel("lanxin"), tmp_path / "boat.yaml"
+    path.write_text(dump_vessel(replace(vessel, control=Control(rate_hz=1.0, loop_delay_s=0.05))))
+    row = as_json(capsys, str(path), "--bandwidth-rad-s", "0.0905", *spares)["designed backstepping"]
+    assert row["stable"] and row["crossover_rad_s"] > 0.0
+
+
+@pytest.mark.parametrize(("gain", "time_constant"), [(0.02, 300.0), (0.001, 1000.0)])
+def test_a_slow_ship_gets_gains_with_all_their_digits_that_can_be_read(
+    gain: float, time_constant: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    boat, ship = load_vessel("lanxin"), tmp_path / "ship.yaml"
+    boat = replace(boat, model=replace(boat.model, K_1_s=gain, T_s=time_constant, n3_s2_rad2=0.0))
+    gains = designed(boat).control.backstepping
+    assert gains is not None
+    assert gains.gamma_1_s2 == pytest.approx(0.25 * gains.k1_1_s**2, rel=1.0e-5)
+    ship.write_text(dump_vessel(designed(boat)))
+    assert load_vessel(ship).control.backstepping == gains
+
+
+def test_no_file_is_written_that_no_command_could_read(tmp_path: Path) -> None:
+    boat, out = load_vessel("lanxin"), tmp_path / "better.yaml"
+    heavy = designed(replace(boat, model=replace(boat.model, K_1_s=1.0e-5, T_s=1.0e4)))
+    with pytest.raises(
+        InputError, match=r"better\.yaml is not written, for no command could read it: .* control\.pid\.kp"
+    ):
+        write_vessel(Namespace(out=str(out), vessel="lanxin", overwrite=False, json=True), heavy)
+    assert not out.exists()
 
 
 def test_gains_that_spare_the_rudder_are_a_regulators_and_stay_so(

@@ -11,7 +11,7 @@ import pytest
 
 from autopilot.cli.main import main
 
-SHIP = """# Zheng's dredger, her k1 and k2 hardly known
+SHIP = """# Zheng's dredger, its k1 and k2 hardly known
 length_m: 128
 mass_kg: 19413000
 surge_mass: 1.05
@@ -91,8 +91,8 @@ def test_noise_that_does_not_fit_the_trial_is_told(tmp_path: Path, capsys: pytes
         (("x.csv", "--scenario", "S1"), "either a TRIAL.csv or --scenario"),
         (("x.csv", "--record", "y.csv"), "--record writes the trial that --scenario simulates"),
         (("--scenario", "S1", "--ship", "s.yaml"), "--ship goes with a TRIAL.csv"),
-        (("--scenario", "S1", "--particles", "3"), "between 10 and 100000"),
-        (("--scenario", "S1", "--seed", "-1"), "must not be negative"),
+        (("--scenario", "S1", "--particles", "3"), "allowed is a whole number from 10 to 100000"),
+        (("--scenario", "S1", "--seed", "-1"), "--seed -1: allowed is a whole number from 0"),
         (("--scenario", "S1", "--gain", "kernel", "--particles", "5000"), "at most 2000"),
         (("--scenario", "S1", "--record", "/nowhere/at/all.csv"), "cannot be written"),
     ],
@@ -126,6 +126,7 @@ def test_a_ship_that_cannot_be_is_one_sentence(
 
 
 ROWS = "".join(f"{k},0,1000,{0.1 * k}\n" for k in range(30))
+LATER_ROWS = "".join(f"{k + 1e9},0,1000,{0.1 * k}\n" for k in range(30))
 SWAY_ROWS = "".join(f"{k},1000,{0.1 * k},\n" for k in range(30))
 
 
@@ -138,6 +139,10 @@ SWAY_ROWS = "".join(f"{k},1000,{0.1 * k},\n" for k in range(30))
         ("time_s,thrust_1_n,thrust_2_n,position_x_m\n" + ROWS.replace("1000", "0"), "no thruster ever pushes"),
         ("time_s,thrust_1_n,thrust_2_n,position_x_m\n" + ROWS.replace("5,0,1000", "5,,1000", 1), "is blank in row"),
         ("time_s,thrust_3_n,position_y_m,heading_deg\n" + SWAY_ROWS, "blank in the first row"),
+        (
+            "time_s,thrust_1_n,thrust_2_n,position_x_m\n" + ROWS + LATER_ROWS,
+            "A trial under thrusters must go on: cut out one part",
+        ),
         (
             "time_s,thrust_1_n,thrust_2_n,thrust_3_n,position_x_m\n" + ROWS.replace(",1000,", ",1000,7,"),
             "main thrusters or of the side thruster alone",

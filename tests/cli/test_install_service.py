@@ -130,7 +130,7 @@ def test_words_that_systemd_would_read_otherwise_are_quoted() -> None:
         ([*INSTALL, "--adapter", "x"], "write a name of small letters and digits, =, and the USB serial number"),
         ([*INSTALL, "--adapter", 'x=A"B'], "is no USB serial number"),
         ([*INSTALL, "--adapter", "x=port:usb1"], "a USB port is written like port:1-1.2"),
-        ([*INSTALL, "--watchdog-s", "1"], "seconds from 3 to 600 are allowed"),
+        ([*INSTALL, "--watchdog-s", "1"], "--watchdog-s 1: allowed is 3 to 600"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(

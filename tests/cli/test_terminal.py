@@ -81,7 +81,7 @@ class AtTerminal:
 
     def __init__(self, folder: Path, columns: int) -> None:
         line = folder / "boat"
-        command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--nmea", f"{line}:38400", "--speedup", "4"]
+        command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--nmea", f"{line}:38400"]
         command += ["--sentences", "HDG:10,ROT:10,RSA:5,VHW:1"]
         self._boat = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self._ours, theirs = pty.openpty()
@@ -89,7 +89,7 @@ class AtTerminal:
         self.before = termios.tcgetattr(theirs)
         self._theirs = theirs
         self.pilot = subprocess.Popen(
-            [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{line}:38400", "--speedup", "4"],
+            [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{line}:38400"],
             cwd=folder,
             stdin=theirs,
             stdout=theirs,

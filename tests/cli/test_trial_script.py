@@ -70,7 +70,7 @@ def test_progress_goes_from_none_to_all() -> None:
     [
         (["zigzag", "--rudder-deg", "31"], ("--rudder-deg 31", "1 to 30")),
         (["zigzag", "--rudder-deg", "-5"], ("--rudder-deg -5", "1 to 30")),
-        (["zigzag", "--rudder-deg", "nan"], ("--rudder-deg nan", "1 to 30")),
+        (["zigzag", "--rudder-deg", "nan"], ("--rudder-deg nan", "a number")),
         (["zigzag", "--heading-deg", "0"], ("--heading-deg 0", "1 to 90")),
         (["zigzag", "--duration", "inf"], ("--duration inf", "1 to 36000")),
         (["turning", "--rudder-deg", "10,-40"], ("--rudder-deg -40", "-30 to 30")),

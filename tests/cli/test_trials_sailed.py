@@ -296,8 +296,8 @@ def test_progress_is_told_in_words() -> None:
         (["prbs", "--hold", "0"], "--hold 0: allowed is 0.2 to 600"),
         (["prbs", "--swing-deg", "nan"], "--swing-deg nan: allowed is 5 to 120"),
         (["zigzag", "--approach", "-1"], "--approach -1: allowed is 0 to 36000"),
-        (["zigzag", "--radius-m", "0"], "--radius-m 0: a number above 0 is allowed"),
-        (["zigzag", "--corridor-deg", "200"], "--corridor-deg 200: allowed is up to 180"),
+        (["zigzag", "--radius-m", "0"], "--radius-m 0: allowed is 0.1 to 1000000"),
+        (["zigzag", "--corridor-deg", "200"], "--corridor-deg 200: allowed is 1 to 180"),
         (["zigzag", "--speed-min-m-s", "3", "--speed-max-m-s", "2"], "--speed-min-m-s 3 must be below"),
     ],
 )

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from autopilot.cli.waiting import Patience
-from autopilot.errors import InputError
 from autopilot.links.base import LinkError, NotThereError, Transport
 from autopilot.links.url import open_transport
 
@@ -61,9 +60,3 @@ def test_what_waiting_does_not_cure_is_said_at_once(url: str, capsys: pytest.Cap
         Patience(30.0)(lambda: open_transport(url))
     assert time.monotonic() - begun < 20.0
     assert capsys.readouterr().err == ""
-
-
-@pytest.mark.parametrize("seconds", [-1.0, float("nan"), float("inf")])
-def test_a_time_that_is_none_is_refused(seconds: float) -> None:
-    with pytest.raises(InputError, match="--link-wait"):
-        Patience(seconds)

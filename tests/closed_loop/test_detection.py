@@ -1,4 +1,4 @@
-"""How soon the whole pilot notices what fails, and how far the boat is off her course by then."""
+"""How soon the whole pilot notices what fails, and how far the boat is off its course by then."""
 
 from __future__ import annotations
 

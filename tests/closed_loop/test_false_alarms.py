@@ -57,7 +57,7 @@ def sailed(
 
 
 @pytest.mark.parametrize("vessel", [SLOW, SHIP], ids=["slow", "ship"])
-def test_waves_that_move_a_slow_ship_are_no_push_on_her_rudder(vessel: Vessel) -> None:
+def test_waves_that_move_a_slow_ship_are_no_push_on_its_rudder(vessel: Vessel) -> None:
     turns = (0.0, 0.5, 0.2, 1.0)
     found, _ = sailed(vessel, lambda _: 0.05, 1200.0, lambda now: turns[int(now / 300.0)])
     assert found == {}

@@ -85,7 +85,7 @@ def with_gains(name: str, gains: Backstepping, latency: float = 0.0) -> Vessel:
 
 
 def test_gains_that_only_the_filter_makes_unstable_are_refused() -> None:
-    """Quick gains on a boat that will not go straight by herself, and a compass that is late: the law alone is fine."""
+    """Quick gains on a boat that will not go straight by itself, and a compass that is late: the law alone is fine."""
     vessel = with_gains("unstable", Backstepping(1.2, 1.2, 0.5), latency=4.0)
     assert verdict_of(vessel).margins.stable
     with pytest.raises(RefusedError, match="unstable with the heading filter in the loop"):
@@ -95,5 +95,5 @@ def test_gains_that_only_the_filter_makes_unstable_are_refused() -> None:
 def test_a_course_unstable_boat_that_a_weaker_rudder_would_lose_is_refused() -> None:
     vessel = with_gains("unstable", Backstepping(0.15, 0.15, 0.004), latency=2.5)
     assert with_filter(vessel).stable
-    with pytest.raises(RefusedError, match="lost where her rudder is 30 % weaker"):
+    with pytest.raises(RefusedError, match="lost where its rudder is 30 % weaker"):
         build_pilot(vessel)

@@ -72,7 +72,7 @@ def test_the_pid_too_follows_a_planned_turn(name: str, limit_deg: float) -> None
     """With the model's rudder fed forward; without it these boats are 4 to 7 deg behind and overshoot by 2 to 3."""
     ticks = turn(BOATS[name], 0.0, 90.0, law="pid")
     assert max(abs(deg(wrap(tick.state.heading - tick.reference.heading))) for tick in ticks) < limit_deg
-    # her integrator still holds some of the turn when the quick plan of a course-unstable boat ends
+    # the law's integrator still holds some of the turn when the quick plan of a course-unstable boat ends
     assert overshoot_deg(ticks, 90.0, 1.0) < (0.8 if name == "unstable" else 0.5)
 
 
@@ -124,8 +124,8 @@ def test_after_a_minute_of_saturation_there_is_no_second_overshoot(
 
 
 @pytest.mark.parametrize("lasts", [60.0, 60.7, 61.4])
-def test_whenever_the_push_ends_she_comes_back_without_a_second_overshoot(lasts: float) -> None:
-    """Blown away she is planned back again and again: when the push ends, no plan has run far ahead of her."""
+def test_whenever_the_push_ends_the_boat_comes_back_without_a_second_overshoot(lasts: float) -> None:
+    """Blown away, the boat is planned back again and again: when the push ends, no plan has run far ahead of it."""
     vessel, begins = vessel_of(BOATS["lanxin"]), 20.0
     model = model_of(vessel)
     box = Plant(

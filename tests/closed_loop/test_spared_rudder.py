@@ -58,7 +58,7 @@ def test_a_planned_turn_stays_as_it_is(name: str, factor: float, limit_deg: floa
 
 @pytest.mark.parametrize(("name", "second"), [("lanxin", 0.15), ("slow", 0.7)])
 def test_wind_is_learnt_and_saturation_leaves_swings_that_die_out(name: str, second: float) -> None:
-    """A slow boat whose rudder is spared pays for it here: she comes back past her course twice (docs/gains.md)."""
+    """A slow boat whose rudder is spared pays for it here: it comes back past its course twice (docs/gains.md)."""
     vessel, boat = spared(name), BOATS[name]
 
     def pushes(now: float) -> float:

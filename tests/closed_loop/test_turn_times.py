@@ -60,7 +60,7 @@ def test_a_rudder_other_than_the_models_by_a_third_leads_past_by_little(name: st
     assert found.settling_s < math.inf
 
 
-def test_a_course_unstable_boat_is_led_as_she_has_shown_to_answer() -> None:
+def test_a_course_unstable_boat_is_led_as_it_has_shown_to_answer() -> None:
     model, rudder = turns.BOATS["unstable"].model, math.radians(15.0)
     careful = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
 

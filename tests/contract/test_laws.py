@@ -106,6 +106,12 @@ def test_a_law_that_integrates_takes_over_the_rudder_that_is() -> None:
     assert law.update(LANXIN, NORTH, state(), 0.12, DT) == pytest.approx(0.12)
 
 
+def test_a_law_without_an_integral_does_not_keep_the_rudder_that_is() -> None:
+    law = LAWS["pid without integral"]()
+    law.reset(0.12)
+    assert law.update(LANXIN, NORTH, state(), 0.12, DT) == 0.0
+
+
 def test_a_law_that_spares_the_rudder_begins_at_the_rudder_that_is() -> None:
     law = LAWS["backstepping that spares the rudder"]()
     law.reset(0.12)

@@ -292,7 +292,7 @@ def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer
         assert found == ("slow" if min(four) >= SURE else "quick")
 
 
-def test_without_evidence_nothing_grows_and_what_speaks_for_her_counts() -> None:
+def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() -> None:
     def memory(value: float) -> Memory:
         others = Others(Mean(value, 0.0, 0.0, 0.0), (value, value + 1), (value + 2, value + 3), *[value] * 6)
         plain = first_memory(NOISE, value, 0.0)._replace(others=others)
@@ -486,7 +486,8 @@ def stepped(share: float, seen: float, **change: Any) -> tuple[Memory, Memory]:
 @pytest.mark.parametrize(("odd", "is_gust"), [(2.99, False), (3.0, False), (3.01, True)])
 def test_a_gust_is_three_times_what_any_answer_explains(odd: float, is_gust: bool) -> None:
     before, after = stepped(0.0, 0.05, odd=odd, silent=1.0)
-    assert (after.spread.p22 - before.spread.p22 > 0.9 * math.radians(25.0) ** 2 * DT) is is_gust
+    grown = (after.spread.p22 - before.spread.p22) / DT
+    assert grown == pytest.approx(math.radians(25.0) ** 2 if is_gust else 0.0, abs=0.1 * math.radians(25.0) ** 2)
     assert (after.silent > 1.0) is not is_gust, "while it sets in nothing is evidence"
 
 

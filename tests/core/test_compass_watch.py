@@ -337,6 +337,17 @@ def test_two_degrees_of_noise_are_an_ordinary_compass_s(seed: int) -> None:
     assert set(watched(60.0, 0.1, noisy(2.0, seed=seed), noisy(0.5, seed=seed + 100))) == {""}
 
 
+def trembling(deg: float) -> Callable[[float], float]:
+    """To and fro by so much with each heading: by second differences white noise of 4/sqrt(12/pi) = 2.05 times that."""
+    return lambda now: swinging(now) + math.radians(deg) * (-1) ** round(10.0 * now)
+
+
+@pytest.mark.parametrize(("first", "second", "said"), [(1.9, 0.5, ""), (2.05, 0.5, "is noisy"), (5.0, 0.9, "is noisy")])
+def test_noisy_is_more_than_four_degrees_beside_less_than_two(first: float, second: float, said: str) -> None:
+    assert watched(30.0, 0.1, trembling(first), trembling(second))[-1] == said
+    assert watched(30.0, 0.1, trembling(5.0), trembling(1.05))[-1] == ""
+
+
 @pytest.mark.parametrize("by_deg", [15.0, -30.0, 50.0])
 @pytest.mark.parametrize("lasts", [0.1, 20.0])
 def test_one_jump_or_spike_is_no_noise(by_deg: float, lasts: float) -> None:

@@ -323,7 +323,7 @@ def test_the_bias_is_learnt() -> None:
 
 
 def test_at_the_rudders_stop_the_end_of_a_push_is_learnt_at_once() -> None:
-    """A slow boat held off with all her rudder: 10 s after the push most of it is unlearnt; not so elsewhere."""
+    """A slow boat held off with all its rudder: 10 s after the push most of it is unlearnt; not so elsewhere."""
     vessel = load_vessel(str(PARETO_BOATS / "coaster.yaml"))
     model, gear, noise = model_of(vessel), gear_of(vessel), noise_of(vessel)
 

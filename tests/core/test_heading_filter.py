@@ -15,7 +15,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from autopilot.estimation import heading_filter as ekf
 from autopilot.estimation import wave_motion
 from autopilot.estimation.heading_filter import FilterNoise, FilterState
-from autopilot.estimation.heading_update import fuse_heading, fuse_rate, is_sound
+from autopilot.estimation.heading_update import fuse_heading, fuse_rate, heading_variance, is_sound, surprise
 from autopilot.estimation.wave_motion import NO_SEA, Sea, frequency
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
@@ -194,3 +194,26 @@ def test_the_step_of_a_boat_by_itself_is_exact_for_short_times_too(x: float) -> 
     assert moved.p11 == pytest.approx(
         state.p11 * math.exp(-2.0 * x) + state.p22 * (0.2 * math.expm1(-x) * (-1.0 if x >= 0.0 else 1.0)) ** 2, rel=1e-6
     )
+
+
+def test_how_surprising_a_measurement_is() -> None:
+    state = ekf.initial(0.0, 0.5, 0.1, NOISE)._replace(wave=0.2, wave_rate=0.03, p00=0.01, p11=0.04)
+    by_heading = (0.5 + 0.2 + 0.3) - 0.5 - 0.2
+    heading_sigma = math.sqrt(heading_variance(state) + NOISE.heading)
+    assert surprise(state, 1.0, math.nan, NOISE) == pytest.approx(by_heading / heading_sigma)
+    rate_sigma = math.sqrt(state.p11 + 2.0 * state.p14 + state.p44 + NOISE.rate)
+    assert surprise(state, 9.0, 0.33, NOISE) == pytest.approx(0.2 / rate_sigma)
+
+
+def test_at_first_the_rate_may_be_anything_up_to_a_fifth_of_a_radian_a_second() -> None:
+    assert FilterNoise._field_defaults["rate_unknown"] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("waves", [True, False])
+@pytest.mark.parametrize("wave", [0.1, -0.1, 0.001])
+def test_a_wave_beyond_all_waves_is_a_gust_where_waves_are_estimated(waves: bool, wave: float) -> None:
+    noise = NOISE._replace(waves=waves, gust=0.02, gust_bias=5.0e-4)
+    state = ekf.initial(0.0, 0.0, 0.0, noise)._replace(wave=wave, sea=SEA)
+    ahead = ekf.predict(NOMOTO, noise, state, 0.0, 0.1)
+    is_gust = waves and abs(wave) > 0.05
+    assert ahead.p22 - state.p22 == pytest.approx(0.1 * (5.0e-4 if is_gust else noise.bias))

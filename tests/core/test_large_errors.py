@@ -9,6 +9,7 @@ from collections.abc import Callable
 import pytest
 from scipy.integrate import solve_ivp
 
+from autopilot.control import large_errors
 from autopilot.control.large_errors import Loop, Recovery, Trace, recoveries, trace
 from autopilot.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin
@@ -103,7 +104,7 @@ def test_what_does_not_come_back_is_not_corrected(side: float) -> None:
     [(0.79, True), (0.82, False)],
 )
 def test_the_last_fifth_of_the_time_has_to_lie_within(late: float, is_corrected: bool) -> None:
-    """A boat put on her course at a share of the time: by a rudder that moves her, then stops her."""
+    """A boat put on its course at a share of the time: by a rudder that moves it, then stops it."""
     seconds = 50.0 + 2.0 * math.pi / (0.3 * 0.5)
     kick = Ordered(lambda now, _: 0.5 if late * seconds < now + 0.7 < late * seconds + 0.4 else 0.0)
     motion = trace(LOOP, kick, 0.02, seconds)
@@ -113,6 +114,15 @@ def test_the_last_fifth_of_the_time_has_to_lie_within(late: float, is_corrected:
     assert not recoveries(LOOP, end, 0.5, [0.02])[0].corrected
     assert recoveries(LOOP, end, 0.5, [0.008])[0].corrected, "within half a degree from the beginning"
     assert recoveries(LOOP, end, 0.5, [0.008])[0].settling == 0.0
+
+
+class Counting(Ordered):
+    """A law that asks for nothing."""
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Take note of the state."""
+        self.shown.append((state, last_rudder, dt))
+        return 0.0
 
 
 @pytest.mark.parametrize(
@@ -125,15 +135,16 @@ def test_the_last_fifth_of_the_time_has_to_lie_within(late: float, is_corrected:
 )
 def test_it_is_looked_at_for_long_enough(time_constant: float, bandwidth: float, own: float) -> None:
     boat = BOAT._replace(time_constant=time_constant)
-
-    class Counting(Ordered):
-        def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-            self.shown.append((state, last_rudder, dt))
-            return 0.0
-
     law = Counting(lambda *_: 0.0)
     recoveries(LOOP._replace(model=boat, rate_hz=2.0), law, bandwidth, [0.1])
     assert len(law.shown) == round(2.0 * (own + 2.0 * math.pi / 0.15))
+
+
+def test_a_loop_that_never_crosses_over_is_not_looked_at_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(large_errors, "MOST_TICKS", 300)
+    law = Counting(lambda *_: 0.0)
+    assert not recoveries(LOOP, law, 0.0, [0.1])[0].corrected
+    assert len(law.shown) == 300
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

@@ -1,4 +1,4 @@
-"""The way back to a course that something carried the boat off from: when it is planned, and how it goes with her."""
+"""The way back to a course that something carried the boat off from: when it is planned, and how the boat fares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A frozen compass, a boat off her course or running away, too much heel: seen in time, and never without cause."""
+"""A frozen compass, a boat off its course or running away, too much heel: seen in time, and never without cause."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_a_rate_that_stands_still_too_does_not_speak_for_the_compass(rate_deg_s:
     assert turned < math.radians(45.0)
 
 
-def test_a_boat_whose_gyro_says_that_she_lies_still_lies_still() -> None:
+def test_a_boat_whose_gyro_says_that_it_lies_still_lies_still() -> None:
     monitors = Monitors(LIMITS)
     for k in range(600):
         monitors.hear((HeadingSample(k * DT, 0.3, 0.0),))
@@ -269,7 +269,7 @@ def test_what_goes_on_is_not_said_anew_with_every_degree() -> None:
     monitors, said = Monitors(limits), set()
     for k in range(900):
         now = 0.1 * k
-        # she swings slowly by 60 deg, heels by 41 to 49 deg, and her gyro has the wrong sign
+        # the boat swings slowly by 60 deg, heels by 41 to 49 deg, and its gyro has the wrong sign
         heading, rate = math.radians(60.0) * math.sin(0.3 * now), math.radians(18.0) * math.cos(0.3 * now)
         roll = math.radians(45.0 + 4.0 * math.sin(now))
         monitors.hear((HeadingSample(now, heading, -rate), RollSample(now, roll)))
@@ -299,7 +299,7 @@ def test_a_gyro_of_the_wrong_sign_is_told_in_one_swing_until_it_is_put_right() -
     assert "opposite ways" in monitors.findings["rate_disagrees"].detail
     for k in range(100, 700):
         hear(0.1 * k, -1.0, 0.0)
-    assert told[-1], "a boat that lies still shows nothing of her gyro"
+    assert told[-1], "a boat that lies still shows nothing of its gyro"
     for k in range(700, 1100):
         hear(0.1 * k, 1.0, math.radians(5.0))
     assert not told[-1]
@@ -611,6 +611,14 @@ def test_what_the_answer_tells_of_boat_and_rudder_counts_until_we_let_go(
     assert (set(monitors.findings), monitors.softer, monitors.rests_roll) == ({name}, softer, rests)
     monitors.look(boat, watched(0.0, 0.0)._replace(steers=False))
     assert (monitors.findings, monitors.softer, monitors.rests_roll) == ({}, 1.0, False)
+
+
+def test_where_the_answer_is_not_watched_nothing_of_it_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    stubbed(monkeypatch, answer="rudder_stuck")
+    for is_watched in (True, False):
+        monitors = Monitors(LIMITS._replace(rudder_answer=is_watched))
+        monitors.look(BOAT, watched(0.0, 0.0))
+        assert ("rudder_stuck" in monitors.findings) is is_watched
 
 
 def test_a_trial_that_is_doubted_is_said_for_ten_seconds_while_we_steer(monkeypatch: pytest.MonkeyPatch) -> None:

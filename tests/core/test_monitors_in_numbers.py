@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
+import numpy as np
 import pytest
 from alarm_texts import words
 
@@ -108,17 +110,19 @@ def test_off_course_by_side_with_the_rudder_at_its_stop_and_back_within_seven_te
 
 
 def ran(side: float, share: float, seconds: float, turned_deg: float, waves: float = 0.0) -> tuple[bool, str]:
-    """A rudder hard over to `side` while the boat turns so far the other way in so long; share: of its steady turn."""
-    monitor, rate = Runaway(), -side * share * steady_rate(BOAT, STOP)
-    steps = round(seconds / 0.05)
-    for tick in range(steps + 1):
-        heading = -side * math.radians(turned_deg) * tick / steps
-        monitor.look(BOAT, watched(0.05 * tick, heading, side * STOP, rate, waves))
+    """A rudder hard over to `side` while the boat turns so far the other way in so long; share: of its steady turn, at
+    which it turns in the last 2.1 s. The rate sensor stands still."""
+    monitor, steady = Runaway(), math.degrees(steady_rate(BOAT, STOP))
+    last = 2.1 if seconds > 6.0 else 0.0
+    times, turns = (0.0, seconds - last, seconds), (0.0, turned_deg - last * share * steady, turned_deg)
+    for tick in range(round(seconds / 0.05) + 1):
+        heading = -side * math.radians(float(np.interp(0.05 * tick, times, turns)))
+        monitor.look(BOAT, watched(0.05 * tick, heading, side * STOP, 0.0, waves))
     return monitor.has_run, monitor.overpowered
 
 
 @SIDES
-def test_a_boat_that_turns_twenty_degrees_against_her_rudder(side: float) -> None:
+def test_a_boat_that_turns_twenty_degrees_against_its_rudder(side: float) -> None:
     """The rudder takes hold in a time constant, 2 s, and stops what it can in three."""
     to = "to port" if side > 0.0 else "to starboard"
     assert ran(side, 1.0, 2.05, 20.2) == (False, to)
@@ -131,6 +135,7 @@ def test_a_boat_that_turns_twenty_degrees_against_her_rudder(side: float) -> Non
     assert ran(side, 1.0, 6.05, 29.8, math.radians(5.0)) == (False, "")
     assert ran(side, 1.0, 6.05, 30.2, math.radians(5.0)) == (False, to), "in waves the mean rate tells it later"
     assert ran(side, 1.0, 30.0, 400.0, math.radians(5.0)) == (True, to)
+    assert ran(side, 1.0, 6.05, 21.0) == (False, to), "the mean remembers a slower turn"
     assert ran(-side, -1.0, 6.05, -40.0) == (False, ""), "with the rudder"
 
 
@@ -224,7 +229,7 @@ def test_a_heading_that_stands_while_the_rate_adds_up_to_five_degrees_is_frozen(
 
 
 @SIDES
-def test_a_heading_that_stands_while_the_rudder_must_have_turned_her_by_fifteen_degrees_is_frozen(side: float) -> None:
+def test_a_heading_that_stands_while_the_rudder_must_have_turned_it_by_fifteen_degrees_is_frozen(side: float) -> None:
     """Heading and rate both stand; by Nomoto psi = K delta (t - T (1 - exp(-t/T))): 15 deg under 30 deg after 4.0 s."""
     reached = next(
         t for t in (0.01 * n for n in range(1000)) if 0.2 * 30.0 * (t - 2.0 * (1.0 - math.exp(-t / 2.0))) > 15.0
@@ -277,7 +282,7 @@ def test_a_heading_that_jumps_for_good_is_said_by_how_much_after_half_a_second_a
     assert jumped(*slow, (3.2, 350.0 + side * 40.0)) == said, "three"
 
 
-def test_a_boat_that_turns_by_her_rate_does_not_jump_and_one_that_was_silent_begins_anew() -> None:
+def test_a_boat_that_turns_by_its_rate_does_not_jump_and_one_that_was_silent_begins_anew() -> None:
     turning = [(1.9 * n, 1.9 * 20.0 * n) for n in range(6)]
     assert jumped(*turning, rate=math.radians(20.0)) == ""
     assert jumped((0.0, 0.0), (2.0, 60.0), (2.3, 60.0), (2.6, 60.0)) == "by +60 deg"
@@ -289,6 +294,16 @@ def test_three_jumps_there_and_back_within_ten_seconds_are_a_compass_that_jumps(
     headings = [(0.1 * n, 60.0 if n % round(apart * 10) == 5 else 0.0) for n in range(round(20.0 * apart) + 7)]
     assert bool(jumped(*headings)) is is_said
     assert jumped(*headings[: round(10.0 * apart)]) == "", "one is a spike"
+
+
+@SIDES
+def test_ten_degrees_more_between_heading_and_rate_are_news(side: float) -> None:
+    monitor, said = RateAgainstHeading(), []
+    for tick in range(300):
+        monitor.hear(HeadingSample(0.1 * tick, 0.0, side * math.radians(8.0)), math.radians(10.0))
+        said.append(monitor.found)
+    told = [int(words.split(" ")[0]) for words in dict.fromkeys(said) if words]
+    assert len(told) >= 3 and all(10 <= b - a <= 12 for a, b in pairwise(told))
 
 
 @SIDES

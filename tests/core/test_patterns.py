@@ -57,7 +57,7 @@ def test_a_circle_has_its_radius_and_does_not_end(side: int) -> None:
     assert max(easts) - min(easts) == pytest.approx(120.0, rel=0.02)
 
 
-def test_a_circle_too_tight_for_the_boat_is_turned_as_tightly_as_she_can() -> None:
+def test_a_circle_too_tight_for_the_boat_is_turned_as_tightly_as_it_can() -> None:
     boat = Boat(patterns.circle(1, 2.0), rate_deg_s=5.0)
     boat.sail(100.0)
     assert boat.turned == pytest.approx(math.radians(500.0), rel=0.02)

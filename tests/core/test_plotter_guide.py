@@ -70,7 +70,7 @@ def test_a_current_across_is_taken_out(current: float) -> None:
     boat.guide.follow()
     first = boat.sail(60.0)
     offs = boat.sail(500.0)[-200:]
-    assert max(abs(value) for value in first) > 5.0, "before the integral has learned it, the current sets the boat off"
+    assert max(abs(value) for value in first) > 5.0, "before the integral has learnt it, the current sets the boat off"
     assert max(abs(value) for value in offs) < 2.0
     assert shortest_turn(0.0, boat.heading) == pytest.approx(-math.asin(current / SPEED), abs=0.05), "crabbing upstream"
 

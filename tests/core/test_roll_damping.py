@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.build import build_pilot
-from autopilot.control.roll_damping import FADE, OLD, PERIOD, SETTLE, Phase, RollDamper, RollDamping, Tally
+from autopilot.control.roll_damping import FADE, PERIOD, SETTLE, Phase, RollDamper, RollDamping, Tally
 from autopilot.params.vessel import Roll
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RollSample, SpeedSample
 
@@ -81,8 +81,8 @@ def test_when_the_sea_turns_slow_it_lets_go() -> None:
 def test_without_fresh_roll_it_is_silent_at_once() -> None:
     boat, damper = RollingBoat(1.1, 0.4), RollDamper(DAMPING)
     sailed(boat, LONG, damper)
-    assert damper.update(boat.time + OLD - 0.01, DT, engaged=True) != 0.0
-    assert damper.update(boat.time + OLD + 0.01, DT, engaged=True) == 0.0
+    assert damper.update(boat.time + 0.49, DT, engaged=True) != 0.0
+    assert damper.update(boat.time + 0.51, DT, engaged=True) == 0.0
     assert damper.weight == 0.0 and damper.phase is Phase.WITHOUT
 
 

@@ -32,7 +32,7 @@ def seaway(now: float) -> float:
 
 @dataclass
 class Helm:
-    """A boat steered by angle and rate; `gear` is what her rudder makes of an order, `push` [rad] acts beside it."""
+    """A boat steered by angle and rate; `gear` is what its rudder makes of an order, `push` [rad] acts beside it."""
 
     boat: Norrbin = MODEL
     push: Callable[[float], float] = calm

@@ -78,6 +78,18 @@ def test_less_than_a_third_of_the_filed_rate_for_two_seconds_is_slow(
     assert monitor.is_slow is is_slow
 
 
+@pytest.mark.parametrize(("seconds", "is_slow"), [(2.0, False), (2.4, True)])
+def test_what_a_rudder_did_before_it_was_where_it_was_ordered_says_nothing(seconds: float, is_slow: bool) -> None:
+    """Four seconds on its order, then slowly to another."""
+    monitor = RudderFollows()
+    for step in range(41 + round(seconds / 0.1)):
+        now, since = 0.1 * step, max(0.1 * (step - 40), 0.0)
+        monitor.hear(RudderSample(now, 0.3 * LIMITS.rudder_rate * since, False, "RSA"))
+        order = 0.0 if step < 40 else math.radians(200.0)
+        monitor.look(Watched(now, STATE, True, True, 0.0, order, 0.6, True), LIMITS)
+    assert monitor.is_slow is is_slow
+
+
 def test_a_rudder_of_unknown_rate_is_never_slow() -> None:
     monitor = RudderFollows()
     for step in range(60):

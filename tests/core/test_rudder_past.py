@@ -95,6 +95,16 @@ def test_feedback_counts_until_it_is_stale_and_the_newest_counts() -> None:
     assert (track.angle, track.past.ticks) == (0.0, 0)
 
 
+@pytest.mark.parametrize(("delay", "reached"), [(0.5, 0.0), (0.4, 0.3)])
+def test_with_another_dead_time_the_orders_on_their_way_count_at_once(delay: float, reached: float) -> None:
+    track = RudderTrack(SteeringGear(0.5, 10.0, 0.0, 0.0, 0.5))
+    track.advance(0.0)
+    track.order(0.0, 0.3)
+    track.reconfigure(SteeringGear(0.5, 10.0, 0.0, 0.0, delay))
+    assert track.advance(0.1) == pytest.approx(reached)
+    assert track.advance(0.6) == pytest.approx(0.3)
+
+
 def test_at_a_tick_s_own_time_its_angle_counts() -> None:
     past = RudderPast([0.0, 1.0, 2.0, 3.0], [0.1, 0.2, 0.3, 0.4], 4)
     assert [tick_at(past, time) for time in (0.0, 0.5, 1.0, 2.0, 3.0)] == [0, 0, 1, 2, 3]

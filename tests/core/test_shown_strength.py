@@ -1,4 +1,4 @@
-"""How strong a boat shows her rudder to be: against a boat simulated with another K, and a push that nobody knows."""
+"""How strong a boat shows its rudder to be: against a boat simulated with another K, and a push that nobody knows."""
 
 from __future__ import annotations
 

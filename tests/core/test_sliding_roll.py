@@ -67,7 +67,7 @@ def state(time: float, heading: float = 0.0, rate: float = 0.0, rudder: float = 
 def sailed(
     law: SlidingRollLaw, seconds: float, frequency: float, start: float = 0.0, hears: bool = True
 ) -> list[float]:
-    """The linear ship in a swell of one frequency [rad/s] that heels her; returns the roll angles [rad]."""
+    """The linear ship in a swell of one frequency [rad/s] that heels it; returns the roll angles [rad]."""
     step, gear, x, rudder, roll = linear_step_of(SHIP, DT), law.ship.gear, REST, 0.0, []
     for index in range(round(seconds / DT)):
         now = start + DT * index

@@ -172,14 +172,14 @@ def test_past_a_margin_the_loop_is_unstable_and_before_it_is_not(observed: Obser
 
 @pytest.mark.parametrize("observed", CASES[5:])
 @pytest.mark.parametrize(("down", "is_refused"), [(0.68, False), (0.72, True)])
-def test_a_course_unstable_boat_must_stay_steerable_with_seven_tenths_of_her_rudder(
+def test_a_course_unstable_boat_must_stay_steerable_with_seven_tenths_of_its_rudder(
     observed: Observed, down: float, is_refused: bool
 ) -> None:
     gain = observed.model.gain * observed_margins(observed).gain_down / down
     nearer = observed._replace(model=observed.model._replace(gain=gain))
     assert observed_margins(nearer).gain_down == pytest.approx(down, rel=1e-3)
     refusal = refusal_of(nearer)
-    assert ("lost where her rudder is 30 % weaker than the model's" in refusal) is is_refused
+    assert ("lost where its rudder is 30 % weaker than the model's" in refusal) is is_refused
     assert bool(refusal) is is_refused
 
 
@@ -223,7 +223,7 @@ def test_the_pace_is_the_highest_frequency_at_which_the_loop_is_not_small(monkey
         (CASES[0], 0.8, ""),
         (CASES[0], 1.0, "unstable with the heading filter"),
         (CASES[5], 0.699, ""),
-        (CASES[5], 0.701, "is lost where her rudder is 30 % weaker"),
+        (CASES[5], 0.701, "is lost where its rudder is 30 % weaker"),
         (CASES[5], 1.0, "unstable with the heading filter"),
     ],
 )

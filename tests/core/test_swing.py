@@ -89,7 +89,7 @@ def test_the_spin_of_a_boat_that_another_steers_or_that_stands_in_time_is_forgot
 
 
 def circled(turned: float, side: float, **change: float) -> bool:
-    """Whether it is said once she has turned so far [rad] at 0.2 rad/s, from the heading ordered on."""
+    """Whether it is said once the boat has turned so far [rad] at 0.2 rad/s, from the heading ordered on."""
     circles, found, steps = Circles(), False, round(turned / 0.02)
     for tick in range(steps + 1):
         found = circles.goes_round(BOAT, watched(tick * DT, side * turned * tick / steps)._replace(**change))  # type: ignore[arg-type]
@@ -102,7 +102,7 @@ def test_a_whole_turn_and_30_degrees_are_going_round(side: float) -> None:
     assert circled(1.01 * CIRCLES, side)
     assert not circled(0.99 * CIRCLES, side)
     assert circled(1.01 * CIRCLES, side, push=STOP)
-    assert not circled(1.01 * CIRCLES, side, push=1.01 * STOP), "more than her rudder pushes her round"
+    assert not circled(1.01 * CIRCLES, side, push=1.01 * STOP), "more than its rudder pushes the boat round"
     assert not circled(1.01 * CIRCLES, side, push=-1.01 * STOP)
     assert circled(1.01 * CIRCLES, side, push=2.0 * STOP, trial_speed=6.0), "a push learnt with a wrong speed is none"
     assert not circled(1.01 * CIRCLES, side, push=2.0 * STOP, trial_speed=4.9)
@@ -110,7 +110,7 @@ def test_a_whole_turn_and_30_degrees_are_going_round(side: float) -> None:
 
 
 @SIDES
-def test_an_order_that_leads_her_round_is_followed_and_one_that_turns_the_other_way_is_not(side: float) -> None:
+def test_an_order_that_leads_the_boat_round_is_followed_and_one_that_turns_the_other_way_is_not(side: float) -> None:
     led, against = Circles(), Circles()
     for tick in range(1000):
         turned = side * 0.02 * tick
@@ -121,7 +121,7 @@ def test_an_order_that_leads_her_round_is_followed_and_one_that_turns_the_other_
 
 @pytest.mark.parametrize(("time_constant", "needed"), [(0.5, 4.0), (2.0, 8.0)])
 @pytest.mark.parametrize("off_deg", [-9.9, 9.9])
-def test_a_boat_that_was_on_her_course_for_long_has_not_gone_round(
+def test_a_boat_that_was_on_its_course_for_long_has_not_gone_round(
     time_constant: float, needed: float, off_deg: float
 ) -> None:
     """A whole turn, then near the course for so long, then another whole turn: 720 degrees only if it counts on."""
@@ -158,6 +158,14 @@ class Swinging:
     @staticmethod
     def _triangle(phase: float) -> float:
         return 4.0 * abs(0.5 * (phase + 1.5) - math.floor(0.5 * (phase + 1.5) + 0.5)) - 1.0
+
+
+@SIDES
+def test_the_first_rudder_of_a_turn_is_no_sweep(side: float) -> None:
+    swings = Swings(SWEEP)
+    for tick in range(100):
+        order, heading = side * min(0.01 * tick, 0.8) * STOP, side * math.radians(0.3) * tick
+        assert swings.look(BOAT, watched(tick * DT, heading, order)) == 0
 
 
 def counted(boat: Swinging, seconds: float = 60.0, sweep: float = THROW, model: Norrbin = BOAT) -> int:
@@ -212,12 +220,12 @@ def test_a_heading_that_swings_less_than_ten_degrees_is_a_quick_boat_in_a_sea(si
     assert counted(Swinging(side=side, swing=math.radians(9.7))) == 0
 
 
-@pytest.mark.parametrize(("time_constant", "is_hers"), [(2.0, True), (15.2, True), (16.8, False)])
+@pytest.mark.parametrize(("time_constant", "is_own"), [(2.0, True), (15.2, True), (16.8, False)])
 def test_sweeps_quicker_than_a_quarter_of_a_time_constant_are_not_the_boat_s(
-    time_constant: float, is_hers: bool
+    time_constant: float, is_own: bool
 ) -> None:
     model = BOAT._replace(time_constant=time_constant)
-    assert (counted(Swinging(), model=model) >= HALF_SWINGS) is is_hers
+    assert (counted(Swinging(), model=model) >= HALF_SWINGS) is is_own
 
 
 @pytest.mark.parametrize(("lasts", "worth"), [(7.7, 1), (8.0, 2)])

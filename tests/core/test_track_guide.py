@@ -79,7 +79,7 @@ def test_a_current_is_taken_out_and_what_is_known_of_it_serves_the_next_leg(curr
     boat = Boat(following(waypoint(3000, 0), waypoint(5000, 1200)), current=current)
     first = boat.sail(60.0)
     offs = boat.sail(300.0)
-    assert max(abs(value) for value in first) > 4.0, "before the integral has learned it, the current sets the boat off"
+    assert max(abs(value) for value in first) > 4.0, "before the integral has learnt it, the current sets the boat off"
     assert abs(sum(offs[-300:]) / 300.0) < 0.3
     assert max(abs(value) for value in offs[-300:]) < 2.0
     while boat.guide.target == 0:

@@ -50,7 +50,7 @@ def test_without_a_zigzag_nothing_is_astray() -> None:
         (ASTRAY - 0.01, -0.1, False),  # an overshoot
     ],
 )
-def test_only_a_boat_that_goes_on_turning_against_her_rudder_has_run_away(
+def test_only_a_boat_that_goes_on_turning_against_its_rudder_has_run_away(
     astray: float, rate: float, runs: bool
 ) -> None:
     watched = Watched(0.0, state(0.0, rate), True, False, 0.0, SWING, 0.5, True, astray=astray)

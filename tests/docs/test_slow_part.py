@@ -19,6 +19,20 @@ def test_every_study_named_has_commands_that_exist() -> None:
     assert [file for file in files if not (ROOT / file).exists()] == []
 
 
+def test_what_is_left_to_the_night_is_there() -> None:
+    """Each line is a test; a name that nobody has any more would run nowhere."""
+    lines = (ROOT / "tests" / "nightly.txt").read_text(encoding="utf-8").splitlines()
+    assert lines == sorted(set(lines))
+    functions = {line.partition("[")[0] for line in lines}
+    missing = [
+        each
+        for each in functions
+        for file, _, name in [each.partition("::")]
+        if f"def {name}(" not in (ROOT / file).read_text(encoding="utf-8")
+    ]
+    assert missing == []
+
+
 def test_a_study_that_there_is_not_is_refused() -> None:
     done = subprocess.run(["bash", str(SLOW), "mutations"], capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 2

@@ -53,10 +53,10 @@ def test_the_closed_forms_are_the_damping_of_the_plain_filter(m: int, damped: An
     for step in (1.0e-3, 0.3, 1.0):
         root = random.normal(size=(m, m + 1))
         S, gain, off = root @ root.T, random.normal(size=(4, m)), random.normal(size=m)
-        toward, back = np.empty(4), np.empty((4, m))
-        lost = damped(S, step, gain, off, toward, back)
+        towards, back = np.empty(4), np.empty((4, m))
+        lost = damped(S, step, gain, off, towards, back)
         pull, shrink = damping_matrices(S, step)
-        np.testing.assert_allclose(toward, step * gain @ pull @ off, rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(towards, step * gain @ pull @ off, rtol=1e-10, atol=1e-14)
         np.testing.assert_allclose(back, step * gain @ shrink, rtol=1e-10, atol=1e-14)
         assert lost == pytest.approx(np.trace(np.eye(m) - pull), rel=1e-9)
 

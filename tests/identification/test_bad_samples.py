@@ -155,4 +155,4 @@ def test_a_real_ship_loses_no_sample() -> None:
     files = sorted(Path(RECORDINGS / "frt_ds_esso").glob("*.csv"))
     assert len(files) == 6
     for file in files:
-        assert run_from_columns(file.name, read_csv(str(file), columns)).notes == ()
+        assert run_from_columns(file.name, read_csv(str(file), columns).columns).notes == ()

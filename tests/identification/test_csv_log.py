@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from boat_recordings import every, zigzag_boat
+from hypothesis import given
+from hypothesis import strategies as st
 from zigzag_trials import zigzag
 
 from autopilot.errors import InputError
+from autopilot.identification.identify import identify
 from autopilot.identification.runs import run_from_columns
 from autopilot.loop.csv_log import COLUMNS, STEADY_TURN_NEEDS, load_column_map, read_csv
+from autopilot.loop.logs.info import info_of
+from autopilot.loop.logs.reading import read_recording
+from autopilot.loop.logs.rudder import RudderSettings
+from autopilot.loop.logs.series import FARTHEST_S, PAUSE_S, clock_of, duration
 from autopilot.loop.recordings import load_run
 
 HEADER = "time_s,heading_deg,yaw_rate_deg_s,rudder_deg,speed_kn"
 GOOD = "\n".join([HEADER, *(f"{0.1 * i:.1f},350,1.5,-10,9" for i in range(20))]) + "\n"
+
+
+def table_at(time: Callable[[int], float], count: int = 20) -> str:
+    return "\n".join([HEADER, *(f"{time(i)!r},350,1.5,-10,9" for i in range(count))]) + "\n"
 
 
 def written(folder: Path, text: str, name: str = "log.csv") -> str:
@@ -25,7 +38,7 @@ def written(folder: Path, text: str, name: str = "log.csv") -> str:
 
 
 def test_units_come_from_the_names(tmp_path: Path) -> None:
-    table = read_csv(written(tmp_path, "# a trial\n" + GOOD))
+    table, _ = read_csv(written(tmp_path, "# a trial\n" + GOOD))
     assert table["heading_rad"][0] == pytest.approx(math.radians(350.0))
     assert table["yaw_rate_rad_s"][0] == pytest.approx(math.radians(1.5))
     assert table["rudder_rad"][0] == pytest.approx(math.radians(-10.0))
@@ -37,7 +50,7 @@ def test_a_map_names_the_columns(tmp_path: Path) -> None:
     path = written(tmp_path, GOOD.replace("rudder_deg", "delta [deg]").replace("heading_deg", "psi"))
     lines = ['rudder_deg: "delta [deg]"', "heading_deg: psi", "time_s: time_s", "speed_kn: speed_kn"]
     column_map = load_column_map(written(tmp_path, "\n".join(lines), "map.yaml"))
-    table = read_csv(path, column_map)
+    table, _ = read_csv(path, column_map)
     assert set(table) == {"time_s", "heading_rad", "rudder_rad", "speed_m_s"}
     assert table["rudder_rad"][3] == pytest.approx(math.radians(-10.0))
 
@@ -58,6 +71,15 @@ def test_a_map_names_the_columns(tmp_path: Path) -> None:
         (GOOD + "2.0,350,inf,-10,9\n", r"line 22: 'inf' in column 'yaw_rate_deg_s' is not a finite number"),
         (GOOD + "2.0,350,1_0,-10,9\n", "line 22: '1_0' .* is not a finite number"),
         (GOOD + "0.5,350,1,-10,9\n", r"line 22: time 0.5 s does not come after 1.9 s of line 21"),
+        (GOOD + "1.9000000000001,350,1,-10,9\n", r"line 22: .* it must increase from row to row, by 1e-07 s at least"),
+        (GOOD + "2.0,350,1e12,-10,9\n", "line 22: '1e12' in column 'yaw_rate_deg_s' is not a finite number of at most"),
+        (
+            table_at(lambda i: i * 1e-300),
+            "cannot be those of a recording: 20 samples in 1.9e-299 s, 1e-300 s apart .* and 1e-300 s at least",
+        ),
+        (table_at(lambda i: 1e-9 * i), "20 samples in 1.9e-08 s, 1e-09 s apart"),
+        (table_at(lambda i: 1e5 * i), r"20 samples in 1.9e\+06 s, 1e\+05 s apart"),
+        (table_at(lambda i: max(i, 2.5e5 * (i - 24)), 40), "it is 43.4 days long, and 30 are the most; cut out"),
         (GOOD.replace("speed_kn", "rudder_deg"), "2 columns named 'rudder_deg'"),
         (GOOD.replace("yaw_rate_deg_s", "rudder_rad"), "hold the same quantity"),
         ('"' + GOOD, "has|is not CSV|columns"),
@@ -70,6 +92,78 @@ def test_a_table_that_cannot_be_used_is_refused_in_one_sentence(tmp_path: Path, 
     assert str(refusal.value).startswith(path)
     assert str(refusal.value).endswith(".")
     assert "\n" not in str(refusal.value)
+
+
+def zigzag_csv(path: Path, clock: Callable[[int, float], float]) -> str:
+    """Write a minute of a boat's zigzag at 10 Hz by the time clock(row, time) and return where."""
+    boat = zigzag_boat(60.0, straight=2.0)
+    rows = [
+        f"{clock(row, float(boat.time[i]))!r},{math.degrees(boat.heading[i]):.3f},{math.degrees(boat.rudder[i]):.3f},3"
+        for row, i in enumerate(every(boat, 10.0))
+    ]
+    path.write_text("\n".join(["time_s,heading_deg,rudder_deg,speed_m_s", *rows]))
+    return str(path)
+
+
+@pytest.mark.parametrize("rows_before", [300, 301, 200, 500])
+def test_both_parts_of_a_recording_whose_clock_was_set_are_used(tmp_path: Path, rows_before: int) -> None:
+    """A board without a clock of its own counts from 0 until the network tells it the time."""
+    path = zigzag_csv(tmp_path / "set.csv", lambda row, t: t if row < rows_before else 1.78e9 + t)
+    run, recording = load_run(path), read_recording(path)
+    end, begin = (rows_before - 1) / 10, 1.78e9 + rows_before / 10
+    for notes in (run.notes, recording.notes):
+        (note,) = notes
+        assert note.startswith(f"{path}: its clock jumps by 20602 days, from {end:.10g} s to {begin:.10g} s (")
+    assert [segment.time.size for segment in run.segments] == [rows_before, 601 - rows_before]
+    info = info_of(recording, RudderSettings())
+    assert info.missing == "" and info.segments == 2 and info.usable == pytest.approx(59.9)
+    assert info.duration == pytest.approx(59.9 + PAUSE_S)
+    model = identify([run], "nomoto").model
+    assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.01)
+
+
+def test_a_clock_that_was_set_twice_is_told_so(tmp_path: Path) -> None:
+    path = zigzag_csv(tmp_path / "set.csv", lambda row, t: t + 4e5 * (row >= 100) + 1e9 * (row >= 400))
+    run = load_run(path)
+    assert [segment.time.size for segment in run.segments] == [100, 300, 201]
+    assert "by 4.6296 days, from 9.9 s to 400010 s, and 1 times more (" in run.notes[0]
+
+
+def test_a_few_rows_of_another_time_are_left_out_and_counted(tmp_path: Path) -> None:
+    path = zigzag_csv(tmp_path / "boot.csv", lambda row, t: t if row < 5 else 1.78e9 + t)
+    run, recording = load_run(path), read_recording(path)
+    assert run.notes == (f"{path}: 5 of 601 samples are left out: their times are days off the rest.",)
+    assert len(run.segments) == 1 and run.segments[0].time.size == 596
+    assert recording.notes == (run.notes[0],)
+    assert duration(recording) == pytest.approx(59.5)
+
+
+def test_a_pause_of_a_day_is_a_gap_and_no_jump(tmp_path: Path) -> None:
+    path = zigzag_csv(tmp_path / "pause.csv", lambda row, t: t + 86400.0 * (row >= 300))
+    run = load_run(path)
+    assert run.notes == () and len(run.segments) == 2
+    assert read_recording(path).series[0].longest_gap == pytest.approx(86400.1)
+
+
+@given(
+    st.lists(st.tuples(st.floats(-1e11, 1e11), st.integers(1, 60)), min_size=1, max_size=6),
+    st.floats(1e-3, 10.0),
+)
+def test_times_on_one_clock_keep_their_order_and_their_steps(parts: list[tuple[float, int]], step: float) -> None:
+    times = np.unique(np.concatenate([begin + step * np.arange(count) for begin, count in parts]))
+    try:
+        clock = clock_of("x", times)
+    except InputError as error:
+        assert "days long" in str(error)
+        return
+    read = clock.read(times)
+    kept = np.isfinite(read)
+    assert kept.any()
+    before, after = np.diff(times[kept]), np.diff(read[kept])
+    near = before <= FARTHEST_S
+    np.testing.assert_allclose(after[near], before[near], atol=1e-4)
+    np.testing.assert_allclose(after[~near], PAUSE_S, atol=1e-4)
+    assert len(clock.notes) == (not near.all()) + (not kept.all())
 
 
 def test_files_that_are_no_text_or_not_there_are_named(tmp_path: Path) -> None:
@@ -107,7 +201,7 @@ def test_a_map_to_a_column_that_is_not_there_offers_the_nearest(tmp_path: Path) 
 
 
 def test_steady_turns_need_no_time(tmp_path: Path) -> None:
-    table = read_csv(written(tmp_path, "rudder_deg,yaw_rate_deg_s\n5,3.38\n"), None, STEADY_TURN_NEEDS)
+    table, _ = read_csv(written(tmp_path, "rudder_deg,yaw_rate_deg_s\n5,3.38\n"), None, STEADY_TURN_NEEDS)
     assert set(table) == {"rudder_rad", "yaw_rate_rad_s"}
 
 

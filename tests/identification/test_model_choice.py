@@ -119,7 +119,7 @@ def test_the_form_that_made_the_record_is_chosen(
     boat: dict[str, float], expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if expected != "norrbin":
-        # nothing but the cubic damping could be taken for an unstable boat's: her long search is made once
+        # nothing but the cubic damping could be taken for an unstable boat's: that long search is made once
         forms = {name: form for name, form in FORMS.items() if not form.course_unstable}
         monkeypatch.setattr(model_choice, "FORMS", forms)
     choice = choose([run(seed, **boat) for seed in range(2)], fit)

@@ -64,6 +64,29 @@ def circle(angle: float) -> dict[str, np.ndarray]:
     return sailed(lambda t, _: angle if t >= 5.0 else 0.0, 75.0)
 
 
+def test_a_turn_without_samples_before_its_end_is_not_steady() -> None:
+    columns = sailed(lambda t, _: 0.5 if 5.0 <= t < 45.0 else 0.0, 75.0)
+    kept = (columns["time_s"] < 15.0) | (columns["time_s"] > 43.0)
+    found = measures_of(record_of("gap", {name: values[kept] for name, values in columns.items()}))
+    assert found.pull_outs == ()
+
+
+def test_no_manoeuvre_is_measured_over_a_pause() -> None:
+    """Nobody knows what the boat did; a clock that was set looks the same."""
+    columns = circle(math.radians(35.0))
+    (whole,) = measures_of(record_of("circle", columns)).circles
+    late = columns["time_s"] > 40.0
+    (one,) = measures_of(record_of("circle", {**columns, "time_s": columns["time_s"] + 20.0 * late})).circles
+    assert one.turned == whole.turned, "a shorter silence is bridged"
+    paused = {**columns, "time_s": columns["time_s"] + 3600.0 * late}
+    for found in measures_of(record_of("circle", paused)).circles:
+        assert found.turned < 0.7 * whole.turned and not found.time_360 > 75.0
+    twice = {name: np.concatenate([values, values]) for name, values in columns.items()}
+    twice["time_s"][late.size :] += 3600.0
+    first, second = measures_of(record_of("circles", twice)).circles
+    assert second._replace(begins=first.begins) == pytest.approx(first, nan_ok=True)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("measured", [False, True])
 def test_a_turning_circle_has_its_closed_form(side: float, measured: bool) -> None:
@@ -265,7 +288,7 @@ def test_a_record_without_rudder_or_a_wrong_length_is_one_sentence(
         record_of("a", {name: values[:4] for name, values in columns.items()})
     path = write(tmp_path / "circle.csv", columns)
     assert main(["log", "measures", path, "--length-m", "0"]) == 2
-    assert "--length-m 0: a number above 0 is allowed" in capsys.readouterr().err
+    assert "--length-m 0: allowed is 0.1 to 1000" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not ESSO.is_dir(), reason=f"no recordings at {ESSO}: set NORRBIN_DATA")

@@ -89,7 +89,7 @@ def test_waves_and_the_pull_on_the_glider_cost_little(tmp_path: Path, capsys: py
 
 
 def test_live_both_bodies_are_learnt_from_twice_and_half(record: Path) -> None:
-    table = read_csv(str(record), None, WAVE_GLIDER_NEEDS)
+    table, _ = read_csv(str(record), None, WAVE_GLIDER_NEEDS)
     off = WaveGlider(
         Norrbin(2.0 * 0.5, 0.5 * 2.0, 5.0, reference_speed=0.7),
         Norrbin(0.5 * 0.3, 2.0 * 3.0, 10.0, reference_speed=0.7),
@@ -130,6 +130,6 @@ def test_the_simulator_writes_a_record_and_the_truth(tmp_path: Path) -> None:
     path = tmp_path / "wg.csv"
     assert sitl(["wave-glider", "--out", str(path), "--duration", "20", "--seed", "4"]) == 0
     assert "simulated float: K 0.5 1/s" in path.read_text()
-    table = read_csv(str(path), None, WAVE_GLIDER_NEEDS)
+    table, _ = read_csv(str(path), None, WAVE_GLIDER_NEEDS)
     assert table["time_s"].size == 100
     assert sitl(["wave-glider", "--out", str(tmp_path / "no" / "wg.csv"), "--duration", "1"]) == 2

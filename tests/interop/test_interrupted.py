@@ -111,7 +111,8 @@ def test_a_command_ends_without_a_trace_at_any_moment(name: str, number: signal.
             where = f"{name} after {moment:.2f} s: exit {process.returncode}\n{said}{complained}"
             if process.returncode == -number:
                 continue  # the interpreter had not come to its own handlers yet
-            if "Traceback" in complained and not re.search(r"/(autopilot|sitl)/|ended by", complained):
+            begins = re.search(r"Traceback|Fatal Python error: init", complained)
+            if begins and not re.search(r"/(autopilot|sitl)/|ended by", complained):
                 continue  # the interpreter's own start: it has not come to this program yet
             assert "Traceback" not in said + complained, where
             done = not command.stays and process.returncode in (0, 4)
@@ -130,6 +131,26 @@ def start(command: Command, folder: Path, process_group: int | None = None) -> s
         text=True,
         process_group=process_group,
     )
+
+
+DROPPED = """
+import os, signal, time
+from autopilot.interruption import Interrupted, as_exceptions, take_signals
+take_signals("sitl", "campaign")
+os.register_at_fork(after_in_parent=lambda: os.kill(os.getpid(), signal.SIGTERM))
+try:
+    with as_exceptions():
+        if os.fork() == 0:
+            os._exit(0)
+        time.sleep(20.0)
+except Interrupted as signal:
+    print("ended by", signal.number)
+"""
+
+
+def test_a_signal_within_a_callback_of_a_fork_is_not_lost() -> None:
+    ended = subprocess.run([sys.executable, "-c", DROPPED], capture_output=True, text=True, check=True, timeout=60)
+    assert (ended.stdout, ended.stderr) == (f"ended by {signal.SIGTERM:d}\n", "")
 
 
 def test_the_page_ends_at_once_while_browsers_follow_the_boat(tmp_path: Path) -> None:

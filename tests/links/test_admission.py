@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import ipaddress
+import os
+import pty
 import socket
+import tty
 from pathlib import Path
 from typing import Any
 
 import pytest
 from alarm_texts import words
+from boat_at_sea import STEP
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from watched_boat import Watched
 
 from autopilot.build import build_pilot
 from autopilot.build_links import admission_of
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.guidance.track import TrackGuide
 from autopilot.links import extra_messages
-from autopilot.links.admission import Admission, Budget, Doors, Presence, gives_rudder_back, is_local
+from autopilot.links.admission import Admission, Budget, Doors, Presence, Stops, gives_rudder_back
 from autopilot.links.base import LinkError
 from autopilot.links.boat.boat_link import BoatLink
 from autopilot.links.boat.commands import Commands
@@ -31,6 +36,7 @@ from autopilot.links.router_links import ForwardLink, budget_for
 from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
+from autopilot.links.transports.serial_line import SerialTransport
 from autopilot.links.transports.sockets import interface_address, is_everywhere, only_from
 from autopilot.links.url import open_transport, parse_url
 from autopilot.loop.vessel_in_force import VesselInForce
@@ -38,7 +44,19 @@ from autopilot.params.strict_yaml import parse_document
 from autopilot.params.vessel import Security
 from autopilot.params.vessel_file import dump_vessel, load_vessel, vessel_from
 from autopilot.params.vessel_parameters import parameters_of
-from autopilot.signals import AlarmSample, Mode, NavState, Order, Reference, RudderCommand, Tick
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    AlarmState,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    Reference,
+    RudderCommand,
+    Tick,
+)
+from autopilot.web.requests import asked_of
 
 BYTES_AT_ONCE = 8_000.0
 STATION_SILENT_S = 5.0
@@ -46,6 +64,7 @@ TRIES = 300
 
 ARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
 DISARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 0, 0, 0, 0, 0)
+MANUAL = dialect.MAVLink_set_mode_message(1, 1, 0)
 TUNE = dialect.MAVLink_param_set_message(1, 1, b"GAIN", 3.0, 9)
 
 
@@ -467,6 +486,26 @@ class Lan:
         return getattr(self.near, name)
 
 
+HEADING, STANDBY = OrderKind.HEADING, OrderKind.STANDBY
+
+
+def ordered(now: float, kind: OrderKind, event: AlarmEvent | None = None, state: AlarmState | None = None) -> Tick:
+    """Return a tick at which an order is in force, and an alarm shown in a state."""
+    state_of_boat = NavState(0.0, 0.7, 0.0, 2.0, 0.0, 0.0, 0.0, True)
+    engaged = kind is HEADING
+    return Tick(
+        *(1, now, (), Order(kind, 0.7), state_of_boat, Reference(0.7), 0.0, RudderCommand(now, 0.0, engaged)),
+        Mode.ENGAGED if engaged else Mode.STANDBY,
+        () if event is None else (event,),
+        heard=() if state is None else (state,),
+    )
+
+
+def acknowledged(far: Any) -> list[Any]:
+    messages = [each for data in far.receive() for each in MavlinkCodec().decode(data)]
+    return [each for each in messages if each.get_type() == "COMMAND_ACK"]
+
+
 def lan_boat(
     admission: Admission = EVERYBODY, is_local: bool = False, signing: Any = None
 ) -> tuple[BoatLink, Any, Commands, Store]:
@@ -512,22 +551,141 @@ def test_without_a_key_another_machine_gives_no_order_and_hears_why_once() -> No
         DISARM,
         dialect.MAVLink_set_mode_message(1, 1, 0),
         dialect.MAVLink_command_long_message(1, 1, 176, 0, 1, *[0] * 6),
+        dialect.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, 0.0, 0, 0, 0, 0, 0, 0),
     ],
 )
-@pytest.mark.parametrize("engaged", [True, False])
-def test_without_a_key_another_machine_may_let_the_pilot_stand_by_and_everybody_hears_of_it(
-    message: Any, engaged: bool
+def test_without_a_key_another_machine_may_let_the_pilot_stand_by_and_everybody_hears_who(message: Any) -> None:
+    boat, far, commands, _ = lan_boat()
+    boat._transport.peer = ("192.0.2.9", 50312)
+    boat.show(ordered(0.0, HEADING))
+    far.send(MavlinkCodec(255, 190).encode(message))
+    (said,) = boat.receive(0.1)
+    assert commands._helmsman.released == 1
+    assert words(said.event) == (
+        "a ground station without a key has let the pilot stand by (system 255 at 192.0.2.9:50312): steer by hand"
+    )
+    boat.show(ordered(0.2, STANDBY, said.event, AlarmState.SOUNDING))
+    assert boat.receive(31.0) == [], "nobody has acknowledged it"
+    boat.show(ordered(31.1, STANDBY, said.event._replace(is_escalated=True), AlarmState.ACKNOWLEDGED))
+    assert [sample.event for sample in boat.receive(31.2)] == [None]
+
+
+@pytest.mark.parametrize(
+    ("message", "armed", "result"), [(DISARM, True, "DENIED"), (DISARM, False, "ACCEPTED"), (MANUAL, True, "ACCEPTED")]
+)
+def test_where_nothing_is_steered_there_is_nothing_that_another_machine_may_end(
+    message: Any, armed: bool, result: str
 ) -> None:
     boat, far, commands, _ = lan_boat()
-    state = NavState(0.0, 0.7, 0.0, 2.0, 0.0, 0.0, 0.0, True)
-    mode = Mode.ENGAGED if engaged else Mode.STANDBY
-    boat.show(Tick(1, 0.0, (), Order(), state, Reference(0.7), 0.0, RudderCommand(0.0, 0.0, engaged), mode, ()))
+    commands.armed = armed
+    boat.show(ordered(0.0, STANDBY))
     far.send(MavlinkCodec(255, 190).encode(message))
-    said = [words(sample.event) for sample in boat.receive(0.1) if isinstance(sample, AlarmSample)]
-    assert commands._helmsman.released == 1
-    assert said == ["a ground station without a key has let the pilot stand by: steer by hand"] * engaged
-    assert boat.receive(29.0) == []
-    assert [sample.event for sample in boat.receive(31.0) if isinstance(sample, AlarmSample)] == [None] * engaged
+    assert boat.receive(0.1) == []
+    assert commands._helmsman.released == 0 and commands.armed is armed, "the skipper may be about to engage"
+    assert [each.result for each in acknowledged(far)] == [getattr(dialect, f"MAV_RESULT_{result}")]
+
+
+def test_a_release_in_two_orders_disarms_too_and_sounds_until_it_is_acknowledged(tmp_path: Path) -> None:
+    sea, lan, station = Watched(tmp_path), Lan(is_local=False), MavlinkCodec(255, 190)
+    sea.links.append(BoatLink(lan, sea.commands, ParameterServer(Store()), door=Doors(EVERYBODY).link()))
+    assert sea.order(do="engage") == (True, "")
+    for message in (MANUAL, DISARM):
+        acknowledged(lan.far)
+        lan.far.send(station.encode(message))
+        sea.watch(0.5)
+        assert [each.result for each in acknowledged(lan.far)] == [dialect.MAV_RESULT_ACCEPTED]
+    assert not sea.commands.armed
+    sea.watch(40.0)
+    (alarm,) = sea.station.alarms.shown
+    assert alarm["name"] == "station_stopped" and alarm["sounds"] and "system 255" in alarm["words"]
+    assert sea.order(do="acknowledge") == (True, "")
+    sea.watch(6.0)
+    assert sea.station.alarms.shown == []
+
+
+def test_a_mode_that_is_none_of_ours_stops_nobody() -> None:
+    boat, far, commands, _ = lan_boat()
+    boat.show(ordered(0.0, HEADING))
+    for message in (
+        dialect.MAVLink_command_long_message(1, 1, 176, 0, 0.0, *[0] * 6),
+        dialect.MAVLink_command_long_message(1, 1, 176, 0, float("nan"), *[0] * 6),
+        dialect.MAVLink_set_mode_message(1, 128, 0),
+    ):
+        far.send(MavlinkCodec(255, 190).encode(message))
+        assert boat.receive(0.1) == []
+    assert commands._helmsman.released == 0
+
+
+def test_who_has_engaged_anew_is_not_stopped_again_so_soon() -> None:
+    boat, far, commands, _ = lan_boat()
+    hand, station = commands._helmsman, MavlinkCodec(255, 190)
+
+    def asks(now: float, kind: OrderKind) -> list[str]:
+        boat.show(ordered(now, kind))
+        for message in (dialect.MAVLink_set_mode_message(1, 1, 0), DISARM):
+            far.send(station.encode(message))
+        samples = boat.receive(now)
+        return [sample.event.name for sample in samples if isinstance(sample, AlarmSample) and sample.event]
+
+    assert asks(0.0, HEADING) == ["station_stopped"] and hand.released == 2, "both came at once"
+    assert asks(5.0, STANDBY) == [] and hand.released == 2
+    acknowledged(far)
+    assert asks(10.0, HEADING) == ["stop_refused"] and hand.released == 2
+    assert {each.result for each in acknowledged(far)} == {dialect.MAV_RESULT_DENIED}
+    for now in range(11, 20):
+        boat.keep(float(now))
+    texts = [each.text for data in far.receive() for each in MavlinkCodec().decode(data) if "text" in each.to_dict()]
+    assert "the skipper has engaged again" in "".join(texts)
+    assert asks(69.9, HEADING) == [] and hand.released == 2, "it is on already"
+    asks(70.0, HEADING)
+    assert hand.released == 4
+
+
+def test_each_time_the_skipper_keeps_the_helm_twice_as_long() -> None:
+    stops, now = Stops(), 0.0
+    stops.ticked(now, True)
+    for keeps in (60.0, 120.0, 240.0, 480.0, 960.0, 1920.0, 3600.0, 3600.0):
+        assert stops.obeys(now) and stops.obeys(now), "no tick has come between them"
+        stops.ticked(now, False)
+        assert not stops.obeys(now + 0.1) and not stops.keeps(now + 0.1)
+        assert stops.has_just_obeyed(now + 1.9) and not stops.has_just_obeyed(now + 2.1)
+        stops.ticked(now := now + 100.0, True)
+        assert not stops.obeys(now + keeps - 0.1) and stops.keeps(now + keeps - 0.1)
+        now += keeps
+
+
+def test_after_two_hours_without_one_a_stop_is_the_first_again() -> None:
+    stops = Stops()
+    for now, keeps in ((0.0, 60.0), (200.0, 120.0), (7399.9, 240.0), (14599.9, 60.0)):
+        stops.ticked(now, True)
+        assert stops.obeys(now)
+        stops.ticked(now + 3.0, False)
+        stops.ticked(now + 4.0, True)
+        assert stops.keeps(now + 3.9 + keeps) and not stops.keeps(now + 4.0 + keeps)
+
+
+def test_strangers_who_order_a_stop_in_every_turn_do_not_keep_the_skipper_from_steering(tmp_path: Path) -> None:
+    sea = Watched(tmp_path)
+    doors = Doors(EVERYBODY)
+    strangers = [Lan(is_local=False) for _ in range(2)]
+    served = [BoatLink(lan, sea.commands, ParameterServer(Store()), door=doors.link()) for lan in strangers]
+    sea.links += served
+    engaged, named = 0, set()
+    for turn in range(round(100.0 / STEP)):
+        for lan in strangers:
+            station = MavlinkCodec(turn % 250 + 2, 190)
+            lan.far.send(station.encode(dialect.MAVLink_set_mode_message(1, 1, 0)))
+            lan.far.send(station.encode(DISARM))
+            lan.far.receive()
+        sea.watch(STEP)
+        tick = sea.tick
+        assert tick is not None
+        engaged += tick.mode is Mode.ENGAGED
+        named |= {event.name for event, state in zip(tick.alarms, tick.heard, strict=True) if event.detail}
+        if turn % 20 == 10 and tick.mode is not Mode.ENGAGED:
+            asked_of(sea.station, {"do": "engage"})(sea.now, lambda taken, words: None)
+    assert engaged * STEP > 90.0, f"{engaged * STEP:.0f} s of 100 s"
+    assert {"station_stopped", "stop_refused"} <= named
 
 
 def test_with_a_key_an_unsigned_disarm_is_refused() -> None:
@@ -596,7 +754,7 @@ def test_which_links_only_this_machine_can_reach(url: str, is_loopback_alone: bo
         transport = open_transport(url)
     except LinkError as error:
         pytest.skip(f"not on this machine: {error}")
-    assert is_local(transport) is is_loopback_alone
+    assert transport.is_local is is_loopback_alone
     transport.close()
 
 
@@ -606,14 +764,41 @@ def test_the_terminal_says_that_a_served_link_takes_no_order(
     vessel = load_vessel("lanxin")
     saver = BackgroundSaver()
     in_force = VesselInForce(vessel, build_pilot(vessel), None, tmp_path / "boat.tuned.yaml", saver)
-    urls = ("udpin:0.0.0.0:0", "udpin:127.0.0.1:0")
+    master, slave = pty.openpty()
+    serial = f"serial:{os.ttyname(slave)}:57600"
+    urls = ("udpin:0.0.0.0:0", "udpin:127.0.0.1:0", serial)
     serving = Serving(urls, 1, Hand(), Mission(TrackGuide()), armed=False)  # type: ignore[arg-type]
     links = open_boat_links(serving, in_force, str(tmp_path / "boat.yaml"), saver)
-    assert capsys.readouterr().err.count("give no orders: no signing key is set") == 1
-    assert [link.takes_orders for link in links if isinstance(link, BoatLink)] == [False, True]
+    told = capsys.readouterr().err
+    assert told.count("give no orders: no signing key is set") == 2 and f"--serve {serial}: whoever is there" in told
+    assert [link.takes_orders for link in links if isinstance(link, BoatLink)] == [False, True, False]
     for link in links:
         link.close()
     saver.close()
+    os.close(master), os.close(slave)
+
+
+def test_a_radio_on_a_serial_line_gives_no_order_until_the_skipper_says_so() -> None:
+    for admission, signing, takes in (
+        (Admission(), None, False),
+        (Admission(orders_without_key=True), None, True),
+        (Admission(), signing_of_two()[0], True),
+    ):
+        master, slave = pty.openpty()
+        tty.setraw(master)
+        path = os.ttyname(slave)
+        transport = SerialTransport(f"serial:{path}:57600", path, 57600)
+        commands = Commands(Hand(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+        door = Doors(admission).link()
+        boat = BoatLink(transport, commands, ParameterServer(Store()), signing=signing, door=door)
+        router = Router()
+        assert boat.takes_orders is ForwardLink(transport, router, budget_for(0), signing, door).takes_orders is takes
+        if signing is None:
+            os.write(master, MavlinkCodec(255, 190).encode(ARM))
+            boat.receive(0.1)
+            assert commands.armed is takes
+        boat.close()
+        os.close(master), os.close(slave)
 
 
 @pytest.mark.parametrize(

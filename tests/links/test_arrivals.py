@@ -102,6 +102,16 @@ def test_over_a_serial_line(scheme: str, data: bytes, part: str) -> None:
     os.close(theirs)
 
 
+def test_a_connection_has_no_baud_rate_and_no_wiring() -> None:
+    near, far = loopback_pair()
+    near.is_stream = True
+    line = HeardTransport(near, "nmea")
+    assert "wiring" not in line.words
+    far.send(b"\xf0\x83\x00\xfe" * 50)
+    line.receive()
+    assert "check which program sends there" in line.words
+
+
 def test_no_more_than_a_beginning_is_kept() -> None:
     near, far = loopback_pair()
     line = HeardTransport(near, "nmea")

@@ -384,7 +384,8 @@ def test_a_trial_is_begun_said_again_and_let_end(command: int, values: tuple[flo
     assert desk.hand.orders == [order]
     assert desk.give(command, *values) == IN_PROGRESS, "our answer was lost"
     assert len(desk.hand.orders) == 1
-    for other, others in ((command, (5.0, 5.0, 5.0)), (ZIGZAG + TURNING - command, values)):
+    differing = [(command, (*values[:n], values[n] + 1.0, *values[n + 1 :])) for n in range(len(values))]
+    for other, others in (*differing, (ZIGZAG + TURNING - command, values)):
         assert desk.give(other, *others) == REJECTED
         assert desk.said == "a trial is being sailed: cancel it first"
     assert desk.give(LEVEL, 3.0) == REJECTED

@@ -343,5 +343,6 @@ def test_times_of_the_station_s_line_to_the_bit() -> None:
     for now in (0.0, 59.999, 60.0):
         bench.link._refuse(now, "no")
     assert said == [0.0, 60.0]
-    bench.link._stopped = 0.0
-    assert [len(bench.link._stop(now)) for now in (0.0, 29.999, 30.0)] == [1, 0, 1]
+    notice = bench.link._stop_refused
+    notice.happened(0.0, "")
+    assert [len(notice.news(now, None)) for now in (0.0, 29.999, 30.0)] == [1, 0, 1]

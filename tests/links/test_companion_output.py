@@ -113,6 +113,13 @@ def test_five_releases_follow_an_order_a_tenth_of_a_second_apart() -> None:
     assert times[0] in (10, 11) and len(times) == 4 and set(spaces(times)) <= {10, 11}, "also without a command"
 
 
+def test_after_a_reboot_nothing_is_released_on_a_channel_that_is_not_known() -> None:
+    steering = output()
+    steering.steer(0.0, 0.1)
+    steering.forget()
+    assert steering.release_burst() == []
+
+
 def test_the_way_out_releases_five_times_at_once_whatever_was_released_before() -> None:
     steering = output()
     steering.steer(0.0, 0.1)

@@ -56,6 +56,36 @@ def proven(heading: float = 0.3, echoes: bool = False) -> tuple[GuidedTargets, H
     raise AssertionError(targets.reason)
 
 
+def test_what_kept_the_proof_from_beginning_is_not_said_once_it_has_begun() -> None:
+    targets = at_rest()
+    targets.stick(True)
+    assert targets.show(tick(0.0, Mode.STANDBY, 0.3, 0.3), True) is None
+    assert "throttle stick" in targets.reason
+    targets.stick(False)
+    targets.rudder(0.1, 0.0)
+    assert targets.show(tick(0.1, Mode.STANDBY, 0.3, 0.3), True) is not None
+    assert "throttle stick" not in targets.reason
+
+
+@pytest.mark.parametrize(("answers", "passes"), [(1.0, True), (0.0, False), (-1.0, False)])
+def test_without_a_steering_servo_the_rate_of_turn_is_the_proof(answers: float, passes: bool) -> None:
+    """Two motors: the boat makes way, and turns to the side of each heading."""
+    targets, sent, passed = GuidedTargets(HelmWatch(guided=True), 0.25), 0.3, False
+    targets.target = 7
+    targets.outputs(False)
+    targets.stick(False)
+    targets.engine(0.0, True, False)
+    for step in range(400):
+        now = 0.05 * step
+        at = tick(now, Mode.STANDBY, 0.3, 0.3)
+        at = at._replace(state=at.state._replace(rate=answers * math.copysign(0.05, sent - 0.3)))
+        message = targets.show(at, True)
+        if message is not None:
+            sent = 2.0 * math.atan2(message.q[3], message.q[0])
+        passed = passed or not targets.reason
+    assert passed is passes
+
+
 @pytest.mark.parametrize("share", [-0.1, 1.1, math.nan, math.inf])
 def test_a_share_of_speed_that_is_none_is_refused(share: float) -> None:
     with pytest.raises(ValueError, match="allowed is 0 to 1"):

@@ -285,6 +285,21 @@ def test_the_proof_is_repeated_ten_times_a_second_and_passed_by_three_reports_in
     assert proof.due(1.0) is None
 
 
+def test_a_proof_that_was_not_passed_yet_does_not_grow_old() -> None:
+    proof = probe()
+    proof.due(0.0)
+    proof.wanted(False)
+    assert proof.reason == "checking the steering input"
+    proof = paused()
+    for now in (2.0, 2.1):
+        proof.report(now, 1, proof.pulse)
+    assert proof.passed
+    proof.wanted(True)
+    assert proof.passed
+    proof.wanted(False)
+    assert not proof.passed and proof.reason != "checking the steering input"
+
+
 def paused() -> HelmProbe:
     proof = probe()
     proof.due(0.0)

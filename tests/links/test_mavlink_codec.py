@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links import mavlink_layouts
-from autopilot.links.extra_messages import EXTRA_MESSAGES, CommandCancel
+from autopilot.links.extra_messages import EXTRA_MESSAGES, CommandCancel, ComponentMetadata
 from autopilot.links.mavlink_codec import MavlinkCodec, frame_length, is_mavlink, message_id
 
 FRAME_MAX = 280
@@ -298,6 +298,9 @@ def test_messages_beyond_the_dialect_need_their_checksum_too(version: int) -> No
     cancel = CommandCancel(1, 1, 31010)
     (read,) = MavlinkCodec().decode(MavlinkCodec().encode(cancel))
     assert (read.get_type(), read.target_system, read.target_component, read.command) == ("COMMAND_CANCEL", 1, 1, 31010)
+    (read,) = MavlinkCodec().decode(MavlinkCodec(4, 5).encode(ComponentMetadata(258, 7, b"mftp://a")))
+    assert (read.get_type(), read.get_srcSystem(), read.get_srcComponent()) == ("COMPONENT_METADATA", 4, 5)
+    assert (read.time_boot_ms, read.file_crc, read.uri) == (258, 7, b"mftp://a".ljust(100, b"\0"))
     for identity in EXTRA_MESSAGES:
         head = bytes([version, 4]) + (bytes([0, 0, 0, 1, 1]) if version == 0xFD else bytes([0, 1, 1]))
         frame = head + identity.to_bytes(3, "little")[: 3 if version == 0xFD else 1] + b"abcd" + b"\0\0"
@@ -305,7 +308,7 @@ def test_messages_beyond_the_dialect_need_their_checksum_too(version: int) -> No
 
 
 def test_messages_beyond_the_dialect_are_as_their_checksum_says() -> None:
-    """CRC_EXTRA by the serialization guide's rule: names and types in the order on the wire."""
+    """CRC_EXTRA by the serialisation guide's rule: names and types in the order on the wire."""
     for kind in EXTRA_MESSAGES.values():
         text = kind.msgname + " "
         for name in kind.ordered_fieldnames:
@@ -344,7 +347,7 @@ def test_messages_beyond_the_dialect_are_those_of_the_standard() -> None:
 
 def test_messages_beyond_the_dialect_are_packed_byte_for_byte() -> None:
     """Little-endian, the wide fields first; zeros at the end are left out."""
-    from autopilot.links.extra_messages import AvailableModes, ComponentMetadata, CurrentMode
+    from autopilot.links.extra_messages import AvailableModes, CurrentMode
 
     for message, payload in (
         (CommandCancel(1, 2, 0x7922), "22 79 01 02"),

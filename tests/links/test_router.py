@@ -355,6 +355,7 @@ def test_a_flood_takes_no_more_of_a_serial_line_than_its_share() -> None:
         station.send(unknown(255, 190, identity=60000 + number))
     forward.receive(0.0)
     assert len(vehicle.receive()) == FRAMES_PER_TURN and forward.dropped == 2 * FRAMES_PER_TURN
+    assert forward._door.crowded
 
 
 def test_with_a_key_nothing_unsigned_passes_either_way_and_what_is_signed_passes_unchanged() -> None:
@@ -467,7 +468,7 @@ def test_five_hundred_and_twelve_frames_are_remembered() -> None:
         assert net.router.counts["came round in a loop"] == is_known
 
 
-def test_sixty_four_addresses_are_learned_at_an_endpoint() -> None:
+def test_sixty_four_addresses_are_learnt_at_an_endpoint() -> None:
     net = Net()
     for system in range(1, 70):
         net.take(1, packed(STATION_BEAT, speaker(system, 190)))

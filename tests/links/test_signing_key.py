@@ -162,6 +162,13 @@ def test_a_damaged_timestamp_file_is_refused(key: Path, text: str) -> None:
         open_signing(key)
 
 
+@pytest.mark.parametrize("ending", ["", "\n", "\r\n"])
+def test_the_longest_timestamp_of_an_editor_s_file_is_read(key: Path, ending: str) -> None:
+    file = key.with_name("signing.key.timestamp")
+    file.write_bytes(str(2**48 - 1 - BLOCK).encode() + ending.encode())
+    assert TimestampBlocks(key, lambda: NOW).next() > NOW
+
+
 def test_timestamps_that_are_used_up_are_refused(key: Path) -> None:
     """They have 48 bits: a block must end within them, and the last one may."""
     file = key.with_name("signing.key.timestamp")

@@ -319,7 +319,7 @@ def test_orders_are_denied_in_their_own_way_and_nothing_is_done() -> None:
     desk = Desk()
 
     def denied(message: Any) -> list[tuple[Any, ...]]:
-        return [fields(answer) for answer in desk.service.denied(arrived(message))]
+        return [fields(answer) for answer in desk.service.answered(arrived(message), DENIED)]
 
     assert denied(dialect.MAVLink_param_set_message(1, 1, b"P3", 7.5, 9)) == [value(3)]
     assert denied(dialect.MAVLink_param_set_message(1, 1, b"NONE", 7.5, 9)) == [
@@ -491,7 +491,7 @@ def test_a_link_from_elsewhere_without_a_key_only_looks() -> None:
     assert fields(denied) == ack(400, DENIED) and bench.carrier.given == []
     texts += bench.kept(3.0, "STATUSTEXT")
     assert "".join(text.text for text in texts if text.get_type() == "STATUSTEXT").startswith(
-        "no orders without a signing key from another machine"
+        "no orders without a signing key over this link"
     )
     bench.say(4.0, long(512, 148.0, system=7))
     assert [message.get_type() for message in bench.heard()] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]

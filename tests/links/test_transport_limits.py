@@ -35,6 +35,7 @@ from autopilot.links.transports.sockets import (
     network_of,
     only_from,
     open_error,
+    peer_of,
     resolve,
 )
 
@@ -667,3 +668,17 @@ def test_a_recording_is_of_datagrams_unless_told() -> None:
 def test_a_serial_line_on_which_bytes_wait_is_still_sent_to(line: tuple[SerialTransport, int]) -> None:
     os.write(line[1], b"waiting")
     assert line[0].send(b"x") and heard_at(line[0]) == [b"waiting"]
+
+
+def test_who_is_at_the_other_end_of_a_listening_link() -> None:
+    listening = TcpServerTransport("tcpin:127.0.0.1:0", "127.0.0.1", 0)
+    assert peer_of(listening) == ""
+    client = TcpClientTransport("far", "127.0.0.1", listening.port)
+    while not listening.connected:
+        listening.receive()
+    host, port = client._connection.socket.getsockname()
+    client.close()
+    assert peer_of(listening) == f"{host}:{port}"
+    listening.peer = ("fe80::1%eth0", 50312, 0, 2)
+    assert peer_of(listening) == "[fe80::1%eth0]:50312"
+    listening.close()

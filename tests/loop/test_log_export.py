@@ -114,6 +114,15 @@ def test_logs_of_other_programs_are_exported_too(foreign: Path, tmp_path: Path) 
     assert parquet.read_table(export(flash, tmp_path / "flash.parquet", "--vessel", "lanxin")).num_rows > 50
 
 
+def test_a_time_that_is_none_stands_at_the_ends_of_the_calendar(own: Path, tmp_path: Path) -> None:
+    changed = bytearray(own.read_bytes())
+    changed[:8] = b"\0" + b"\xff" * 7
+    log = tmp_path / "stamps.tlog"
+    log.write_bytes(changed)
+    found = messages(export(log, tmp_path / "stamps.mcap"))
+    assert max(stamp for channel in found.values() for stamp, _ in channel) == pytest.approx(1.8e10)
+
+
 def test_what_json_has_no_number_for_is_null() -> None:
     message = dialect.MAVLink_attitude_message(1, math.nan, math.inf, 0.5, 0, 0, 0)
     files = dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, [1] * 251)

@@ -185,6 +185,33 @@ def test_sentences_with_time_stamps_read_as_sailed(tmp_path: Path, form: str) ->
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.02)
 
 
+@pytest.mark.parametrize("before", ["from start", "seconds of 1970"])
+def test_sentences_whose_stamps_jump_are_read_in_two_stretches(tmp_path: Path, before: str) -> None:
+    """A logger without a clock of its own, until the network tells it the time."""
+    early = {"from start": lambda t, s: f"{t:.3f} {s}", "seconds of 1970": FORMS["iso"]}[before]
+    shift = 0.0 if before == "from start" else -EPOCH + 30.0
+    lines = [early(t + shift, s) if t < 40.0 else FORMS["iso"](t, s) for t, s in sentences(BOAT)]
+    path = written(tmp_path, "\n".join(lines), "boat.txt")
+    recording, run = read_recording(path), load_run(path)
+    (note,) = recording.notes
+    assert note.startswith(f"{path}: its clock jumps by 20602 days, from ") and note in run.notes
+    heading = recording.of(HEADING)[0]
+    assert heading.longest_gap == pytest.approx(60.0, abs=0.2)
+    assert heading.time[-1] == pytest.approx(150.0, abs=0.2)
+    assert recording.began is not None, "the clock that was set is right"
+    assert recording.began + heading.time[-1] == pytest.approx(EPOCH + 90.0, abs=0.2)
+    assert len(run.segments) == 2
+    model = identify([run], "nomoto").model
+    assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.03)
+
+
+def test_stamps_that_cannot_be_times_are_refused(tmp_path: Path) -> None:
+    lines = [f"0.{i:0200d} {s}" for i, (_, s) in enumerate(sentences(BOAT)[:200])]
+    with pytest.raises(InputError, match=r"samples in 1.98e-198 s, 3e-200 s apart for the most part") as refusal:
+        read_recording(written(tmp_path, "\n".join(lines), "boat.txt"))
+    assert len(str(refusal.value)) < 400
+
+
 def test_without_time_stamps_the_times_are_spread_between_the_utc_inside(tmp_path: Path) -> None:
     path = written(tmp_path, "\r\n".join(s for _, s in sentences(BOAT)), "boat.nmea")
     recording = read_recording(path)
@@ -219,6 +246,10 @@ def test_a_magnetic_compass_without_variation_is_used_and_said(tmp_path: Path) -
         ([s for _, s in sentences(BOAT) if "RMC" not in s], "when its sentences came cannot be told: 0 of"),
         ([f"{t} {s}" for t, s in sentences(BOAT)[:50]] + [f"{t} {s}" for t, s in sentences(BOAT)[:9]], "step back by"),
         (
+            [FORMS["of day"](t - 3600.0 * (t > 45.0), s) for t, s in sentences(BOAT)],
+            r"step back by 3600.0 s at sentence \d+: the clock was set",
+        ),
+        (
             [f"{t} {s[:-1]}0" for t, s in sentences(BOAT)[:90]] + ["99 " + sentence("HEHDT,1.0,T")],
             "wrong checksum or form",
         ),
@@ -237,6 +268,19 @@ def test_a_few_wrong_checksums_are_left_out_and_told(tmp_path: Path) -> None:
     lines[7::100] = [line.replace(",", ";", 1) for line in lines[7::100]]
     recording = read_recording(written(tmp_path, "\n".join(lines), "boat.txt"))
     assert recording.notes[0].endswith("sentences with a wrong checksum or form are left out.")
+
+
+@pytest.mark.parametrize(
+    ("date", "is_known"),
+    [("01,06,2026", True), ("1,6,2026", True), ("31,02,2026", False), ("1,1,99999999999999999999", False),
+     ("1,1,0000", False), ("01,06,26", False), ("01,,2026", False)],
+)  # fmt: skip
+def test_a_date_that_no_calendar_has_is_none(date: str, is_known: bool, tmp_path: Path) -> None:
+    lines = [sentence(f"GPZDA,1200{second:02d},{date},00,00") for second in range(10)]
+    lines = [line for second, zda in enumerate(lines) for line in (zda, sentence(f"HEHDT,{second}.0,T"))]
+    recording = read_recording(written(tmp_path, "\n".join(lines), "boat.nmea"))
+    assert recording.of(HEADING)[0].time.size == 10
+    assert (recording.began is not None) == is_known
 
 
 def test_times_of_day_count_on_over_midnight(tmp_path: Path) -> None:
@@ -262,6 +306,9 @@ def test_times_of_day_count_on_over_midnight(tmp_path: Path) -> None:
         ("2023-11-15T00:13:20+02:00 ", 1.7e9),
         ("2023-99-14T22:13:20Z ", None),
         ("22:13:20.25 ", 80000.25),
+        ("23:59:60.5 ", 86400.5),
+        ("24:00:00 ", None),
+        ("22:60:00 ", None),
     ],
 )
 def test_time_stamps(prefix: str, seconds: float | None) -> None:

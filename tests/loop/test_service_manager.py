@@ -156,6 +156,7 @@ def test_a_hung_tick_stops_the_signs_of_life(manager: Manager, monkeypatch: pyte
         {"NOTIFY_SOCKET": ""},
         {"NOTIFY_SOCKET": "vsock:2:3"},
         {"NOTIFY_SOCKET": "/nowhere/at/all", "WATCHDOG_USEC": "x"},
+        {"NOTIFY_SOCKET": "/nowhere/at/all", "WATCHDOG_USEC": "9" * 5000},
         {"NOTIFY_SOCKET": "@" + "a" * 300},
     ],
 )

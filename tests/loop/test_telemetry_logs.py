@@ -218,6 +218,30 @@ def test_a_ground_station_whose_clock_is_set_does_not_matter(tmp_path: Path) -> 
     assert recording.of(HEADING)[0].longest_gap < 0.11
 
 
+def test_a_reboot_behind_which_the_ground_station_s_clock_was_set_is_told(tmp_path: Path) -> None:
+    first = tlog(tlog_events(zigzag_boat(40.0), boot=500.0), began=86400.0 * 365.0 * 40.0)
+    second = tlog(tlog_events(zigzag_boat(30.0), boot=3.0))
+    path = written(tmp_path, first + second, "trial.tlog")
+    recording = read_recording(path)
+    (note,) = recording.notes
+    assert note.startswith(f"{path}: its clock jumps by 6001.")
+    heading = recording.of(HEADING)[0]
+    assert heading.time[-1] == pytest.approx(130.0, abs=0.4)
+    assert recording.began is not None
+    assert recording.began + heading.time[-1] == pytest.approx(EPOCH + 30.0, abs=0.4)
+
+
+def test_messages_of_another_time_are_left_out_and_counted(tmp_path: Path) -> None:
+    data = bytearray(dataflash(BOAT))
+    places = [place for place in range(len(data)) if data[place : place + 3] == b"\xa3\x95\x21"]
+    for place in places[5:8]:
+        data[place + 3 : place + 11] = struct.pack("<Q", 10**18 + place)
+    path = written(tmp_path, bytes(data), "boat.BIN")
+    recording = read_recording(path)
+    assert recording.notes[0].startswith(f"{path}: 3 of ")
+    assert_sailed(recording, BOAT, 0.01)
+
+
 def test_two_attitudes_are_too_few_and_said(tmp_path: Path) -> None:
     events = [event for event in tlog_events(BOAT) if event[0] < 0.11]
     path = written(tmp_path, tlog(iter(events)), "short.tlog")

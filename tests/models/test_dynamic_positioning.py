@@ -1,4 +1,4 @@
-"""The ship under her thrusters, against Newton's law written down in SI units and another integrator."""
+"""The ship under its thrusters, against Newton's law written down in SI units and another integrator."""
 
 from __future__ import annotations
 

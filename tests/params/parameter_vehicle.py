@@ -5,13 +5,81 @@ Written from the protocol's description, independently of the client: its own ta
 
 from __future__ import annotations
 
+import json
+import lzma
 import random
 import struct
+import zlib
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.extra_messages import ComponentInformation, ComponentMetadata
+
 INTEGER_FORMATS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+
+
+FTP = struct.Struct("<HBBBBBxI")
+GENERAL_URI = "mftp://etc/extras/component_general.json.xz"
+PARAMETERS_URI = "mftp://etc/extras/parameters.json.xz"
+
+
+class FtpServer:
+    """Files over MAVLink FTP as PX4 serves them (mavlink_ftp.cpp): one session, number 0, closed before the next."""
+
+    def __init__(self, files: dict[str, bytes]) -> None:
+        self.files = files
+        self.sizes: dict[str, int] = {}
+        self.session = 0
+        self.piece_most = 239
+        self.open: bytes | None = None
+        self.last: tuple[int, bytes] | None = None
+        self.opened: list[str] = []
+
+    def answer(self, raw: bytes) -> bytes:
+        sequence, session, opcode, size, _, _, offset = FTP.unpack_from(raw)
+        if self.last is not None and self.last[0] == sequence:
+            return self.last[1]
+        error, data = self.work(session, opcode, offset, raw[12 : 12 + size])
+        found = bytes([error]) if error else data
+        given = self.session if opcode == 4 and not error else session
+        reply = FTP.pack((sequence + 1) & 0xFFFF, given, 129 if error else 128, len(found), opcode, 0, offset) + found
+        # only a short answer is kept to be said again
+        self.last = (sequence, reply) if len(found) <= 4 else None
+        return reply
+
+    def work(self, session: int, opcode: int, offset: int, data: bytes) -> tuple[int, bytes]:
+        """Return error and data of an opening (4), a reading (5) or a closing (1)."""
+        if opcode == 4:
+            path = data.decode()
+            if self.open is not None:
+                return 5, b""
+            if path not in self.files:
+                return 10, b""
+            self.opened.append(path)
+            self.open = self.files[path]
+            return 0, self.sizes.get(path, len(self.open)).to_bytes(4, "little")
+        if session != self.session or self.open is None:
+            return 4, b""
+        if opcode == 5:
+            return (6, b"") if offset >= len(self.open) else (0, self.open[offset : offset + self.piece_most])
+        if opcode == 1:
+            self.open = None
+            return 0, b""
+        return 7, b""
+
+
+def described(parameters: list[dict[str, Any]]) -> FtpServer:
+    """A vehicle's metadata as PX4 builds them (generate_component_general.py, jsonout.py)."""
+    table = json.dumps({"version": 1, "parameters": parameters, "translation": {}}, indent=2).encode()
+    packed = lzma.compress(table, preset=6)
+    types = [
+        {"type": 4, "uri": "mftp://etc/extras/all_events.json.xz", "fileCrc": 1, "uriFallback": "https://px4.invalid/"},
+        {"type": 1, "uri": PARAMETERS_URI, "fileCrc": zlib.crc32(packed, 0xFFFFFFFF) ^ 0xFFFFFFFF, "uriFallback": ""},
+    ]
+    general = json.dumps({"version": 1, "metadataTypes": types}).encode()
+    paths = [uri.replace("mftp:/", "") for uri in (GENERAL_URI, PARAMETERS_URI)]
+    return FtpServer(dict(zip(paths, (lzma.compress(general), packed), strict=True)))
 
 
 class ParameterVehicle:
@@ -31,6 +99,26 @@ class ParameterVehicle:
         self.sets_received = 0
         self.mavlink = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
         self.waiting: list[tuple[str, int]] = []
+        self.replies: list[bytes] = []
+        self.refuses_commands = True
+        self.ftp = FtpServer({})
+        self.uri: dict[int, str] = {}
+        """Of the message 397 (COMPONENT_METADATA), or the older 395, where there are metadata."""
+
+    def describe(self, parameters: list[dict[str, Any]]) -> None:
+        """Offer metadata of these parameters."""
+        self.ftp, self.uri = described(parameters), {397: GENERAL_URI}
+
+    def command(self, command: int, wanted: int) -> None:
+        uri = self.uri.get(wanted) if command == dialect.MAV_CMD_REQUEST_MESSAGE else None
+        if uri is None and not self.refuses_commands:
+            return
+        if uri is not None:
+            place = uri.encode()
+            kind = ComponentMetadata(7, 0, place) if wanted == 397 else ComponentInformation(7, 0, place, 0, b"")
+            self.replies.append(bytes(kind.pack(self.mavlink)))
+        result = dialect.MAV_RESULT_FAILED if uri is None else dialect.MAV_RESULT_ACCEPTED
+        self.replies.append(bytes(dialect.MAVLink_command_ack_message(command, result).pack(self.mavlink)))
 
     def packet(self, name: str, index: int) -> bytes:
         """Return the PARAM_VALUE packet; integers that travel as bytes are written into it as bytes."""
@@ -64,7 +152,14 @@ class ParameterVehicle:
 
     def handle(self, message: Any) -> None:
         kind = message.get_type()
-        if kind == "PARAM_REQUEST_LIST":
+        if kind == "COMMAND_LONG":
+            self.command(message.command, int(message.param1))
+        elif kind == "FILE_TRANSFER_PROTOCOL":
+            reply = list(self.ftp.answer(bytes(message.payload)).ljust(251, b"\0"))
+            self.replies.append(
+                bytes(dialect.MAVLink_file_transfer_protocol_message(0, 255, 0, reply).pack(self.mavlink))
+            )
+        elif kind == "PARAM_REQUEST_LIST":
             names = list(self.table)[: self.list_stops_after]
             self.waiting += [(name, index) for index, name in enumerate(names)]
         elif kind == "PARAM_REQUEST_READ":
@@ -111,7 +206,8 @@ class ParameterVehicle:
                 message = dialect.MAVLink_param_error_message(255, 190, name.encode(), -1, error)
                 packets.append(bytes(message.pack(self.mavlink)))
         self.errors.clear()
-        del self.waiting[:at_most]
+        packets += self.replies[:at_most]
+        del self.waiting[:at_most], self.replies[:at_most]
         return packets
 
 

@@ -199,3 +199,9 @@ def test_equation_26_is_as_printed_term_by_term() -> None:
     ]
     for reference, heading, rate, rudder in alone:
         assert printed_equation_26(model, gains, reference, heading, rate) == pytest.approx(rudder)
+
+
+@pytest.mark.parametrize("tiny", [5.0e-324, 1.0e-200, 1.0e-100])
+def test_gains_too_small_for_numbers_answer_every_error(tiny: float) -> None:
+    gains = BacksteppingGains(tiny, tiny, tiny)
+    assert error_max_of(LANXIN, gains, 0.3) > 1.0e50

@@ -25,7 +25,7 @@ from autopilot.signals import (
 )
 
 ROOT = Path(__file__).parents[2]
-TARGETS = 31
+TARGETS = 36
 
 
 def test_pilot_and_readers_survive_a_sample_of_the_fuzzer_s_inputs(tmp_path: Path) -> None:

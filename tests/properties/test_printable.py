@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import sys
 from pathlib import Path
@@ -14,12 +15,14 @@ from hypothesis import strategies as st
 
 from autopilot.alarms import OVERRIDDEN
 from autopilot.cli.log import as_text
+from autopilot.cli.log_measures import as_text as measures_text
 from autopilot.cli.main import main
 from autopilot.cli.params_report import difference_table
 from autopilot.cli.steering import StatusLine
+from autopilot.identification.trial_measures import Circle, Measures, PullOut, Spiral, Zigzag
 from autopilot.loop.logs.info import LogInfo, SeriesInfo
 from autopilot.params.comparison import Difference
-from autopilot.printable import PrintableStream, printable, rewrite_line
+from autopilot.printable import PrintableStream, fixed, printable, rewrite_line
 from autopilot.signals import AlarmEvent, Mode, NavState, Order, Reference, RudderCommand, Tick
 
 HOSTILE = "\x1b[31m\x1b]0;owned\x07\x9b2J\u202egnp.exe\u2066\x00\r\n\x08\ud800\ufeff"
@@ -43,6 +46,33 @@ def test_a_stream_for_people_takes_any_text(parts: list[str], encoding: str) -> 
     shown = bottom.getvalue().decode(encoding)
     assert shown.replace("\n", "").replace("\t", "").isprintable()
     assert shown.count("\n") == "".join(parts).count("\n")
+
+
+@given(
+    st.floats(-1e308, 1e308) | st.sampled_from([math.nan, math.inf, -math.inf]),
+    st.integers(0, 3),
+    st.sampled_from(["", "+"]),
+)
+def test_any_number_is_short(value: float, places: int, sign: str) -> None:
+    shown = fixed(value, places, sign)
+    assert len(shown) <= 15
+    assert math.isnan(value) or float(shown) == pytest.approx(value, rel=0.006, abs=0.6)
+
+
+anything = st.floats(allow_nan=False)
+
+
+@given(anything, anything, anything)
+def test_numbers_of_a_log_and_of_its_measures_are_short(a: float, b: float, c: float) -> None:
+    """Whatever a reader has let pass; what goes to the measures is nan or not."""
+    series = SeriesInfo("heading_rad", "table", 10, a, b, c, 3, a, b, c)
+    shown = as_text(LogInfo("x.csv", "CSV table", a, b, (series,), {}, c, 2, "", ()))
+    assert max(map(len, shown.splitlines())) < 180
+    zigzag = Zigzag(a, b, c, a, b, (c, a), (b, c), (a, b), c, math.nan, b)
+    circle = Circle(a, b, c, a, b, c, a, b, c, a, b, c, a)
+    measures = Measures((zigzag,), (circle,), (PullOut(a, b, c, a, b),), Spiral(a, ((b, c),), ((b, a),), b, c), "x")
+    for length in (None, 10.0):
+        assert max(map(len, measures_text("x.csv", measures, length).splitlines())) < 180
 
 
 def is_plain(text: str) -> bool:

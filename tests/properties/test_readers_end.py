@@ -7,6 +7,7 @@ import random
 import re
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,16 @@ from hypothesis import strategies as st
 from autopilot.cli.main import main
 from autopilot.links.nmea0183 import checksum
 from autopilot.loop.logs.nmea_clock import MILLISECONDS_FROM, stamp_of
+from autopilot.regular_file import read_regular
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from fuzz_everything import NUMBER, REFUSALS, STRANGE_NUMBERS, STRANGE_TEXTS, STRANGE_WORDS, must_end  # noqa: E402
-from fuzz_file_targets import targets  # noqa: E402
+from fuzz_file_targets import SENTENCES, targets  # noqa: E402
 
 BINARY = ("telemetry log", "own log", "DataFlash log", "ULog", "MAVLink order")
+EDITS = "CSV numbers"
+"""Its inputs say which numbers to put where: no file."""
 PLACES = 12
 
 
@@ -35,7 +39,7 @@ def refused_or_taken(take: Any, data: bytes) -> None:
             assert len(str(error)) < 2500, "a refusal is short"
 
 
-@pytest.mark.parametrize("name", [name for name in targets() if name not in BINARY])
+@pytest.mark.parametrize("name", [name for name in targets() if name not in (*BINARY, EDITS)])
 def test_a_strange_number_in_any_place_of_a_text_is_read_or_refused(name: str) -> None:
     target, rng = targets()[name], random.Random(name)
     for strange in (*STRANGE_NUMBERS, *STRANGE_TEXTS):
@@ -55,6 +59,21 @@ def test_a_strange_number_in_any_place_of_a_binary_file_is_read_or_refused(name:
         for _ in range(PLACES):
             place = rng.randrange(max(1, len(seed) - len(word)))
             refused_or_taken(target.take, seed[:place] + word + seed[place + len(word) :])
+
+
+@pytest.mark.parametrize("sentence", SENTENCES, ids=lambda sentence: sentence[2:5].decode())
+def test_a_strange_number_in_any_field_of_a_sentence_is_read_or_refused(sentence: bytes) -> None:
+    target = targets()["NMEA log"]
+    for seed in target.seeds:
+        target.take(seed)
+    seed = target.seeds[1]
+    address, *fields = sentence.replace(b"%d", b"0").split(b",")
+    whole = b",".join([address, *fields])
+    assert whole in seed
+    for place in range(len(fields)):
+        for strange in (each for each in STRANGE_NUMBERS if len(each) < 60):
+            changed = b",".join([address, *fields[:place], strange, *fields[place + 1 :]])
+            refused_or_taken(target.take, seed.replace(whole, changed))
 
 
 @given(st.from_regex(rb"[0-9eE+\-.,:\\c* TZ\x1b]{0,400}", fullmatch=True), st.sampled_from(sorted(targets())))
@@ -103,6 +122,22 @@ def test_a_table_of_a_million_columns_is_refused_in_a_short_sentence(
     assert main(["log", "info", str(path)]) == 2
     refusal = capsys.readouterr().err
     assert len(refusal) < 1000 and "and 999970 more" in refusal
+
+
+def test_reading_a_file_takes_no_more_memory_than_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "small.csv"
+    path.write_bytes(b"time_s,heading_deg\n" * 1000)
+    read_regular(path)
+    tracemalloc.start()
+    try:
+        assert read_regular(path) == path.read_bytes()
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_file_that_tells_no_size_is_read() -> None:
+    assert b"MemTotal" in read_regular("/proc/meminfo")
 
 
 @pytest.mark.parametrize(

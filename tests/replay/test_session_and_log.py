@@ -10,21 +10,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plant import Plant
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.alarm_words import FORMS, UNHEARD, sentence_of
 from autopilot.alarms import CATALOGUE, OTHER, VERBATIM
 from autopilot.build import build_pilot
 from autopilot.build_laws import gear_of, model_of
+from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.loop import record
 from autopilot.loop.clock import ManualClock
 from autopilot.loop.logs.own_log import read_own
 from autopilot.loop.logs.rudder import RudderSettings
 from autopilot.loop.logs.table import table_of
-from autopilot.loop.record import Recorder, read_log, read_logs, read_packets
+from autopilot.loop.record import PAYLOAD_TYPE, Recorder, read_log, read_logs, read_packets
 from autopilot.loop.replay import replay
 from autopilot.loop.session import Session
 from autopilot.loop.tick_codec import (
+    HEADER,
     TICK_BEFORE_ACKNOWLEDGING,
     TICK_BEFORE_EVENTS,
     TICK_BEFORE_SUPERVISOR,
@@ -156,6 +161,63 @@ def test_logs_put_together_replay_each_from_its_header(tmp_path: Path) -> None:
     joined.write_bytes((tmp_path / "a.tlog").read_bytes() + (tmp_path / "b.tlog").read_bytes())
     assert [log.header["law"] for log in read_logs(joined)] == [None, "pid"]
     assert replay(joined).identical
+
+
+STRANGE_HEADERS = {
+    "brackets": "[" * 6000,
+    "objects": '{"a":' * 3000,
+    "digits": '{"part": ' + "9" * 5000 + "}",
+    "no object": "[1]",
+    "no text": b"\xff\xfe",
+    "endless part": '{"part": 1e400}',
+    "part in words": '{"part": "x"}',
+    "no part": '{"part": null}',
+    "part of 4000 digits": '{"part": ' + "9" * 4000 + "}",
+    "part nought": '{"part": 0}',
+    "true part": '{"part": true}',
+    "broken part": '{"part": 2.0}',
+    "listed law": '{"law": []}',
+    "listed vessel": '{"vessel": ["x"]}',
+    "no vessel": '{"vessel": null}',
+    "endless first": '{"first": Infinity}',
+    "run of brackets": '{"run": [[[]]]}',
+}
+
+
+@pytest.mark.parametrize("header", STRANGE_HEADERS.values(), ids=STRANGE_HEADERS)
+def test_a_strange_header_is_refused_in_a_short_sentence(
+    header: str | bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.tlog"
+    text = header if isinstance(header, bytes) else header.encode()
+    monkeypatch.setattr(record, "encode_header", lambda fields: bytes([HEADER]) + text)
+    sail_logged(path, BoatLink(), 1.0)
+    log = str(path)
+    for command in (["replay", log], ["replay", log, "--link", "udpout:127.0.0.1:9"], ["log", "info", log]):
+        assert main(command) == 2
+        refusal = capsys.readouterr().err
+        assert refusal.startswith(f"autopilot: {path}: the log's header is damaged: ")
+        assert refusal.count("\n") == 1 and len(refusal) < 200 + len(str(path))
+
+
+@pytest.mark.parametrize("later", [math.nan, math.inf, -1.4e306, 1e300, 0.2])
+def test_a_tick_whose_time_the_loop_s_clock_cannot_show_is_refused(
+    later: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.tlog"
+    damaged = lambda tick: encode_tick(tick._replace(now=later) if tick.number == 10 else tick)  # noqa: E731
+    monkeypatch.setattr(record, "encode_tick", damaged)
+    sail_logged(path, BoatLink(), 1.0)
+    with pytest.raises(InputError, match=r"a tick in the log is damaged: number 1\d at .* s comes behind .* s; give"):
+        replay(path)
+
+
+def test_an_empty_record_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.tlog"
+    sail_logged(path, BoatLink(), 1.0)
+    empty = dialect.MAVLink_tunnel_message(0, 0, PAYLOAD_TYPE, 4, [7, 0, 0, 1] + [0] * 124)
+    path.write_bytes(path.read_bytes() + bytes(8) + MavlinkCodec(1, 191).encode(empty))
+    assert replay(path).identical
 
 
 def test_a_torn_log_keeps_every_whole_tick(tmp_path: Path) -> None:
@@ -341,17 +403,32 @@ def test_a_tick_from_before_alarms_were_events_is_read(tick: Tick) -> None:
     assert repr(decode_tick(bytes([TICK_BEFORE_EVENTS]) + bare[1:] + told)) == repr(tick)
 
 
+def sentence_record(told: str) -> bytes:
+    """Return the record of a tick as older versions wrote it, with one alarm told in that sentence."""
+    tick = Tick(1, 0.0, (), Order(), STATE, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, ())
+    return bytes([TICK_BEFORE_ACKNOWLEDGING]) + encode_tick(tick)[1:] + bytes([len(told)]) + told.encode()
+
+
 @pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind.sentence.startswith("{text}")])
 def test_a_sentence_of_an_older_log_is_the_alarm_that_it_begins_like(name: str) -> None:
     """The only place where anything goes by wording: what an older log holds."""
     told = sentence_of(AlarmEvent(name, "17 deg"))
-    tick = Tick(1, 0.0, (), Order(), STATE, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, ())
-    bare = encode_tick(tick)[1:]
     for before, is_escalated in (("", False), (UNHEARD, True)):
-        record = bytes([TICK_BEFORE_ACKNOWLEDGING]) + bare + bytes([len(before + told)]) + (before + told).encode()
-        (alarm,) = decode_tick(record).alarms
+        (alarm,) = decode_tick(sentence_record(before + told)).alarms
         assert alarm == AlarmEvent(name, told, VERBATIM, is_escalated=is_escalated)
         assert sentence_of(alarm) == before + told
+
+
+@pytest.mark.parametrize(
+    ("told", "name"),
+    [
+        ("the boat does not move as her model says (12 deg)", "innovation"),
+        ("the boat turns against her rudder (to port)", "runaway"),
+        ("the boat is pushed harder than her rudder can hold (to port)", "overpowered"),
+    ],
+)
+def test_a_sentence_that_is_worded_otherwise_now_is_still_its_alarm(told: str, name: str) -> None:
+    assert decode_tick(sentence_record(told)).alarms == (AlarmEvent(name, told, VERBATIM),)
 
 
 def test_an_alarm_sample_of_an_older_log_is_read_by_its_sentence() -> None:

@@ -19,10 +19,10 @@ def steady_wind(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.mark.parametrize("seed", [8, 10, 18, 43])
-def test_a_ship_that_turns_better_than_her_model_comes_back_without_a_second_overshoot(
+def test_a_ship_that_turns_better_than_its_model_comes_back_without_a_second_overshoot(
     steady_wind: Any, seed: int
 ) -> None:
-    """With a fifth of the model error supposed she swung by 2 to 3 deg with these seeds."""
+    """With a fifth of the model error supposed it swung by 2 to 3 deg with these seeds."""
     held = steady_wind.held(steady_wind.BOATS["esso"], 1.4, seed, True, steady_wind.sailed_swiftly)
     assert held.off > 10.0
     assert held.second < 1.0
@@ -30,7 +30,7 @@ def test_a_ship_that_turns_better_than_her_model_comes_back_without_a_second_ove
 
 
 @pytest.mark.parametrize(("name", "over_deg"), [("coaster", 2.0), ("ferry", 1.0), ("lanxin", 2.0)])
-def test_pushed_a_minute_after_she_was_engaged_too(steady_wind: Any, name: str, over_deg: float) -> None:
+def test_pushed_a_minute_after_the_boat_was_engaged_too(steady_wind: Any, name: str, over_deg: float) -> None:
     push = steady_wind.Pushed(60.0, 60.0, over_deg)
     for factor in steady_wind.FACTORS:
         past, second, _ = steady_wind.pushed(steady_wind.PUSHED_BOATS[name], factor, 0.3, False, push)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import lzma
 import math
+import struct
+import zlib
 from typing import Any
 
 import pytest
@@ -10,17 +13,23 @@ from alarm_texts import other
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from starlette.responses import JSONResponse
 from watched_boat import Watched
 
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
+from autopilot.links.boat.alarm_list import ALARMS
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.status_text import StatusTexts
+from autopilot.params.component_metadata import PARAMETERS
+from autopilot.params.ftp_client import FtpClient
 from autopilot.params.protocol import Target
+from autopilot.signalk.deltas import Deltas
+from autopilot.signalk.requests import line_of
 from autopilot.signals import AlarmSample, HelmSample, Siren
-from autopilot.web.alarms import AlarmBoard
-from autopilot.web.ftp_client import FtpClient
+from autopilot.web.alarms import LIST_MOST, AlarmBoard, alarms_from
 from autopilot.web.orders import Command, Orders
+from autopilot.web.parameter_desk import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import Station
@@ -183,6 +192,40 @@ def test_a_list_of_alarms_that_is_none_is_left_alone() -> None:
     assert board.shown[0]["sounds"], "it was over: it is another one"
 
 
+DEEP = b"[" * 20_000
+HOSTILE_LISTS = [
+    DEEP,
+    b'[{"words":"\\ud800","name":"","state":"sounding"}]',
+    b'[{"words":["gear hot"],"name":"","state":"sounding"}]',
+    b'[{"words":"gear hot","name":"a.b","state":"sounding"}]',
+    b'[{"words":"gear hot","name":"' + b"a" * 65 + b'","state":"sounding"}]',
+    b'[{"words":"gear hot","name":"","state":[]}]',
+    b'[{"words":"gear hot","name":"","state":"notice","since":1e999}]',
+    b'[{"words":"' + b"x" * LIST_MOST + b'","name":"","state":"notice"}]',
+]
+
+
+@pytest.mark.parametrize("content", HOSTILE_LISTS, ids=range(len(HOSTILE_LISTS)))
+def test_a_hostile_list_of_alarms_ends_no_display(
+    sea: Watched, content: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
+    sea.watch(2.0)
+    monkeypatch.setattr("autopilot.links.boat.boat_link.alarm_list", lambda alarms, heard: content)
+    asked = []
+    monkeypatch.setattr(sea.station.files, "fetch", lambda path, got: asked.append(path) or got(content))
+    sea.watch(8.0)
+    assert asked == [ALARMS] * len(asked) and asked
+    (alarm,) = sea.station.alarms.shown
+    assert alarm["words"] == "gear hot: stop the engine", "what was known stays"
+    assert any("gear hot" in line.text for line in screen(sea.station, sea.now, (80, 24)))
+    told = Deltas().due(sea.station, sea.now)
+    assert told is not None and b"gear hot" in line_of(told)
+    with pytest.raises(InputError, match="the boat's list of alarms") as caught:
+        alarms_from(content)
+    assert len(str(caught.value)) < 200
+
+
 def test_a_display_that_comes_later_sees_the_alarms_that_are_on(sea: Watched) -> None:
     sea.order(do="engage")
     sea.watch(1.0, helm=HelmSample(sea.now, False, "the skipper has taken the helm"))
@@ -208,6 +251,76 @@ def test_parameters_come_with_range_and_meaning_and_are_set_or_refused(sea: Watc
     taken, words = sea.order(do="set", name="GUI_LOOKAHEAD", value=-1)
     assert not taken and "old value" in words
     assert sea.in_force.running.guidance.lookahead_s == 12.5
+
+
+def packed(text: bytes) -> bytes:
+    return lzma.compress(text, check=lzma.CHECK_CRC32)
+
+
+def with_dictionary_of_4_gb(packed: bytes) -> bytes:
+    """What is packed, saying in its block's header (The .xz File Format, 3.1) that unpacking takes 4 GB."""
+    size = 4 * (packed[12] + 1)
+    header = packed[12 : 12 + size - 4].replace(b"\x21\x01\x16", b"\x21\x01\x28")
+    return packed[:12] + header + struct.pack("<I", zlib.crc32(header)) + packed[12 + size :]
+
+
+def of_one(described: bytes) -> bytes:
+    return packed(b'{"version":1,"parameters":[{"name":"CTL_RATE",' + described + b"}]}")
+
+
+HOSTILE_METADATA = [
+    packed(DEEP),
+    of_one(b'"min":NaN'),
+    of_one(b'"max":1e999'),
+    of_one(b'"min":' + b"9" * 400),
+    of_one(b'"min":true'),
+    of_one(b'"shortDesc":"\\ud800"'),
+    of_one(b'"shortDesc":["x"]'),
+    of_one(b'"values":[1]'),
+    of_one(b'"values":{"value":1,"description":"x"}'),
+    of_one(b'"values":[{"value":1,"description":' + b"[" * 100 + b"]" * 100 + b"}]"),
+    of_one(b'"rebootRequired":"yes"'),
+    packed(b'{"parameters":[1]}'),
+    packed(b'{"parameters":{}}'),
+    packed(b" " * 5_000_000),
+    with_dictionary_of_4_gb(of_one(b'"min":0')),
+    of_one(b'"min":0')[:-20],
+    b"",
+]
+
+
+@pytest.mark.parametrize("content", HOSTILE_METADATA, ids=range(len(HOSTILE_METADATA)))
+def test_hostile_descriptions_of_parameters_leave_names_and_values(sea: Watched, content: bytes) -> None:
+    sea.files = {**sea.files, PARAMETERS: content}
+    sea.line.close()
+    sea.watch(2.0)
+    desk = sea.station.parameters
+    desk.read()
+    sea.until(lambda: bool(desk.table()["complete"]) and not sea.station.files._waiting)
+    assert len(desk.table()["rows"]) == len(sea.in_force.names)
+    assert {key for row in desk.table()["rows"] for key in row} == {"name", "value"}
+    assert JSONResponse(desk.table()).status_code == 200
+    with pytest.raises(InputError, match="the boat's description of parameters") as caught:
+        descriptions_from(content)
+    assert len(str(caught.value)) < 200
+
+
+def test_sound_descriptions_are_taken_as_they_are() -> None:
+    text = b'"min":0,"values":[{"value":0,"description":"off"}],"rebootRequired":true,"longDesc":"none of ours"'
+    assert descriptions_from(of_one(text)) == {
+        "CTL_RATE": {"min": 0, "values": [{"value": 0, "description": "off"}], "rebootRequired": True}
+    }
+
+
+@pytest.mark.parametrize("state", [-5.0, 0.5, 3.0, 1e30, math.nan, math.inf])
+def test_a_state_of_learning_that_is_none_ends_no_terminal(sea: Watched, state: float) -> None:
+    sea.station.receive(sea.now, said_by_the_boat(dialect.MAVLink_named_value_float_message(1, b"lrn_state", state)))
+    assert any("model: learning" in line.text for line in screen(sea.station, sea.now, (80, 30)))
+
+
+def said_by_the_boat(message: Any) -> Any:
+    (heard,) = MavlinkCodec().decode(MavlinkCodec(1, 1).encode(message))
+    return heard
 
 
 def test_silence_ages_every_value_and_leaves_a_gap_in_the_plots(sea: Watched) -> None:

@@ -64,7 +64,7 @@ def word(page: Any, element: str, words: str) -> None:
     until(page, f"document.getElementById({element!r}).textContent.includes({words!r})")
 
 
-def test_a_touch_engages_and_turns_the_boat_and_a_key_releases_her(helm: Helm) -> None:
+def test_a_touch_engages_and_turns_the_boat_and_a_key_releases_it(helm: Helm) -> None:
     page, sea = helm.open(), helm.sea
     before = math.degrees(sea.box.heading)
     page.click("#engage")

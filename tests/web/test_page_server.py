@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
+import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +18,8 @@ from typing import Any
 
 import httpx2
 import pytest
-from page_server import TOKEN, SailingHub
+from alarm_texts import other
+from page_server import TOKEN, SailingHub, served
 from starlette.requests import Request
 from starlette.testclient import TestClient
 from watched_boat import Watched
@@ -23,9 +27,10 @@ from watched_boat import Watched
 from autopilot.cli.main import main
 from autopilot.cli.web import listening_address
 from autopilot.errors import InputError
+from autopilot.signals import AlarmSample
 from autopilot.web import page_files
 from autopilot.web.access import Access, token_of
-from autopilot.web.hub import BEHIND_MOST
+from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST
 from autopilot.web.log_shelf import LogShelf
 from autopilot.web.server import HEADERS, _short_body, build_app, known_hosts
 
@@ -73,18 +78,25 @@ def test_who_has_no_token_looks_and_orders_nothing(client: Any, sea: Watched) ->
 
 
 def test_orders_with_the_token_are_carried_out_and_refusals_say_why(client: Any, sea: Watched) -> None:
-    def order(**wish: Any) -> Any:
-        return client.post("/api/order", json=wish, headers=BEARER).json()
+    def order(**wish: Any) -> tuple[int, bool, str]:
+        answer = client.post("/api/order", json=wish, headers=BEARER)
+        return answer.status_code, *answer.json().values()
 
     assert client.get("/api/may", headers=BEARER).json() == {"may": True}
-    assert order(do="engage") == {"taken": True, "words": ""}
+    assert order(do="turn", degrees=10) == (409, False, "engage first: no course is being steered")
+    assert order(do="engage") == (200, True, "")
     assert sea.tick is not None and sea.tick.mode.name == "ENGAGED"
-    refused = order(do="route")
-    assert refused["taken"] is False and ("route" in refused["words"] or "mission" in refused["words"])
-    assert "allowed are engage" in order(do="sink")["words"]
-    assert client.post("/api/order", content=b"{", headers=BEARER).status_code == 422
+    status, taken, words = order(do="route")
+    assert (status, taken) == (409, False) and ("route" in words or "mission" in words)
+    status, taken, words = order(do="sink")
+    assert (status, taken) == (400, False) and "allowed are engage" in words
+    assert client.post("/api/order", content=b"{", headers=BEARER).status_code == 400
     assert client.post("/api/order", content=b" " * 5000, headers=BEARER).status_code == 413
-    assert order(do="release")["taken"] and not sea.commands.armed
+    assert order(do="release") == (200, True, "") and not sea.commands.armed
+    sea.links = []
+    assert order(do="engage") == (409, False, "the boat does not answer")
+    sea.station.view.forget()
+    assert order(do="engage") == (409, False, "no boat that runs this pilot is heard")
 
 
 @pytest.mark.parametrize(
@@ -107,7 +119,7 @@ def test_orders_with_the_token_are_carried_out_and_refusals_say_why(client: Any,
 )
 def test_a_strange_order_is_refused_in_a_short_sentence(client: Any, sea: Watched, body: bytes) -> None:
     answer = client.post("/api/order", content=body, headers=BEARER)
-    assert answer.status_code == 422 and len(answer.json()["words"]) < 300
+    assert answer.status_code == 400 and len(answer.json()["words"]) < 300
     assert not sea.commands.armed
     assert client.post("/api/order", content=body, headers={"authorization": "Bearer wrong"}).status_code == 403
 
@@ -153,6 +165,12 @@ def test_a_log_is_downloaded_with_a_ticket_and_nothing_else_is(client: Any, sea:
         assert client.post(f"/api/logs/{name}/ticket", headers=BEARER).status_code == 404
     sea.watch(130.0)
     assert client.get(href).status_code == 403
+
+
+def test_a_log_whose_name_is_no_text_hides_no_other(client: Any, tmp_path: Path) -> None:
+    (tmp_path / "logs" / os.fsdecode(b"\xff.tlog")).write_bytes(b"\x00")
+    listing = client.get("/api/logs", headers=BEARER)
+    assert listing.status_code == 200 and [row["name"] for row in listing.json()["logs"]] == ["one.tlog"]
 
 
 def test_a_log_that_is_being_written_is_downloaded_as_far_as_it_is(tmp_path: Path) -> None:
@@ -212,6 +230,88 @@ def test_a_browser_that_does_not_keep_up_is_let_go_and_holds_nobody_back(sea: Wa
         assert events_of(await anext(quick))
 
     run_hub(sea, play)
+
+
+def test_who_only_looks_takes_no_place_from_who_has_the_token(sea: Watched) -> None:
+    async def play(hub: SailingHub) -> None:
+        crowd = [hub.follow("192.0.2.1") for _ in range(CLIENTS_MOST)]
+        skipper, guest = hub.follow(), hub.follow("192.0.2.2")
+        for newcomer in (skipper, guest):
+            assert "state" in dict(events_of(await anext(newcomer)))
+        assert [[data async for data in gone] for gone in crowd[:2]] == [[], []], "the oldest of the crowd"
+        assert dict(events_of(await anext(crowd[2])))
+        crowd += [hub.follow("192.0.2.1") for _ in range(3 * CLIENTS_MOST)]
+        hub.tell()
+        for each in (skipper, guest, crowd[-1]):
+            assert events_of(await anext(each))
+        mates = [hub.follow() for _ in range(CLIENTS_MOST - 1)]
+        assert hub.follow("192.0.2.3") is None and hub.follow() is None, "all have the token"
+        hub.tell()
+        assert events_of(await anext(skipper))
+        assert [data async for data in guest] == []
+        await anext(mates[0])
+        await mates[0].aclose()
+        assert hub.follow("192.0.2.3") is not None, "one of them has gone"
+
+    run_hub(sea, play)
+
+
+def looking(stack: contextlib.ExitStack, address: str, headers: dict[str, str] | None = None) -> Any:
+    """Return the page's events as a browser gets them, open until the stack ends."""
+    limits = httpx2.Limits(max_connections=None)
+    client = stack.enter_context(httpx2.Client(base_url=address, timeout=60.0, limits=limits))
+    return stack.enter_context(client.stream("GET", "/api/events", headers=headers or {}))
+
+
+@pytest.mark.real_time
+def test_thirty_two_who_only_look_do_not_shut_out_the_skipper(sea: Watched) -> None:
+    with served(sea) as (address, _), contextlib.ExitStack() as stack:
+        crowd = [looking(stack, address) for _ in range(CLIENTS_MOST)]
+        texts = looking(stack, address, BEARER).iter_text()
+        seen = "".join(next(texts) for _ in range(20))
+        assert seen.count("event: state") >= 15
+        assert "event: state" in "".join(crowd[0].iter_text()), "it was let go, and its stream has ended"
+
+
+PAGE = """
+const listed = [];
+globalThis.location = { hash: "#token=" + process.argv[2], pathname: "/" };
+globalThis.history = { replaceState() {} };
+globalThis.localStorage = { setItem() {}, getItem: () => null };
+const { fetch } = globalThis;
+globalThis.fetch = (path, options) => fetch(process.argv[3] + path, options);
+const { boat, connect, learnToken, ask, may } = await import(process.argv[4]);
+learnToken();
+boat.onState = () => listed.push(boat.state.mode);
+connect();
+while (listed.length < 10 || !may()) await new Promise((done) => setTimeout(done, 50));
+const bad = await ask({ do: "sink" }), not_now = await ask({ do: "turn", degrees: 10 });
+const taken = await ask({ do: "engage" });
+while (boat.state.mode !== "heading") await new Promise((done) => setTimeout(done, 50));
+const { alarms, refused } = boat;
+console.log(JSON.stringify({ bad, not_now, taken, mode: listed[0], alarms: alarms.length, refused }));
+process.exit(0);
+"""
+"""The page's own connection to the boat, in a program that is no browser but has what it needs of one."""
+
+
+@pytest.mark.real_time
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node on this machine")
+def test_the_page_itself_shows_the_token_where_others_only_look(sea: Watched, tmp_path: Path) -> None:
+    (tmp_path / "boat.mjs").write_bytes(page_files()["boat.js"])
+    (tmp_path / "page.mjs").write_text(PAGE)
+    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
+    with served(sea) as (address, _), contextlib.ExitStack() as stack:
+        for _ in range(CLIENTS_MOST):
+            looking(stack, address)
+        command = ["node", str(tmp_path / "page.mjs"), TOKEN, address, str(tmp_path / "boat.mjs")]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)
+    assert not seen["bad"]["taken"] and "allowed are engage" in seen["bad"]["words"]
+    assert seen["not_now"] == {"taken": False, "words": "engage first: no course is being steered"}
+    assert seen["taken"] == {"taken": True, "words": ""}
+    assert (seen["mode"], seen["alarms"], seen["refused"]) == ("standby", 1, "")
 
 
 def test_tokens_are_kept_for_their_owner_alone(tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.alarm_words import sentence_of
-from autopilot.links.admission import Door, Doors, Presence, is_order, stands_by, strangers_of
+from autopilot.links.admission import Door, Doors, Presence, disarms, is_order, stands_by, strangers_of
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.boat.alarm_list import ALARMS, alarm_list
-from autopilot.links.boat.commands import Commands
+from autopilot.links.boat.commands import ACCEPTED, DENIED, Commands
 from autopilot.links.boat.metadata import NO_FILES
 from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.boat.station_service import StationService
@@ -20,8 +20,19 @@ from autopilot.links.boat.telemetry import Telemetry
 from autopilot.links.mavlink_codec import MavlinkCodec, Message
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
+from autopilot.links.transports.sockets import peer_of
 from autopilot.links.url import believe_signed
-from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    AlarmState,
+    ConditionSample,
+    Mode,
+    OrderKind,
+    RudderCommand,
+    Sample,
+    Tick,
+)
 
 COMPONENT = 1
 HEARTBEAT_S = 1.0
@@ -41,7 +52,36 @@ REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"
 STRANGERS = "refused: a system id that is not allowed"
 STOPPED_S = 30.0
-LOOKING_ONLY = "no orders without a signing key from another machine: set a key, or allow security.orders_without_key"
+LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
+STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
+
+
+class _Notice:
+    """An alarm of a link's own: it begins when something happens, and ends a while after that has happened last."""
+
+    def __init__(self, name: str, link: str) -> None:
+        self._name, self._source = name, f"{link} {name}"
+        self._last = -math.inf
+        self._event = AlarmEvent(name)
+        self._is_on = False
+
+    def happened(self, now: float, detail: str) -> None:
+        """Note that it has happened at `now` [s]; the detail of the first is said until the alarm ends."""
+        if not self._is_on:
+            self._event = AlarmEvent(self._name, detail)
+        self._last = now
+
+    def news(self, now: float, tick: Tick | None, until_heard: bool = False) -> list[Sample]:
+        """Return the alarm where it begins, and its end; `until_heard`: none before somebody has acknowledged it."""
+        is_on = now - self._last < STOPPED_S or (self._is_on and until_heard and not self._is_heard(tick))
+        if is_on == self._is_on:
+            return []
+        self._is_on = is_on
+        return [AlarmSample(now, self._event if is_on else None, self._source)]
+
+    def _is_heard(self, tick: Tick | None) -> bool:
+        shown = () if tick is None else zip(tick.alarms, tick.heard, strict=False)
+        return (*self._event[:2], AlarmState.ACKNOWLEDGED) in [(*event[:2], state) for event, state in shown]
 
 
 class BoatLink:
@@ -53,7 +93,7 @@ class BoatLink:
 
     Attributes:
         takes_orders: whether orders are carried out; else a station on this link only looks, and may let the pilot
-            stand by: taking the helm away needs no leave.
+            stand by: taking the helm away needs no leave, the first time (`admission.Stops`).
         lost: why the line is gone, None while it is there; steering goes on without it.
         dropped: packets that the transport could not take, and messages beyond what a turn heeds.
     """
@@ -87,8 +127,9 @@ class BoatLink:
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[AlarmEvent, ...] = ()
         self.lost: AlarmEvent | None = None
-        self._flooded = self._stopped = -math.inf
-        self._says_flooded = self._says_stopped = False
+        self._flooded = -math.inf
+        self._says_flooded = False
+        self._stopped, self._stop_refused = _Notice("station_stopped", self.name), _Notice("stop_refused", self.name)
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
@@ -123,7 +164,13 @@ class BoatLink:
         self._door.count_strangers(strangers_of(self._transport) - strangers)
         if self._codec.refused > refused:
             self._refuse(now, REFUSAL)
-        return [*self._flood(now), *self._stop(now), *(self._presence.update(now) if not self.lost else [])]
+        tick = self._telemetry.tick
+        return [
+            *self._flood(now),
+            *self._stopped.news(now, tick, until_heard=True),
+            *self._stop_refused.news(now, tick),
+            *(self._presence.update(now) if not self.lost else []),
+        ]
 
     def _flood(self, now: float) -> list[Sample]:
         """Return word of a flood that has begun, or is over for some seconds."""
@@ -139,22 +186,32 @@ class BoatLink:
         refusal = self._door.refusal(now, message)
         if refusal:
             self._refuse(now, refusal)
-        elif not self.takes_orders and is_order(message) and not stands_by(message):
-            self._refuse(now, LOOKING_ONLY)
-            self._transmit(now, *self._service.denied(message))
-        else:
-            tick = self._telemetry.tick
-            if not self.takes_orders and is_order(message) and tick is not None and tick.command.engaged:
-                self._stopped = now
+        elif self.takes_orders or not is_order(message):
             self._transmit(now, *self._service.take(now, message))
+        elif stands_by(message):
+            self._transmit(now, *self._stop(now, message))
+        else:
+            self._transmit(now, *self._deny(now, message, LOOKING_ONLY))
 
-    def _stop(self, now: float) -> list[Sample]:
-        """Return word that a station which only looks has let the pilot stand by, and the end of that word."""
-        says = now - self._stopped < STOPPED_S
-        if says == self._says_stopped:
-            return []
-        self._says_stopped = says
-        return [AlarmSample(now, AlarmEvent("station_stopped") if says else None, f"{self.name} standing by")]
+    def _stop(self, now: float, message: Message) -> list[Message]:
+        """Let the pilot stand by for a station that only looks, where it may, and say who it was; return the answer."""
+        stops, sender = self._door.stops, f"system {message.get_srcSystem()} at {peer_of(self._transport) or self.name}"
+        if stops.obeys(now):
+            self._stopped.happened(now, sender)
+            return self._service.take(now, message)
+        if stops.keeps(now):
+            self._stop_refused.happened(now, sender)
+            return self._deny(now, message, STOP_REFUSED)
+        # nothing is steered: no new order comes of it, which would acknowledge what sounds
+        if disarms(message) and self._commands.armed:
+            if not stops.has_just_obeyed(now):
+                return self._deny(now, message, LOOKING_ONLY)
+            self._commands.armed = False
+        return self._service.answered(message, ACCEPTED)
+
+    def _deny(self, now: float, message: Message, reason: str) -> list[Message]:
+        self._refuse(now, reason)
+        return self._service.answered(message, DENIED)
 
     def _refuse(self, now: float, reason: str) -> None:
         if now >= self._refusals.get(reason, -math.inf):
@@ -170,6 +227,7 @@ class BoatLink:
 
     def show(self, tick: Tick) -> None:
         """Send the telemetry that falls due with `tick`."""
+        self._door.stops.ticked(tick.now, tick.order.kind is not OrderKind.STANDBY)
         self._telemetry.take(tick)
         self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
 

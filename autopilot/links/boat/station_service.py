@@ -60,14 +60,14 @@ class StationService:
         reply = self._replies.get(message.get_type())
         return reply(now, message) if reply is not None else []
 
-    def denied(self, message: Message) -> list[Message]:
-        """Return how an order is answered over a link that takes none; nothing aboard changes."""
+    def answered(self, message: Message, result: int) -> list[Message]:
+        """Return the answer to an order of which nothing aboard changes; parameters and routes are denied."""
         kind, sender = message.get_type(), _sender(message)
         if kind == "PARAM_SET":
             return self._parameters.unchanged(message)
         if kind.startswith("MISSION_"):
             return self._missions.denied(message)
-        return [acknowledgement(message_id(message) if kind == "SET_MODE" else message.command, DENIED, sender)]
+        return [acknowledgement(message_id(message) if kind == "SET_MODE" else message.command, result, sender)]
 
     def due(self, now: float) -> list[Message]:
         """Return what falls due by `now` [s]: progress, the next of a list or a file, requests for items."""

@@ -18,6 +18,7 @@ class LoopbackTransport:
     def __init__(self, name: str, incoming: deque[bytes], outgoing: deque[bytes]) -> None:
         self.name = name
         self.is_stream = False
+        self.is_local = True
         self._incoming = incoming
         self._outgoing = outgoing
         self._closed = False
@@ -88,6 +89,7 @@ class ReplayTransport:
     def __init__(self, chunks: Iterable[tuple[float, bytes]], name: str = "replay", is_stream: bool = False) -> None:
         self.name = name
         self.is_stream = is_stream
+        self.is_local = True
         self.sent: list[bytes] = []
         self._waiting = deque(chunks)
         self._now = float("-inf")

@@ -24,6 +24,8 @@ class SerialTransport:
     """
 
     is_stream = True
+    is_local = False
+    """Nobody knows what is plugged in: a telemetry radio is open to everybody in its range."""
 
     def __init__(self, name: str, path: str, baud: int) -> None:
         self.name = name

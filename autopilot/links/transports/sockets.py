@@ -78,6 +78,15 @@ def interface_address(name: str) -> str | None:
     return socket.inet_ntoa(answer[20:24])
 
 
+def peer_of(transport: object) -> str:
+    """Return the address of who is, or was last, at the other end of a listening transport; '' where none is known."""
+    peer = getattr(transport, "peer", None)
+    if not peer:
+        return ""
+    host, port = peer[:2]
+    return f"[{host}]:{port}" if ":" in str(host) else f"{host}:{port}"
+
+
 def disconnect(sock: socket.socket) -> None:
     """Let a connected UDP socket hear everybody again, at the port it has. Python itself has no way to say so."""
     bound = sock.getsockname()

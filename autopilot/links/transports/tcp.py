@@ -132,6 +132,8 @@ class TcpServerTransport:
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self._listener.setblocking(False)
         self._client: _Connection | None = None
+        self.peer: tuple[str | int, ...] | None = None
+        """Address of the client that was there last."""
         self._is_held = False
         try:
             self._listener.bind(address)
@@ -210,4 +212,5 @@ class TcpServerTransport:
             self.strangers += 1
             sock.close()
             return None
+        self.peer = sender
         return _Connection(sock)

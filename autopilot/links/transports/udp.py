@@ -45,7 +45,6 @@ class _UdpTransport:
     def __init__(self, name: str, sock: socket.socket, address: str) -> None:
         self.name = name
         self.is_local = is_loopback(address)
-        """Whether only programs of this machine can be at the other side."""
         self.strangers = 0
         """Datagrams dropped because they came from somebody else than the peer."""
         self._socket = sock

@@ -29,7 +29,7 @@ from autopilot.loop.logs.series import (
     FloatArray,
     Recording,
     Series,
-    from_zero,
+    on_one_clock,
     series_of,
 )
 from autopilot.loop.logs.servo import Servo, ServoScale, steering_servo
@@ -77,7 +77,7 @@ def _recording(path: str, log: DataFlash, servo: Servo | ServoScale | None) -> R
         )
     notes = _damage(path, log)
     steering = _steering(path, log, servo, notes)
-    return from_zero(Recording(path, "ArduPilot DataFlash log", (*series, *steering), _began(log), tuple(notes)))
+    return on_one_clock(Recording(path, "ArduPilot DataFlash log", (*series, *steering), _began(log), tuple(notes)))
 
 
 def _series(log: DataFlash, quantity: str, message: str, field: str, factor: float) -> tuple[Series, ...]:

@@ -24,6 +24,7 @@ from autopilot.loop.logs.tlog_packets import TlogPackets
 from autopilot.loop.record import PAYLOAD_TYPE, Log
 from autopilot.signals import Tick
 
+LATEST_S = 1.8e10
 NUMBER = {"type": ["number", "null"]}
 TEXT = {"type": "string"}
 VALUE = {"value": NUMBER}
@@ -73,7 +74,7 @@ def write_mcap(path: Path, entries: Iterable[Entry], source: str) -> int:
                             entry.kind, "jsonschema", json.dumps(schema).encode()
                         )
                     channels[entry.topic] = writer.register_channel(entry.topic, "json", schemas[entry.kind])
-                when = max(0, round(entry.time * 1.0e9))
+                when = _nanoseconds(entry.time)
                 data = json.dumps(entry.content, allow_nan=False, separators=(",", ":")).encode()
                 writer.add_message(channels[entry.topic], when, data, when)
                 count += 1
@@ -136,6 +137,11 @@ def _tick(tick: Tick) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _nanoseconds(time: float) -> int:
+    """Return a time as a .mcap holds it, which is up to the year 2554; a damaged one may be anything."""
+    return round(min(max(time, 0.0), LATEST_S) * 1.0e9) if math.isfinite(time) else 0
 
 
 def _plain(value: Any) -> Any:

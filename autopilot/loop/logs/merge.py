@@ -18,6 +18,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.loop.logs.series import HEADING, RATE, FloatArray, Recording, Series, from_zero, shifted
+from autopilot.order_values import typed_number
 
 GRID_S = (0.05, 1.0)
 SMOOTH_S = 1.0
@@ -70,7 +71,7 @@ def _source(part: str, text: str) -> Source:
     if not at or Path(part).exists():
         return Source(part)
     try:
-        offset = float(seconds)
+        offset = typed_number(seconds)
     except ValueError:
         offset = float("nan")
     if not abs(offset) <= LONGEST_S:

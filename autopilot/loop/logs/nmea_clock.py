@@ -29,6 +29,8 @@ _TAG = re.compile(r"\\[^\\]*?c:(\d+)[^\\]*\\\s*$")
 _ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:[.,]\d+)?)\s*(Z|[+-]\d\d:?\d\d)?")
 _OF_DAY = re.compile(r"(?<![\d:])(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)(?![\d:])")
 _NUMBER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)(?![\w.])")
+_ZDA_DATE = re.compile(r"(\d\d?),(\d\d?),(\d{4})")
+_RMC_DATE = re.compile(r"(\d\d)(\d\d)(\d\d)")
 
 
 def stamp_of(prefix: str) -> tuple[float, bool] | None:
@@ -47,7 +49,8 @@ def stamp_of(prefix: str) -> tuple[float, bool] | None:
             return None
     clock = _OF_DAY.search(prefix)
     if clock:
-        return _of_day(clock[1], clock[2], clock[3].replace(",", ".")), True
+        time = _of_day(clock[1], clock[2], clock[3].replace(",", "."))
+        return None if time is None else (time, True)
     number = _NUMBER.search(prefix)
     return _epoch(number[1]) if number else None
 
@@ -60,7 +63,10 @@ def _epoch(digits: str) -> tuple[float, bool] | None:
     return (value, False) if value <= MILLISECONDS_FROM else None
 
 
-def _of_day(hours: str, minutes: str, seconds: str) -> float:
+def _of_day(hours: str, minutes: str, seconds: str) -> float | None:
+    """Return the time of day [s], None where no clock shows it; a day may end with a leap second."""
+    if int(hours) > 23 or int(minutes) > 59 or float(seconds) >= 61.0:
+        return None
     return int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds)
 
 
@@ -78,15 +84,17 @@ def utc_of(sentence: Sentence) -> float | None:
 def date_of(sentence: Sentence) -> float | None:
     """Return the Unix time [s] of the day's beginning in RMC or ZDA, None where it is not there."""
     fields = sentence.fields
+    if sentence.type == "RMC" and len(fields) > 8:
+        found, century = _RMC_DATE.fullmatch(fields[8]), 2000
+    elif sentence.type == "ZDA":
+        found, century = _ZDA_DATE.fullmatch(",".join(fields[1:4])), 0
+    else:
+        return None
+    if found is None:
+        return None
     try:
-        if sentence.type == "RMC" and len(fields) > 8 and re.fullmatch(r"\d{6}", fields[8]):
-            day, month, year = int(fields[8][:2]), int(fields[8][2:4]), 2000 + int(fields[8][4:])
-        elif sentence.type == "ZDA" and len(fields) > 3 and all(part.isdecimal() for part in fields[1:4]):
-            day, month, year = (int(part) for part in fields[1:4])
-        else:
-            return None
-        return datetime(year, month, day, tzinfo=UTC).timestamp()
-    except ValueError:
+        return datetime(century + int(found[3]), int(found[2]), int(found[1]), tzinfo=UTC).timestamp()
+    except ValueError:  # a day that no calendar has
         return None
 
 

@@ -16,7 +16,7 @@ from autopilot.links.nmea0183 import NmeaFramer, Sentence
 from autopilot.links.nmea_encoders import KMH_M_S, KNOT_M_S
 from autopilot.links.nmea_fields import SPEED_LIMIT, NoDataError, angle, letter, number, status
 from autopilot.links.nmea_samples import NmeaReader
-from autopilot.loop.logs.nmea_clock import date_of, spread, stamp_of, utc_of, without_midnight
+from autopilot.loop.logs.nmea_clock import EPOCH_FROM, date_of, spread, stamp_of, utc_of, without_midnight
 from autopilot.loop.logs.series import (
     HEADING,
     LATITUDE,
@@ -30,7 +30,7 @@ from autopilot.loop.logs.series import (
     FloatArray,
     Recording,
     Series,
-    from_zero,
+    on_one_clock,
     series_of,
 )
 from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample
@@ -71,7 +71,7 @@ def read_nmea(path: str, data: bytes, variation: float | None = None) -> Recordi
         raise InputError(
             f"{path}: holds no heading, rate, rudder or speed (HDG, HDM, HDT, THS, ROT, RSA, VHW, RMC, VTG)."
         )
-    return from_zero(Recording(path, "NMEA 0183 sentences", tuple(series), date, tuple(notes)))
+    return on_one_clock(Recording(path, "NMEA 0183 sentences", tuple(series), date, tuple(notes)))
 
 
 def _lines(data: bytes) -> tuple[list[Line], int]:
@@ -110,15 +110,17 @@ def _stamped(
     path: str, lines: list[Line], stamps: list[tuple[float, bool]]
 ) -> tuple[FloatArray, float | None, list[str]]:
     time = np.array([seconds for seconds, _ in stamps])
-    if all(of_day for _, of_day in stamps):
-        return without_midnight(time), _day(lines), []
+    of_day = all(of_day for _, of_day in stamps)
+    time = without_midnight(time) if of_day else time
     back = np.flatnonzero(np.diff(time) < -1.0)
     if back.size:
         raise InputError(
             f"{path}: the time stamps step back by {time[back[0]] - time[back[0] + 1]:.1f} s at sentence "
             f"{back[0] + 2}: the clock was set, or two logs were put together; keep one part."
         )
-    return time, 0.0 if time[0] > 3.0e8 else None, []
+    if of_day:
+        return time, _day(lines), []
+    return time, 0.0 if time[-1] > EPOCH_FROM else None, []
 
 
 def _day(lines: list[Line]) -> float | None:

@@ -19,7 +19,7 @@ from autopilot.loop.logs.series import (
     SPEED,
     Recording,
     Series,
-    from_zero,
+    on_one_clock,
     series_of,
 )
 from autopilot.loop.record import PAYLOAD_TYPE, Log, read_logs, read_packets
@@ -42,15 +42,17 @@ def read_own(path: str) -> Recording:
     began = began_of(path, log)
     notes = () if len(logs) == 1 else (f"{path}: holds {len(logs)} logs; the first is read.",)
     series = (*_estimates(log.ticks), *_samples(log.ticks))
-    return from_zero(Recording(path, "Norrbin log", series, began, notes, str(log.header.get("vessel", ""))))
+    return on_one_clock(Recording(path, "Norrbin log", series, began, notes, log.header.get("vessel", "")))
 
 
 def began_of(path: str, log: Log) -> float | None:
-    """Return the Unix time of the loop clock's zero: from the tick's own record, stamped when it was made."""
+    """Return the Unix time of the loop clock's zero: from the tick's own record, stamped when it was made; None where
+    no tick says."""
     if not log.ticks:
         return None
     stamp = next(stamp for stamp, _ in read_packets(Path(path)))
-    return stamp - log.ticks[0].now
+    began = stamp - log.ticks[0].now
+    return began if math.isfinite(began) else None
 
 
 def _estimates(ticks: list[Tick]) -> list[Series]:

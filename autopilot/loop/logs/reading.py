@@ -10,12 +10,12 @@ from typing import NamedTuple
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MAGIC_V1
 from autopilot.links.signing import MAGIC_V2
-from autopilot.loop.csv_log import COLUMNS, read_csv
+from autopilot.loop.csv_log import read_csv
 from autopilot.loop.logs.dataflash import HEAD
 from autopilot.loop.logs.dataflash_log import read_dataflash
 from autopilot.loop.logs.nmea_text import is_nmea_text, read_nmea
 from autopilot.loop.logs.own_log import is_own, read_own
-from autopilot.loop.logs.series import Recording, from_zero, series_of
+from autopilot.loop.logs.series import Recording, on_one_clock, series_of
 from autopilot.loop.logs.servo import Servo, ServoScale
 from autopilot.loop.logs.tlog import read_tlog
 from autopilot.loop.logs.ulog import read_ulog
@@ -106,11 +106,10 @@ def is_tlog(data: bytes) -> bool:
 
 
 def _read_table(path: str, column_map: Mapping[str, str] | None) -> Recording:
-    columns = read_csv(path, column_map, (("time_s",),))
+    columns, notes = read_csv(path, column_map, (("time_s",),))
     time = columns.pop("time_s")
-    named = {column.si_name for column in COLUMNS.values()}
-    series = [s for name in columns if name in named for s in series_of(name, "table", time, columns[name])]
-    return from_zero(Recording(path, "CSV table", tuple(series)))
+    series = [s for name, values in columns.items() for s in series_of(name, "table", time, values)]
+    return on_one_clock(Recording(path, "CSV table", tuple(series), None, notes))
 
 
 def bytes_of(path: str) -> bytes:

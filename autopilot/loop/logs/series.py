@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from autopilot.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -24,8 +27,20 @@ ANGLES = (HEADING, WIND_DIRECTION, LONGITUDE)
 """Quantities that go round the circle."""
 
 
-FARTHEST_S = 3.0 * 86400.0
-"""A sample whose time is further than this off the middle of the others' is damage: no run is so long."""
+DAY_S = 86400.0
+FARTHEST_S = 3.0 * DAY_S
+"""Neighbours further apart than this are not of one clock: it was set between them, or one of them is damage."""
+PART_SHARE = 0.02
+"""The part before or behind such a step is damage where it has a smaller share of the samples of the largest part."""
+PAUSE_S = 60.0
+"""How long after its end the part behind a step is taken to begin: nobody knows, and so much is a gap to everybody."""
+LONGEST_S = 30.0 * DAY_S
+STEPS_S = (1.0e-7, 600.0)
+"""How far apart the samples of a recording can be, for the most part; closer ones are of one moment."""
+LARGEST = 1.0e11
+"""No quantity of a boat is larger, in SI units."""
+LATEST_S = 1.0e20
+"""No log's own form of time goes further: beyond are no times but numbers that were damaged."""
 
 
 class Series(NamedTuple):
@@ -78,12 +93,9 @@ class Recording(NamedTuple):
 def series_of(
     quantity: str, source: str, times: Sequence[float] | FloatArray, values: Sequence[float] | FloatArray
 ) -> tuple[Series, ...]:
-    """Return the series of finite samples in order of time, of samples at one time the last; none where empty."""
+    """Return the series of samples that can be, in order of time, of samples at one time the last; none where empty."""
     time, value = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
-    known = np.isfinite(time) & np.isfinite(value)
-    if not known.any():
-        return ()
-    known &= np.abs(time - np.median(time[known])) < FARTHEST_S
+    known = (np.abs(time) <= LATEST_S) & (np.abs(value) <= LARGEST)
     time, value = time[known], value[known]
     if time.size == 0:
         return ()
@@ -91,6 +103,84 @@ def series_of(
     time, value = time[order], value[order]
     last = np.append(np.diff(time) > 0.0, True)
     return (Series(quantity, source, time[last], value[last]),)
+
+
+class Clock(NamedTuple):
+    """One clock for the parts of a recording between which its own was set.
+
+    begins [s]: of each part, by the recording's own clock. moves [s]: what is added to its times, nan where it is
+    damage. notes: sentences about both.
+    """
+
+    begins: FloatArray
+    moves: FloatArray
+    notes: tuple[str, ...]
+
+    def read(self, time: FloatArray) -> FloatArray:
+        """Return times [s] by this clock, nan where they are damage."""
+        part = np.searchsorted(self.begins, time, side="right") - 1
+        return np.asarray(time + self.moves[part], dtype=np.float64)
+
+
+def check_steps(source: str, time: FloatArray) -> None:
+    """Raise InputError where rising times [s] cannot be those of a recording."""
+    steps = np.diff(time)
+    if steps.size > 1 and not STEPS_S[0] <= (usual := float(np.median(steps))) <= STEPS_S[1]:
+        raise InputError(
+            f"{source}: its times cannot be those of a recording: {time.size} samples in {time[-1] - time[0]:.3g} s, "
+            f"{usual:.3g} s apart for the most part and {np.min(steps):.3g} s at least; times are in seconds, and "
+            f"{STEPS_S[0]:g} to {STEPS_S[1]:g} s apart."
+        )
+
+
+def clock_of(source: str, times: FloatArray) -> Clock:
+    """Return the clock for the samples at `times` [s], in any order. Raises InputError where they span too much."""
+    times = np.sort(times, kind="stable")  # quick on what is sorted for the most part
+    parts = np.split(times, np.flatnonzero(np.diff(times) > FARTHEST_S) + 1)
+    least = PART_SHARE * max(part.size for part in parts)
+    kept = [number for number, part in enumerate(parts) if part.size >= least]
+    moves, jumps = np.full(len(parts), np.nan), []
+    moves[kept[:1]] = 0.0
+    for before, after in itertools.pairwise(kept):
+        end, begin = float(parts[before][-1]), float(parts[after][0])
+        moves[after] = end + moves[before] + PAUSE_S - begin
+        jumps.append((end, begin))
+    notes = []
+    if jumps:
+        (end, begin), more = jumps[0], f", and {len(jumps) - 1} times more" if len(jumps) > 1 else ""
+        notes.append(
+            f"{source}: its clock jumps by {(begin - end) / DAY_S:.5g} days, from {end:.10g} s to {begin:.10g} s{more} "
+            f"(it was set, or two logs were put together); what follows is taken to begin {PAUSE_S:g} s later."
+        )
+    left_out = times.size - sum(parts[number].size for number in kept)
+    if left_out:
+        notes.append(f"{source}: {left_out} of {times.size} samples are left out: their times are days off the rest.")
+    length = parts[kept[-1]][-1] + moves[kept[-1]] - parts[kept[0]][0]
+    if length > LONGEST_S:
+        raise InputError(
+            f"{source}: its times cannot be those of one recording: it is {length / DAY_S:.4g} days long, and "
+            f"{LONGEST_S / DAY_S:g} are the most; cut out the part that is meant."
+        )
+    return Clock(np.array([part[0] for part in parts]), moves, tuple(notes))
+
+
+def on_one_clock(recording: Recording) -> Recording:
+    """Return what a reader has found on one clock from zero, without what is damage by its time. Raises InputError."""
+    if not recording.series:
+        return recording
+    check_steps(recording.source, max((series.time for series in recording.series), key=np.size))
+    clock = clock_of(recording.source, np.concatenate([series.time for series in recording.series]))
+    series = []
+    for one in recording.series:
+        time = clock.read(one.time)
+        last = np.isfinite(time) & ~(np.diff(time, append=np.inf) < STEPS_S[0])
+        if last.any():
+            series.append(one._replace(time=time[last], values=one.values[last]))
+    # of the clock's settings the last is right
+    set_by = float(clock.moves[np.isfinite(clock.moves)][-1])
+    began = None if recording.began is None else recording.began - set_by
+    notes = (*recording.notes, *clock.notes)
+    return from_zero(recording._replace(series=tuple(series), began=began, notes=notes))
 
 
 def from_zero(recording: Recording) -> Recording:
@@ -114,18 +204,6 @@ def duration(recording: Recording) -> float:
     if not recording.series:
         return 0.0
     return max(float(s.time[-1]) for s in recording.series) - min(float(s.time[0]) for s in recording.series)
-
-
-def columns_to_series(
-    names: Mapping[str, str], source: str, time: FloatArray, columns: Mapping[str, FloatArray]
-) -> tuple[Series, ...]:
-    """Return a series for each of `columns` that `names` maps to a quantity."""
-    return tuple(
-        series
-        for column, quantity in names.items()
-        if column in columns
-        for series in series_of(quantity, source, time, columns[column])
-    )
 
 
 def _span(series: Series) -> float:

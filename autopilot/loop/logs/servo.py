@@ -72,7 +72,7 @@ def servo_from_text(text: str) -> Servo:
     number, *rest = text.split(":")
     is_reversed = bool(rest) and rest[-1] == "reversed"
     pulses = rest[:-1] if is_reversed else rest
-    if not number.isdecimal() or len(pulses) != 3 or not all(pulse.isdecimal() for pulse in pulses):
+    if len(pulses) != 3 or not all(word.isascii() and word.isdecimal() and len(word) < 6 for word in (number, *pulses)):
         raise InputError(f"--servo {text!r}: write {SHAPE}")
     low, trim, high = (float(pulse) for pulse in pulses)
     servo = Servo(int(number), low, trim, high, is_reversed)

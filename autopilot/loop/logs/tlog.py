@@ -31,7 +31,7 @@ from autopilot.loop.logs.series import (
     FloatArray,
     Recording,
     Series,
-    from_zero,
+    on_one_clock,
     series_of,
 )
 from autopilot.loop.logs.servo import Servo, ServoScale, steering_servo
@@ -238,7 +238,7 @@ def read_tlog(path: str, data: bytes, system: int | None = None, servo: Servo | 
         vehicle.starts[0] if vehicle.starts and vehicle.starts[0] > MILLENNIUM_S else None,
         (*notes, *steering_note),
     )
-    return from_zero(recording)
+    return on_one_clock(recording)
 
 
 USED = frozenset(VehicleLog()._handlers)

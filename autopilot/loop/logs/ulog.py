@@ -27,7 +27,7 @@ from autopilot.loop.logs.series import (
     FloatArray,
     Recording,
     Series,
-    from_zero,
+    on_one_clock,
     series_of,
 )
 from autopilot.loop.logs.servo import Servo, ServoScale, steering_servo
@@ -85,7 +85,7 @@ def read_ulog(path: str, data: bytes, servo: Servo | ServoScale | None = None) -
     parameters = {name: float(value) for name, value in told if isinstance(value, int | float)}
     with np.errstate(all="ignore"):
         steering = tuple(_steering(path, topics, servo, parameters))
-    return from_zero(Recording(path, "PX4 log", (*series, *steering), _began(topics), notes))
+    return on_one_clock(Recording(path, "PX4 log", (*series, *steering), _began(topics), notes))
 
 
 def _load(path: str, data: bytes) -> tuple[Any, bool]:

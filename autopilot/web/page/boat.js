@@ -4,7 +4,7 @@ const SILENT_MS = 4000;
 
 export const boat = {
   state: null, alarms: [], learning: {}, trial: null, dodge: null, texts: [],
-  received: -Infinity,
+  received: -Infinity, refused: "",
   onState() {}, onRow() {}, onHistory() {}, onText() {},
   silence() { return Number.isFinite(this.received) ? (performance.now() - this.received) / 1000 : (performance.now() - started) / 1000; },
   age(group) {
@@ -17,7 +17,7 @@ export const boat = {
   },
 };
 const started = performance.now();
-let token = null, allowed = false, source = null;
+let token = null, allowed = false, source = null, tried = started;
 
 /* The token stands behind the # of the address, which no browser sends on. It is kept for this browser. */
 export function learnToken() {
@@ -32,15 +32,19 @@ export function learnToken() {
 
 export const may = () => allowed;
 
-export async function get(path, options = {}) {
-  const headers = token ? { authorization: `Bearer ${token}` } : {};
-  const answer = await fetch(path, { ...options, headers });
-  return answer.json();
+function send(path, options = {}) {
+  return fetch(path, { ...options, headers: token ? { authorization: `Bearer ${token}` } : {} });
 }
 
+export async function get(path, options) {
+  return (await send(path, options)).json();
+}
+
+/* An order that was taken is answered with 200, a bad one with 400, one that cannot be carried out now with 409. */
 export async function ask(wish) {
   try {
-    return await get("/api/order", { method: "POST", body: JSON.stringify(wish) });
+    const answer = await send("/api/order", { method: "POST", body: JSON.stringify(wish) });
+    return { taken: answer.ok, words: (await answer.json()).words };
   } catch {
     return { taken: false, words: "no connection: the order was not given" };
   }
@@ -53,33 +57,53 @@ async function begin() {
   } catch { /* the next connection asks again */ }
 }
 
-export function connect() {
-  source?.close();
-  source = new EventSource("/api/events");
-  const heard = (name, take) => source.addEventListener(name, (event) => {
+const told = new EventTarget();
+
+function heard(name, take) {
+  told.addEventListener(name, (event) => {
     boat.received = performance.now();
     take(JSON.parse(event.data));
   });
-  source.addEventListener("open", begin);
-  heard("state", (state) => { boat.state = state; boat.onState(); });
-  heard("row", (row) => boat.onRow(row));
-  heard("alarms", (alarms) => { boat.alarms = alarms; });
-  heard("learning", (learning) => { boat.learning = learning; });
-  heard("trial", (trial) => { boat.trial = trial; });
-  heard("dodge", (heading) => { boat.dodge = heading; });
-  heard("text", (text) => {
-    if (boat.texts.some((each) => each.number === text.number && each.words === text.words)) return;
-    boat.texts.push({ ...text, at: new Date(Date.now() - 1000 * Math.max(0, (boat.state?.t ?? text.time) - text.time)) });
-    boat.texts.splice(0, boat.texts.length - 50);
-    if (boat.state && boat.state.t - text.time < 2) boat.onText(text);
-  });
 }
 
-/* The browser tries again by itself, but not after every kind of failure, nor soon after the phone has slept. */
-setInterval(() => {
-  const quiet = performance.now() - Math.max(boat.received, connect.tried ?? started);
-  if (quiet > SILENT_MS || source?.readyState === EventSource.CLOSED) {
-    connect.tried = performance.now();
-    connect();
+heard("state", (state) => { boat.state = state; boat.onState(); });
+heard("row", (row) => boat.onRow(row));
+heard("alarms", (alarms) => { boat.alarms = alarms; });
+heard("learning", (learning) => { boat.learning = learning; });
+heard("trial", (trial) => { boat.trial = trial; });
+heard("dodge", (heading) => { boat.dodge = heading; });
+heard("text", (text) => {
+  if (boat.texts.some((each) => each.number === text.number && each.words === text.words)) return;
+  boat.texts.push({ ...text, at: new Date(Date.now() - 1000 * Math.max(0, (boat.state?.t ?? text.time) - text.time)) });
+  boat.texts.splice(0, boat.texts.length - 50);
+  if (boat.state && boat.state.t - text.time < 2) boat.onText(text);
+});
+
+/* Not by EventSource, which cannot say who asks: who has the token keeps its place where there are few. */
+export async function connect() {
+  source?.abort();
+  const ours = source = new AbortController();
+  tried = performance.now();
+  try {
+    const answer = await send("/api/events", { signal: ours.signal, cache: "no-store" });
+    boat.refused = answer.ok ? "" : (await answer.json()).words;
+    if (!answer.ok) return;
+    begin();
+    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+    for (let rest = "", piece; !(piece = await reader.read()).done;) {
+      const blocks = (rest + piece.value).split("\n\n");
+      rest = blocks.pop();
+      for (const block of blocks) {
+        const [, name, data] = /^event: (.*)\ndata: (.*)$/.exec(block);
+        told.dispatchEvent(new MessageEvent(name, { data }));
+      }
+    }
+  } catch { /* it is tried again */ } finally {
+    if (source === ours) source = null;
   }
+}
+
+/* Tried again when it has ended, and when nothing comes, as after a phone has slept. */
+setInterval(() => {
+  if (!source || performance.now() - Math.max(boat.received, tried) > SILENT_MS) connect();
 }, 1000);

@@ -131,7 +131,7 @@ function drawLink() {
   let word = "live", trouble = "";
   if (silent > 2.5) {
     word = "no connection";
-    trouble = `This page has lost its server for ${Math.round(silent)} s. What you see is old. It comes back by itself.`;
+    trouble = boat.refused || `This page has lost its server for ${Math.round(silent)} s. What you see is old. It comes back by itself.`;
   } else if (boat.state?.line) {
     word = "link down";
     trouble = boat.state.line;

@@ -133,7 +133,7 @@ const LEARNT = {
 };
 let trialChart = null, learntChart = null;
 
-/* rows: [time, K, T], the latter in percent of what is in force */
+/* rows: [time, K, T], the latter in per cent of what is in force */
 export function drawLearnt(rows) {
   if (byId("plot-learning").offsetParent === null || typeof uPlot === "undefined" || rows.length < 2) return;
   const end = rows.at(-1)[0];
