@@ -96,7 +96,9 @@ COMMANDS = {
 def test_a_command_ends_without_a_trace_at_any_moment(name: str, number: signal.Signals, tmp_path: Path) -> None:
     command = COMMANDS[name]
     for at in range(0, len(MOMENTS), TOGETHER):
-        running = [(moment, start(command, tmp_path)) for moment in MOMENTS[at : at + TOGETHER]]
+        running = [
+            (moment, start(command, folder)) for moment, folder in _folders(tmp_path, MOMENTS[at : at + TOGETHER])
+        ]
         began = time.monotonic()
         for moment, process in running:
             time.sleep(max(0.0, began + moment - time.monotonic()))
@@ -118,6 +120,14 @@ def test_a_command_ends_without_a_trace_at_any_moment(name: str, number: signal.
             done = not command.stays and process.returncode in (0, 4)
             assert done or process.returncode == (0 if command.stays else 128 + number), where
             assert done or LAST_LINE[number] in said + complained, where
+
+
+def _folders(folder: Path, moments: list[float]) -> list[tuple[float, Path]]:
+    """Return a folder for each moment: what runs at the same time writes no file that another one writes."""
+    folders = [(moment, folder / f"{moment:.2f}") for moment in moments]
+    for _, mine in folders:
+        mine.mkdir()
+    return folders
 
 
 def start(command: Command, folder: Path, process_group: int | None = None) -> subprocess.Popen[str]:
