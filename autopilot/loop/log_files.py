@@ -39,19 +39,21 @@ class Sink(Protocol):
 
     Attributes:
         trouble: why nothing is written now, '' while all is well.  part_bytes: size of a part, None for one file.
-        dropped: writes that were lost. When it has grown, what is written next must begin with a header again.
+        lost: writes that were. When it has grown, what is written next must begin with a header again.
+        dropped: ticks that were lost with them.
     """
 
     trouble: str
     part_bytes: int | None
+    lost: int
     dropped: int
 
     @property
     def path(self) -> Path:
         """The file that is written now, or was last."""
 
-    def write(self, data: bytes) -> None:
-        """Append all of `data`, or nothing of it."""
+    def write(self, data: bytes, ticks: int = 1) -> None:
+        """Append all of `data`, which holds so many ticks, or nothing of it."""
 
     def next_part(self) -> None:
         """Let what is written next begin a new part, where there are parts."""
@@ -69,19 +71,20 @@ class FileSink:
     part_bytes: int | None = None
 
     def __init__(self, path: Path) -> None:
-        self.dropped = 0
+        self.lost = self.dropped = 0
         self.path = path
         self._file = -1
         self._closed = False
         self.trouble = self._open()
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, ticks: int = 1) -> None:
         """Append."""
         if self._file < 0 and not self._closed:
             self.trouble = self._open()
         if self._file >= 0:
             self.trouble = appended(self._file, data)
-        self.dropped += bool(self.trouble)
+        if self.trouble:
+            self.lost, self.dropped = self.lost + 1, self.dropped + ticks
 
     def _open(self) -> str:
         """Have the file open; return why it is not on a full disk. Raises InputError."""
@@ -128,7 +131,7 @@ class FolderSink:
 
     def __init__(self, folder: Path, limits: FolderLimits = FolderLimits()) -> None:  # noqa: B008 - immutable
         self.trouble = ""
-        self.dropped = 0
+        self.lost = self.dropped = 0
         self.part_bytes: int | None = limits.part
         self._folder, self._limits = folder, limits
         self._run = ""
@@ -143,10 +146,11 @@ class FolderSink:
                 raise InputError(f"log folder {folder}: {error.strerror}; give another one with --log-dir") from error
             self.trouble = f"log stopped: {error.strerror}; free the disk"
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, ticks: int = 1) -> None:
         """Append, in a new part where it is time for one."""
         self.trouble = self._opened_part() or appended(self._file, data)
-        self.dropped += bool(self.trouble)
+        if self.trouble:
+            self.lost, self.dropped = self.lost + 1, self.dropped + ticks
 
     def next_part(self) -> None:
         """Begin another file with the next write."""
@@ -225,10 +229,10 @@ class ThreadedSink:
 
     def __init__(self, inside: FileSink | FolderSink, waiting_max: int = WAITING_MAX, retry: float = RETRY_S) -> None:
         self.trouble = ""
-        self.dropped = 0
+        self.lost = self.dropped = 0
         self.part_bytes = inside.part_bytes
         self._inside, self._waiting_max, self._retry = inside, waiting_max, retry
-        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[tuple[bytes, int] | None] = queue.SimpleQueue()
         self._refused_until = 0.0
         self._sync_at = time.monotonic() + SYNC_S
         self._closed = False
@@ -240,22 +244,22 @@ class ThreadedSink:
         """The file that is written now, or was last."""
         return self._inside.path
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, ticks: int = 1) -> None:
         """Put into the queue, where it is not full and the disk has not just refused."""
         if self._closed:
             return
         if self._queue.qsize() >= self._waiting_max:
             self.trouble = TOO_SLOW
-            self.dropped += 1
+            self._lose(ticks)
         elif time.monotonic() < self._refused_until:
-            self.dropped += 1
+            self._lose(ticks)
         else:
-            self._queue.put(data)
+            self._queue.put((data, ticks))
 
     def next_part(self) -> None:
         """Begin another file when the queue has come to here."""
         if self.part_bytes is not None:
-            self._queue.put(b"")
+            self._queue.put((b"", 0))
 
     def close(self) -> None:
         """Write what waits; a disk that does not answer is left with it after CLOSING_S."""
@@ -269,36 +273,39 @@ class ThreadedSink:
 
     def _work(self) -> None:
         while True:
+            taken = self._queue.get()
+            if taken is None:
+                break
             try:
-                data = self._queue.get()
-                if data is None:
-                    break
-                self._take(data)
+                self._take(*taken)
             except Exception as error:  # steering goes on without its log, and hears why
-                self._refuse(f"log stopped: {error}" if str(error) else OUT_OF_MEMORY)
+                self._refuse(f"log stopped: {error}" if str(error) else OUT_OF_MEMORY, taken[1])
         self._inside.sync()
         self._inside.close()
 
-    def _take(self, data: bytes) -> None:
+    def _take(self, data: bytes, ticks: int) -> None:
         """Do what has been put into the queue."""
         if not data:
             self._inside.next_part()
             return
         if time.monotonic() < self._refused_until:
-            self.dropped += 1  # it was put here before the refusal; what follows begins with a header
+            self._lose(ticks)  # it was put here before the refusal; what follows begins with a header
             return
-        self._inside.write(data)
+        self._inside.write(data, ticks)
         if self._inside.trouble:
-            self._refuse(self._inside.trouble)
+            self._refuse(self._inside.trouble, ticks)
         elif self._queue.qsize() < self._waiting_max // 2:
             self.trouble = ""
         if time.monotonic() >= self._sync_at:
             self._inside.sync()
             self._sync_at = time.monotonic() + SYNC_S
 
-    def _refuse(self, trouble: str) -> None:
+    def _lose(self, ticks: int) -> None:
+        self.lost, self.dropped = self.lost + 1, self.dropped + ticks
+
+    def _refuse(self, trouble: str, ticks: int) -> None:
         self.trouble = trouble
-        self.dropped += 1
+        self._lose(ticks)
         self._refused_until = time.monotonic() + self._retry
 
 

@@ -99,7 +99,7 @@ class Recorder:
         except (struct.error, InputError) as error:
             self._stopped = f"log stopped: tick {tick.number} cannot be written ({error}); start a new log"
             return
-        self._write(b"".join(parts))
+        self._write(b"".join(parts), 1)
 
     def keep_packets(self, packets: list[tuple[float, bytes]]) -> None:
         """Append MAVLink packets that belong to no tick."""
@@ -114,9 +114,9 @@ class Recorder:
         """Close the file; further calls do nothing."""
         self._sink.close()
 
-    def _write(self, data: bytes) -> None:
+    def _write(self, data: bytes, ticks: int = 0) -> None:
         if data and not self._stopped:
-            self._sink.write(data)
+            self._sink.write(data, ticks)
             self._written += len(data)
 
     def _begins_anew(self) -> bool:
@@ -124,13 +124,13 @@ class Recorder:
         if self._sink.part_bytes is not None and self._written >= self._sink.part_bytes:
             self._sink.next_part()
             return True
-        return self._sink.dropped != self._lost
+        return self._sink.lost != self._lost
 
     def _opening(self, now: float, tick_number: int) -> bytes:
         """Return the header; `first` is the tick that follows, by which a reader knows what is missing before it."""
         self._part += 1
         self._written = 0
-        self._lost = self._sink.dropped
+        self._lost = self._sink.lost
         return self._tunnel(now, encode_header({**self._header, "part": self._part, "first": tick_number}))
 
     def _stamped(self, packets: list[tuple[float, bytes]]) -> list[bytes]:

@@ -175,6 +175,25 @@ def test_a_disk_that_hangs_keeps_nobody_waiting(tmp_path: Path, monkeypatch: pyt
     assert written[-1] == run.tick.number
 
 
+@pytest.mark.parametrize("threaded", [False, True])
+def test_packets_that_a_full_disk_refuses_are_no_missing_ticks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threaded: bool
+) -> None:
+    disk = Disk(monkeypatch)
+    sink = FileSink(tmp_path / "a.tlog")
+    recorder = Recorder(ThreadedSink(sink) if threaded else sink, HEADER, 0.0)
+    run = sail(recorder, 3.0, lambda run: setattr(disk, "full", run.now > 2.9))
+    missing = recorder.dropped
+    assert missing == len(run.ticks) - len(read_log(tmp_path / "a.tlog").ticks)
+    again = Recorder(
+        ThreadedSink(FileSink(tmp_path / "b.tlog")) if threaded else FileSink(tmp_path / "b.tlog"), HEADER, 0.0
+    )
+    again.keep_packets([(0.0, bytes(20))])
+    again.close()
+    assert again.failed
+    assert again.dropped == 0
+
+
 def test_a_disk_that_never_answers_does_not_keep_the_end_waiting(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
