@@ -18,7 +18,7 @@ from autopilot.angles import wrap
 from autopilot.loop.record import read_log
 from autopilot.signals import Mode
 
-SPEEDUP = 4
+SPEEDUP = 2
 GAINS = {"ATC_STR_RAT_FF": 12.0, "ATC_STR_RAT_P": 1.0, "ATC_STR_RAT_I": 1.0, "ATC_STR_ANG_P": 1.0}
 
 

@@ -17,7 +17,7 @@ from autopilot.loop.record import read_log, read_packets
 from autopilot.loop.replay import replay
 from autopilot.signals import Mode
 
-SPEEDUP = 4
+SPEEDUP = 2
 PASSPHRASE = "correct horse battery staple"
 
 

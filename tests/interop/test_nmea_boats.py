@@ -19,7 +19,7 @@ from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import Mode, RudderSample
 from sitl.scenario import load_scenario
 
-SPEEDUP = 4
+SPEEDUP = 2
 
 STUCK = """
 schema_version: 1
@@ -126,16 +126,17 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
     scenario, log, truth = tmp_path / "route.yaml", tmp_path / "run.tlog", tmp_path / "truth.csv"
     scenario.write_text(ROUTE)
     line = tmp_path / "line"
-    speedup = 6
-    command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--speedup", str(speedup), "--scenario", str(scenario)]
+    command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--speedup", str(SPEEDUP), "--scenario", str(scenario)]
     command += ["--nmea", f"{line}:115200", "--sentences", "HDG:10,ROT:10,RSA:5,VHW:2,APB:2,RMB:1,XTE:2"]
     command += ["--truth", str(truth)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("ready")
         command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{line}:115200"]
-        command += ["--follow", "plotter", "--duration", "70", "--log", str(log), "--speedup", str(speedup)]
-        run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
+        command += ["--follow", "plotter", "--duration", "70", "--log", str(log), "--speedup", str(SPEEDUP)]
+        run = subprocess.run(
+            command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120, check=False
+        )
         process.terminate()
     assert (run.returncode, run.stderr) == (0, "")
     assert read_log(log).ticks[-1].mode is Mode.ENGAGED, words_of(read_log(log).ticks[-1])

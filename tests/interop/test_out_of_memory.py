@@ -50,7 +50,7 @@ Pilot.step = leaking
 signal.signal(signal.SIGUSR1, limit)
 sys.exit(main())
 """
-SPEEDUP = 4.0
+SPEEDUP = 2.0
 
 
 def started(arguments: list[str], port: int, logs: Path) -> subprocess.Popen[str]:

@@ -14,7 +14,7 @@ from autopilot.loop.record import read_log
 from autopilot.loop.tick_codec import encode_tick
 from autopilot.signals import Mode
 
-SPEEDUP = 4
+SPEEDUP = 2
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from two_processes import free_port, patient_vessel, simulator
 from autopilot.cli.main import main
 
 PASSPHRASE = "correct horse battery staple"
-SPEEDUP = 3
+SPEEDUP = 2
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from autopilot.loop.record import read_log
 from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import Mode
 
-SPEEDUP = 3
+SPEEDUP = 2
 GOAL_DEG = 60.0
 
 
