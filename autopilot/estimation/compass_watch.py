@@ -17,6 +17,14 @@ STANDS_TURN = math.radians(2.5)
 STANDS_DIGITS = 2.0
 """A compass that says the very same for so long [s] and so often while another has turned by this [rad], and by so many
 of its own digits, is frozen."""
+HABIT = 4
+HABIT_LEAST = 3
+HABIT_KNOWN = 100
+HABIT_S = 1.5
+HABIT_TURN = math.radians(1.0)
+"""Or one that has never before said the same so often: HABIT times the longest that it did in HABIT_KNOWN headings and
+more, and no less than HABIT * HABIT_LEAST headings and so long [s], while another has turned by this [rad]. Where
+lengths are random, as noise makes them, that is as rare as the cube of one in all that were."""
 NOISY, QUIET = math.radians(4.0), math.radians(2.0)
 NOISY_S, NOISY_SHARE = 1.5, 1.0 / 15.0
 WILDEST = math.radians(20.0)
@@ -52,11 +60,15 @@ class _Compass:
     """What one compass said last, since when it stands, and where the others were when it began to; the noise of its
     headings, and of what lies between them and another's."""
 
-    __slots__ = ("agrees_since", "apart", "digit", "heading", "last", "noise", "others", "reason", "same", "since")
+    __slots__ = (
+        *("agrees_since", "apart", "digit", "heading", "heard", "last", "longest", "noise", "others", "reason", "same"),
+        "since",
+    )
 
     def __init__(self, now: float, heading: float) -> None:
         self.heading, self.last = heading, now
         self.reason, self.digit = "", math.inf
+        self.heard, self.longest = 0, HABIT_LEAST
         self.agrees_since: float | None = None
         self.noise = _Noise(heading)
         self.apart: dict[str, _Noise] = {}
@@ -102,7 +114,10 @@ class CompassWatch:
         is_noisy = self._is_noisy(now, compass, heading, others)
         if is_noisy and not compass.reason:
             compass.reason = "is noisy"
+        compass.heard += 1
         if heading != compass.heading:
+            if not compass.reason:
+                compass.longest = max(compass.longest, compass.same)
             compass.digit = min(compass.digit, abs(shortest_turn(compass.heading, heading)))
             compass.stand(now, others)
         else:
@@ -151,7 +166,11 @@ class CompassWatch:
         turns = (
             shortest_turn(compass.others[name], heading) for name, heading in others.items() if name in compass.others
         )
-        return any(abs(turn) > max(STANDS_TURN, STANDS_DIGITS * compass.digit) for turn in turns)
+        is_strange = (
+            compass.heard >= HABIT_KNOWN and compass.same >= HABIT * compass.longest and now - compass.since >= HABIT_S
+        )
+        least = HABIT_TURN if is_strange else STANDS_TURN
+        return any(abs(turn) > max(least, STANDS_DIGITS * compass.digit) for turn in turns)
 
     @staticmethod
     def _forgive(now: float, compass: _Compass, others: dict[str, float]) -> None:

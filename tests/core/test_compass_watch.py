@@ -369,3 +369,33 @@ def test_what_both_show_is_the_boat_s(step: float) -> None:
 
 def test_two_that_tremble_alike_tell_nothing() -> None:
     assert set(watched(30.0, 0.1, noisy(8.0, seed=1), noisy(8.0, seed=2))) == {""}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("known", "longest", "turned_deg", "stands", "is_told"),
+    [
+        (100, 1, 1.01, 13, True),
+        (100, 1, 1.01, 12, False),  # not for 1.5 s
+        (100, 1, 0.99, 60, False),  # the other does not turn either
+        (84, 1, 1.01, 13, False),  # too little is known of it
+        (100, 8, 1.01, 32, True),
+        (100, 8, 1.01, 31, False),  # it often stands for as long
+        (100, 8, 2.51, 4, True),  # whatever its habits, the other has turned far
+    ],
+)
+def test_a_compass_that_never_stood_so_long_is_frozen_while_another_turns_a_degree(
+    sign: float, known: int, longest: int, turned_deg: float, stands: int, is_told: bool
+) -> None:
+    watch, now = CompassWatch(math.inf, frozen=True), 0.0
+    for number in range(known):
+        now += 0.125
+        watch.hear(now, GYRO, math.radians(0.1) * (number // longest))
+        watch.hear(now, FLUXGATE, 0.0)
+    last = math.radians(0.1) * (known // longest + 1)
+    for _ in range(stands):
+        now += 0.125
+        watch.hear(now, GYRO, last)
+        # the other is where it was when this one began to stand, and then elsewhere
+        watch.hear(now, FLUXGATE, sign * math.radians(turned_deg))
+    assert watch.reason(GYRO) == ("stands still" if is_told else "")
