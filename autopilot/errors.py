@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from enum import IntEnum
 
-from autopilot.printable import brief
+from autopilot.files.printable import brief
 
 
 class ExitCode(IntEnum):

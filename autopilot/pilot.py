@@ -9,21 +9,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
-from autopilot.alarm_panel import AlarmPanel
-from autopilot.alarms import kind_of
+from autopilot.control.limits import Rest, RudderLimits, limit, rested
 from autopilot.control.met_waves import NOT_MET, Corners, Waves, met
 from autopilot.control.roll_damping import RollDamper, RollDamping
-from autopilot.envelope import Envelope, Picture
 from autopilot.estimation.estimator import Estimator, is_rudder
-from autopilot.estimation.heading_filter import FilterNoise
-from autopilot.failsafe_steering import FailsafeSteering, error_of
-from autopilot.guidance.heading_guide import HeadingGuide
+from autopilot.estimation.heading_ekf import FilterNoise
+from autopilot.guidance.reference import HeadingGuide
 from autopilot.guidance.turn import TurnLimits, preset_rate, side_hard_over, turn_limits
-from autopilot.limits import Rest, RudderLimits, limit, rested
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
-from autopilot.monitors import AlarmLimits, Monitors, Watched
-from autopilot.safety import STEERING_ACTIONS, FailsafeAction, Supervisor
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,
@@ -42,6 +36,12 @@ from autopilot.signals import (
     Sample,
     Tick,
 )
+from autopilot.supervision.alarms import kind_of
+from autopilot.supervision.envelope import Envelope, Picture
+from autopilot.supervision.failsafe import FailsafeSteering, error_of
+from autopilot.supervision.monitors import AlarmLimits, Monitors, Watched
+from autopilot.supervision.panel import AlarmPanel
+from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Supervisor
 
 if TYPE_CHECKING:
     # learning brings numpy along, which a pilot that does not learn need not load

@@ -92,7 +92,7 @@ class PositionSample(NamedTuple):
 
 class AlarmEvent(NamedTuple):
     """Something the skipper should know, as it travels. What follows from it stands under `name` in the table of
-    `autopilot.alarms`; `autopilot.alarm_words` makes the sentence where it is shown.
+    `autopilot.supervision.alarms`; `autopilot.supervision.panel` makes the sentence where it is shown.
 
     `detail` is what is known of the case, for people: nothing follows from its words. `form`: which of the alarm's
     sentences it is, where it has several. `because`: the alarm that stands behind it. `is_past`: it is the case no
@@ -116,7 +116,8 @@ class AlarmSample(NamedTuple):
 
 
 class ConditionSample(NamedTuple):
-    """Whether something from outside of the pilot is the case that its alarms know by `name` (`autopilot.alarms`).
+    """Whether something from outside of the pilot is the case that its alarms know by `name`
+    (`autopilot.supervision.alarms`).
 
     A battery that runs low, a full disk, a missed deadline: who sees it says so when it begins and when it ends, and
     what follows from it stands in the catalogue of alarms. `detail` is shown behind the alarm's text.
@@ -245,7 +246,7 @@ class Mode(IntEnum):
 
 
 class SupervisorState(IntEnum):
-    """State of the supervisor; `autopilot.supervisor` has the table."""
+    """State of the supervisor; `autopilot.supervision.states` has the table."""
 
     STANDBY = 0
     HEADING = 1

@@ -16,10 +16,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from sitl.campaign.cases import Job
-from sitl.campaign.full import run_fully
-from sitl.campaign.setting import rooms_of, setting_of
-from sitl.campaign.study import BoatSection, SeaSection, Study
+from sitl.campaign.setting import rooms_of, run_fully, setting_of
+from sitl.campaign.study import BoatSection, Job, SeaSection, Study
 from sitl.campaign.swift import run_swiftly
 from sitl.campaign.work import done_swiftly, swift
 from sitl.scenario import IttcSection, SecondOrderSection, WavesSection, WindSection

@@ -50,13 +50,13 @@ from endurance_day import LIMITS, PERIODS_MISSED, Day
 from endurance_page import Reading, page, print_table, reading_of
 from wired_vehicle import WiredVehicle
 
-from autopilot.alarm_words import sentences_of
-from autopilot.loop.log_files import following_parts
-from autopilot.loop.record import read_logs
-from autopilot.loop.session import PATIENCE
-from autopilot.params.vessel_file import load_vessel
 from autopilot.report import require_extra
+from autopilot.runtime.log_files import following_parts
+from autopilot.runtime.record import read_logs
+from autopilot.runtime.session import PATIENCE
 from autopilot.signals import Mode, Tick
+from autopilot.supervision.panel import sentences_of
+from autopilot.vessel.file import load_vessel
 
 VEHICLE_PRIORITY = 60
 """Of SCHED_FIFO, above the pilot's 40 and cyclictest's."""

@@ -18,11 +18,10 @@ from study_boats import SEAS, StudyBoat, StudySea
 from study_boats import boats as study_boats
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
-from autopilot.monitors import AT_THE_STOP
 from autopilot.pilot import Pilot
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RollSample, RudderSample, Sample, SpeedSample
+from autopilot.supervision.monitors import AT_THE_STOP
 from sitl.boat import Boat, BoatState, Hull, Plant
 from sitl.scenario import IttcSection, Scenario, WavesSection, WindSection
 from sitl.sea import Sea

@@ -17,14 +17,13 @@ from endurance_page import Reading, reading_of
 from lockstep import STEP, Lockstep
 from plant import Plant
 
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
-from autopilot.loop.clock import ManualClock
-from autopilot.loop.log_files import FolderLimits, FolderSink
-from autopilot.loop.record import Recorder
-from autopilot.loop.session import Session
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.runtime.build import build_pilot, gear_of, model_of
+from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.log_files import FolderLimits, FolderSink
+from autopilot.runtime.record import Recorder
+from autopilot.runtime.session import Session
 from autopilot.signals import HelmSample, Mode, Order, OrderKind, RudderCommand, Sample, Tick
+from autopilot.vessel.file import dump_vessel, load_vessel
 from sitl.sea import Deviates
 
 EVERY_S, FIRST_S = 600.0, 300.0

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autopilot import __version__
-from autopilot.report.figures import Line, Panel, plane_figure, time_figure
-from autopilot.report.page import Section, render
+from autopilot.report.page import Line, Panel, Section, plane_figure, render, time_figure
 
 PAGE_KB = os.sysconf("SC_PAGE_SIZE") / 1024.0
 ROWS = 9

@@ -23,7 +23,7 @@ import numpy as np
 from autopilot.identification.identified import Identified
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment
-from autopilot.loop.recordings import load_run
+from autopilot.logs.reading import load_run
 
 COLUMNS = {
     "time_s": "t [s]",

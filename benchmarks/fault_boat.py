@@ -14,31 +14,28 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, follow_of, track_settings_of
-from autopilot.build_laws import limits_of
-from autopilot.build_links import priority_of
-from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.errors import InputError
-from autopilot.estimation.source_priority import SourcePriority
+from autopilot.estimation.sensor_selection import SourcePriority
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.base import Link
-from autopilot.links.believed_link import BelievedLink
-from autopilot.links.boat.mission import Mission
-from autopilot.links.guide_alarms import GuideAlarms
+from autopilot.links.ground_station.mission import Mission
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
-from autopilot.loop.session import Session
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.links.wrapped import BelievedLink, GuideAlarms
+from autopilot.operators.skipper import RouteSkipper
+from autopilot.runtime.build import build_pilot, follow_of, limits_of, track_settings_of
+from autopilot.runtime.build_links import priority_of
+from autopilot.runtime.session import Session
 from autopilot.signals import Mode, Order, OrderKind, SupervisorState, Tick
-from sitl.chaos import ChaosPort
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 from sitl.fault_kinds import KINDS, FaultKind, Source
 from sitl.faults import Fault
 from sitl.firmware import Firmware
 from sitl.scenario import SecondOrderSection, load_scenario
-from sitl.serve import Endpoint
+from sitl.serve import ChaosPort, Endpoint
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.wire_nmea import NmeaInstruments
 from sitl.world import World

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, cast
 from fault_boat import FaultBoat, Moment, bring_into, deviation_deg, is_engaged
 from fault_rows import Row
 
-from autopilot.alarm_words import sentences_of
 from autopilot.signals import Mode, Tick
+from autopilot.supervision.panel import sentences_of
 
 LATE_LIMIT_S = 15.0
 """So long after the fault is over an order may take to engage again."""

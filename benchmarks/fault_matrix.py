@@ -29,7 +29,7 @@ from fault_cells import Cell, has_cell, run_cells
 from fault_expectations import ENGAGED, Expect, complaints, expected
 from fault_rows import ROWS
 
-from autopilot.cli.progress import ProgressBar
+from autopilot.cli.terminal import ProgressBar
 
 BEGIN, END = "<!-- matrix: begin -->", "<!-- matrix: end -->"
 WORDS = {"failsafe": "fail-safe", "heading": "steers", "track": "steers", "trial": "steers", "turn": "steers"}

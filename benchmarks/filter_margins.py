@@ -11,8 +11,8 @@ import math
 
 from turns import BOATS, vessel_of
 
-from autopilot.build import observed_of, verdict_of
-from autopilot.control.observed_margins import Observed, observed_margins
+from autopilot.control.margins import Observed, observed_margins
+from autopilot.runtime.build import observed_of, verdict_of
 
 LEVELS = {"lanxin": (1, 5, 9), "esso": (5,), "coaster": (5,), "unstable": (1, 5, 9)}
 

@@ -23,10 +23,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.admission import Admission, Doors
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.signing import MINUTE, CountingTimestamps, Signing
 from autopilot.links.transports import loopback_pair

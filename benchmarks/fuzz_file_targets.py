@@ -29,23 +29,23 @@ from autopilot.cli.identify_report import as_text as identified_text
 from autopilot.cli.log import as_text
 from autopilot.cli.log_measures import as_json as measures_json
 from autopilot.cli.log_measures import as_text as measures_text
-from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.errors import InputError, RefusedError
+from autopilot.files.outside import order_object
+from autopilot.files.strict_yaml import parse_document
+from autopilot.firmware.file import firmware_from
+from autopilot.firmware.foreign_files import parse_foreign
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
-from autopilot.identification.methods import Question
+from autopilot.identification.methods import Question, TwoStageMethod
 from autopilot.identification.residual_tests import residual_tests
-from autopilot.identification.rudder_rate import rudder_rate_of
+from autopilot.identification.rudder_path import rudder_rate_of
 from autopilot.identification.runs import Run, run_from_columns
-from autopilot.identification.trial_measures import measures_of
-from autopilot.identification.trial_record import record_of
-from autopilot.identification.two_stage_method import TwoStageMethod
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.file_server import ACK, HEADER, OPEN, READ
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import parse_items
-from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.identification.trial_measures import measures_of, record_of
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.file_server import ACK, HEADER, OPEN, PARAMETERS, READ, metadata_files
+from autopilot.links.ground_station.mission import Mission, parse_items
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.nmea0183 import NmeaFramer
 from autopilot.links.nmea0183 import checksum as nmea_checksum
@@ -54,42 +54,32 @@ from autopilot.links.signing import checksum
 from autopilot.links.signing_key import key_of
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.loop.csv_log import load_column_map
-from autopilot.loop.logs.dataflash_log import read_dataflash
-from autopilot.loop.logs.info import info_of
-from autopilot.loop.logs.nmea_text import read_nmea
-from autopilot.loop.logs.reading import read_recording
-from autopilot.loop.logs.rudder import RudderSettings
-from autopilot.loop.logs.series import Recording
-from autopilot.loop.logs.table import table_of
-from autopilot.loop.logs.tlog import read_tlog
-from autopilot.loop.logs.ulog import read_ulog
-from autopilot.loop.record import MOST_PIECES, PIECE, Recorder
-from autopilot.loop.recordings import load_run
-from autopilot.loop.replay import replay
-from autopilot.loop.tick_codec import HEADER as LOG_HEADER
-from autopilot.order_values import order_object
-from autopilot.params.component_metadata import PARAMETERS, metadata_files
-from autopilot.params.firmware_file import firmware_from
-from autopilot.params.foreign_files import parse_foreign
-from autopilot.params.strict_yaml import parse_document
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel
-from autopilot.params.vessel_parameters import parameters_of, value_of, with_value
-from autopilot.signalk.deltas import Deltas
-from autopilot.signalk.requests import BadRequestError, answer, line_of, parse
+from autopilot.logs.csv_log import load_column_map
+from autopilot.logs.dataflash import read_dataflash
+from autopilot.logs.nmea_text import read_nmea
+from autopilot.logs.reading import info_of, load_run, read_recording
+from autopilot.logs.series import Recording
+from autopilot.logs.table import RudderSettings, table_of
+from autopilot.logs.tlog import read_tlog
+from autopilot.logs.ulog import read_ulog
+from autopilot.operators.skipper import RouteSkipper
+from autopilot.runtime.record import MOST_PIECES, PIECE, Recorder
+from autopilot.runtime.replay import replay
+from autopilot.runtime.tick_codec import HEADER as LOG_HEADER
+from autopilot.signalk.messages import BadRequestError, Deltas, answer, line_of, parse
 from autopilot.signals import OrderKind
-from autopilot.web.alarms import alarms_from
+from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
+from autopilot.vessel.parameters import parameters_of, value_of, with_value
+from autopilot.vessel.schema import Vessel
 from autopilot.web.hub import Hub
-from autopilot.web.line import BoatLine
 from autopilot.web.parameter_desk import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
-from autopilot.web.station import Station
-from autopilot.web.view import NAMED
-from sitl.chaos import chaos_faults
+from autopilot.web.station import BoatLine, Station
+from autopilot.web.view import NAMED, alarms_from
 from sitl.fault_desk import obey
 from sitl.scenario import load_scenario, scenario_from
+from sitl.serve import chaos_faults
 from sitl.world import World
 
 ROOT = Path(__file__).parents[1]
@@ -626,7 +616,7 @@ def _manoeuvres() -> list[bytes]:
 
 def _own_log(header: bytes | None = None) -> bytes:
     """Return a short log of our own, with another text in the place of its header's."""
-    from autopilot.build import build_pilot
+    from autopilot.runtime.build import build_pilot
     from autopilot.signals import HeadingSample, Order, OrderKind
 
     vessel = load_vessel("lanxin")
@@ -645,7 +635,7 @@ def _own_log(header: bytes | None = None) -> bytes:
 
 
 def _nmea() -> bytes:
-    from autopilot.links import nmea_encoders as encode
+    from autopilot.links import nmea0183 as encode
 
     lines = []
     for step in range(40):

@@ -19,18 +19,18 @@ from typing import Any
 from fuzz_table import Fuzzer, Result, print_table
 
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links import nmea_encoders as encode
+from autopilot.links import nmea0183 as encode
 from autopilot.links.drives.base import Drive, DriveSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
-from autopilot.links.n2k_messages import READ, Compass, sample_of
+from autopilot.links.n2k import READ, Compass, sample_of
 from autopilot.links.nmea0183 import NmeaFramer, format_sentence
 from autopilot.links.nmea_samples import NmeaReader
-from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import HeadingSample
-from sitl.assembly import DRIVES as TWINS
+from autopilot.vessel.file import load_vessel
 from sitl.scenario import load_scenario
+from sitl.serve import DRIVES as TWINS
 from sitl.world import World
 
 FULL = 0.7

@@ -22,21 +22,20 @@ from typing import Any
 from fuzz_table import Fuzzer, Result, print_table
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.build import build_pilot
-from autopilot.cli.skipper import Skipper
 from autopilot.guidance.track import TrackGuide
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.helm_watch import GUIDED_MODE, MANUAL_MODE
 from autopilot.links.mavlink_codec import MavlinkCodec, message_id
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import LoopbackTransport, loopback_pair
-from autopilot.links.vehicle_parameters import RELEVANT
-from autopilot.loop.vessel_in_force import VesselInForce
-from autopilot.params.vessel_file import load_vessel, problems
+from autopilot.links.vehicle_requests import RELEVANT
+from autopilot.operators.skipper import Skipper
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.vessel_in_force import VesselInForce
 from autopilot.signals import (
     AlarmEvent,
     HeadingSample,
@@ -54,10 +53,11 @@ from autopilot.signals import (
     SpeedSample,
     Tick,
 )
+from autopilot.vessel.file import load_vessel, problems
+from sitl.ardupilot import HEAD, ArdupilotPhysics, read_packet
 from sitl.firmware import Firmware
 from sitl.firmware_parameters import default_parameters
 from sitl.scenario import load_scenario
-from sitl.wire_ardupilot_json import HEAD, ArdupilotPhysics, read_packet
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.world import World
 

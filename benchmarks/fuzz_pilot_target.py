@@ -11,11 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 from autopilot import signals
-from autopilot.alarms import CATALOGUE
-from autopilot.build import build_pilot
-from autopilot.params.vessel import Roll, Vessel
-from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import LONGEST_STEP, Pilot
+from autopilot.runtime.build import build_pilot
 from autopilot.signals import (
     AlarmEvent,
     HeadingSample,
@@ -27,7 +24,10 @@ from autopilot.signals import (
     SupervisorState,
     Tick,
 )
-from autopilot.supervisor import ENDED
+from autopilot.supervision.alarms import CATALOGUE
+from autopilot.supervision.states import ENDED
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Roll, Vessel
 
 LAWS = ("backstepping", "pid", "sliding", "trial")
 SPECIAL = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, math.pi, -math.pi, 1e16, 2.0**53)

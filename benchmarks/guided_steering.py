@@ -14,14 +14,13 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import TRIAL_LAW
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.transports import loopback_pair
-from autopilot.loop.session import Session
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import TRIAL_LAW, build_pilot
+from autopilot.runtime.session import Session
 from autopilot.signals import Mode, Order, OrderKind
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 from sitl.firmware import Firmware
 from sitl.scenario import load_scenario
 from sitl.wire_mavlink import MavlinkVehicle

@@ -30,9 +30,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from lockstep import Lockstep
 
-from autopilot.build import build_pilot
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Tick
+from autopilot.vessel.file import load_vessel
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("autopilot", "sitl")

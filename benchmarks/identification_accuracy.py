@@ -21,13 +21,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.cli.progress import ProgressBar
+from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import InputError
 from autopilot.identification.filter_methods import ParticleMethod
-from autopilot.identification.information import InstrumentNoise, cramer_rao, planned, zigzag_helm
 from autopilot.identification.methods import Method, Question
 from autopilot.identification.registry import METHODS as REGISTERED
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
+from autopilot.identification.trial_design import InstrumentNoise, cramer_rao, planned, zigzag_helm
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 

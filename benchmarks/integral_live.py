@@ -17,14 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.identification.information import InstrumentNoise, cramer_rao
-from autopilot.identification.integral_fit import FitSettings, IntegralFit, window_length
-from autopilot.identification.integral_recursion import Recursion, RecursionSettings, recursion_step
-from autopilot.identification.integral_rls import WindowRls
-from autopilot.identification.integral_window import IntegralWindow
+from autopilot.identification.integral_fit import FitSettings, IntegralFit, WindowRls, window_length
+from autopilot.identification.integral_window import IntegralWindow, Recursion, RecursionSettings, recursion_step
 from autopilot.identification.methods import Question
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import run_from_columns
+from autopilot.identification.trial_design import InstrumentNoise, cramer_rao
 from autopilot.models.norrbin import Norrbin
 
 DEG = math.pi / 180.0

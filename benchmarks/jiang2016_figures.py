@@ -25,12 +25,12 @@ from jiang2016_heading_control import (
     sine,
 )
 
-from autopilot.build_laws import gear_of, model_of
 from autopilot.control.backstepping import BacksteppingGains
 from autopilot.control.pid import PidGains
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rudder
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import gear_of, model_of
+from autopilot.vessel.file import load_vessel
 
 SHOWN_S = 120.0
 EVERY = PLANT_HZ // 10

@@ -18,15 +18,15 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.build_laws import gear_of, model_of
 from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder, printed_equation_26
 from autopilot.control.pid import PidGains, PidMemory, pid_step
 from autopilot.identification.two_stage import cubic_damping_stage
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.models.steering_gear import DelayLine, SteeringGear, clip, gear_step
 from autopilot.models.waves import JIANG_DEG, discretise, stationary_state, wave_step
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import gear_of, model_of
 from autopilot.signals import Reference
+from autopilot.vessel.file import load_vessel
 
 KNOT = 1852.0 / 3600.0
 AMPLITUDE, PERIOD_S = math.radians(30.0), 60.0

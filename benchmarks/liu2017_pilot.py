@@ -39,8 +39,6 @@ from liu2017_roll import (
 )
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, roll_ship_of
 from autopilot.control.met_waves import Corners
 from autopilot.control.sliding_roll import SlidingRollLaw
 from autopilot.identification.identify import identify
@@ -51,6 +49,7 @@ from autopilot.models.naval_vessel import (
     SERVICE_SPEED,
     Load,
     Motion,
+    Sea,
     drag_coefficient,
     inverse_mass,
     linear_motion,
@@ -58,10 +57,10 @@ from autopilot.models.naval_vessel import (
     rudder_load,
 )
 from autopilot.models.steering_gear import gear_step
-from autopilot.models.strip_forces import Sea
-from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import Pilot
+from autopilot.runtime.build import build_pilot, gear_of, roll_ship_of
 from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, SpeedSample
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("naval_vessel")
 GEAR = gear_of(VESSEL)

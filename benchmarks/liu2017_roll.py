@@ -42,17 +42,20 @@ from autopilot.errors import InputError
 from autopilot.models.naval_vessel import (
     NAVAL_HULL,
     NAVAL_RUDDERS,
+    NAVAL_STRIPS,
     SERVICE_SPEED,
     Hull,
     InverseMass,
     Load,
     Motion,
     Rudders,
+    Sea,
     drag_coefficient,
     inverse_mass,
     linear_motion,
     motion_step,
     rudder_load,
+    sea_forces,
 )
 from autopilot.models.resistance import (
     calm_resistance,
@@ -61,7 +64,6 @@ from autopilot.models.resistance import (
     true_speed_ratio,
 )
 from autopilot.models.steering_gear import SteeringGear, gear_step
-from autopilot.models.strip_forces import NAVAL_STRIPS, Sea, sea_forces
 from sitl.compiled import compiled
 
 Array = NDArray[np.float64]

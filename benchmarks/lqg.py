@@ -17,14 +17,13 @@ from scipy.linalg import solve_continuous_are
 from study_boats import SEAS, Figures, StudyBoat, boats, figures, sail
 
 from autopilot.angles import wrap
-from autopilot.build import pilot_config
-from autopilot.build_laws import gear_of, limits_of, model_of
 from autopilot.control.backstepping import BacksteppingLaw
 from autopilot.control.design import design_backstepping
 from autopilot.models.norrbin import Norrbin
-from autopilot.params.vessel import Backstepping
 from autopilot.pilot import HeadingLaw, Pilot
+from autopilot.runtime.build import gear_of, limits_of, model_of, pilot_config
 from autopilot.signals import NavState, Order, OrderKind, Reference, Sample
+from autopilot.vessel.schema import Backstepping
 
 CASES = (
     ("lanxin", "state 3", 45.0),

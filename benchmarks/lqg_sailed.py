@@ -20,10 +20,9 @@ from lqg_bound import WEIGHTS, Linear, Point, regulator
 from pareto_peer import afloat_step, set_afloat
 
 from autopilot.angles import wrap
+from autopilot.control.limits import limit
 from autopilot.errors import InputError
-from autopilot.limits import limit
-from sitl.campaign.score import NOTHING, Score, figures, scored
-from sitl.campaign.swift import Rooms, Setting, readings
+from sitl.campaign.swift import NOTHING, Rooms, Score, Setting, figures, readings, scored
 from sitl.compiled import compiled
 
 Floats = npt.NDArray[np.float64]

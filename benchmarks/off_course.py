@@ -27,19 +27,17 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.build import alarm_limits_of
 from autopilot.estimation.fusion import mean_at
-from autopilot.estimation.rudder_track import RudderPast
-from autopilot.monitors import AlarmLimits
-from autopilot.monitors.course import course_step
-from autopilot.params.vessel_file import load_vessel
+from autopilot.estimation.rudder_observer import RudderPast
+from autopilot.runtime.build import alarm_limits_of
+from autopilot.supervision.monitors import AlarmLimits
+from autopilot.supervision.monitors.course import course_step
+from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
 from sitl.campaign.brain import first_mind, tick
-from sitl.campaign.cases import Job, number_of_runs
-from sitl.campaign.score import ordered
 from sitl.campaign.setting import rooms_of, setting_of
-from sitl.campaign.study import BoatSection, SeaSection, Study
-from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, readings
+from sitl.campaign.study import BoatSection, Job, SeaSection, Study, number_of_runs
+from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, ordered, readings
 from sitl.campaign.waters import WaterState, water_step
 from sitl.compiled import compiled
 from sitl.scenario import HullSection, IttcSection, WavesSection, WindSection

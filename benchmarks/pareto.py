@@ -30,7 +30,7 @@ import numpy.typing as npt
 from pareto_front import LEAST, Beside, Explored, beside, chosen, explore, front
 from pareto_study import BOATS, SEAS, Helmsman, Ours, Run, Theirs, held_out_runs, training_runs
 
-from autopilot.cli.progress import ProgressBar
+from autopilot.cli.terminal import ProgressBar
 
 Floats = npt.NDArray[np.float64]
 

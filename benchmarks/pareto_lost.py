@@ -54,9 +54,9 @@ from pareto_study import (
 )
 from study_boats import StudyBoat, StudySea
 
-from autopilot.cli.progress import ProgressBar
+from autopilot.cli.terminal import ProgressBar
 from sitl.boat import Hull
-from sitl.campaign.cases import cases_of
+from sitl.campaign.study import cases_of
 
 Floats = npt.NDArray[np.float64]
 

@@ -15,13 +15,12 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.control.limits import Rest, RudderLimits, limit, rested
 from autopilot.control.pid import PidGains, PidMemory, pid_step
-from autopilot.limits import Rest, RudderLimits, limit, rested
 from autopilot.models.steering_gear import clip
 from autopilot.signals import Reference
 from sitl.boat import BoatState, Disturbance, boat_step
-from sitl.campaign.score import NOTHING, Score, ordered, scored
-from sitl.campaign.swift import CALM, Rooms, Setting, readings
+from sitl.campaign.swift import CALM, NOTHING, Rooms, Score, Setting, ordered, readings, scored
 from sitl.campaign.waters import WaterState, water_step
 
 

@@ -18,20 +18,17 @@ import numpy as np
 import numpy.typing as npt
 from pareto_peer import Peer, run_peer
 
-from autopilot.build import bias_time_of, verdict_of
-from autopilot.build_laws import model_of
+from autopilot.control.design import gains_of_loop
 from autopilot.control.pid import PidGains
-from autopilot.control.spared_rudder import gains_of_loop
 from autopilot.errors import InputError
-from autopilot.estimation.heading_filter import initial
-from autopilot.params.vessel import Backstepping, Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.estimation.heading_ekf import initial
+from autopilot.runtime.build import bias_time_of, model_of, verdict_of
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Backstepping, Vessel
 from sitl.boat import shares_of
-from sitl.campaign.cases import Case, Job, case_and_seed, cases_of
-from sitl.campaign.score import figures
 from sitl.campaign.setting import brain_of, rooms_of, setting_of
-from sitl.campaign.study import BoatSection, MismatchSection, SeaSection, Study
-from sitl.campaign.swift import Rooms, Setting, run_swiftly
+from sitl.campaign.study import BoatSection, Case, Job, MismatchSection, SeaSection, Study, case_and_seed, cases_of
+from sitl.campaign.swift import Rooms, Setting, figures, run_swiftly
 from sitl.campaign.work import swift
 from sitl.compiled import compiled
 from sitl.scenario import HullSection, IttcSection, SensorsSection, WavesSection, WindSection

@@ -17,8 +17,7 @@ import numpy as np
 
 from autopilot.filters.compiled_particles import CompiledParticleFilter
 from autopilot.filters.feedback_particle import fpf_predict, fpf_start, fpf_update
-from autopilot.identification.dynamic_positioning import trial_steps
-from autopilot.identification.dynamic_positioning_scenarios import SCENARIOS, simulate_scenario
+from autopilot.identification.dynamic_positioning import SCENARIOS, simulate_scenario, trial_steps
 from autopilot.identification.recursive import Case, Steps
 from autopilot.models.dynamic_positioning import DREDGER
 

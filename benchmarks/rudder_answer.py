@@ -2,10 +2,10 @@
 
     python benchmarks/rudder_answer.py [--hours 20] [--faults 60]
 
-The closed loop is `sitl.campaign`'s, compiled, and so is the watch, `autopilot.monitors.answer` itself. The courses are
-held for a minute each, and then changed by 10 to 60 deg. The sea is that of `off_course.py`, from five sides; K of the
-real boat is the model's, 30 % less, and 40 % more. `evidence` is how much likelier, as a natural logarithm, the watch
-ever held it that the boat does not answer: 10.4 and more is an alarm.
+The closed loop is `sitl.campaign`'s, compiled, and so is the watch, `autopilot.supervision.monitors.answer` itself. The
+courses are held for a minute each, and then changed by 10 to 60 deg. The sea is that of `off_course.py`, from five
+sides; K of the real boat is the model's, 30 % less, and 40 % more. `evidence` is how much likelier, as a natural
+logarithm, the watch ever held it that the boat does not answer: 10.4 and more is an alarm.
 """
 
 from __future__ import annotations
@@ -20,17 +20,16 @@ import numpy as np
 from off_course import SIDES_DEG, STATE_5
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.build import alarm_limits_of
-from autopilot.estimation import wave_motion
+from autopilot.estimation import waves
 from autopilot.estimation.fusion import mean_at
-from autopilot.estimation.rudder_track import RudderPast, tick_at
-from autopilot.monitors.answer import LATE_S, answer_noise, answer_step, first_memory, verdict
-from autopilot.params.vessel_file import load_vessel
+from autopilot.estimation.rudder_observer import RudderPast, tick_at
+from autopilot.runtime.build import alarm_limits_of
+from autopilot.supervision.monitors.answer import LATE_S, answer_noise, answer_step, first_memory, verdict
+from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
 from sitl.campaign.brain import first_mind, tick
-from sitl.campaign.cases import Job, number_of_runs
 from sitl.campaign.setting import rooms_of, setting_of
-from sitl.campaign.study import BoatSection, MismatchSection, SeaSection, Study
+from sitl.campaign.study import BoatSection, Job, MismatchSection, SeaSection, Study, number_of_runs
 from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, readings
 from sitl.campaign.waters import WaterState, water_step
 from sitl.compiled import compiled
@@ -94,7 +93,7 @@ def watched_run(
                 past = RudderPast(rooms.past.times, rooms.past.angles, mind.ticks)
                 felt = mean_at(mind.model, setting.brain.noises, mind.fusion, past, now)
                 sea = mind.fusion.state.sea
-                pace = wave_motion.frequency(sea)
+                pace = waves.frequency(sea)
                 middle = 0.5 * (memory.time + heard.time)
                 memory = answer_step(
                     memory,

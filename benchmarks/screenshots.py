@@ -25,9 +25,8 @@ from typing import Any
 from latency import free_port
 from PIL import Image
 
-from autopilot.web.line import BoatLine
 from autopilot.web.screen import screen
-from autopilot.web.station import Station
+from autopilot.web.station import BoatLine, Station
 
 CHROMIUM = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync", "--no-first-run"]
 PHONE = {"width": 390, "height": 844}

@@ -31,12 +31,11 @@ import numpy as np
 from turns import BOATS, CONTROL_S, SETTLED, STEPS_A_TICK, Boat, gusts, swiftly, vessel_of
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import DelayLine, gear_step
-from autopilot.params.vessel import Vessel
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind
+from autopilot.vessel.schema import Vessel
 
 WIND, GUST_DEG = math.radians(5.0), 1.0
 BEYOND, SATURATED_S = 1.03, 60.0

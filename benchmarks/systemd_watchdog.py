@@ -16,7 +16,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from autopilot.cli.service_files import Service, unit_text
+from autopilot.cli.install_service import Service, unit_text
 
 # What needs a system manager or a user that does not exist here; the rest of the unit is as it is installed.
 NOT_FOR_A_USER_MANAGER = (

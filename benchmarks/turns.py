@@ -24,14 +24,13 @@ import numpy.typing as npt
 from time_optimal import bang_bang, settled
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, limits_of, model_of
 from autopilot.control.design import design_backstepping
-from autopilot.estimation.heading_filter import initial
+from autopilot.estimation.heading_ekf import initial
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
-from autopilot.params.vessel import Backstepping, Control, Model, Rudder, Sensors, Vessel
+from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, Sample
+from autopilot.vessel.schema import Backstepping, Control, Model, Rudder, Sensors, Vessel
 from sitl.campaign.brain import Brain, Heard, Mind, Past, first_mind, tick
 from sitl.campaign.setting import brain_of
 from sitl.compiled import compiled

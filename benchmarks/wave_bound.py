@@ -25,14 +25,12 @@ from study_boats import SEAS, StudyBoat, StudySea
 from wave_filter import boat_of as wave_filter_boat
 from wave_filter import that_spares
 
-from autopilot.params.vessel import Estimator
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Estimator
 from sitl.boat import Hull
-from sitl.campaign.cases import Job
-from sitl.campaign.score import figures
 from sitl.campaign.setting import rooms_of, setting_of
-from sitl.campaign.study import BoatSection, SeaSection, Study
-from sitl.campaign.swift import Rooms, Setting, run_swiftly
+from sitl.campaign.study import BoatSection, Job, SeaSection, Study
+from sitl.campaign.swift import Rooms, Setting, figures, run_swiftly
 from sitl.campaign.work import swift
 from sitl.scenario import HullSection, IttcSection, WavesSection, WindSection
 

@@ -23,8 +23,8 @@ from steady_wind import sailed, swings
 from study_boats import CONTROL_HZ, SEAS, Figures, StudyBoat, boats, figures, lanxin_as_filed, sail
 
 from autopilot.cli.gains import Wish, designed
-from autopilot.params.vessel import Estimator
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Estimator
 
 SIDES_DEG = (45.0, 135.0)
 """Where the waves come from, off the bow; exactly ahead, abeam or astern a long-crested sea does not yaw a boat."""

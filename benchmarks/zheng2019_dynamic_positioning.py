@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.filters.midpoint import FloatArray
-from autopilot.identification.dynamic_positioning import trial_steps
-from autopilot.identification.dynamic_positioning_scenarios import SCENARIOS, Scenario, simulate_scenario
+from autopilot.filters.kalman import FloatArray
+from autopilot.identification.dynamic_positioning import SCENARIOS, Scenario, simulate_scenario, trial_steps
 from autopilot.identification.prediction_error import by_prediction_errors
 from autopilot.identification.recursive import (
     by_kalman_filter,

@@ -12,19 +12,19 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links import extra_messages
+from autopilot.links import mavlink_layouts
 
 AUTOPILOT = Path(__file__).parent.parent / "autopilot"
-ROOMS = ("links", "params", "web", "loop")
-EXTRA = {kind.__name__: kind for kind in extra_messages.EXTRA_MESSAGES.values()}
+ROOMS = ("links", "firmware", "vessel", "web", "runtime", "logs")
+EXTRA = {kind.__name__: kind for kind in mavlink_layouts.EXTRA_MESSAGES.values()}
 """Messages younger than pymavlink's release, by the name of their class."""
-NAMED_ONLY = frozenset({"links/boat/telemetry", "links/router", "links/signing", "web/station"})
+NAMED_ONLY = frozenset({"links/ground_station/telemetry", "links/router", "links/signing", "web/station"})
 """Numbers of messages stand here to send, ask for or pass them on, not to read them."""
-TOLD_ONLY = frozenset({"links/guided_targets"})
+TOLD_ONLY = frozenset({"links/guided"})
 """Names of messages stand here in sentences for people."""
-LOGS = ("loop/logs/", "loop/record", "loop/replay_onto")
+LOGS = ("logs/", "runtime/record")
 """What reads logs obeys nobody and is documented with the logs; what writes them sends."""
-OBEYING = ("links/boat/", "links/admission")
+OBEYING = ("links/ground_station/", "links/admission")
 ANSWERS = frozenset({"web/view"})
 """Reads what was answered to commands."""
 STANDARD_MODE = "MAV_CMD_DO_SET_STANDARD_MODE"
@@ -33,7 +33,7 @@ USER_COMMAND = re.compile(r"^((?:SPATIAL_)?USER_\d): (.+)$", re.MULTILINE)
 """How the words beside our constants begin."""
 HEAD = """# MAVLink messages and commands
 
-Found in the code: a message that is made in a module is sent by it (`loop/record` into the log alone), one that is
+Found in the code: a message that is made in a module is sent by it (`runtime/record` into the log alone), one that is
 looked for is read. Logs of others are read for [more](../logs.md). [Ground stations](../ground_stations.md) and
 [flight controllers](../flight_controllers.md) say how they are used.
 
@@ -87,7 +87,7 @@ def commands() -> Found:
                 imported = (constants.get((source, each.name)) for each in node.names)
                 for name in filter(None, imported):
                     found[name].add(module)
-    found[STANDARD_MODE].add("links/boat/commands")
+    found[STANDARD_MODE].add("links/ground_station/commands")
     return found
 
 
@@ -98,7 +98,7 @@ def _trees() -> list[tuple[str, ast.Module]]:
     return [
         (module, ast.parse(path.read_text(encoding="utf-8")))
         for module, path in named
-        if module != "links/extra_messages"
+        if module != "links/mavlink_layouts"
     ]
 
 

@@ -12,9 +12,9 @@ from types import FrameType
 from autopilot import __version__
 from autopilot.cli.option_numbers import SEED, SPEEDUP, number, whole_number
 from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
+from autopilot.files.printable import brief, escaped, printable_output
 from autopilot.interruption import say_end
 from autopilot.links.base import LinkError
-from autopilot.printable import brief, escaped, printable_output
 from sitl.campaign import command as campaign
 from sitl.campaign import tune_command
 from sitl.fault_command import DEFAULT_DESK, add_fault_command
@@ -216,9 +216,8 @@ def run_wave_glider(arguments: argparse.Namespace) -> int:
 def run_serve(arguments: argparse.Namespace) -> int:
     """Serve until told to stop."""
     from autopilot.links.signing_key import open_signing
-    from sitl.assembly import open_ports, world_from
     from sitl.fault_desk import FaultDesk
-    from sitl.serve import Pace, TruthFile, serve
+    from sitl.serve import Pace, TruthFile, open_ports, serve, world_from
 
     should_stop = _StopOnSignal()
     world = world_from(arguments)
@@ -251,10 +250,9 @@ def run_serve(arguments: argparse.Namespace) -> int:
 
 def run_physics(arguments: argparse.Namespace) -> int:
     """Move the boat for ArduPilot until told to stop."""
-    from autopilot.params.vessel_file import load_vessel
-    from sitl.ardupilot_physics import open_socket, serve_physics
+    from autopilot.vessel.file import load_vessel
+    from sitl.ardupilot import ArdupilotPhysics, Outputs, open_socket, serve_physics
     from sitl.scenario import load_scenario
-    from sitl.wire_ardupilot_json import ArdupilotPhysics, Outputs
 
     should_stop = _StopOnSignal()
     outputs = Outputs(arguments.steering_servo, arguments.throttle_servo)

@@ -24,9 +24,8 @@ OURS = ("autopilot.", "sitl.", "benchmarks.", "__main__", "test_", "liu2017", "p
 ARITHMETIC = {"arcp", "contract", "reassoc", "nsz"}
 REORDERED = (
     "autopilot.models.",
-    "autopilot.estimation.heading_filter",
-    "autopilot.estimation.heading_update",
-    "autopilot.estimation.wave_motion",
+    "autopilot.estimation.heading_ekf",
+    "autopilot.estimation.waves",
     "sitl.boat",
     "sitl.campaign.waters",
 )

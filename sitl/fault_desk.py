@@ -16,8 +16,8 @@ import socket
 from typing import cast
 
 from autopilot.errors import InputError
+from autopilot.files.outside import typed_number
 from autopilot.links.base import LinkError, NotThereError
-from autopilot.order_values import typed_number
 from sitl.fault_kinds import KINDS, SOURCES, FaultKind, Source, wrong_size, wrong_source
 from sitl.faults import Fault
 from sitl.world import World

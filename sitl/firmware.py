@@ -10,22 +10,23 @@ import math
 from enum import IntEnum
 from typing import Protocol
 
+from sitl.faults import VehicleFaults
 from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, ParameterTable, default_parameters
-from sitl.firmware_setup import Setup, setup_of
-from sitl.guided import GuidedHelm, Target
-from sitl.radio import (
+from sitl.firmware_setup import (
     CHANNELS,
     SERVO_US,
     STEERING_FULL,
     THROTTLE_FULL,
     OverridePermit,
     Overrides,
+    Setup,
     StickArming,
     input_angle,
     output_pulse,
+    setup_of,
     travel,
 )
-from sitl.vehicle_faults import VehicleFaults
+from sitl.guided import GuidedHelm, Target
 from sitl.world import Orders, World
 
 MODE_SWITCH_S = 1.0

@@ -1,12 +1,185 @@
-"""What the firmware's main loop needs of its parameters, worked out once for each change of them."""
+"""Pulse widths as ArduRover computes with them, and what its main loop needs of its parameters.
+
+What the firmware's main loop needs of its parameters, worked out once for each change of them.
+
+Pulse widths as ArduRover computes with them: RC inputs with dead zone, servo outputs, overrides.
+
+Integers are truncated where the firmware truncates (ArduPilot, libraries/RC_Channel and libraries/SRV_Channel):
+with 1000/1500/2000 and a dead zone of 30, an input of 1560 us leaves the servo at 1531 us.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from sitl.firmware_parameters import ParameterTable
 from sitl.guided import GuidedGains, gains_of
-from sitl.radio import CHANNELS, Calibration
+
+CHANNELS = 16
+STEERING_FULL = 4500
+THROTTLE_FULL = 100
+PULSE_MAX = 65535
+RELEASED = 0
+LEFT_ALONE = 65535
+LEFT_ALONE_HIGH = (0, 65535)
+"""Channels 9 and up: zero leaves alone too, and 65534 releases."""
+RELEASED_HIGH = 65534
+SERVO_US = (1000.0, 1500.0, 2000.0)
+"""Pulses at full rudder to port, amidships and to starboard of a linkage of which the vessel file says nothing."""
+SWITCH_LOW_US, SWITCH_HIGH_US = 1200, 1800
+"""Below and above these an auxiliary switch is in its low and high position; between, it changes nothing."""
+STICK_ARMS, STICK_ARMS_AND_DISARMS = 1, 2
+STICK_OVER = 4000
+"""Of 4500: a steering stick that wants to arm or disarm."""
+STICK_OVER_S = 2.0
+"""Seen with ArduRover 4.6.2; the source that all vehicles have shared since waits 3 s."""
+
+
+class Calibration(NamedTuple):
+    """Pulse widths [us] of one channel: RCn_MIN, _TRIM, _MAX, _DZ, _REVERSED (servo outputs have no dead zone)."""
+
+    low: int
+    trim: int
+    high: int
+    dead_zone: int = 0
+    is_reversed: bool = False
+
+
+def input_angle(channel: Calibration, pulse: int, full: int) -> int:
+    """Return the stick's position in [-full, full], 0 within the dead zone around trim."""
+    sign = -1 if channel.is_reversed else 1
+    held = min(max(pulse, channel.low), channel.high)
+    above, below = channel.trim + channel.dead_zone, channel.trim - channel.dead_zone
+    if held > above and channel.high != above:
+        return _divide(sign * full * (held - above), channel.high - above)
+    if held < below and below != channel.low:
+        return _divide(sign * full * (held - below), below - channel.low)
+    return 0
+
+
+def output_pulse(servo: Calibration, position: float, full: int) -> int:
+    """Return the pulse width [us] of a servo at `position` in [-full, full]; never outside low to high."""
+    held = min(max(-position if servo.is_reversed else position, -full), full)
+    if held > 0:
+        pulse = servo.trim + int(held * (servo.high - servo.trim) / full)
+    else:
+        pulse = servo.trim - int(-held * (servo.trim - servo.low) / full)
+    return _sent(min(max(pulse, servo.low), servo.high))
+
+
+def travel(full: tuple[float, float, float], pulse: int) -> float:
+    """Return the share of full travel that a linkage makes of a pulse [us]; amidships without pulses (0)."""
+    low, middle, high = full
+    away = pulse - middle
+    return away / (high - middle if away > 0 else middle - low) if pulse else 0.0
+
+
+def manual_control_pulse(channel: Calibration, value: int) -> int:
+    """Return the override [us] that a MANUAL_CONTROL axis in [-1000, 1000] becomes."""
+    return _sent(channel.low + int((channel.high - channel.low) * (value + 1000) / 2000.0))
+
+
+def _sent(pulse: int) -> int:
+    """A pulse width fits 16 bits, whatever the parameters say."""
+    return min(max(pulse, 0), PULSE_MAX)
+
+
+def _divide(numerator: int, denominator: int) -> int:
+    """Integer division that truncates towards zero, as C does."""
+    quotient = abs(numerator) // abs(denominator)
+    return quotient if (numerator >= 0) == (denominator >= 0) else -quotient
+
+
+class Overrides:
+    """RC channel overrides: value and age of each, and whether a new one has come since the last look."""
+
+    def __init__(self) -> None:
+        self._held: dict[int, tuple[int, float]] = {}
+        self.are_new = False
+
+    def put(self, channel: int, pulse: int, time: float) -> None:
+        """Override `channel` (from 1) with `pulse` [us]; 0 releases it."""
+        if pulse == RELEASED:
+            self._held.pop(channel, None)
+        else:
+            self._held[channel] = (pulse, time)
+        self.are_new = True
+
+    def clear(self) -> None:
+        """Release every channel."""
+        self._held.clear()
+
+    def active(self, time: float, timeout: float) -> dict[int, int]:
+        """Return the pulses in force by channel. timeout [s] < 0: they never end; 0: overrides are off."""
+        if timeout == 0.0:
+            return {}
+        return {
+            channel: pulse for channel, (pulse, when) in self._held.items() if timeout < 0.0 or time - when < timeout
+        }
+
+
+class OverridePermit:
+    """Whether overrides are obeyed: the radio's switch says so, and a stick that moves can end it.
+
+    Source: libraries/RC_Channel, `set_gcs_overrides_enabled`, `should_ignore_overrides` (4.8).
+    """
+
+    def __init__(self) -> None:
+        self.is_given = True
+        self._switch = ""
+        self._throttle: int | None = None
+
+    def look(self, setup: Setup, sticks: Sequence[int], are_active: bool) -> bool:
+        """Take where the sticks are, behind overrides too; return whether just now one of them ended the overrides.
+
+        The steering stick does out of its dead zone, the throttle where it moves by more since overrides began.
+        """
+        if setup.override_switch is not None:
+            pulse = sticks[setup.override_switch - 1]
+            place = "low" if pulse < SWITCH_LOW_US else "high" if pulse > SWITCH_HIGH_US else ""
+            if place and place != self._switch:
+                self.is_given = place == "high"
+            self._switch = place
+        throttle = sticks[setup.throttle_channel - 1]
+        if not are_active or not self.is_given:
+            self._throttle = None
+            return False
+        self._throttle = throttle if self._throttle is None else self._throttle
+        steering = setup.steering_input
+        is_moved = (
+            abs(sticks[setup.steering_channel - 1] - steering.trim) > steering.dead_zone
+            or abs(throttle - self._throttle) > setup.throttle_input.dead_zone
+        )
+        if setup.clears_by_stick and is_moved:
+            self.is_given = False
+            return True
+        return False
+
+
+class StickArming:
+    """ARMING_RUDDER: arming by the steering stick hard to starboard, disarming hard to port.
+
+    Source: libraries/RC_Channel/RC_Channels.cpp, `rudder_arm_disarm_check`.
+    """
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+
+    def wish(self, time: float, setup: Setup, steering: int, throttle: int) -> bool | None:
+        """Return True where the stick has asked for arming, False for disarming, None for neither."""
+        is_over = setup.stick_arms != 0 and abs(steering) > STICK_OVER
+        if not is_over or (steering > 0 and throttle != 0 and setup.arming_checks_throttle):
+            self._since = None
+            return None
+        self._since = time if self._since is None else self._since
+        if time - self._since < STICK_OVER_S:
+            return None
+        self._since = None
+        if steering > 0:
+            return True
+        return False if setup.stick_arms == STICK_ARMS_AND_DISARMS else None
+
 
 CHECK_THROTTLE, CLEAR_BY_STICK = 1 << 5, 1 << 14
 """RC_OPTIONS: no arming by the stick with throttle; a stick that moves ends overrides (from 4.8 on)."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from autopilot.links.nmea0183 import format_sentence
-from sitl.reading import EARTH_RADIUS, Reading
 from sitl.scenario import Scenario
+from sitl.sensors import EARTH_RADIUS, Reading
 
 ARRIVAL_M = 20.0
 MILE = 1852.0

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from autopilot.errors import InputError
-from autopilot.params import schema
-from autopilot.params.schema import Bounds, nearest
-from autopilot.params.strict_yaml import Node, parse_document, read_document
+from autopilot.files import typed
+from autopilot.files.strict_yaml import Node, parse_document, read_document
+from autopilot.files.typed import Bounds, nearest
 from sitl.fault_kinds import FaultKind, Source, wrong_size, wrong_source
 
 SCHEMA_VERSION = 1
@@ -203,7 +203,7 @@ def load_scenario(path_or_name: str | Path) -> Scenario:
 
 def scenario_from(root: Node) -> Scenario:
     """Return the scenario that a document holds, checked across its fields. Raises InputError."""
-    scenario = schema.read(root, Scenario)
+    scenario = typed.read(root, Scenario)
     if scenario.schema_version != SCHEMA_VERSION:
         raise root.at("schema_version").fault(
             f"schema_version is {scenario.schema_version}, this version of Norrbin reads {SCHEMA_VERSION}."

@@ -1,18 +1,45 @@
-"""Serving the simulated boat in real time: transports on one side, the sans-clock endpoints on the other."""
+"""Serving the simulated boat in real time: transports on one side, the sans-clock endpoints on the other.
+
+A line that damages what it carries: loss, delay, jitter, doubling, overtaking, changed bytes, cut packets, noise,
+and a connection that is open on one side only. Seeded, on whatever clock is given, in front of any endpoint.
+
+From the options of `sitl serve` to a world and its opened ports.
+"""
 
 from __future__ import annotations
 
+import argparse
 import csv
+import dataclasses
+import heapq
+import math
 import select
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from random import Random
 from typing import IO, NamedTuple, Protocol
 
+import numpy as np
+
 from autopilot.errors import InputError
+from autopilot.files.outside import typed_number
+from autopilot.files.saving import create_unused
 from autopilot.links.base import Transport
-from autopilot.params.saving import create_unused
+from autopilot.links.signing import LinkSigning, Signing
+from autopilot.links.transports import TcpServerTransport
+from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
+from autopilot.links.url_options import UrlOptions
+from autopilot.vessel.file import load_vessel
+from sitl.drives import DriveLine, JrkController, MaestroController, PypilotController
+from sitl.fault_kinds import KINDS, FaultKind
+from sitl.faults import Fault, FaultBoard
+from sitl.firmware import Firmware
+from sitl.lines import FirmwareTcpServer, PtyTransport
+from sitl.scenario import Scenario, load_scenario
+from sitl.wire_mavlink import MavlinkVehicle
+from sitl.wire_nmea import PLOTTER, NmeaInstruments, chosen_rates
 from sitl.world import STEP, World
 
 LAG_MAX_S = 2.0
@@ -163,3 +190,295 @@ def serve(
 
 def _sleep(descriptors: Sequence[int], seconds: float) -> None:
     select.select([descriptor for descriptor in descriptors if descriptor >= 0], [], [], seconds)
+
+
+NAMES: dict[str, FaultKind] = {
+    "loss": "link_loss",
+    "delay": "link_delay",
+    "jitter": "link_jitter",
+    "duplicate": "link_duplicate",
+    "reorder": "link_reorder",
+    "corrupt": "link_corrupt",
+    "truncate": "link_truncate",
+    "flood": "link_flood",
+    "half_open": "link_half_open",
+}
+"""Names of `--chaos`, and the faults that they stand for: one works all the time, the other when it is told to."""
+REORDER_S = 0.1
+"""A packet that is overtaken waits so long."""
+NOISE_MOST = 64
+MOST_UNDER_WAY = 20000
+
+
+class Damage(NamedTuple):
+    """How bad a line is: shares of packets, seconds, and packets of noise a second; still: nothing passes."""
+
+    loss: float = 0.0
+    delay: float = 0.0
+    jitter: float = 0.0
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    corrupt: float = 0.0
+    truncate: float = 0.0
+    flood: float = 0.0
+    still: bool = False
+
+
+class ChaosLine:
+    """One direction. What is put in comes out of `take`, or not, or later, or something else.
+
+    is_stream: the bytes belong to a stream: they are lost and damaged, but never overtake each other.
+    """
+
+    def __init__(self, seed: int = 0, is_stream: bool = False) -> None:
+        self._random = Random(seed)
+        self._is_stream = is_stream
+        self._under_way: list[tuple[float, int, bytes]] = []
+        self._number = 0
+        self._latest = -math.inf
+        self._noise_due: float | None = None
+        self.lost = self.damaged = 0
+
+    def put(self, time: float, data: bytes, damage: Damage) -> None:
+        """Send a packet at `time` [s] over a line that is so bad."""
+        chance = self._random.random
+        if damage.still or chance() < damage.loss or len(self._under_way) >= MOST_UNDER_WAY:
+            self.lost += 1
+            return
+        if data and chance() < damage.truncate:
+            data = data[: self._random.randrange(len(data))]
+            self.damaged += 1
+        if data and chance() < damage.corrupt:
+            data = self._corrupted(data)
+            self.damaged += 1
+        for _ in range(2 if chance() < damage.duplicate else 1):
+            late = damage.delay + damage.jitter * chance() + (REORDER_S if chance() < damage.reorder else 0.0)
+            self._send(time + late, data)
+
+    def make_noise(self, time: float, damage: Damage) -> None:
+        """Put in the packets of noise that are due by `time` [s]."""
+        if damage.flood <= 0.0 or damage.still:
+            self._noise_due = None
+            return
+        due = time if self._noise_due is None else self._noise_due
+        while due <= time:
+            self._send(due, self._random.randbytes(self._random.randrange(1, NOISE_MOST)))
+            due += 1.0 / damage.flood
+        self._noise_due = due
+
+    def take(self, time: float) -> list[bytes]:
+        """Return what has arrived by `time` [s], in the order of arrival."""
+        arrived = []
+        while self._under_way and self._under_way[0][0] <= time + 1.0e-9:
+            arrived.append(heapq.heappop(self._under_way)[2])
+        return arrived
+
+    def _send(self, arrival: float, data: bytes) -> None:
+        if self._is_stream:
+            arrival = self._latest = max(arrival, self._latest)
+        self._number += 1
+        heapq.heappush(self._under_way, (arrival, self._number, data))
+
+    def _corrupted(self, data: bytes) -> bytes:
+        changed = bytearray(data)
+        for _ in range(self._random.randrange(1, 4)):
+            changed[self._random.randrange(len(changed))] ^= self._random.randrange(1, 256)
+        return bytes(changed)
+
+
+class ChaosPort:
+    """An `Endpoint` with a bad line on either way, as bad as the faults of the moment say; without any, clear."""
+
+    def __init__(self, endpoint: Endpoint, world: World, is_stream: bool, seed: np.random.SeedSequence) -> None:
+        self._endpoint = endpoint
+        self._world = world
+        to_boat, from_boat = seed.generate_state(2)
+        self.to_boat = ChaosLine(int(to_boat), is_stream)
+        self.from_boat = ChaosLine(int(from_boat), is_stream)
+
+    def receive(self, now: float, data: bytes) -> None:
+        """Take bytes that set out for the boat at `now` [s]."""
+        faults, time = self._world.faults, self._world.time_at(now)
+        damage = damage_at(faults, time)
+        if faults.is_on("link_deaf", time):
+            damage = damage._replace(still=True)
+        self._pass_on(now)
+        self.to_boat.put(time, data, damage)
+        self._pass_on(now)
+
+    def advance(self, now: float) -> None:
+        """Move the world on to `now` [s]."""
+        self._world.advance(now)
+
+    def transmit(self, now: float) -> list[bytes]:
+        """Return what has come through by `now` [s]."""
+        time = self._world.time_at(now)
+        damage = damage_at(self._world.faults, time)
+        self._pass_on(now)
+        for data in self._endpoint.transmit(now):
+            self.from_boat.put(time, data, damage)
+        self.to_boat.make_noise(time, damage)
+        self.from_boat.make_noise(time, damage)
+        return self.from_boat.take(time)
+
+    def _pass_on(self, now: float) -> None:
+        for data in self.to_boat.take(self._world.time_at(now)):
+            self._endpoint.receive(now, data)
+
+
+def damage_at(faults: FaultBoard, time: float) -> Damage:
+    """Return how bad the line is at `time` [s]."""
+    if not faults:
+        return Damage()
+    sizes = {name: faults.size(kind, time) for name, kind in NAMES.items()}
+    still = sizes.pop("half_open") is not None
+    return Damage(**{name: size for name, size in sizes.items() if size is not None}, still=still)
+
+
+def chaos_faults(text: str) -> Iterable[Fault]:
+    """Return the faults, from the start to the end, that `loss=0.05,delay=0.1` stands for. Raises InputError."""
+    found: dict[str, Fault] = {}
+    for item in text.split(","):
+        name, equals, value = (part.strip() for part in item.partition("="))
+        if name not in NAMES or name in found:
+            raise InputError(f"--chaos {text}: {name!r} is unknown or named twice, allowed are {', '.join(NAMES)}.")
+        kind = KINDS[NAMES[name]]
+        size, begin = (_number(text, name, value, kind.low, kind.high), 0.0) if kind.unit else (1.0, 0.0)
+        if name == "half_open":
+            # nothing to say about its size, but when it begins
+            begin = _number(text, name, value, 0.0, 1.0e6) if equals else 0.0
+        found[name] = Fault(NAMES[name], begin, math.inf, size)
+    return found.values()
+
+
+def _number(text: str, name: str, value: str, low: float, high: float) -> float:
+    try:
+        number = typed_number(value)
+    except ValueError:
+        number = math.nan
+    if not low <= number <= high:
+        raise InputError(f"--chaos {text}: {name} is {value!r}, it must be a number from {low:g} to {high:g}.")
+    return number
+
+
+DRIVES: dict[str, Callable[[World, int], DriveLine]] = {
+    "pypilot": PypilotController,
+    "jrk": JrkController,
+    "maestro": MaestroController,
+}
+"""Rudder drives by the names that link URLs give them."""
+NETWORK_BAUD = 115200
+"""Instruments on a socket stand behind a multiplexer with a line of this speed."""
+
+
+def world_from(arguments: argparse.Namespace) -> World:
+    """Return the world that vessel, scenario and options describe. Raises InputError."""
+    vessel = load_vessel(arguments.vessel)
+    scenario = with_options(load_scenario(arguments.scenario), arguments.armed, arguments.mode, arguments.speed_m_s)
+    world = World(vessel, scenario, arguments.seed)
+    for fault in chaos_faults(arguments.chaos) if arguments.chaos else ():
+        world.faults.add(fault)
+    return world
+
+
+def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed: float | None) -> Scenario:
+    """Return the scenario with what the command line says instead; None: as the scenario has it."""
+    vehicle, start = scenario.vehicle, scenario.start
+    if armed is not None:
+        vehicle = dataclasses.replace(vehicle, armed=armed)
+    if mode is not None:
+        vehicle = dataclasses.replace(vehicle, mode=mode)  # type: ignore[arg-type]  # argparse allows no other
+    if speed is not None:
+        start = dataclasses.replace(start, speed_m_s=speed)
+    return dataclasses.replace(scenario, vehicle=vehicle, start=start)
+
+
+def open_ports(
+    world: World,
+    urls: list[str],
+    nmea: str | None,
+    sentences: str,
+    drive: str | None = None,
+    signing: Signing | None = None,
+) -> list[tuple[str, Port]]:
+    """Open every link; return what its ready line says, and the port. Raises InputError and LinkError."""
+    ports: list[tuple[str, Port]] = []
+    try:
+        if urls:
+            firmware = Firmware(world)
+            for url in urls:
+                port = mavlink_port(firmware, url, signing.link() if signing else None)
+                ports.append((f"mavlink {url}", port))
+        if nmea is not None:
+            _check_route(world, sentences)
+            ports.append(nmea_port(world, nmea, sentences))
+        if drive is not None:
+            ports.append(drive_port(world, drive))
+    except BaseException:
+        for _, port in ports:
+            port.transport.close()
+        raise
+    seeds = world.chaos_seed.spawn(len(ports))
+    return [(line, behind_bad_line(world, port, seed)) for (line, port), seed in zip(ports, seeds, strict=True)]
+
+
+def behind_bad_line(world: World, port: Port, seed: np.random.SeedSequence) -> Port:
+    """Return the port with a line before it that is as bad as the faults of the moment say."""
+    return Port(port.transport, ChaosPort(port.endpoint, world, port.transport.is_stream, seed))
+
+
+def mavlink_port(firmware: Firmware, url: str, signing: LinkSigning | None = None) -> Port:
+    """Open one MAVLink link of the flight controller. Raises InputError and LinkError."""
+    link = parse_url(url)
+    if link.protocol != "mavlink":
+        raise InputError(f"--mavlink {url}: an NMEA link; the instruments are served by --nmea PATH:BAUD.")
+    is_stream = link.medium in ("tcp", "tcpin", "serial")
+    transport = open_transport(link)
+    if isinstance(transport, TcpServerTransport):
+        transport = FirmwareTcpServer(transport, lambda: firmware.world.time)
+    return Port(transport, MavlinkVehicle(firmware, is_stream, signing))
+
+
+def nmea_port(world: World, text: str, sentences: str) -> tuple[str, Port]:
+    """Put the instruments on a pseudo-terminal or a socket: ready line and port. Raises InputError and LinkError."""
+    if text.partition(":")[0] not in SCHEMES:
+        path, baud = _path_and_baud("--nmea", text)
+        instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud)
+        return f"nmea {path} ({baud} baud)", Port(PtyTransport(path), instruments)
+    link = parse_url(text)
+    if link.protocol != "nmea" or link.options != UrlOptions():
+        raise InputError(
+            f"--nmea {text}: write PATH:BAUD, or an NMEA link without options such as nmea-tcpin:HOST:PORT."
+        )
+    baud = link.baud or NETWORK_BAUD
+    is_stream = link.medium in ("tcp", "tcpin", "serial")
+    instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud, is_stream)
+    return f"nmea {text}", Port(open_transport(link), instruments)
+
+
+def drive_port(world: World, text: str) -> tuple[str, Port]:
+    """Put a rudder drive on a pseudo-terminal: its ready line, and the port. Raises InputError and LinkError."""
+    kind, _, place = text.partition(":")
+    if kind not in DRIVES:
+        raise InputError(f"--drive {text}: {kind!r} is no drive; allowed are {', '.join(DRIVES)}, each with PATH:BAUD.")
+    path, baud = _path_and_baud("--drive", place)
+    return f"drive {kind} {path} ({baud} baud)", Port(PtyTransport(path), DRIVES[kind](world, baud))
+
+
+def _check_route(world: World, sentences: str) -> None:
+    named = {item.strip().partition(":")[0] for item in sentences.split(",")}
+    if not world.scenario.route and (spoken := sorted(named & set(PLOTTER))):
+        raise InputError(
+            f"--sentences: {', '.join(spoken)} come from a chart plotter; give the scenario a route, such as "
+            "route: [[0, 0], [500, 0]] (metres north and east of the start)."
+        )
+
+
+def _path_and_baud(option: str, text: str) -> tuple[str, int]:
+    path, _, digits = text.rpartition(":")
+    baud = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 9 else 0
+    if not path or not BAUD_MIN <= baud <= BAUD_MAX:
+        raise InputError(
+            f"{option} {text}: write a path and a baud rate from {BAUD_MIN} to {BAUD_MAX}, e.g. /tmp/norrbin-nmea:4800."
+        )
+    return path, baud

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
+from autopilot.files.saving import create_unused
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.models.wave_glider import TwoBodies, WaveGlider, at_speed, equivalent_rudder, step
-from autopilot.params.saving import create_unused
 
 STEP_S = 0.02
 

@@ -14,13 +14,13 @@ from collections.abc import Callable, Mapping
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
-from autopilot.links import nmea_encoders as encode
+from autopilot.files.outside import typed_number
+from autopilot.links import nmea0183 as encode
 from autopilot.links.nmea0183 import NmeaFramer, Sentence
-from autopilot.order_values import typed_number
+from sitl.drives import UartLine
 from sitl.fault_kinds import FaultKind
 from sitl.plotter import ChartPlotter
-from sitl.reading import Reading
-from sitl.uart import UartLine
+from sitl.sensors import Reading
 from sitl.world import Orders, World
 
 RATES_HZ: Mapping[str, float] = {

@@ -10,10 +10,9 @@ import numpy as np
 
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.params.vessel import Vessel
+from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState, Hull, Plant
-from sitl.faults import FaultBoard
-from sitl.rudder_faults import Pushes, RudderFaults, thrust_left
+from sitl.faults import FaultBoard, Pushes, RudderFaults, thrust_left
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.sensors import Sensors

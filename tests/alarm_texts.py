@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from autopilot.alarm_words import sentence_of, sentences_of
 from autopilot.signals import AlarmEvent, Tick
+from autopilot.supervision.panel import sentence_of, sentences_of
 
 
 def words_of(tick: Tick) -> tuple[str, ...]:

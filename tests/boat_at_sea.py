@@ -9,21 +9,20 @@ from boats import BOATS, vessel_of
 from plant import Plant
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.build import build_pilot, track_settings_of
-from autopilot.build_laws import gear_of, limits_of, model_of
-from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.base import Transport
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.parameter_server import ParameterServer
-from autopilot.links.guide_alarms import GuideAlarms
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
-from autopilot.params.vessel import Vessel
+from autopilot.links.wrapped import GuideAlarms
+from autopilot.operators.skipper import RouteSkipper
+from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
 from autopilot.signals import HelmSample, PositionSample, Sample, SpeedSample, Tick
+from autopilot.vessel.schema import Vessel
 
 M_PER_RAD = 6.3781e6
 SPEED = BOATS["lanxin"].speed

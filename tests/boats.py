@@ -8,7 +8,7 @@ from typing import NamedTuple
 from autopilot.control.design import design_backstepping, equivalent_pid
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.params.vessel import Backstepping, Control, Model, Pid, Rudder, Vessel
+from autopilot.vessel.schema import Backstepping, Control, Model, Pid, Rudder, Vessel
 
 
 class Boat(NamedTuple):

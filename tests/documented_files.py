@@ -11,7 +11,7 @@ import numpy as np
 from boat_recordings import dataflash, ulog, zigzag_boat
 from lockstep import Lockstep
 
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
 
 SHIPPED = Path(__file__).parents[1] / "firmware_params" / "vessels" / "lanxin.yaml"
 

@@ -10,14 +10,14 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from autopilot.build import build_pilot
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
-from autopilot.loop.record import Recorder
-from autopilot.loop.session import Session
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import dump_vessel
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.record import Recorder
+from autopilot.runtime.session import Session
 from autopilot.signals import Mode, Order, OrderKind, Tick
+from autopilot.vessel.file import dump_vessel
+from autopilot.vessel.schema import Vessel
 from sitl.firmware import Firmware
 from sitl.scenario import load_scenario
 from sitl.wire_mavlink import MavlinkVehicle

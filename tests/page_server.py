@@ -14,10 +14,8 @@ import pytest
 import uvicorn
 from watched_boat import Watched
 
-from autopilot.web.access import Access
-from autopilot.web.hub import Hub
-from autopilot.web.log_shelf import LogShelf
-from autopilot.web.server import build_app
+from autopilot.web.hub import Access, Hub
+from autopilot.web.server import LogShelf, build_app
 
 TOKEN = "a-token-of-many-letters"
 CHROMIUM_OPTIONS = (

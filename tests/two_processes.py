@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.vessel.file import dump_vessel, load_vessel
 from sitl.fault_desk import ask
 
 

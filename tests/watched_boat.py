@@ -10,22 +10,20 @@ from typing import Any
 from boat_at_sea import STEP, Sea
 from boats import BOATS, vessel_of
 
-from autopilot.cli.learning_desk import LearningDesk
-from autopilot.cli.tuning_desk import TuningDesk
+from autopilot.cli.tuning_desk import LearningDesk, TuningDesk
 from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.file_server import metadata_files
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.transports import loopback_pair
-from autopilot.loop.vessel_in_force import VesselInForce
-from autopilot.params.component_metadata import metadata_files
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_parameters import parameters_of
+from autopilot.runtime.vessel_in_force import VesselInForce
 from autopilot.signals import Sample
-from autopilot.web.line import BoatLine
+from autopilot.vessel.parameters import parameters_of
+from autopilot.vessel.schema import Vessel
 from autopilot.web.requests import asked_of
-from autopilot.web.station import Station
+from autopilot.web.station import BoatLine, Station
 
 
 class AtOnce(Executor):

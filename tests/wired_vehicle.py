@@ -20,12 +20,12 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.transports import UdpOutTransport
-from autopilot.loop.log_files import following_parts
-from autopilot.loop.record import read_logs, read_packets
-from autopilot.loop.replay import replay
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.runtime.log_files import following_parts
+from autopilot.runtime.record import read_logs, read_packets
+from autopilot.runtime.replay import replay
 from autopilot.signals import Mode
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Vessel
 from sitl.firmware import Firmware
 from sitl.scenario import load_scenario
 from sitl.serve import Pace

@@ -33,10 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
         from autopilot.report import require_extra
 
         require_extra()
-    from autopilot.cli.demo_legs import sail_demo
-    from autopilot.cli.demo_table import as_json, as_text
-    from autopilot.cli.progress import ProgressBar
-    from autopilot.params.saving import save_text, unused_folder
+    from autopilot.cli.demo_legs import as_json, as_text, sail_demo
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.files.saving import save_text, unused_folder
 
     try:
         out = unused_folder(arguments.out)
@@ -49,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     summary = as_json(result)
     save_text(out / "demo.json", json.dumps(summary, indent=2) + "\n")
     if not arguments.no_report:
-        from autopilot.cli.demo_table import HOLDS, TURNS
+        from autopilot.cli.demo_legs import HOLDS, TURNS
         from autopilot.report.demo import DemoFigures, write_demo_report
 
         shown = DemoFigures(

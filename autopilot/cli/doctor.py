@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
-    from autopilot.doctor.finding import Finding
-    from autopilot.params.vessel import Vessel
+    from autopilot.doctor.machine import Finding
+    from autopilot.vessel.schema import Vessel
 
 RATE_HZ = 20.0
 WORDS = ("go", "warn", "NO GO")
@@ -45,7 +45,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Look, print, and return the exit code."""
-    from autopilot.doctor.finding import Verdict, worst
+    from autopilot.doctor.machine import Verdict, worst
 
     if arguments.link and arguments.vessel is None:
         raise InputError("doctor: with --link give the vessel file too; it says what the instruments are like")
@@ -63,8 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _findings(arguments: argparse.Namespace) -> list[Finding]:
-    from autopilot.doctor import machine, system
-    from autopilot.params.vessel_file import load_vessel
+    from autopilot.doctor import machine
+    from autopilot.doctor import machine as system
+    from autopilot.vessel.file import load_vessel
 
     vessel = None if arguments.vessel is None else load_vessel(arguments.vessel)
     rate = RATE_HZ if vessel is None else vessel.control.rate_hz
@@ -89,12 +90,12 @@ def _findings(arguments: argparse.Namespace) -> list[Finding]:
 def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
     from functools import partial
 
-    from autopilot.build_links import LinkOptions, build_link
     from autopilot.cli.waiting import patience_of
-    from autopilot.doctor.link import examine
+    from autopilot.doctor.vehicle import examine
     from autopilot.links.arrivals import HeardTransport, came
     from autopilot.links.base import Link
-    from autopilot.loop.clock import MonotonicClock
+    from autopilot.runtime.build_links import LinkOptions, build_link
+    from autopilot.runtime.clock import MonotonicClock
 
     heard: dict[str, HeardTransport] = {}
     options, patience = LinkOptions(as_gcs=arguments.as_gcs, heard=heard), patience_of(arguments)

@@ -1,24 +1,92 @@
-"""How a run ends: when to stop, why, and the one line that says what became of rudder, course and log."""
+"""How a run ends: when to stop, why, and the one line that says what became of rudder, course and log.
+
+Where `run` and `trial` keep their log: the options, and the recorder that writes from a thread of its own.
+"""
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import math
+import shlex
 import signal
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from types import FrameType
 
-from autopilot.alarm_words import sentences_of
+from autopilot import __version__
 from autopilot.angles import wrap
+from autopilot.cli.option_numbers import number
 from autopilot.cli.terminal import degrees_text
-from autopilot.errors import RefusedError
+from autopilot.errors import InputError, RefusedError
 from autopilot.interruption import NAMES, ended_by
 from autopilot.links.arrivals import HeardTransport, came
-from autopilot.links.base import LinkError
+from autopilot.links.base import Link, LinkError
 from autopilot.links.release import Release, release_sentence
 from autopilot.links.signing import Signing, hint_of
-from autopilot.loop.record import Recorder
+from autopilot.links.wrapped import GuideAlarms
+from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, ThreadedSink
+from autopilot.runtime.record import Recorder
 from autopilot.signals import Mode, OrderKind, Tick
+from autopilot.supervision.panel import sentences_of
+from autopilot.vessel.file import dump_vessel
+from autopilot.vessel.schema import Vessel
+
+PART_MB = 64.0
+TOTAL_MB = 2000.0
+LEAST_PARTS = 4
+
+
+def add_log_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--log`, `--log-dir` and how much may be in the folder."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--log",
+        metavar="FILE.tlog",
+        type=Path,
+        help="write everything to this log; where it exists, to its next free name: FILE-2.tlog",
+    )
+    where.add_argument(
+        "--log-dir",
+        metavar="DIR",
+        type=Path,
+        help=f"write everything to a log in this folder, in parts of {PART_MB:g} MB; the oldest parts are removed",
+    )
+    parser.add_argument(
+        "--log-total-mb",
+        metavar="MB",
+        action=number(1.0, 1.0e7),
+        default=TOTAL_MB,
+        help=f"what the logs of --log-dir may need together (default {TOTAL_MB:g})",
+    )
+
+
+def open_log(arguments: argparse.Namespace, vessel: Vessel, law: str | None, now: float) -> Recorder | None:
+    """Return the log that the options ask for, None where there is to be none. Raises InputError."""
+    total = arguments.log_total_mb
+    if arguments.log is not None:
+        folder = arguments.log.parent
+        if not folder.is_dir():
+            raise InputError(
+                f"--log {arguments.log}: there is no folder {folder}, perhaps because a disk is not mounted; if it is "
+                f"to be a new one, make it first: mkdir -p {shlex.quote(str(folder))}"
+            )
+        sink: FileSink | FolderSink = FileSink(arguments.log)
+    elif arguments.log_dir is not None:
+        part = min(PART_MB, total / LEAST_PARTS)
+        sink = FolderSink(arguments.log_dir, FolderLimits(int(total * MEGABYTE), int(part * MEGABYTE)))
+    else:
+        return None
+    if arguments.log is not None and sink.path != arguments.log:
+        print(f"{arguments.log} exists and is kept: this log is {sink.path}")
+    header = {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": law}
+    return Recorder(ThreadedSink(sink), header, now)
+
+
+def alarm_links(recorder: Recorder | None) -> list[Link]:
+    """Return what brings the log's troubles to the pilot, and so to every link and terminal."""
+    return [] if recorder is None else [GuideAlarms(recorder, "log")]
+
 
 ENGAGE_PATIENCE = 20.0
 """Time [s] after the first heading in which an ordered engagement must come about."""
@@ -103,8 +171,8 @@ class Ending:
         before = {number: signal.getsignal(number) for number in wanted}
         if before[signal.SIGHUP] is signal.SIG_IGN:  # nohup: it goes on without its terminal
             del before[signal.SIGHUP]
-        for number in before:
-            signal.signal(number, wanted[number])
+        for each in before:
+            signal.signal(each, wanted[each])
         try:
             yield
         finally:

@@ -14,8 +14,8 @@ from autopilot.cli.option_numbers import NumberOption, number, whole_number
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
-    from autopilot.params.vessel import Vessel
-    from autopilot.report.gains_judged import Judged
+    from autopilot.report.gains import Judged
+    from autopilot.vessel.schema import Vessel
 
 LAWS = ("backstepping", "pid", "sliding")
 FILED_LAWS = (*LAWS, "sliding_roll")
@@ -72,11 +72,10 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
     """Return the vessel with gains designed for it. Raises RefusedError where no gain serves."""
     from dataclasses import replace
 
-    from autopilot.build_laws import gear_of, limits_of, model_of
-    from autopilot.control.design import design_backstepping, equivalent_pid, placed, sliding_of
-    from autopilot.control.spared_rudder import spared_gains
-    from autopilot.params.vessel import Backstepping, Pid, Sliding
-    from autopilot.params.vessel_file import rounded
+    from autopilot.control.design import design_backstepping, equivalent_pid, placed, sliding_of, spared_gains
+    from autopilot.runtime.build import gear_of, limits_of, model_of
+    from autopilot.vessel.file import rounded
+    from autopilot.vessel.schema import Backstepping, Pid, Sliding
 
     model, spares = model_of(vessel), spares_rudder(vessel, wish)
     try:
@@ -109,7 +108,7 @@ def in_hand(vessel: Vessel, wish: Wish, is_chosen: bool) -> Vessel:
 
     Where the level is not chosen, the next quicker one that does is taken. Raises RefusedError where none does.
     """
-    from autopilot.report.weaker_turn import survives
+    from autopilot.report.gains import survives
 
     better = designed(vessel, wish)
     if survives(better):
@@ -135,9 +134,8 @@ def in_hand(vessel: Vessel, wish: Wish, is_chosen: bool) -> Vessel:
 
 def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
-    from autopilot.params.vessel_file import load_vessel
-    from autopilot.report.gains_judged import as_json, as_text, judged
-    from autopilot.report.gains_speeds import speeds_as_json, speeds_as_text
+    from autopilot.report.gains import as_json, as_text, judged, speeds_as_json, speeds_as_text
+    from autopilot.vessel.file import load_vessel
 
     gains_tune.check_options(arguments)
     check_place(arguments)
@@ -182,8 +180,8 @@ def _wish(arguments: argparse.Namespace) -> Wish:
 
 def _check_bandwidth(vessel: Vessel, wish: Wish) -> None:
     """Raise InputError for a bandwidth that is none for this boat."""
-    from autopilot.build_laws import model_of
     from autopilot.control.design import BANDWIDTHS, bandwidths_of
+    from autopilot.runtime.build import model_of
 
     low, high = bandwidths_of(model_of(vessel))
     if wish.bandwidth is not None and not low <= wish.bandwidth <= high:
@@ -197,7 +195,7 @@ def check_place(arguments: argparse.Namespace) -> None:
     """Raise InputError where --out names another vessel's file: said before the work, not after it."""
     from pathlib import Path
 
-    from autopilot.params.vessel_file import refuse_bare_name
+    from autopilot.vessel.file import refuse_bare_name
 
     if arguments.out:
         refuse_bare_name(arguments.out)
@@ -214,9 +212,8 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
     """
     from pathlib import Path
 
-    from autopilot.params.editing import updated_vessel_text
-    from autopilot.params.saving import save_text
-    from autopilot.params.vessel_file import dump_vessel, parse_vessel
+    from autopilot.files.saving import save_text
+    from autopilot.vessel.file import dump_vessel, parse_vessel, updated_vessel_text
 
     paths = Path(arguments.out), Path(arguments.vessel)
     is_same = all(path.exists() for path in paths) and paths[0].samefile(paths[1])
@@ -232,9 +229,8 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
 
 
 def _write_report(arguments: argparse.Namespace, vessel: Vessel, spares: bool | None, rows: dict[str, Judged]) -> None:
-    from autopilot.params.saving import save_page
-    from autopilot.report.gains import gains_page
-    from autopilot.report.gains_judged import judged
+    from autopilot.files.saving import save_page
+    from autopilot.report.gains import gains_page, judged
 
     levels = {}
     for level in range(1, 10):

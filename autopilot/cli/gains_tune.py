@@ -48,10 +48,9 @@ def check_options(arguments: argparse.Namespace) -> None:
 
 def tuned(arguments: argparse.Namespace) -> int:
     """Tune, print what held-out seeds say, write the vessel where asked; exit code 4 where no gains have margins."""
-    from autopilot.build import verdict_of
-    from autopilot.build_laws import ROLL_LAW
     from autopilot.cli.gains import write_vessel
-    from autopilot.params.vessel_file import load_vessel
+    from autopilot.runtime.build import ROLL_LAW, verdict_of
+    from autopilot.vessel.file import load_vessel
 
     vessel = load_vessel(arguments.vessel)
     law = arguments.law or vessel.control.law

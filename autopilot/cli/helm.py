@@ -14,8 +14,7 @@ from autopilot.errors import ExitCode, InputError
 if TYPE_CHECKING:
     import curses
 
-    from autopilot.web.line import BoatLine
-    from autopilot.web.station import Station
+    from autopilot.web.station import BoatLine, Station
 
 DRAW_S = 0.2
 ESCAPE = 27
@@ -52,8 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.signing import signing_of
     from autopilot.cli.waiting import patience_of
     from autopilot.interruption import as_exceptions
-    from autopilot.web.line import BoatLine
-    from autopilot.web.station import Station
+    from autopilot.web.station import BoatLine, Station
 
     station = Station()
     line = patience_of(arguments)(lambda: BoatLine(arguments.link, station, signing_of(arguments)))
@@ -72,7 +70,7 @@ def show(
     window: curses.window, station: Station, line: BoatLine, keys: Any, clock: Callable[[], float], waits: bool = True
 ) -> None:
     """Keep the line, draw five times a second, obey the keys, until one of them quits."""
-    from autopilot.printable import escaped
+    from autopilot.files.printable import escaped
     from autopilot.web.screen import screen
 
     window.nodelay(True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import curses
 from typing import Any
 
-from autopilot.cli.pattern_order import KINDS, PATTERN_HELP
 from autopilot.errors import InputError
-from autopilot.order_values import typed_number
+from autopilot.files.outside import typed_number
+from autopilot.operators.skipper import KINDS, PATTERN_HELP
 from autopilot.web.orders import Answer
 from autopilot.web.requests import asked_of
 from autopilot.web.station import Station

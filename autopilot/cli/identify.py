@@ -29,7 +29,7 @@ Heading or yaw rate may be absent. Where the table calls them otherwise, MAP.yam
 
 def add_parser(subparsers: Any) -> None:
     """Add the `identify` subcommand."""
-    from autopilot.cli.log_options import add_log_options
+    from autopilot.cli.log_measures import add_log_options
     from autopilot.cli.option_numbers import number
 
     parser = subparsers.add_parser(
@@ -125,7 +125,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(_methods())
         return int(ExitCode.OK)
     if arguments.wave_glider:
-        from autopilot.cli.identify_wave_glider import identify_wave_glider
+        from autopilot.cli.identify_report import identify_wave_glider
 
         print(identify_wave_glider(arguments))
         return int(ExitCode.OK)
@@ -135,12 +135,12 @@ def run(arguments: argparse.Namespace) -> int:
 
         require_extra("by leaving out --report")
     from autopilot.cli import identify_report as report
-    from autopilot.params.saving import check_folder
+    from autopilot.files.saving import check_folder
 
     for path in filter(None, (arguments.out, arguments.report)):
         check_folder(path)
     if arguments.out:
-        from autopilot.params.vessel_file import refuse_bare_name
+        from autopilot.vessel.file import refuse_bare_name
 
         refuse_bare_name(arguments.out)
 
@@ -149,9 +149,9 @@ def run(arguments: argparse.Namespace) -> int:
         assert steady is not None
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
-    from autopilot.cli.log_options import log_options, refuse_twice, say_newer, vessel_of
+    from autopilot.cli.log_measures import log_options, refuse_twice, say_newer, vessel_of
     from autopilot.identification.registry import method_named
-    from autopilot.loop.recordings import load_run
+    from autopilot.logs.reading import load_run
 
     method_named(arguments.method, arguments.gain)  # said before the logs are read
     vessel = vessel_of(arguments)
@@ -190,7 +190,7 @@ def _methods() -> str:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    from autopilot.cli.identify_model import check_model
+    from autopilot.cli.identify_report import check_model
 
     check_model(arguments)
     if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
@@ -220,20 +220,19 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _steady_turns(path: str) -> SteadyTurns:
     from autopilot.identification.identified import SteadyTurns
-    from autopilot.loop.csv_log import STEADY_TURN_NEEDS, read_csv
+    from autopilot.logs.csv_log import STEADY_TURN_NEEDS, read_csv
 
     table, _ = read_csv(path, None, STEADY_TURN_NEEDS)
     return SteadyTurns(table["rudder_rad"], table["yaw_rate_rad_s"], table.get("speed_m_s"))
 
 
 def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None, fitted: list[Run], held_out: list[Run]) -> Any:
-    from autopilot.cli.identify_model import chosen, form_of
-    from autopilot.cli.identify_report import Result
-    from autopilot.cli.progress import ProgressBar
+    from autopilot.cli.identify_report import Result, chosen, form_of
+    from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.methods import Question
     from autopilot.identification.registry import method_named
     from autopilot.identification.residual_tests import residual_tests
-    from autopilot.identification.rudder_rate import rudder_rate_of
+    from autopilot.identification.rudder_path import rudder_rate_of
     from autopilot.identification.two_stage import nomoto_stage
 
     method = method_named(arguments.method, arguments.gain)
@@ -279,10 +278,10 @@ def rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:
 
 def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyTurns | None) -> None:
     """Write the page; the recursive methods run once more beside, for how they converged."""
-    from autopilot.cli.progress import ProgressBar
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.files.saving import save_page
     from autopilot.identification.methods import Question
     from autopilot.identification.registry import METHODS
-    from autopilot.params.saving import save_page
     from autopilot.report.identification import Findings, identification_page
 
     fitted = [run for run, role, _ in result.predictions if role == "fit"]
@@ -301,7 +300,7 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
                 convergence[method.name] = found.convergence
     findings = Findings(arguments.method, result.found, result.predictions, result.residual_tests, steady, convergence)
     if result.choice is not None:
-        from autopilot.cli.identify_model import choice_rows, choice_sentence
+        from autopilot.cli.identify_report import choice_rows, choice_sentence
 
         findings = findings._replace(choice=choice_rows(result.choice), chosen=choice_sentence(result.choice))
     save_page(arguments.report, identification_page(findings, shlex.join(arguments.typed)))

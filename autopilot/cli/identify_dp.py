@@ -13,8 +13,7 @@ from autopilot.errors import ExitCode, InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from autopilot.cli.identify_dp_files import ShipTrial
-    from autopilot.cli.identify_dp_report import Answers
+    from autopilot.cli.identify_dp_files import Answers, ShipTrial
 
 DESCRIPTION = """\
 Identifies thrust coefficients and damping of a ship at low speed with an extended Kalman filter, a feedback particle
@@ -56,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
     import numpy as np
 
-    from autopilot.cli import identify_dp_report as report
+    from autopilot.cli import identify_dp_files as report
 
     random = np.random.default_rng(arguments.seed)
     trial = _simulated(arguments, random) if arguments.scenario else _recorded(arguments)
@@ -78,7 +77,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _simulated(arguments: argparse.Namespace, random: np.random.Generator) -> ShipTrial:
     from autopilot.cli.identify_dp_files import ShipTrial, write_trial
-    from autopilot.identification.dynamic_positioning_scenarios import SCENARIOS, simulate_scenario
+    from autopilot.identification.dynamic_positioning import SCENARIOS, simulate_scenario
     from autopilot.models.dynamic_positioning import DREDGER
 
     scenario = SCENARIOS[arguments.scenario]
@@ -99,9 +98,9 @@ def _recorded(arguments: argparse.Namespace) -> ShipTrial:
 
 
 def _answers(arguments: argparse.Namespace, ship_trial: ShipTrial, random: np.random.Generator) -> Answers:
-    from autopilot.cli.identify_dp_report import Answers
-    from autopilot.cli.progress import ProgressBar
-    from autopilot.filters.particle_gains import GAINS
+    from autopilot.cli.identify_dp_files import Answers
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.filters.feedback_particle import GAINS
     from autopilot.identification.dynamic_positioning import trial_steps
     from autopilot.identification.prediction_error import by_prediction_errors
     from autopilot.identification.recursive import by_kalman_filter, by_particle_filter

@@ -1,21 +1,125 @@
-"""What `autopilot identify` found, as JSON (SI and radians, degrees beside) and as tables for people."""
+"""What `autopilot identify` found, as JSON (SI and radians, degrees beside) and as tables for people.
+
+Which model `autopilot identify` is asked for, and the table of candidates where it shall choose.
+
+`autopilot identify --wave-glider`: float and glider from the same recordings, side by side.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from autopilot.cli.identify_model import choice_document, choice_rows, choice_sentence
+from autopilot.cli.terminal import ProgressBar
+from autopilot.errors import InputError
+from autopilot.files.printable import fixed
 from autopilot.identification.identified import Identified, SteadyTurns
-from autopilot.identification.model_choice import Choice
-from autopilot.identification.prediction import Prediction
-from autopilot.identification.residual_tests import ResidualTest
-from autopilot.identification.rudder_rate import RudderRate, rate_sentence
+from autopilot.identification.identify import identify, mean_speed
+from autopilot.identification.methods import Question
+from autopilot.identification.model_choice import FORMS, Candidate, Choice, Form, choose
+from autopilot.identification.registry import method_named
+from autopilot.identification.residual_tests import Prediction, ResidualTest
+from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
-from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
-from autopilot.printable import fixed
+from autopilot.identification.two_stage import Nomoto, cubic_damping_stage, nomoto_stage
+from autopilot.identification.wave_glider import BodyRuns, body_runs, identify_bodies
+from autopilot.logs.csv_log import WAVE_GLIDER_NEEDS, load_column_map, read_csv
+
+HEADINGS = ("candidate", "parameters", "held-out R2", "BIC less the least", "")
+
+
+def form_of(arguments: argparse.Namespace) -> Form:
+    """Return the form that --model, --course-unstable, --fit-rudder and --trim ask for; of auto, that of norrbin."""
+    from autopilot.cli.identify import rudder_train
+
+    named = FORMS[
+        "nomoto1" if arguments.model == "nomoto" else arguments.model if arguments.model in FORMS else "norrbin"
+    ]
+    train = (*named.rudder_train, *(name for name in rudder_train(arguments) if name not in named.rudder_train))
+    return named._replace(course_unstable=arguments.course_unstable, rudder_train=train, trim=arguments.trim)
+
+
+def check_model(arguments: argparse.Namespace) -> None:
+    """Raise InputError where --model or --trim do not go with the other options."""
+    asked = f"--model {arguments.model}" if arguments.model in ("auto", "nomoto2", "norrbin-n2") else ""
+    asked = asked or ("--trim per-run" if arguments.trim == "per-run" else "")
+    if asked and arguments.method != "output-error":
+        raise InputError(
+            f"{asked} goes with --method output-error, not with {arguments.method}; leave one of them out."
+        )
+    if asked and arguments.weighting == "prediction-error":
+        raise InputError(f"{asked} and --weighting prediction-error exclude each other; leave one of them out.")
+    if arguments.model == "auto" and (
+        arguments.course_unstable or arguments.steady_turns or arguments.fit_rudder or arguments.trim == "per-run"
+    ):
+        raise InputError(
+            "--model auto chooses by itself: leave out --course-unstable, --steady-turns, --fit-rudder and --trim."
+        )
+
+
+def chosen(runs: Sequence[Run], question: Question, progress: Callable[[int, int], None]) -> Choice:
+    """Return the candidates fitted to the runs, stated at one speed, and the one to take."""
+    speed = mean_speed(runs) if question.reference_speed is None else question.reference_speed
+
+    def fit(some: Sequence[Run], form: Form) -> Identified:
+        return identify(
+            some,
+            form.kind,
+            speed,
+            course_unstable=form.course_unstable,
+            rudder_train=form.rudder_train,
+            quadratic=form.quadratic,
+            trim=form.trim,
+        )
+
+    return choose(runs, fit, progress)
+
+
+def choice_rows(choice: Choice) -> list[tuple[str, ...]]:
+    """Return the table of candidates, the chosen one marked."""
+    least = min(candidate.bic for candidate in choice.candidates)
+    return [HEADINGS, *(_row(candidate, choice.chosen, least) for candidate in choice.candidates)]
+
+
+def _row(candidate: Candidate, chosen_one: str, least: float) -> tuple[str, ...]:
+    if candidate.found is None:
+        return candidate.name, "-", "-", "-", candidate.reason
+    score = f"{candidate.held_out:.4f}" if math.isfinite(candidate.held_out) else "-"
+    mark = "chosen" if candidate.name == chosen_one else ""
+    return candidate.name, str(candidate.parameters), score, f"{candidate.bic - least:.1f}", mark
+
+
+def choice_sentence(choice: Choice) -> str:
+    """Return how the candidates were compared, and what was chosen."""
+    if choice.folds < 2:
+        return f"Chosen: {choice.chosen}, by BIC alone: the record is too short to hold parts of it back."
+    parts = f"{choice.folds} blocks of the run" if choice.by_blocks else f"{choice.folds} runs"
+    return (
+        f"Chosen: {choice.chosen}. Each of {parts} was foretold by a fit that had not seen it; of the candidates that "
+        "do so equally well the one with the least BIC is taken."
+    )
+
+
+def choice_document(choice: Choice) -> dict[str, Any]:
+    """Return the comparison for JSON; null where a number was not found."""
+    return {
+        "chosen": choice.chosen,
+        "left_out": {"count": choice.folds, "of": "blocks" if choice.by_blocks else "runs"},
+        "candidates": [
+            {
+                "name": candidate.name,
+                "parameters": candidate.parameters if candidate.found else None,
+                "held_out_r2": candidate.held_out if math.isfinite(candidate.held_out) else None,
+                "bic": candidate.bic if math.isfinite(candidate.bic) else None,
+                "reason": candidate.reason,
+            }
+            for candidate in choice.candidates
+        ],
+    }
+
 
 DEG = math.pi / 180.0
 
@@ -293,3 +397,48 @@ def steady_report(turns: SteadyTurns, gain: float, *, as_json: bool) -> str:
         f"n3  {cubic.n3:.5g}{error} s^2/rad^2  =  {cubic.n3 * DEG**2:.5g}{error_deg} s^2/deg^2\n\n"
         "Steady turns tell nothing of the time constant T; record a zigzag."
     )
+
+
+NOT_HERE = ("out", "report", "steady_turns", "vessel")
+"""Options that have no meaning for a craft of two bodies."""
+
+
+def identify_wave_glider(arguments: argparse.Namespace) -> str:
+    """Return what is found of both bodies, as text or JSON. Raises InputError."""
+    for name in NOT_HERE:
+        if getattr(arguments, name):
+            raise InputError(f"--{name.replace('_', '-')} does not go with --wave-glider; leave one of them out.")
+    if not arguments.logs:
+        raise InputError("identify --wave-glider needs a LOG, a CSV table with the headings of both bodies.")
+    method = method_named(arguments.method, arguments.gain)
+    fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
+    question = Question(arguments.model, arguments.reference_speed_m_s, forgetting=arguments.forgetting)
+    with ProgressBar("identifying") as bar:
+        found = identify_bodies(fitted, method, question._replace(progress=bar.show))
+    results = {
+        name: _result(arguments.model, body, [r[place] for r in fitted], [r[place] for r in held_out])
+        for place, (name, body) in enumerate((("float", found.surface), ("glider", found.glider)))
+    }
+    if arguments.json:
+        bodies = {name: json.loads(as_json(result)) for name, result in results.items()}
+        return json.dumps({"fixed_angle_deg": arguments.fixed_angle_deg, **bodies}, indent=2, allow_nan=False)
+    text = [f"{name.upper()}\n\n{as_text(result)}" for name, result in results.items()]
+    return "\n\n\n".join(text) + f"\n\nK of the float holds for delta_0 = {arguments.fixed_angle_deg:g} deg."
+
+
+def _load(paths: list[str], arguments: argparse.Namespace) -> list[BodyRuns]:
+    column_map = load_column_map(arguments.columns) if arguments.columns else None
+    records = []
+    for path in paths:
+        table, notes = read_csv(path, column_map, WAVE_GLIDER_NEEDS)
+        if arguments.reverse_rudder:
+            table["rudder_rad"] = -table["rudder_rad"]
+        found = body_runs(path, table, math.radians(arguments.fixed_angle_deg))
+        records.append(BodyRuns(*(run._replace(notes=(*notes, *run.notes)) for run in found)))
+    return records
+
+
+def _result(kind: str, found: Identified, fitted: list[Run], held_out: list[Run]) -> Result:
+    predictions = [(run, "fit", found.foretell(run)) for run in fitted]
+    predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
+    return Result(kind, found, nomoto_stage(fitted, found.model.reference_speed), predictions)

@@ -16,13 +16,12 @@ from typing import NamedTuple
 
 from autopilot.cli.identify_report import Result, undetermined
 from autopilot.errors import InputError
-from autopilot.identification.rudder_rate import RudderRate, rate_sentence
+from autopilot.files.saving import save_text
+from autopilot.identification.model_choice import steering_errors, steering_model
+from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
-from autopilot.identification.steering import steering_errors, steering_model
-from autopilot.params.editing import updated_vessel_text
-from autopilot.params.saving import save_text
-from autopilot.params.vessel import SCHEMA_VERSION, Control, Drive, Model, Rudder, StandardErrors, Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel, rounded
+from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel, rounded, updated_vessel_text
+from autopilot.vessel.schema import SCHEMA_VERSION, Control, Drive, Model, Rudder, StandardErrors, Vessel
 
 ASSUMED_RATE_DEG_S = 10.0
 """Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""

@@ -13,17 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode
-from autopilot.printable import SENTENCE, escaped, fixed, printable
+from autopilot.files.printable import SENTENCE, escaped, fixed, printable
 
 if TYPE_CHECKING:
-    from autopilot.loop.logs.info import LogInfo
-    from autopilot.loop.logs.series import Recording
-    from autopilot.loop.recordings import LogOptions
+    from autopilot.logs.reading import LogInfo, LogOptions
+    from autopilot.logs.series import Recording
 
 
 def add_parser(subparsers: Any) -> None:
     """Add the `log` subcommand with its actions."""
-    from autopilot.cli.log_options import KINDS_HELP, add_log_options
+    from autopilot.cli.log_measures import KINDS_HELP, add_log_options
     from autopilot.cli.option_numbers import number
 
     parser = subparsers.add_parser("log", help="what a log holds, and the same as a CSV table", description=KINDS_HELP)
@@ -57,9 +56,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the log and do what was asked; return the exit code."""
-    from autopilot.cli.log_options import log_options, say_newer, vessel_of
-    from autopilot.loop.recordings import load_recording
-    from autopilot.params.saving import refuse_existing
+    from autopilot.cli.log_measures import log_options, say_newer, vessel_of
+    from autopilot.files.saving import refuse_existing
+    from autopilot.logs.reading import load_recording
 
     say_newer([arguments.log])
     options = log_options(arguments, vessel_of(arguments))
@@ -70,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _rewrite(arguments, recording, options)
     if arguments.action == "measures":
         return _measure(arguments, recording, options)
-    from autopilot.loop.logs.info import info_of
+    from autopilot.logs.reading import info_of
 
     info = info_of(recording, options.rudder)
     print(as_json(info) if arguments.json else as_text(info))
@@ -78,10 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _rewrite(arguments: argparse.Namespace, recording: Recording, options: LogOptions) -> int:
-    from autopilot.cli.log_export import export
-    from autopilot.loop.logs.columnar import write_csv
-    from autopilot.loop.logs.table import table_of
-    from autopilot.params.saving import is_standard_output
+    from autopilot.cli.log_measures import export
+    from autopilot.files.saving import is_standard_output
+    from autopilot.logs.export import write_csv
+    from autopilot.logs.table import table_of
 
     place = Path(arguments.to if arguments.action == "export" else arguments.out)
     say = partial(print, file=sys.stderr if is_standard_output(place) else sys.stdout)  # not into the table
@@ -97,9 +96,8 @@ def _rewrite(arguments: argparse.Namespace, recording: Recording, options: LogOp
 
 def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOptions) -> int:
     from autopilot.cli import log_measures as report
-    from autopilot.identification.trial_measures import measures_of
-    from autopilot.identification.trial_record import record_of
-    from autopilot.loop.logs.table import table_of
+    from autopilot.identification.trial_measures import measures_of, record_of
+    from autopilot.logs.table import table_of
 
     length = arguments.length_m
     if arguments.report:
@@ -111,7 +109,7 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
     shown = report.as_json if arguments.json else report.as_text
     print(shown(arguments.log, measures, length, recording.notes))
     if arguments.report:
-        from autopilot.params.saving import save_page
+        from autopilot.files.saving import save_page
         from autopilot.report.trials import trials_page
 
         page = trials_page(arguments.log, record, measures, length, shlex.join(arguments.typed))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from autopilot import __version__
 from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
-from autopilot.printable import brief, escaped, printable_output
+from autopilot.files.printable import brief, escaped, printable_output
 
 SUBCOMMANDS = {
     "run": "steer a boat in real time",

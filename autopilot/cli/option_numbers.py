@@ -8,8 +8,8 @@ import re
 from typing import Any
 
 from autopilot.errors import InputError
-from autopilot.order_values import SHOWN, typed_number
-from autopilot.printable import printable
+from autopilot.files.outside import SHOWN, typed_number
+from autopilot.files.printable import printable
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
 

@@ -10,14 +10,19 @@ import time
 from pathlib import Path
 
 from autopilot.errors import ExitCode, InputError
-from autopilot.params.any_file import ParameterFile, load_any, load_parameters
-from autopilot.params.firmware_dump import Heading, dump_firmware, implied_kind
-from autopilot.params.firmware_file import FirmwareFile, entries
-from autopilot.params.foreign_files import SUFFIXES, dump_foreign, is_foreign
-from autopilot.params.saving import save_schema, save_text
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import dump_vessel
-from autopilot.printable import SENTENCE, escaped, printable
+from autopilot.files.printable import SENTENCE, escaped, printable
+from autopilot.files.saving import save_schema, save_text
+from autopilot.firmware.file import FirmwareFile, Heading, dump_firmware, entries, implied_kind
+from autopilot.firmware.foreign_files import (
+    SUFFIXES,
+    ParameterFile,
+    dump_foreign,
+    is_foreign,
+    load_any,
+    load_parameters,
+)
+from autopilot.vessel.file import dump_vessel
+from autopilot.vessel.schema import Vessel
 
 YAML_SUFFIXES = (".yaml", ".yml")
 
@@ -96,7 +101,7 @@ def convert(arguments: argparse.Namespace) -> int:
 
 def schema(arguments: argparse.Namespace) -> int:
     """Print or write the JSON Schema of one kind of file."""
-    from autopilot.params.json_schema import schema_text
+    from autopilot.firmware.json_schema import schema_text
 
     text = schema_text(arguments.kind)
     if arguments.out:
@@ -109,7 +114,7 @@ def schema(arguments: argparse.Namespace) -> int:
 
 def migrate(arguments: argparse.Namespace) -> int:
     """Bring a file to the newest schema version and keep everything else in it."""
-    from autopilot.params.editing import migrated_text
+    from autopilot.vessel.file import migrated_text
 
     path = Path(arguments.file)
     content = load_any(path)  # what cannot be read is not rewritten

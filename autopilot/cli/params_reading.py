@@ -1,4 +1,7 @@
-"""`autopilot params diff`, `verify`, `download` and `backup`: what reads a vehicle and sets nothing."""
+"""`autopilot params diff`, `verify`, `download` and `backup`: what reads a vehicle and sets nothing.
+
+What became of an upload, and what differs, as tables for people and as JSON for programs.
+"""
 
 from __future__ import annotations
 
@@ -6,32 +9,112 @@ import argparse
 import json
 import sys
 import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.params_files import formatted
-from autopilot.cli.params_report import Report, difference_table, upload_json, upload_table
-from autopilot.cli.progress import ProgressBar
 from autopilot.cli.signing import signing_of
+from autopilot.cli.terminal import ProgressBar
 from autopilot.cli.waiting import patience_of
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.files.printable import escaped
+from autopilot.files.saving import refuse_existing, save_text, save_unused
+from autopilot.firmware.download import Difference, Download, NamedDownload, differences, flattened
+from autopilot.firmware.file import FIRMWARE_NAMES, Heading, TypedValue, Wanted
+from autopilot.firmware.foreign_files import ParameterFile, is_foreign, load_any, load_parameters
+from autopilot.firmware.metadata import PX4_WAIT_S, WAIT_S, LeftOut, Marks, MetadataDownload, sentence_of, settings_of
+from autopilot.firmware.session import ParameterSession, Vehicle
+from autopilot.firmware.upload import Change, Outcome, Upload, Verdict
 from autopilot.links.base import LinkError
 from autopilot.links.url import SCHEMES
-from autopilot.params.any_file import ParameterFile, load_any, load_parameters
-from autopilot.params.comparison import Difference, differences, flattened
-from autopilot.params.download import Download, NamedDownload
-from autopilot.params.firmware_dump import Heading, TypedValue
-from autopilot.params.firmware_file import FIRMWARE_NAMES, Wanted
-from autopilot.params.firmware_owned import LeftOut, Marks, sentence_of, settings_of
-from autopilot.params.foreign_files import is_foreign
-from autopilot.params.outcome import Verdict
-from autopilot.params.saving import refuse_existing, save_text, save_unused
-from autopilot.params.session import ParameterSession, Vehicle
-from autopilot.params.upload import Upload
-from autopilot.params.vehicle_metadata import PX4_WAIT_S, WAIT_S, MetadataDownload
-from autopilot.params.vessel import Vessel
+from autopilot.vessel.schema import Vessel
+
+
+class Report(NamedTuple):
+    """What is said of an upload besides its outcomes: of which file, where the old values are, what was not written."""
+
+    file: str
+    backup: str | None = None
+    finished: bool = True
+    left_out: tuple[LeftOut, ...] = ()
+
+
+def upload_table(outcomes: Sequence[Outcome], vehicle: Vehicle, report: Report) -> str:
+    """Return the table name, old, wanted, now, verdict, and a summary in words below it."""
+    rows = [("name", "old", "wanted", "now", "verdict")]
+    for each in outcomes:
+        verdict = f"{each.verdict}: {each.reason}" if each.reason else str(each.verdict)
+        rows.append((each.name, value_text(each.old), value_text(each.wanted), value_text(each.now), verdict))
+    lines = _columns(rows)
+    counts = Counter(each.verdict for each in outcomes)
+    words = ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict])
+    lines += ["", f"{report.file} -> vehicle {vehicle.system} ({vehicle.firmware}): {words or 'nothing'}"]
+    if report.left_out:
+        lines.append(sentence_of(report.left_out))
+    if not report.finished:
+        lines.append("NOT FINISHED: the vehicle may hold old and new values.")
+    if reboot := _reboot_names(outcomes):
+        lines.append(f"takes effect after a reboot of the vehicle: {', '.join(reboot)}")
+    if report.backup:
+        lines.append(f"old values: {report.backup}")
+    return "\n".join(lines)
+
+
+def settled_table(changes: Sequence[Change], held: Mapping[str, Any]) -> str:
+    """Return the table name, old, new, now of an upload that was cut off; `held` is what the vehicle holds now."""
+    rows = [("name", "old", "new", "now")]
+    rows += [
+        (each.name, value_text(each.old), value_text(each.new), value_text(held.get(each.name))) for each in changes
+    ]
+    return "\n".join(_columns(rows))
+
+
+def difference_table(found: Sequence[Difference], left: str, right: str) -> str:
+    """Return the table name, left, right of everything that differs."""
+    rows = [("name", left, right)]
+    rows += [(each.name, value_text(each.left), value_text(each.right)) for each in found]
+    return "\n".join([*_columns(rows), "", f"{len(found)} differ"])
+
+
+def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return the rows with the first column flush left, the last as it is and the others flush right; a line each."""
+    rows = [tuple(map(escaped, row)) for row in rows]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+    lines = []
+    for row in rows:
+        middle = [f"{text:>{width}}" for text, width in zip(row[1:-1], widths[1:], strict=True)]
+        lines.append("  ".join([f"{row[0]:<{widths[0]}}", *middle, row[-1]]).rstrip())
+    return lines
+
+
+def upload_json(outcomes: Sequence[Outcome], vehicle: Vehicle, report: Report) -> str:
+    """Return the same as a JSON object."""
+    document = {
+        "file": report.file,
+        "vehicle": {"system": vehicle.system, "firmware": vehicle.firmware, "armed": vehicle.armed},
+        "finished": report.finished,
+        "backup": report.backup,
+        "counts": Counter(str(each.verdict) for each in outcomes),
+        "reboot": _reboot_names(outcomes),
+        "left_out": [{"name": each.name, "why": str(each.why)} for each in report.left_out],
+        "parameters": [each._asdict() for each in outcomes],
+    }
+    return json.dumps(document, indent=2)
+
+
+def _reboot_names(outcomes: Sequence[Outcome]) -> list[str]:
+    return [each.name for each in outcomes if each.reboot and each.verdict in (Verdict.SET, Verdict.CONSTRAINED)]
+
+
+def value_text(value: Any) -> str:
+    """Return a value as tables show it: `-` for none, floats with the nine digits that 32 bits have."""
+    if value is None:
+        return "-"
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
 def opened_session(arguments: argparse.Namespace, url: str) -> ParameterSession:

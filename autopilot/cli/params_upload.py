@@ -7,31 +7,39 @@ import sys
 import time
 from pathlib import Path
 
-from autopilot.cli.params_reading import opened_session, own_marks, refuse_other_firmware
-from autopilot.cli.params_report import Report, settled_table, upload_json, upload_table
-from autopilot.cli.progress import ProgressBar
+from autopilot.cli.params_reading import (
+    Report,
+    opened_session,
+    own_marks,
+    refuse_other_firmware,
+    settled_table,
+    upload_json,
+    upload_table,
+)
+from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.links.base import LinkError
-from autopilot.params.any_file import load_parameters
-from autopilot.params.download import NamedDownload
-from autopilot.params.firmware_dump import Heading, TypedValue, dump_firmware
-from autopilot.params.firmware_file import Wanted
-from autopilot.params.firmware_owned import Marks, settings_of
-from autopilot.params.journal import (
+from autopilot.files.saving import save_unused
+from autopilot.firmware.download import NamedDownload
+from autopilot.firmware.file import Heading, TypedValue, Wanted, dump_firmware
+from autopilot.firmware.foreign_files import load_parameters
+from autopilot.firmware.journal import (
+    Holds,
     Journal,
+    carry_out,
     continued,
     discard_journal,
     journal_path,
+    look,
     of_settings,
+    put,
     read_journal,
     write_journal,
 )
-from autopilot.params.outcome import Change, Outcome, Verdict
-from autopilot.params.saving import save_unused
-from autopilot.params.session import ParameterSession, Vehicle
-from autopilot.params.transaction import Holds, carry_out, look, put
-from autopilot.params.upload import Upload
-from autopilot.params.value_coding import Number
+from autopilot.firmware.metadata import Marks, settings_of
+from autopilot.firmware.protocol import Number
+from autopilot.firmware.session import ParameterSession, Vehicle
+from autopilot.firmware.upload import Change, Outcome, Upload, Verdict
+from autopilot.links.base import LinkError
 
 INTERRUPTED = 130
 OWN_ID = ("SYSID_THISMAV", "MAV_SYSID")

@@ -39,12 +39,12 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay and report; exit code 6 where a command differs."""
-    from autopilot.cli.log_options import say_newer
+    from autopilot.cli.log_measures import say_newer
 
     say_newer([str(arguments.log)])
     if arguments.link:
         return _play(arguments)
-    from autopilot.loop.replay import replay
+    from autopilot.runtime.replay import replay
 
     result = replay(arguments.log)
     if arguments.json:
@@ -61,8 +61,8 @@ def _play(arguments: argparse.Namespace) -> int:
 
     from autopilot.cli.signing import signing_of
     from autopilot.interruption import say_end
-    from autopilot.loop.clock import MonotonicClock
-    from autopilot.loop.replay_onto import replay_onto
+    from autopilot.logs.replay_onto import replay_onto
+    from autopilot.runtime.clock import MonotonicClock
 
     stopped: list[int] = []
     for each in (signal.SIGINT, signal.SIGTERM):

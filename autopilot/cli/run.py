@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from autopilot.errors import InputError
 
 if TYPE_CHECKING:
-    from autopilot.params.vessel import Vessel
+    from autopilot.vessel.schema import Vessel
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
@@ -76,21 +76,26 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from dataclasses import replace
 
-    from autopilot.build_laws import limits_of
-    from autopilot.build_links import refuse_wind_hold
-    from autopilot.cli.learning_desk import LEARN_HELP, LearningDesk
-    from autopilot.cli.pattern_order import PATTERN_HELP
-    from autopilot.cli.plotter_follow import FOLLOW_HELP
-    from autopilot.cli.route_skipper import ROUTE_HELP, WIND_HELP, RouteSkipper
     from autopilot.cli.serving import load_mission, serving_of
-    from autopilot.cli.skipper import HELP, heading_of
     from autopilot.cli.steering import steer
     from autopilot.cli.terminal import TypedLines
+    from autopilot.cli.tuning_desk import LEARN_HELP, LearningDesk
+    from autopilot.files.printable import rewrite_line
     from autopilot.guidance.plotter import PlotterGuide
     from autopilot.links.north import MAGNETIC_LEADS
-    from autopilot.params.vessel_file import load_vessel
-    from autopilot.printable import rewrite_line
+    from autopilot.operators.skipper import (
+        FOLLOW_HELP,
+        HELP,
+        PATTERN_HELP,
+        ROUTE_HELP,
+        WIND_HELP,
+        RouteSkipper,
+        heading_of,
+    )
+    from autopilot.runtime.build import limits_of
+    from autopilot.runtime.build_links import refuse_wind_hold
     from autopilot.signals import Tick
+    from autopilot.vessel.file import load_vessel
 
     vessel = load_vessel(arguments.vessel)
     if arguments.steer is not None:
@@ -148,7 +153,7 @@ def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float |
     """Return the vessel with the preset rate [deg/s] and radius [m] of its turns; None: the file's. InputError."""
     from dataclasses import replace
 
-    from autopilot.params.vessel_parameters import parameters_of
+    from autopilot.vessel.parameters import parameters_of
 
     asked = {"turn_rate_max_deg_s": rate_deg_s, "turn_radius_m": radius_m}
     given: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
@@ -164,7 +169,7 @@ def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float |
 
 def law_of_run(vessel: Vessel, law: str | None) -> str | None:
     """Return the law to steer with: none of ours, and so no gains needed, where the firmware steers. InputError."""
-    from autopilot.build_laws import TRIAL_LAW
+    from autopilot.runtime.build import TRIAL_LAW
 
     if vessel.helm.method != "guided":
         return law

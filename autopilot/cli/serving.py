@@ -10,30 +10,27 @@ from pathlib import Path
 from typing import NamedTuple
 
 from autopilot import __version__
-from autopilot.build import track_settings_of
-from autopilot.build_links import networks_of
 from autopilot.cli.option_numbers import SYSTEM_ID
 from autopilot.errors import InputError
+from autopilot.files.outside import read_regular
+from autopilot.files.saving import save_text
 from autopilot.guidance.track import TrackGuide
 from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.admission import LOOKING_ONLY, Doors
 from autopilot.links.base import Link
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands, Helmsman
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import MissionItem, dump_items, parse_items
-from autopilot.links.boat.parameter_server import ParameterServer
-from autopilot.links.boat.tuning import Tuner
-from autopilot.links.guide_alarms import GuideAlarms
-from autopilot.links.kept_link import KeptLink
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands, Helmsman, Tuner
+from autopilot.links.ground_station.file_server import metadata_files
+from autopilot.links.ground_station.mission import Mission, MissionItem, dump_items, parse_items
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.signing import Signing
 from autopilot.links.url import open_transport, parse_url
-from autopilot.loop.vessel_in_force import VesselInForce
-from autopilot.params.component_metadata import metadata_files
-from autopilot.params.saving import save_text
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_parameters import parameters_of
-from autopilot.regular_file import read_regular
+from autopilot.links.wrapped import GuideAlarms, KeptLink
+from autopilot.runtime.build import track_settings_of
+from autopilot.runtime.build_links import networks_of
+from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.vessel.parameters import parameters_of
+from autopilot.vessel.schema import Vessel
 
 ROUTE_MOST_BYTES = 1 << 20
 

@@ -62,12 +62,10 @@ def _serve(arguments: argparse.Namespace) -> int:
     from autopilot.cli.waiting import patience_of
     from autopilot.cli.web import listening_address
     from autopilot.interruption import say_end
-    from autopilot.signalk.bridge import Bridge
-    from autopilot.signalk.clients import LineClients
-    from autopilot.signalk.requests import LINE_MOST
-    from autopilot.web.access import token_of
-    from autopilot.web.line import BoatLine
-    from autopilot.web.station import Station
+    from autopilot.signalk.bridge import Bridge, LineClients
+    from autopilot.signalk.messages import LINE_MOST
+    from autopilot.web.hub import token_of
+    from autopilot.web.station import BoatLine, Station
 
     host, port = listening_address(arguments.listen)
     token = token_of(arguments.token_file) if arguments.token_file is not None else ""

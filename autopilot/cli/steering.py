@@ -8,35 +8,33 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from autopilot.alarm_words import sentences_of
 from autopilot.angles import compass_deg
-from autopilot.build import build_pilot
-from autopilot.build_links import LinkOptions, admission_of, alarm_outputs_of, build_links, refuse_failsafe
-from autopilot.cli.ending import Ending, Held, last_line
-from autopilot.cli.learning_desk import LearningDesk
-from autopilot.cli.log_keeping import add_log_options, alarm_links, open_log
+from autopilot.cli.ending import Ending, Held, add_log_options, alarm_links, last_line, open_log
 from autopilot.cli.option_numbers import SPEEDUP, SYSTEM_ID, WAITING
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.cli.signing import add_signing_option, signing_of
-from autopilot.cli.skipper import Skipper
 from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
-from autopilot.cli.tuning_desk import TuningDesk
+from autopilot.cli.tuning_desk import LearningDesk, TuningDesk
 from autopilot.cli.upkeep import Upkeep, add_upkeep_options, real_time_of, resumption_of
 from autopilot.cli.waiting import add_waiting_option, patience_of
 from autopilot.errors import ExitCode
+from autopilot.files.printable import terminal_of
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.admission import Admission, Doors
 from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import close_all
 from autopilot.links.signing import Signing
 from autopilot.links.url import parse_url
-from autopilot.loop.clock import MonotonicClock
-from autopilot.loop.health import LoopHealth
-from autopilot.loop.session import Orders, Session
-from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
-from autopilot.params.vessel import Vessel
-from autopilot.printable import terminal_of
+from autopilot.operators.skipper import Skipper
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.build_links import LinkOptions, admission_of, alarm_outputs_of, build_links, refuse_failsafe
+from autopilot.runtime.clock import MonotonicClock
+from autopilot.runtime.machine import LoopHealth
+from autopilot.runtime.session import Orders, Session
+from autopilot.runtime.vessel_in_force import VesselInForce, tuned_file
 from autopilot.signals import Mode, Tick
+from autopilot.supervision.panel import sentences_of
+from autopilot.vessel.schema import Vessel
 
 
 def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = True) -> None:

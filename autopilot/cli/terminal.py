@@ -2,6 +2,8 @@
 
 Nothing here can hold up or end the steering: a terminal that is stopped (Ctrl-S), a pipe that nobody empties and a full
 disk lose what is said to them.
+
+A progress bar on the terminal's error output; silent where that is no terminal.
 """
 
 from __future__ import annotations
@@ -15,12 +17,44 @@ import shutil
 import sys
 import termios
 from collections.abc import Callable, Iterator
+from types import TracebackType
 from typing import Any, TextIO, cast
 
-from autopilot.alarm_words import sentences_of
 from autopilot.angles import compass_deg
-from autopilot.printable import PrintableStream, printable, rewrite_line
+from autopilot.files.printable import PrintableStream, printable, rewrite_line
 from autopilot.signals import AlarmEvent, Mode, OrderKind, RudderSample, Tick
+from autopilot.supervision.panel import sentences_of
+
+WIDTH = 30
+
+
+class ProgressBar:
+    """Shows `label [####      ] 12/40` and wipes itself away at the end. Use it as a context manager."""
+
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._is_shown = sys.stderr.isatty()
+        self._line = ""
+
+    def __enter__(self) -> ProgressBar:
+        return self
+
+    def show(self, done: int, total: int) -> None:
+        """Draw the bar; `total` 0 means that it is not known yet."""
+        if not self._is_shown:
+            return
+        filled = WIDTH * done // total if total else 0
+        line = f"{self._label} [{'#' * filled}{' ' * (WIDTH - filled)}] {done}/{total or '?'}"
+        if line != self._line:
+            self._line = line
+            rewrite_line(sys.stderr, line)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._line:
+            rewrite_line(sys.stderr, "")
+
 
 STATUS_PERIOD = 0.5
 ALARM_CHARACTERS = 400

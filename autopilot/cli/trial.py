@@ -7,13 +7,13 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from autopilot.cli.option_numbers import SECONDS, SEED, NumberOption, number
-from autopilot.cli.trial_plans import HOLDS, LASTING, SPEEDS
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.operators.trial_script import HOLDS, LASTING, SPEEDS
 
 if TYPE_CHECKING:
-    from autopilot.cli.trial_script import TrialScript
-    from autopilot.guidance.trial_limits import TrialLimits
-    from autopilot.params.vessel import Vessel
+    from autopilot.guidance.trials import TrialLimits
+    from autopilot.operators.trial_script import TrialScript
+    from autopilot.vessel.schema import Vessel
 
 DESCRIPTION = """\
 Sail a trial and log it. Take the helm, or press Ctrl-C, to end it: the rudder is released. It also ends when the pilot
@@ -99,9 +99,9 @@ def _number(
 
 def run(arguments: argparse.Namespace) -> int:
     """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
-    from autopilot.build_laws import TRIAL_LAW
     from autopilot.cli.steering import steer
-    from autopilot.params.vessel_file import load_vessel
+    from autopilot.runtime.build import TRIAL_LAW
+    from autopilot.vessel.file import load_vessel
 
     vessel = load_vessel(arguments.vessel)
     if vessel.helm.method == "guided":
@@ -129,16 +129,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:
-    from autopilot.build_laws import limits_of, model_of
-    from autopilot.cli.trial_plans import steps_of
-    from autopilot.cli.trial_script import TrialScript
+    from autopilot.operators.trial_script import TrialScript, steps_of
+    from autopilot.runtime.build import limits_of, model_of
 
     angle_max_deg = math.degrees(limits_of(vessel).angle_max)
     return TrialScript(steps_of(arguments, round(angle_max_deg, 9), model_of(vessel)), _limits(arguments))
 
 
 def _limits(arguments: argparse.Namespace) -> TrialLimits:
-    from autopilot.guidance.trial_limits import TrialLimits
+    from autopilot.guidance.trials import TrialLimits
 
     least, most = arguments.speed_min_m_s or -math.inf, arguments.speed_max_m_s or math.inf
     if least >= most:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from autopilot.cli.option_numbers import NumberOption, number
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.order_values import typed_number
+from autopilot.files.outside import typed_number
 
 if TYPE_CHECKING:
     from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Water
     from autopilot.models.norrbin import Norrbin
-    from autopilot.params.vessel import Vessel
+    from autopilot.vessel.schema import Vessel
 
 SYMBOLS = {"gain": "K", "time_constant": "T", "n3": "n3"}
 
@@ -39,9 +39,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Find the designs and print them; return the exit code."""
-    from autopilot.cli.progress import ProgressBar
+    from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.trial_design import KINDS, designs
-    from autopilot.params.vessel_file import load_vessel
+    from autopilot.vessel.file import load_vessel
 
     vessel = load_vessel(arguments.vessel)
     boat, water = _boat(vessel, arguments), _water(arguments)
@@ -57,9 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _boat(vessel: Vessel, arguments: argparse.Namespace) -> Boat:
-    from autopilot.build_laws import gear_of, limits_of, model_of
-    from autopilot.identification.information import InstrumentNoise
-    from autopilot.identification.trial_design import Boat
+    from autopilot.identification.trial_design import Boat, InstrumentNoise
+    from autopilot.runtime.build import gear_of, limits_of, model_of
 
     if vessel.model.n1 < 0.0:
         raise InputError(f"{arguments.vessel}: model.n1 is -1: trials are designed for course-stable boats only")

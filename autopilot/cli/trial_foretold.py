@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.trial_design import told_at_best
-from autopilot.cli.trial_script import TrialScript
-from autopilot.identification.information import Helm, InstrumentNoise, cramer_rao, planned, zigzag_helm
 from autopilot.identification.runs import Run, Segment
-from autopilot.identification.trial_design import track_of
+from autopilot.identification.trial_design import Helm, InstrumentNoise, cramer_rao, planned, track_of, zigzag_helm
+from autopilot.operators.trial_script import TrialScript
+from autopilot.runtime.build import gear_of, model_of
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
 if TYPE_CHECKING:
-    from autopilot.params.vessel import Vessel
+    from autopilot.vessel.schema import Vessel
 
 SPACING_S = 0.1
 

@@ -2,20 +2,218 @@
 
 Designing takes some hundred milliseconds, which is several ticks; what comes out is put in force between two ticks, by
 the loop itself.
+
+`run --learn`: what was learnt is shown, and adopted or taken back only when the skipper says so.
 """
 
 from __future__ import annotations
 
+import datetime
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from autopilot.cli.gains import Wish, designed
-from autopilot.cli.learning_desk import LearningDesk
 from autopilot.errors import InputError, RefusedError
-from autopilot.loop.vessel_in_force import VesselInForce
-from autopilot.params.vessel import Vessel
+from autopilot.models.norrbin import Norrbin
+from autopilot.pilot import Pilot
+from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.signals import Tick
+from autopilot.vessel.file import rounded
+from autopilot.vessel.schema import StandardErrors, Vessel
+
+if TYPE_CHECKING:
+    from autopilot.identification.learning import Learner, Proposal
+
+LEARN_HELP = "learn: what was learnt  adopt: steer with it  revert: take it back"
+
+LOOK_PERIOD = 2.0
+"""Seconds between looks at the learner for something to tell."""
+
+
+class LearningDesk:
+    """Between the skipper's terminal and a pilot that learns. `attach` it to the pilot before it is used."""
+
+    def __init__(self) -> None:
+        self._learner: Learner | None = None
+        self._in_force: VesselInForce | None = None
+        self._before: list[Vessel] = []
+        self._looked = -math.inf
+        self._told: tuple[Norrbin, bool] | None = None
+
+    def attach(self, pilot: Pilot, in_force: VesselInForce) -> None:
+        """Serve this pilot and its vessel in force."""
+        self._learner, self._in_force = pilot.learner, in_force
+
+    def news(self, tick: Tick) -> str:
+        """Return what the skipper should know unasked: a model put forward, or one that has proved itself; else ''."""
+        if self._learner is None or tick.now - self._looked < LOOK_PERIOD:
+            return ""
+        self._looked = tick.now
+        proposal = self._learner.proposal()
+        now = None if proposal is None else (proposal.model, proposal.is_proved)
+        if proposal is None or now == self._told:
+            return ""
+        self._told = now
+        what = "learnt" if not proposal.is_proved else "learnt and proved (type adopt)"
+        return f"{what}: {_numbers(proposal)}; {_check(proposal)}"
+
+    def type_line(self, line: str) -> str | None:
+        """Act on a typed line; return the answer, None where the line is not for this desk. Raises InputError."""
+        word = line.strip()
+        if word == "learn":
+            return self._report()
+        if word == "adopt":
+            return self.adopt()
+        if word == "revert":
+            return self.revert()
+        return None
+
+    def adopt(self) -> str:
+        """Put the proved model in force, with gains designed for it, and say what changed.
+
+        Raises InputError where there is nothing to adopt, it has not proved itself, or no gains serve it.
+        """
+        before, wanted = self.wanted()
+        try:
+            return self.put(before, designed(wanted))
+        except RefusedError as error:
+            raise InputError(f"not adopted: {error}") from error
+
+    def wanted(self) -> tuple[Vessel, Vessel]:
+        """Return the vessel in force, and the same with the proved model, gains not designed for it yet.
+
+        Raises InputError where there is nothing to adopt, or it has not proved itself.
+        """
+        learner, in_force = self._attached()
+        proposal = learner.proposal()
+        if proposal is None:
+            raise InputError(f"nothing to adopt yet: {_progress(learner)}")
+        if not proposal.is_proved:
+            raise InputError(f"not adopted: it must foretell better than the present model first; {_check(proposal)}")
+        return in_force.running, with_learnt(in_force.running, proposal)
+
+    def put(self, before: Vessel, after: Vessel) -> str:
+        """Put an adopted vessel in force, `before` being what `revert` goes back to. Raises RefusedError."""
+        _, in_force = self._attached()
+        kept = in_force.adopt(after)
+        self._before.append(before)
+        self._told = None
+        return "; ".join(filter(None, ["adopted", _changes(before, after), kept]))
+
+    def revert(self) -> str:
+        """Put back in force what was before the latest adoption. Raises InputError where there is none."""
+        _, in_force = self._attached()
+        if not self._before:
+            raise InputError("nothing to revert: no model has been adopted in this run")
+        present, before = in_force.running, self._before[-1]
+        # what was tuned since stays tuned; model and gains go back
+        after = replace(present, model=before.model, control=before.control)
+        try:
+            kept = in_force.adopt(after)
+        except RefusedError as error:
+            raise InputError(f"not reverted: {error}") from error
+        self._before.pop()
+        return "; ".join(filter(None, ["reverted", _changes(present, after), kept]))
+
+    def values(self) -> dict[str, float]:
+        """Return model in force, learnt so far and proposed (`lrn_p`, `lrn_s`: standard errors), and how it did.
+
+        Errors of foretelling [deg]; `lrn_state` 0 nothing is proposed yet, 1 it is, 2 it has proved itself.
+        """
+        if self._learner is None:
+            return {}
+        learner, proposal = self._learner, self._learner.proposal()
+        values = {"lrn_win": float(learner.windows), "lrn_state": 0.0}
+        for suffix, model in (("_in", learner.present), ("", learner.estimate)):
+            values |= {f"lrn_K{suffix}": model.gain, f"lrn_T{suffix}": model.time_constant, f"lrn_n3{suffix}": model.n3}
+        if proposal is None:
+            return values
+        model, errors = proposal.model, proposal.standard_errors
+        values |= {"lrn_pK": model.gain, "lrn_pT": model.time_constant, "lrn_pn3": model.n3}
+        values |= {"lrn_sK": errors["gain"], "lrn_sT": errors["time_constant"], "lrn_sn3": errors["n3"]}
+        values |= {"lrn_n": float(proposal.stretches), "lrn_ahead": proposal.ahead}
+        values |= {"lrn_old": math.degrees(proposal.present_error), "lrn_new": math.degrees(proposal.proposed_error)}
+        return values | {"lrn_state": 2.0 if proposal.is_proved else 1.0}
+
+    def _attached(self) -> tuple[Learner, VesselInForce]:
+        if self._learner is None or self._in_force is None:
+            raise InputError("nothing is learnt in this run: start with --learn")
+        return self._learner, self._in_force
+
+    def _report(self) -> str:
+        learner, _ = self._attached()
+        proposal = learner.proposal()
+        lines = [f"put forward: {_numbers(proposal)}; {_check(proposal)}"] if proposal else [_progress(learner)]
+        for name, model in (
+            ("in force", learner.present),
+            ("now", learner.estimate),
+            ("recursion as published", learner.recursion),
+            ("least squares", learner.least_squares),
+        ):
+            lines.append(f"  {name:24} K {model.gain:.4g} 1/s  T {model.time_constant:.4g} s  n3 {model.n3:.4g}")
+        return "\n".join(lines)
+
+
+def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:
+    """Return the vessel with the proposed model."""
+    model, errors = proposal.model, proposal.standard_errors
+    return replace(
+        vessel,
+        model=replace(
+            vessel.model,
+            K_1_s=rounded(model.gain),
+            T_s=rounded(model.time_constant),
+            n3_s2_rad2=rounded(model.n3),
+            n0_rad_s=rounded(model.n0),
+            standard_errors=StandardErrors(
+                K_1_s=rounded(errors["gain"]),
+                T_s=rounded(errors["time_constant"]),
+                n3_s2_rad2=rounded(errors["n3"]),
+                n0_rad_s=rounded(errors["n0"]),
+            ),
+            source="learnt while sailing, integral method",
+            date=datetime.date.today().isoformat(),
+            log=(),
+        ),
+    )
+
+
+def _numbers(proposal: Proposal) -> str:
+    model, errors = proposal.model, proposal.standard_errors
+    return (
+        f"K {model.gain:.3g} +- {errors['gain']:.1g} 1/s, T {model.time_constant:.3g} +- "
+        f"{errors['time_constant']:.1g} s, n3 {model.n3:.3g} +- {errors['n3']:.1g} s^2/rad^2 "
+        f"from {proposal.windows} windows"
+    )
+
+
+def _check(proposal: Proposal) -> str:
+    if proposal.stretches == 0:
+        return "no manoeuvre since to prove it by; turn or zigzag"
+    return (
+        f"heading {proposal.ahead:.0f} s ahead off by {math.degrees(proposal.proposed_error):.2g} deg rms, with the "
+        f"present model {math.degrees(proposal.present_error):.2g} deg, on {proposal.stretches} stretches since"
+    )
+
+
+def _progress(learner: Learner) -> str:
+    return (
+        f"{learner.windows} windows have told something, and K and T are not known to 10 % yet; windows tell where the "
+        "rudder moves by 4 deg or more: turn or zigzag"
+    )
+
+
+def _changes(before: Vessel, after: Vessel) -> str:
+    old, new = before.model, after.model
+    text = f"K {old.K_1_s:.4g} -> {new.K_1_s:.4g} 1/s, T {old.T_s:.4g} -> {new.T_s:.4g} s"
+    was, now = before.control.backstepping, after.control.backstepping
+    if was is not None and now is not None:
+        text += f", gains k1 {was.k1_1_s:.3g} -> {now.k1_1_s:.3g}, k2 {was.k2_1_s:.3g} -> {now.k2_1_s:.3g} 1/s"
+    return text
+
 
 BUSY = "another change is being worked out: try again in a moment"
 

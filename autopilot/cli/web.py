@@ -43,12 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     require_extra()
     from autopilot.cli.signing import signing_of
     from autopilot.cli.waiting import patience_of
-    from autopilot.web.access import Access, token_of
-    from autopilot.web.hub import Hub
-    from autopilot.web.line import BoatLine
-    from autopilot.web.log_shelf import LogShelf
-    from autopilot.web.server import build_app, known_hosts, serve
-    from autopilot.web.station import Station
+    from autopilot.web.hub import Access, Hub, token_of
+    from autopilot.web.server import LogShelf, build_app, known_hosts, serve
+    from autopilot.web.station import BoatLine, Station
 
     host, port = listening_address(arguments.listen)
     patience = patience_of(arguments)

@@ -33,9 +33,9 @@ slope, and
     V3' = -(a(r) - W/S) e''^2:
 
 stable, however large the error, where k3 + d'(r)/T > W/S at every rate; nothing but e = e' = 0 keeps e'' = 0. The
-linear-quadratic regulator with a weight on the rudder's rate is of this form (`spared_rudder`). u begins each time at
-the rudder that was really told: nothing winds up, and engaging makes no bump. A planned turn that takes rudder is
-steered without this step, as the plan wants its rudder at once.
+linear-quadratic regulator with a weight on the rudder's rate is of this form (`autopilot.control.design`). u begins
+each time at the rudder that was really told: nothing winds up, and engaging makes no bump. A planned turn that takes
+rudder is steered without this step, as the plan wants its rudder at once.
 
 The paper has g = 1 1/s^2, hidden in V = (z1^2 + z2^2)/2. Left at 1 it asks a boat with K = 0.1 1/s and
 T = 20 s for at least 200 deg of rudder per degree of error however small k1 and k2 are; so g is a gain here.

@@ -22,8 +22,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.estimation.wave_motion import CORNER, DAMPING, STIFFENING, believed, left_alone
-from autopilot.limits import RudderLimits
+from autopilot.control.limits import RudderLimits
+from autopilot.estimation.waves import CORNER, DAMPING, STIFFENING, believed, left_alone
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 

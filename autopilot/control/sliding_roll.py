@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.angles import wrap
+from autopilot.control.limits import RATE_UNSEEN, seen
 from autopilot.control.roll_damping import OLD
 from autopilot.control.rudder_roll import (
     LinearStep,
@@ -38,7 +39,6 @@ from autopilot.control.rudder_roll import (
     roll_rudder,
     schedule_step,
 )
-from autopilot.control.shown_rate import RATE_UNSEEN, seen
 from autopilot.control.sliding_heading import (
     SMALL,
     SPEED_RANGE,

@@ -9,10 +9,11 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.estimation import heading_filter as ekf
-from autopilot.estimation import wave_motion
-from autopilot.estimation.heading_filter import FilterNoise, FilterState
-from autopilot.estimation.heading_update import (
+from autopilot.estimation import heading_ekf as ekf
+from autopilot.estimation import waves
+from autopilot.estimation.heading_ekf import (
+    FilterNoise,
+    FilterState,
     fuse_heading,
     fuse_rate,
     heading_variance,
@@ -20,7 +21,7 @@ from autopilot.estimation.heading_update import (
     learn_waves,
     surprise,
 )
-from autopilot.estimation.rudder_track import RudderPast, angle_at, stretch, tick_at
+from autopilot.estimation.rudder_observer import RudderPast, angle_at, stretch, tick_at
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 
@@ -87,7 +88,7 @@ def mean_at(
 ) -> tuple[float, float, float, float]:
     """Return psi, r, h and s of the filter at `now` [s]; the waves that are not yet known count as the boat's own."""
     psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, now)
-    unknown = 1.0 - wave_motion.known(fusion.state.sea)
+    unknown = 1.0 - waves.known(fusion.state.sea)
     return psi + unknown * wave, rate + unknown * wave_rate, wave - unknown * wave, wave_rate - unknown * wave_rate
 
 

@@ -1,6 +1,6 @@
 """The heading filter as it is after a long while on a straight course: constant gains, for the judgement of loops.
 
-On a straight course the filter of `heading_filter` without waves is linear, and its covariance settles:
+On a straight course the filter of `heading_ekf` without waves is linear, and its covariance settles:
 
     x- = A x + B delta,   x = x- + G (y - x-[0:2]),   x = (psi, r, b),  y = (heading, rate)
 
@@ -13,9 +13,8 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-from autopilot.estimation import heading_filter as ekf
-from autopilot.estimation.heading_filter import FilterNoise, FilterState
-from autopilot.estimation.heading_update import fuse_heading, fuse_rate
+from autopilot.estimation import heading_ekf as ekf
+from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin
 
 RUDDER_IN_USE = math.radians(1.0)
@@ -51,7 +50,7 @@ def linear_of(model: Norrbin) -> Norrbin:
 
 
 def prediction(model: Norrbin, seconds: float) -> Prediction:
-    """Return what `heading_filter.predict_mean` does over so many `seconds` with the model about straight running."""
+    """Return what `heading_ekf.predict_mean` does over so many `seconds` with the model about straight running."""
     straight, at_rest = linear_of(model), FilterState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     columns = []
     off = (at_rest._replace(psi=PROBE), at_rest._replace(rate=PROBE), at_rest._replace(bias=PROBE))

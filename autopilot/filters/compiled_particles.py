@@ -15,8 +15,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.filters.feedback_particle import LARGEST_STEP, MOST_STEPS, fpf_start, fpf_update
-from autopilot.filters.kalman import Gaussian
-from autopilot.filters.midpoint import Drift, FloatArray, Observe
+from autopilot.filters.kalman import Drift, FloatArray, Gaussian, Observe
 
 REORDERED = {"reassoc", "contract", "nsz", "arcp"}
 """What the compiler may assume of arithmetic: sums in any order, but nan stays nan."""

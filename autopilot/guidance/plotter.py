@@ -1,6 +1,6 @@
 """Steering by a chart plotter: its track and cross-track error, or its heading to steer, to a course. Pure.
 
-The course leads along the plotter's track by line of sight (`guidance/line_of_sight.py`), with its bearing and its
+The course leads along the plotter's track by line of sight (`guidance/track.py`), with its bearing and its
 cross-track error.
 
 A plotter that switches to its next waypoint tells the new bearing and the new error in sentences of their own, and for
@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import compass_deg, shortest_turn
-from autopilot.guidance.line_of_sight import LOOKAHEAD_LEAST, LOOKAHEAD_S, line_of_sight
+from autopilot.guidance.track import LOOKAHEAD_LEAST, LOOKAHEAD_S, line_of_sight
 from autopilot.signals import AlarmEvent
 
 TIMEOUT_S = 8.0

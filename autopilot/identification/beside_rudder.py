@@ -8,12 +8,11 @@ import numpy as np
 
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Identified, Steps, identified_from
 from autopilot.identification.output_error import Solution, solve
-from autopilot.identification.residuals import typical_rate
+from autopilot.identification.residuals import NO_TRIMS, RunTrims, typical_rate
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
-from autopilot.identification.run_trim import NO_TRIMS, RunTrims
 from autopilot.identification.runs import Run, Segment, has_propeller, has_wind
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.race_and_wind import RaceAndWind, without_drift
+from autopilot.models.wind import RaceAndWind, without_drift
 
 CUBIC = ("gain", "time_constant", "n3", "n0")
 DAMPING = ("n3", "n2")

@@ -21,10 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.filters.midpoint import FloatArray
-from autopilot.identification.noise import instrument_noise
-from autopilot.identification.prediction import simulate_run
+from autopilot.filters.kalman import FloatArray
 from autopilot.identification.recursive import Steps
+from autopilot.identification.residual_tests import simulate_run
+from autopilot.identification.residuals import instrument_noise
 from autopilot.identification.runs import Run
 from autopilot.models.norrbin import Norrbin, at_speed_ratio
 

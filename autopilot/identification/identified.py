@@ -7,15 +7,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from autopilot.identification.noise import Noise
 from autopilot.identification.output_error import Solution
-from autopilot.identification.prediction import Prediction, predict, simulate_run
+from autopilot.identification.residual_tests import Prediction, predict, simulate_run
+from autopilot.identification.residuals import PREFIX, Noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
-from autopilot.identification.run_trim import PREFIX
 from autopilot.identification.runs import FloatArray, Run, has_propeller, has_wind
 from autopilot.identification.two_stage import CubicDamping
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.race_and_wind import RaceAndWind
+from autopilot.models.wind import RaceAndWind
 
 ModelKind = Literal["nomoto", "norrbin"]
 Progress = Callable[[int, int], None]

@@ -19,8 +19,7 @@ from autopilot.identification.identified import (
     identified_from,
 )
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
-from autopilot.identification.residuals import typical_rate
-from autopilot.identification.run_trim import RunTrims, Trim, own_trims
+from autopilot.identification.residuals import RunTrims, Trim, own_trims, typical_rate
 from autopilot.identification.runs import Run, has_propeller, has_wind
 from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
 from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage

@@ -15,6 +15,13 @@ with the rudder that they take in calm water: running straight tells nothing the
 
 fade with what is excited only, so that straight running forgets nothing. Lambda holds theta near the model it began
 with as far as the windows say nothing; s is the error that an equation is expected to have.
+
+The sums over windows from which the integral method takes its estimate: three small matrices, whatever the time.
+
+The boat that is simulated beside the real one: its motion is what the integral method takes for instruments.
+
+Recursive least squares over the integrated equation: the plain variant beside `integral_fit`, biased by the noise of
+the measured rate and quick to compute.
 """
 
 from __future__ import annotations
@@ -25,11 +32,120 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.identification.integral_boat import BoatBeside
-from autopilot.identification.integral_sums import WindowSums
+from autopilot.filters.rls import rls_start, rls_step
 from autopilot.identification.integral_window import BLOCKS, Integrals, IntegralWindow
-from autopilot.models.norrbin import Norrbin
+from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, rate_step, rudder_for
 from autopilot.signals import Reference
+
+Array = NDArray[np.float64]
+
+
+class WindowSums:
+    """R = sum zeta phi'/s^2, S = sum zeta zeta'/s^2 and f = sum zeta missing/s^2 over the windows, fading.
+
+    size: number of parameters.  expected_error: s [rad], what an equation's error is expected to be.
+    """
+
+    def __init__(self, size: int, expected_error: float) -> None:
+        self._weight = expected_error**-2
+        self._one = np.eye(size)
+        self.R: Array = np.zeros((size, size))
+        self.S: Array = np.zeros((size, size))
+        self.f: Array = np.zeros(size)
+
+    def add(self, fading: float, instruments: Array, terms: Array, missing: float) -> None:
+        """Fade what is there by the factor `fading` and add a window: its instruments zeta, its terms phi, and what
+        the terms times the first parameters lack of its left side."""
+        weighted = self._weight * instruments
+        self.R = fading * self.R + np.outer(weighted, terms)
+        self.S = fading * self.S + np.outer(weighted, instruments)
+        self.f = fading * self.f + weighted * missing
+
+    def step(self, spread: Array, square: float) -> Array:
+        """Return theta - theta_0, held by `spread`, its expected size; `square` is the equations' mean square error in
+        units of s^2. nan where the sums do not determine it."""
+        whole = spread[:, None] * self.R * spread / square + self._one
+        try:
+            return np.asarray(spread * np.linalg.solve(whole, spread * self.f / square))
+        except np.linalg.LinAlgError:
+            return np.full(spread.size, np.nan)
+
+    def errors(self, spread: Array, square: float) -> Array:
+        """Return the standard errors of `step`; infinite where the sums do not determine it."""
+        try:
+            inverse = np.linalg.inv(spread[:, None] * self.R * spread / square + self._one)
+        except np.linalg.LinAlgError:
+            return np.full(spread.size, np.inf)
+        scores = spread[:, None] * self.S * spread / square + self._one
+        return np.asarray(spread * np.sqrt(np.maximum(np.diag(inverse @ scores @ inverse.T), 0.0)))
+
+
+RATE_BOUND_RAD_S = 3.0
+
+
+class BoatBeside:
+    """Heading [rad] and rate [rad/s] of a boat that knows the rudder and no noise.
+
+    Args:
+        longest_gap: after a silence longer than this [s] it begins anew.  led_back: a course-unstable boat left to
+        itself would soon turn the other way than the real one, so it is led back to it.
+
+    Attributes: moved_by, the rudder [rad] as far as nothing that disturbs the boat moves it; followed, when it followed
+    a reference last [s]; lead_time, the time constant [s] of leading it back.
+    """
+
+    def __init__(self, longest_gap: float, *, led_back: bool) -> None:
+        self._longest_gap, self._led_back = longest_gap, led_back
+        self.lead_time = 1.0
+        self.heading = self.rate = self.moved_by = 0.0
+        self.followed = self._at = -math.inf
+        self._rudder, self._measured = 0.0, math.nan
+
+    def simulate(
+        self, model: Norrbin, time: float, rudder: float, ratio: float, heading: float | None, rate: float | None
+    ) -> None:
+        """Carry it on to `time` [s] under the rudder [rad] at `ratio` times the reference speed; heading [rad] and rate
+        [rad/s] are the real boat's. Where the samples begin anew, it begins with the measured rate."""
+        dt = time - self._at
+        if dt > self._longest_gap:
+            self.rate = 0.0 if rate is None or not math.isfinite(rate) else rate
+            self._measured = math.nan
+        elif dt > 0.0 and math.isfinite(rudder):
+            self._move(at_speed_ratio(model, max(ratio, SPEED_FLOOR_RATIO)), dt, rudder)
+            if self._led_back:
+                self._lead_back(dt, heading, rate)
+        self._at = max(time, self._at)
+        self._rudder = self.moved_by = rudder if math.isfinite(rudder) else self._rudder
+        self._measured = math.nan if heading is None else heading
+
+    def _move(self, model: Norrbin, dt: float, rudder: float) -> None:
+        steps = math.ceil(2.0 * dt / model.time_constant)
+        for step in range(steps):
+            angle = self._rudder + (rudder - self._rudder) * (step + 0.5) / steps
+            before = self.rate
+            moved = rate_step(model, before, angle, dt / steps)
+            self.rate = min(max(moved, -RATE_BOUND_RAD_S), RATE_BOUND_RAD_S)
+            self.heading += 0.5 * dt / steps * (before + self.rate)
+
+    def _lead_back(self, dt: float, heading: float | None, rate: float | None) -> None:
+        share = min(dt / self.lead_time, 1.0)
+        if rate is not None and math.isfinite(rate):
+            self.rate += share * (rate - self.rate)
+        elif heading is not None and math.isfinite(heading - self._measured):
+            turned = math.remainder(heading - self._measured, 2.0 * math.pi)
+            self.rate += share * (turned / dt - self.rate)
+
+    def follow(self, model: Norrbin, time: float, ratio: float, reference: Reference) -> None:
+        """Go where a law is told to go; its rudder is what that takes without any waves."""
+        dt = time - self._at
+        if 0.0 < dt <= self._longest_gap:
+            self.heading += 0.5 * dt * (self.rate + reference.rate)
+        self.rate = reference.rate
+        scaled = at_speed_ratio(model, max(ratio, SPEED_FLOOR_RATIO))
+        self.moved_by = rudder_for(scaled, reference.rate, reference.acceleration)
+        self._at = self.followed = max(time, self._at)
+        self._rudder, self._measured = self.moved_by, math.nan
+
 
 NAMES = ("gain", "time_constant", "n3", "n0")
 
@@ -295,3 +411,33 @@ def _values(model: Norrbin) -> NDArray[np.float64]:
 
 def _within(value: float, first: float, factor: float) -> float:
     return min(max(value, first / factor), first * factor)
+
+
+PLAIN_ERROR_RAD = 0.002
+
+
+class WindowRls:
+    """K, T and, with `cubic`, n3, beginning at `first`, with `forgetting` per window."""
+
+    def __init__(self, first: Norrbin, forgetting: float = 1.0, *, cubic: bool = True) -> None:
+        self.model = self._first = first
+        self._forgetting = forgetting
+        # in units of the first model the unknowns are of order one, and so is their variance
+        self._units = (first.gain, first.time_constant, max(first.n3, 1.0)) if cubic else first[:2]
+        self._state = rls_start([0.0] * len(self._units), PLAIN_ERROR_RAD**-2)
+
+    def update(self, window: Integrals) -> Norrbin:
+        """Take one window's equation; return the model as it is then, T positive and n3 not negative."""
+        first = self._first
+        terms = (window.driven, -window.rate_change, -window.cubed)[: len(self._units)]
+        known = first.gain * terms[0] + first.time_constant * terms[1] - first.n3 * window.cubed
+        missing = first.n1 * window.turned + first.n0 * window.elapsed - known
+        scaled = [term * unit for term, unit in zip(terms, self._units, strict=True)]
+        self._state = rls_step(self._state, scaled, missing, self._forgetting)
+        found = [share * unit for share, unit in zip(self._state.theta, self._units, strict=True)]
+        self.model = first._replace(
+            gain=max(first.gain + found[0], 1.0e-9),
+            time_constant=max(first.time_constant + found[1], 1.0e-9),
+            n3=max(first.n3 + found[2], 0.0) if len(found) > 2 else first.n3,
+        )
+        return self.model

@@ -12,8 +12,13 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified
 from autopilot.identification.identify import sources_of
 from autopilot.identification.integral_fit import NAMES, FitSettings, IntegralFit, window_length
-from autopilot.identification.integral_recursion import Recursion, RecursionSettings, recursion_step
-from autopilot.identification.integral_window import BLOCKS, IntegralWindow
+from autopilot.identification.integral_window import (
+    BLOCKS,
+    IntegralWindow,
+    Recursion,
+    RecursionSettings,
+    recursion_step,
+)
 from autopilot.identification.methods import Question, begin, identified_as
 from autopilot.identification.runs import Run, gap_limit
 from autopilot.models.norrbin import Norrbin

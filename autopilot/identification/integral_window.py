@@ -14,17 +14,110 @@ difference of the two blocks' mean headings: a rate from headings alone, without
 first mean to the last it is the equation over one window; from the mean of all of them to the last it is the mean of
 the equations over all windows up to that length, which has less noise still, and does not vanish where the window is as
 long as a zigzag's period.
+
+The cube of the yaw rate from headings alone, for blocks so long that the boat turns round inside them.
+
+A block is divided into parts; the differences of the parts' mean headings are the rates between them, taken to change
+in straight lines. Their noise s makes the mean of a cube too large by 3 r s^2: that is taken off, s^2 coming from the
+headings' second differences.
+
+The recursion of the integral method: one parameter after another, each from the same window's equation.
+
+    e = T dr + dpsi + alpha I3 - K Id
+    K += lambda Id e/(mu + Id^2),   T -= lambda dr e/(mu + dr^2),   alpha -= lambda I3 e/(mu + I3^2)
+
+each minimises e^2 + mu (theta - theta before)^2 over its own parameter, with the others as they were, and goes the
+share lambda of the way. The linear form has no alpha. Source: patent application of Harbin Engineering University
+(Liao et al., 2019). Its mu has the unit of a regressor squared; here it is a multiple of the regressor's own mean
+square, which makes it the same number for a model boat and a ship.
+
+The recursion is not the estimate to rely on: three parameters from one equation creep along a valley where K, T and
+alpha change together and e hardly does. `integral_fit` solves the same equations of many windows at once.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.identification.heading_parts import HeadingParts, cubed
+from autopilot.models.norrbin import Norrbin
+
+PART_S = 0.75
+"""Parts are of this length or up to twice it: shorter ones have more noise, longer ones do not follow the turns of a
+zigzag."""
+
+ROUGH_SAMPLES = 200
+"""Over about so many samples the heading's noise is taken."""
+
+
+class HeadingParts:
+    """Means of the heading over the parts of blocks of `block` [s].
+
+    roughness [rad^2 s]: the square of the headings' noise times their spacing, what a mean over a second keeps of it.
+    """
+
+    def __init__(self, block: float) -> None:
+        self._count = max(int(block / PART_S), 1)
+        self._length = block / self._count
+        self.roughness = self._last_turned = self._last_dt = 0.0
+        self._samples = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Start a block."""
+        self._angles, self._times = [0.0] * self._count, [0.0] * self._count
+
+    def take(self, since: float, dt: float, before: float, turned: float) -> None:
+        """Take an interval of `dt` [s] that begins `since` [s] after the block: from the heading `before` [rad] it has
+        turned by `turned` [rad]."""
+        if abs(dt - self._last_dt) < 0.1 * dt:
+            # second differences of white noise have six times its square
+            self._samples = min(self._samples + 1, ROUGH_SAMPLES)
+            self.roughness += (dt * (turned - self._last_turned) ** 2 / 6.0 - self.roughness) / self._samples
+        self._last_turned, self._last_dt = turned, dt
+        slope, at, end = turned / dt, since, since + dt
+        while at < end:
+            part = min(int(at / self._length + 1.0e-9), self._count - 1)
+            until = end if part == self._count - 1 else min(end, (part + 1) * self._length)
+            self._angles[part] += (until - at) * (before + slope * (0.5 * (at + until) - since))
+            self._times[part] += until - at
+            at = until if until > at else end
+
+    def means(self) -> tuple[float, ...]:
+        """Return the mean heading [rad] of each part, none where a part has no sample or there is but one."""
+        if self._count < 2 or not all(time > 0.0 for time in self._times):
+            return ()
+        return tuple(angle / time for angle, time in zip(self._angles, self._times, strict=True))
+
+
+def cubed(first: Sequence[float], second: Sequence[float], span: float, roughness: float) -> tuple[float, float]:
+    """Return int r^3 dt [rad^3/s^2] from the middle of the first of two blocks, which take `span` [s] together, to that
+    of the second, and the mean of that integral with a weight which rises over the first and falls over the second;
+    both blocks by the means of as many parts."""
+    parts = [*first, *second]
+    step, count = span / len(parts), len(first)
+    noise = 3.0 * 2.0 * roughness / step**3
+    inner = [(later - now) / step for now, later in pairwise(parts)]
+    # at the ends, where the weight is next to nothing, the rate goes on as it did
+    rates = [2.0 * inner[0] - inner[1], *inner, 2.0 * inner[-1] - inner[-2]]
+    totals, mean = [0.0], 0.0
+    for k, (now, later) in enumerate(pairwise(rates)):
+        # the cube of a straight line
+        whole = 0.25 * (now + later) * (now * now + later * later - 2.0 * noise) * step
+        mean += min(k + 0.5, len(parts) - k - 0.5) * (totals[-1] + 0.5 * whole)
+        totals.append(totals[-1] + whole)
+    begun, ended = _between(totals, 0.5 * count), _between(totals, 1.5 * count)
+    return ended - begun, mean / count**2 - begun
+
+
+def _between(totals: Sequence[float], place: float) -> float:
+    left = int(place)
+    return totals[left] + (place - left) * (totals[left + 1] - totals[left])
+
 
 BLOCKS = 12
 """Blocks in a window; more would follow the window's end closer, fewer average more."""
@@ -296,3 +389,62 @@ def _known(value: float | None) -> float | None:
 def _mean(tents: Collection[_Tent]) -> _Tent:
     share = 1.0 / len(tents)
     return _Tent(*[share * sum(column) for column in zip(*tents, strict=True)])
+
+
+class RecursionSettings(NamedTuple):
+    """step lambda [-] and weight mu [-, in mean squares of the regressor], the same for every parameter; whether
+    alpha is estimated, or else held; how far K, T and alpha may go from the model they begin with, a factor."""
+
+    step: float = 0.5
+    weight: float = 1.0
+    nonlinear: bool = False
+    bound: float = 10.0
+
+
+class Recursion(NamedTuple):
+    """The estimate and, per regressor (Id, dr, I3), its mean square over `windows` of them."""
+
+    model: Norrbin
+    powers: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    windows: int = 0
+
+
+MEMORY = 200
+"""Windows over which the mean squares are taken."""
+
+
+def recursion_step(settings: RecursionSettings, first: Norrbin, state: Recursion, window: Integrals) -> Recursion:
+    """Return the state after one more window; `first` is the model it all began with, which the bounds are about."""
+    model = state.model
+    count = min(state.windows + 1, MEMORY)
+    regressors = window.driven, window.rate_change, window.cubed
+    driven, change, cubed = regressors
+    power = [p + (x * x - p) / count for p, x in zip(state.powers, regressors, strict=True)]
+    error = (
+        model.time_constant * change
+        + model.n1 * window.turned
+        + model.n3 * cubed
+        + model.n0 * window.elapsed
+        - model.gain * driven
+    )
+    gain = model.gain + settings.step * _share(driven, power[0], settings.weight) * error
+    time_constant = model.time_constant - settings.step * _share(change, power[1], settings.weight) * error
+    n3 = model.n3
+    if settings.nonlinear:
+        n3 = max(0.0, n3 - settings.step * _share(cubed, power[2], settings.weight) * error)
+        n3 = min(n3, settings.bound * first.n3) if first.n3 > 0.0 else n3
+    found = model._replace(
+        gain=_within(gain, first.gain, settings.bound),
+        time_constant=_within(time_constant, first.time_constant, settings.bound),
+        n3=n3,
+    )
+    return Recursion(found, (power[0], power[1], power[2]), count)
+
+
+def _share(regressor: float, power: float, weight: float) -> float:
+    whole = weight * power + regressor * regressor
+    return regressor / whole if whole > 0.0 else 0.0
+
+
+def _within(value: float, first: float, bound: float) -> float:
+    return min(max(value, first / bound), first * bound)

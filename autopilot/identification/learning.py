@@ -13,11 +13,15 @@ from collections import deque
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.identification.foretelling import Foretelling, Outcome
-from autopilot.identification.integral_fit import ENOUGH, FitSettings, IntegralFit, window_length
-from autopilot.identification.integral_recursion import Recursion, RecursionSettings, recursion_step
-from autopilot.identification.integral_rls import WindowRls
-from autopilot.identification.integral_window import BLOCKS, IntegralWindow
+from autopilot.identification.integral_fit import ENOUGH, FitSettings, IntegralFit, WindowRls, window_length
+from autopilot.identification.integral_window import (
+    BLOCKS,
+    IntegralWindow,
+    Recursion,
+    RecursionSettings,
+    recursion_step,
+)
+from autopilot.identification.model_choice import Foretelling, Outcome
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, Mode, OrderKind, RateSample, RudderSample, Tick
 

@@ -23,15 +23,24 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from autopilot.identification.forcing import Forcing, forcing
-from autopilot.identification.noise import Noise, residual_noise, robust_covariance
-from autopilot.identification.residuals import Problem, initial_state, triangle, typical_rate, units
+from autopilot.identification.residuals import (
+    NO_TRIMS,
+    Noise,
+    Problem,
+    RunTrims,
+    gusts_in,
+    initial_state,
+    residual_noise,
+    robust_covariance,
+    triangle,
+    typical_rate,
+    units,
+)
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
-from autopilot.identification.run_trim import NO_TRIMS, RunTrims
 from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
-from autopilot.identification.whitening import gusts_in
+from autopilot.identification.simulation import Forcing, forcing
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.race_and_wind import RaceAndWind
+from autopilot.models.wind import RaceAndWind
 
 STEPS_PER_TIME_CONSTANT = 4.0
 """Integration steps per time constant, at least, during the fit: Runge-Kutta is then exact to some 3e-5."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from autopilot.filters.midpoint import FloatArray, midpoint_step, observed
+from autopilot.filters.kalman import FloatArray, midpoint_step, observed
 from autopilot.identification.recursive import Case, Steps
 
 SLOPE_SHARE = 1.0e-4

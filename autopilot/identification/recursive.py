@@ -13,10 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autopilot.filters.compiled_particles import CompiledParticleFilter
-from autopilot.filters.feedback_particle import fpf_belief, fpf_predict, fpf_start, fpf_update
-from autopilot.filters.kalman import Gaussian, ekf_predict, ekf_update
-from autopilot.filters.midpoint import Drift, FloatArray, Observe
-from autopilot.filters.particle_gains import Gain
+from autopilot.filters.feedback_particle import Gain, fpf_belief, fpf_predict, fpf_start, fpf_update
+from autopilot.filters.kalman import Drift, FloatArray, Gaussian, Observe, ekf_predict, ekf_update
 
 UNIDENTIFIED = 0.8
 """A parameter of which more than this share of the prior standard deviation is left has not been identified."""

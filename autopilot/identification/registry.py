@@ -5,9 +5,7 @@ from __future__ import annotations
 from autopilot.errors import InputError
 from autopilot.identification.filter_methods import KalmanMethod, ParticleMethod
 from autopilot.identification.integral_method import IntegralMethod, IntegralRecursionMethod
-from autopilot.identification.methods import Method
-from autopilot.identification.output_error_method import OutputErrorMethod
-from autopilot.identification.two_stage_method import TwoStageMethod
+from autopilot.identification.methods import Method, OutputErrorMethod, TwoStageMethod
 
 METHODS: tuple[Method, ...] = (
     OutputErrorMethod(),

@@ -2,25 +2,271 @@
 
 The vector z holds the free parameters (log of gain and time constants; the others in units that make them of
 order one), then per segment the initial rate in that unit, then per segment the initial heading.
+
+How large residuals are, how long they remember, and what that makes of the standard errors.
+
+A trim of each run's own: what wind and current are worth differs between recordings.
+
+An n0 of its own is, at all speeds, a rudder angle that the run's rudder stands off by: K delta - n0 = K (delta + t) -
+n0', for K and n0 both go with the speed. The angles t of R runs are fitted as R - 1 orthogonal contrasts that add up to
+nothing, beside the n0 that the runs have on average; they are nuisance parameters, of no use for another day.
+
+Prediction-error weighting: residuals of a simulation through the Kalman filter that makes them white.
+
+Gusts push the boat, and what they push it off course it keeps for a while. The errors of a simulated boat are then a
+process of their own, x' = -x/T + w in the rate and its integral in the heading, seen through the instruments' noise. A
+steady Kalman filter of that process turns residuals e_k into innovations, what of e_k could not be foretold from those
+before it:
+
+    n_k = S^(-1/2) (e_k - H x_k),    x_k+1 = A x_k + A K (e_k - H x_k)
+
+The filter is linear, so derivatives go through it likewise, and least squares of innovations is the prediction-error
+method of Ljung 1999 (chapter 7) for Nomoto's model; for Norrbin's the noise is that of the straight course. Where there
+are no gusts the gain K is next to nothing, and the fit that of the output error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
+from scipy.linalg import expm, helmert, solve_discrete_are
+from scipy.signal import lfilter, ss2tf
 
-from autopilot.identification.forcing import Forcing, at_samples, rudder_behind
-from autopilot.identification.noise import Noise, instrument_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
-from autopilot.identification.run_trim import NO_TRIMS, PREFIX, TYPICAL_TRIM_RAD, RunTrims
-from autopilot.identification.runs import FloatArray, Segment
-from autopilot.identification.simulation import Trajectory, simulate, slopes
-from autopilot.identification.whitening import Gusts, bridged, innovations
+from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.simulation import Forcing, Trajectory, at_samples, rudder_behind, simulate, slopes
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.race_and_wind import RaceAndWind
+from autopilot.models.wind import RaceAndWind
+
+LONGEST_MEMORY = 0.9999
+"""Lag-one correlations are held below this: at one, the weight would vanish altogether."""
+
+SMALLEST_NOISE = 1.0e-9
+"""Residuals [rad/s, rad] of an exact record are taken to be this large, so that no weight is infinite."""
+
+
+class Noise(NamedTuple):
+    """Residuals of one instrument: root mean square [rad/s or rad] and lag-one correlation; nan where absent."""
+
+    size: float
+    correlation: float
+
+    @property
+    def weight(self) -> float:
+        """1/s with s^2 = size^2 (1 + correlation)/(1 - correlation); 0 where the instrument is absent."""
+        if not self.size > 0.0:
+            return 0.0
+        return float(np.sqrt((1.0 - self.correlation) / (1.0 + self.correlation)) / self.size)
+
+
+def residual_noise(residuals: Sequence[FloatArray]) -> Noise:
+    """Return the Noise of one instrument from its residuals, one array per segment, nan where not measured."""
+    known = np.concatenate([values[np.isfinite(values)] for values in residuals])
+    if known.size == 0:
+        return Noise(float("nan"), float("nan"))
+    size = max(float(np.sqrt(np.mean(known**2))), SMALLEST_NOISE)
+    pairs = [values[:-1] * values[1:] for values in residuals]
+    neighbours = np.concatenate([products[np.isfinite(products)] for products in pairs])
+    correlation = float(np.mean(neighbours)) / size**2 if neighbours.size else 0.0
+    return Noise(size, min(max(correlation, 0.0), LONGEST_MEMORY))
+
+
+def instrument_noise(values: FloatArray) -> float:
+    """Return the white noise [unit of `values`] of a smooth signal, from its second differences.
+
+    Second differences of white noise of standard deviation s have standard deviation sqrt(6) s, and those of a
+    well-sampled motion are small; a motion sampled too coarsely makes the answer too large, never too small.
+    """
+    known = values[np.isfinite(values)]
+    if known.size < 3:
+        return float("inf")
+    return max(float(np.sqrt(np.mean(np.diff(known, 2) ** 2) / 6.0)), SMALLEST_NOISE)
+
+
+def robust_covariance(jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> FloatArray:
+    """Return the covariance, shape (F, F), of a least-squares estimate whose residuals are correlated.
+
+    jacobians: per segment, weighted, shape (N, 2, F); residuals: the same, shape (N, 2). The sandwich
+    A^-1 B A^-1 with A = J'J and B the long-run covariance of the scores J' e, by Newey and West (1987) with
+    Bartlett weights and the bandwidth of Andrews (1991) for a first-order process, one segment after another.
+    """
+    F = jacobians[0].shape[2]
+    A = np.zeros((F, F))
+    B = np.zeros((F, F))
+    scores = [np.einsum("ncf,nc->nf", J, e) for J, e in zip(jacobians, residuals, strict=True)]
+    bandwidth = _bandwidth(scores)
+    for J, score in zip(jacobians, scores, strict=True):
+        flat = J.reshape(-1, F)
+        A += flat.T @ flat
+        B += _long_run(score, bandwidth)
+    inverse = np.linalg.pinv(A, rcond=1.0e-14)
+    return np.asarray(inverse @ B @ inverse)
+
+
+def _bandwidth(scores: Sequence[FloatArray]) -> float:
+    """Return Andrews' bandwidth [samples] for Bartlett weights: 1.1447 (alpha N)^(1/3), alpha from AR(1) fits."""
+    now = np.concatenate([score[1:] for score in scores])
+    before = np.concatenate([score[:-1] for score in scores])
+    power = np.sum(before**2, axis=0)
+    rho = np.sum(now * before, axis=0)[power > 0.0] / power[power > 0.0]
+    rho = np.clip(rho, 0.0, 0.99)
+    alpha = float(np.mean(4.0 * rho**2 / ((1.0 - rho) ** 2 * (1.0 + rho) ** 2))) if rho.size else 0.0
+    return float(1.1447 * (alpha * now.shape[0]) ** (1.0 / 3.0))
+
+
+def _long_run(score: FloatArray, bandwidth: float) -> FloatArray:
+    """Return the Bartlett-weighted sum of a segment's score autocovariances, times its length: shape (F, F)."""
+    N = score.shape[0]
+    total = score.T @ score
+    for lag in range(1, min(int(bandwidth), N - 1) + 1):
+        lagged = score[lag:].T @ score[:-lag]
+        total += (1.0 - lag / (bandwidth + 1.0)) * (lagged + lagged.T)
+    return np.asarray(total)
+
+
+Trim = Literal["common", "per-run"]
+"""One n0 for all runs, or one for each."""
+
+PREFIX = "trim_"
+TYPICAL_TRIM_RAD = 0.02
+
+
+class RunTrims(NamedTuple):
+    """owners: per segment the number of its run. values [rad]: of the contrasts, one less than there are runs."""
+
+    owners: tuple[int, ...] = ()
+    values: tuple[float, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the contrasts are called among the parameters that are free."""
+        return tuple(f"{PREFIX}{number}" for number in range(len(self.values)))
+
+    @property
+    def angles(self) -> FloatArray:
+        """The rudder angle [rad] that each run has beside the others, shape (R,)."""
+        return np.asarray(_contrasts(len(self.values)) @ np.array(self.values))
+
+    def shares(self) -> FloatArray:
+        """Return how much of each contrast each segment has, shape (S, R - 1)."""
+        return _contrasts(len(self.values))[list(self.owners)]
+
+    def of_segments(self) -> FloatArray:
+        """Return the angle [rad] of each segment, shape (S,)."""
+        return self.angles[list(self.owners)]
+
+
+NO_TRIMS = RunTrims()
+"""All runs share one n0."""
+
+
+def own_trims(runs: Sequence[Run], trim: Trim) -> RunTrims:
+    """Return trims of 0 for each run, or none at all where all share one or there is one run alone."""
+    if trim == "common" or len(runs) < 2:
+        return NO_TRIMS
+    owners = tuple(number for number, run in enumerate(runs) for _ in run.segments)
+    return RunTrims(owners, (0.0,) * (len(runs) - 1))
+
+
+def _contrasts(count: int) -> FloatArray:
+    """Return orthonormal columns that add up to 0, shape (R, R - 1), R = `count` + 1."""
+    return np.asarray(helmert(count + 1).T, dtype=np.float64)
+
+
+LEAST_SHARE = 1.0e-3
+"""Gusts and noise are never taken to be below this share of the residuals."""
+
+
+class Gusts(NamedTuple):
+    """What makes residuals of rate and heading: process [rad/s/sqrt(s)], the root of the intensity that drives the
+    rate; memory [s], how long the boat keeps it; rate [rad/s] and heading [rad], the instruments' noise, inf where
+    nothing is measured."""
+
+    process: float
+    memory: float
+    rate: float
+    heading: float
+
+
+def gusts_in(residuals: Sequence[FloatArray], segments: Sequence[Segment], memory: float) -> Gusts:
+    """Return what explains `residuals`, per segment of shape (N, 2), rate and heading, of a boat of that memory [s].
+
+    The part of the rate's residuals that is still there a sample later is the gusts', of variance q^2 memory/2; the
+    rest, or the second differences of the record where they are less, is the instrument's.
+    """
+    pairs = [_neighbours(values, segment) for values, segment in zip(residuals, segments, strict=True)]
+    now, later = (np.concatenate([pair[i] for pair in pairs]) for i in (0, 1))
+    variance = max(float(np.mean(now**2)), 1.0e-18)
+    lasting = min(max(float(np.mean(now * later)), LEAST_SHARE**2 * variance), variance)
+    rate = _together([instrument_noise(segment.rate) for segment in segments])
+    if np.isfinite(rate):
+        rate = max(min(rate, (variance - lasting) ** 0.5), LEAST_SHARE * variance**0.5)
+    heading = _together([instrument_noise(segment.heading) for segment in segments])
+    return Gusts((2.0 * lasting / memory) ** 0.5, memory, rate, heading)
+
+
+def innovations(table: FloatArray, spacing: float, gusts: Gusts) -> FloatArray:
+    """Return the columns of `table`, shape (N, 2, C), rate and heading every `spacing` [s], through the filter: what is
+    new in each sample, in units of its standard deviation. A channel that is not measured gives 0."""
+    measured = [i for i, size in enumerate((gusts.rate, gusts.heading)) if np.isfinite(size)]
+    states = 2 if np.isfinite(gusts.heading) else 1  # an angle that nobody sees counts for nothing
+    H = np.eye(2)[measured, :states]
+    A, Q = (matrix[:states, :states] for matrix in _process(gusts, spacing))
+    R = np.diag(np.square([(gusts.rate, gusts.heading)[i] for i in measured]))
+    P = solve_discrete_are(A.T, H.T, Q, R)
+    S = H @ P @ H.T + R
+    gain = A @ np.linalg.solve(S, H @ P).T
+    whiten = np.linalg.inv(np.linalg.cholesky(S))
+    result = np.zeros_like(table)
+    for column, source in enumerate(measured):
+        numerators, denominator = ss2tf(A - gain @ H, gain, -whiten @ H, whiten, input=column)
+        for row, target in enumerate(measured):
+            result[:, target] += lfilter(numerators[row], denominator, table[:, source], axis=0)
+    return result
+
+
+def bridged(table: FloatArray) -> FloatArray:
+    """Return `table`, shape (N, 2, C), the residual in its last column, with rows in which that is missing taken from
+    their neighbours: residuals and derivatives alike, so that they remain each other's."""
+    result = table.copy()
+    for channel in range(2):
+        there = np.flatnonzero(np.isfinite(table[:, channel, -1]))
+        if not there.size:
+            result[:, channel] = 0.0
+        elif there.size < table.shape[0]:
+            rows = np.arange(table.shape[0])
+            for column in range(table.shape[2]):
+                result[:, channel, column] = np.interp(rows, there, table[there, channel, column])
+    return result
+
+
+def _process(gusts: Gusts, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Return transition and noise of (rate error, heading error) over a sample, after Van Loan 1978."""
+    F = np.array([[-1.0 / gusts.memory, 0.0], [1.0, 0.0]])
+    block = np.zeros((4, 4))
+    block[:2, :2], block[:2, 2:], block[2:, 2:] = -F, np.diag([gusts.process**2, 0.0]), F.T
+    exponential = expm(block * spacing)
+    A = exponential[2:, 2:].T
+    return A, A @ exponential[:2, 2:]
+
+
+def _neighbours(residuals: FloatArray, segment: Segment) -> tuple[FloatArray, FloatArray]:
+    """Return residuals of the rate and those a sample later; from headings, which share one, two samples later."""
+    error, lag = residuals[:, 0], 1
+    if not np.isfinite(error).any():
+        error, lag = np.diff(residuals[:, 1]) / np.diff(segment.time), 2
+    now, later = error[:-lag], error[lag:]
+    known = np.isfinite(now) & np.isfinite(later)
+    return now[known], later[known]
+
+
+def _together(noises: Sequence[float]) -> float:
+    known = [noise for noise in noises if np.isfinite(noise)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else float("inf")
+
 
 DIFFERENCE_STEP = 1.0e-6
 """Step of the finite differences in the scaled vector."""

@@ -23,10 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.filters.kalman import Gaussian
-from autopilot.filters.midpoint import FloatArray
+from autopilot.filters.kalman import FloatArray, Gaussian
 from autopilot.identification.gust_strength import Passage
-from autopilot.identification.noise import robust_covariance
+from autopilot.identification.residuals import robust_covariance
 from autopilot.models.norrbin import Norrbin, at_speed_ratio
 
 

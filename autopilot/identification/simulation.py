@@ -5,6 +5,10 @@ left is a recurrence, x_k+1 = F_k(x_k) with F_k a Runge-Kutta step and x the yaw
 method on all of it together needs three or four rounds, each a few evaluations of every step and one banded system,
 where a loop over time would need as many calls as there are steps. The same system gives the derivatives by the
 parameters.
+
+What drives a simulation: the recorded rudder, speed, propeller and wind on the steps of an integration.
+
+Linear recurrences along all segments at once, as one banded triangular system.
 """
 
 from __future__ import annotations
@@ -13,12 +17,160 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dtbsv
 
-from autopilot.identification.forcing import Forcing
-from autopilot.identification.recurrence import Recurrence
-from autopilot.identification.runs import FloatArray
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, corners, with_corners
+from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
-from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, wind_acceleration
+from autopilot.models.wind import RaceAndWind, inflow_ratio, wind_acceleration
+
+BESIDE_RUDDER = ("speed", "propeller", "beam_wind", "quarter_wind")
+
+
+IntArray = NDArray[np.intp]
+
+
+class SamplePlaces(NamedTuple):
+    """Where the N samples of a segment lie: after node `left` by `share` of the way to the next, shapes (N,)."""
+
+    left: IntArray
+    share: FloatArray
+
+
+class Forcing(NamedTuple):
+    """The integration steps of S segments, one segment after the other: M steps between M + S nodes in all.
+
+    step [s], shape (M,); begin: the node at which each step begins, shape (M,), its end is the next node; first:
+    the node at which each segment begins, shape (S,). rudder [rad] and speed [m/s], shape (3, M), at the beginning,
+    middle and end of each step, as are propeller [1/s], beam_wind and quarter_wind [m^2/s^2], 0 where the recording
+    has none. samples: per segment, at which nodes its samples lie. moments [s]: per segment its steps' beginnings,
+    middles and ends, shape (3, its steps); paths: per segment time [s] and angle [rad] of the recorded rudder. scales:
+    what a simulation has found of the scaling with speed, for the next one.
+    """
+
+    step: FloatArray
+    begin: IntArray
+    first: IntArray
+    rudder: FloatArray
+    speed: FloatArray
+    propeller: FloatArray
+    beam_wind: FloatArray
+    quarter_wind: FloatArray
+    samples: tuple[SamplePlaces, ...]
+    moments: tuple[FloatArray, ...]
+    paths: tuple[tuple[FloatArray, FloatArray], ...]
+    scales: dict[tuple[float, int, int], Norrbin]
+
+
+def forcing(segments: Sequence[Segment], longest_step: float, together: float | None = None) -> Forcing:
+    """Return the segments' rudder and speed on steps of at most about `longest_step` [s].
+
+    Samples further apart than that are subdivided; those that lie within `together` [s], by default the same, are
+    stepped over in one. Between samples rudder and speed move linearly.
+    """
+    reach = longest_step if together is None else together
+    turns = [corners(segment.time, segment.rudder) for segment in segments]
+    knots = [
+        _knots(np.union1d(segment.time, times), longest_step, reach)
+        for segment, (times, _) in zip(segments, turns, strict=True)
+    ]
+    first = np.cumsum([0, *(times.size for times in knots[:-1])])
+    begin = np.concatenate([start + np.arange(times.size - 1) for start, times in zip(first, knots, strict=True)])
+    moments = tuple(np.stack([t[:-1], 0.5 * (t[:-1] + t[1:]), t[1:]]) for t in knots)
+    paths = tuple(
+        with_corners(segment.time, segment.rudder, turn) for segment, turn in zip(segments, turns, strict=True)
+    )
+    driven = {
+        "rudder": np.concatenate([np.interp(m, *path) for m, path in zip(moments, paths, strict=True)], axis=1)
+    } | {
+        name: np.concatenate(
+            [_recorded(segment, name, times) for segment, times in zip(segments, moments, strict=True)], axis=1
+        )
+        for name in BESIDE_RUDDER
+    }
+    samples = tuple(
+        _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
+    )
+    step = np.concatenate([np.diff(times) for times in knots])
+    return Forcing(step, begin, first, **driven, samples=samples, moments=moments, paths=paths, scales={})
+
+
+def rudder_behind(train: RudderTrain, forcing: Forcing) -> FloatArray:
+    """Return what the recorded rudder [rad] has become behind `train`, shape (3, M) as in Forcing."""
+    if train == DIRECT:
+        return forcing.rudder
+    parts = []
+    for moments, (time, angle) in zip(forcing.moments, forcing.paths, strict=True):
+        in_order = np.append(moments[:2].T.ravel(), moments[2, -1])
+        there = behind_train(train, time, angle, in_order)
+        parts.append(np.stack([there[:-1:2], there[1::2], there[2::2]]))
+    return np.concatenate(parts, axis=1)
+
+
+def _recorded(segment: Segment, name: str, moments: FloatArray) -> FloatArray:
+    values = getattr(segment, name)
+    return np.interp(moments, segment.time, values) if values.size else np.zeros_like(moments)
+
+
+def _places(time: FloatArray, knots: FloatArray, start: int) -> SamplePlaces:
+    right = np.clip(np.searchsorted(knots, time), 1, knots.size - 1)
+    return SamplePlaces(start + right - 1, (time - knots[right - 1]) / (knots[right] - knots[right - 1]))
+
+
+def _knots(time: FloatArray, longest_step: float, together: float) -> FloatArray:
+    """Return the ends of the integration steps [s]: every few samples, or several within a sample spacing."""
+    coarse = _thinned(time, together * (1.0 + 1.0e-9))
+    pieces = np.maximum(np.ceil(np.diff(coarse) / longest_step - 1e-9), 1.0).astype(int)
+    return np.interp(np.arange(pieces.sum() + 1), np.concatenate([[0], np.cumsum(pieces)]), coarse)
+
+
+def _thinned(time: FloatArray, together: float) -> FloatArray:
+    """Return `time` without what lies within `together` [s] of one that is kept; the last one always stays."""
+    if time.size < 3 or float(np.min(time[2:] - time[:-2])) > together:
+        return time
+    within = np.searchsorted(time, time + together, side="right") - 1
+    # the last sample within reach, and the next one where none is
+    following = np.maximum(within, np.arange(1, time.size + 1)).tolist()
+    chosen = [0]
+    while chosen[-1] < time.size - 1:
+        chosen.append(following[chosen[-1]])
+    return time[chosen]
+
+
+def at_samples(values: FloatArray, forcing: Forcing, s: int) -> FloatArray:
+    """Return `values` at the nodes, shape (M+S,), at the N samples of segment `s`, linear between nodes."""
+    left, share = forcing.samples[s]
+    return np.asarray(values[left] * (1.0 - share) + values[left + 1] * share)
+
+
+class Recurrence:
+    """x_k+1 = A_k x_k + b_k over each of M steps, for one A and one source b after the other.
+
+    memory: A, shape (C, C, M), C = 1 or 2.
+    """
+
+    def __init__(self, memory: FloatArray, forcing: Forcing) -> None:
+        self._forcing, count = forcing, memory.shape[0]
+        # the components of a node lie side by side, so that the next node's are `count` places further on
+        self._band = np.zeros((2 * count, count * (forcing.step.size + forcing.first.size)), order="F")
+        for row in range(count):
+            for column in range(count):
+                self._band[count + row - column, count * forcing.begin + column] = -memory[row, column]
+
+    def solved(self, source: FloatArray, initial: FloatArray) -> FloatArray:
+        """Return x at the nodes, shape (C, M+S), with x = `initial` at each segment's first node, shape (C, S).
+
+        source: b, shape (C, M).
+        """
+        forcing, count = self._forcing, source.shape[0]
+        x = np.empty(self._band.shape[1])
+        for row in range(count):
+            x[count * forcing.first + row] = initial[row]
+            x[count * (forcing.begin + 1) + row] = source[row]
+        found = dtbsv(2 * count - 1, self._band, x, lower=1, diag=1, overwrite_x=1)
+        return np.ascontiguousarray(np.asarray(found).reshape(-1, count).T)
+
 
 RATE_BOUND_RAD_S = 100.0
 """Simulated rates are held inside this, so that a model which runs away gives a large number, not inf or nan."""

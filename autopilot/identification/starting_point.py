@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot.identification.forcing import Forcing, at_samples, forcing
 from autopilot.identification.residuals import initial_state, triangle, typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
-from autopilot.identification.simulation import RATE_BOUND_RAD_S, linear_responses
+from autopilot.identification.simulation import RATE_BOUND_RAD_S, Forcing, at_samples, forcing, linear_responses
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
 
 GRID_POINTS = 18

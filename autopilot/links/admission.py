@@ -14,7 +14,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import Transport
-from autopilot.links.boat.modes import MANUAL
+from autopilot.links.ground_station.commands import MANUAL
 from autopilot.links.mavlink_codec import MavlinkCodec, Message
 from autopilot.signals import ConditionSample, Sample
 

@@ -12,7 +12,7 @@ from typing import Protocol, TextIO
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.companion_messages import AUTOPILOT_COMPONENT
+from autopilot.links.companion_output import AUTOPILOT_COMPONENT
 from autopilot.links.mavlink_codec import Message
 from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmSample, Mode, RudderCommand, Sample, Siren, Tick
 

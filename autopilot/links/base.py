@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import Protocol, runtime_checkable
 
+from autopilot.files.printable import brief
 from autopilot.links.release import Release
-from autopilot.printable import brief
 from autopilot.signals import AlarmEvent, Mode, RudderCommand, Sample, Tick
 
 

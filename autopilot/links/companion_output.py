@@ -3,6 +3,10 @@
 RC_CHANNELS_OVERRIDE touches the steering channel alone (65535 leaves channels 1 to 8 alone, 0 the others);
 MANUAL_CONTROL carries steering in `y` and INT16_MAX, "not this axis", elsewhere, as ArduRover reads it
 (Rover/GCS_MAVLink_Rover.cpp, handle_manual_control_axes).
+
+What a companion sends besides steering: heartbeats and requests. Pure.
+
+Hands the boat back to the flight controller in a fail-safe: orders it into a mode, sees whether it goes. Pure.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ from typing import Literal
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import Message
-from autopilot.links.standing_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
+from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 from autopilot.links.steering_pwm import (
     InputTable,
     SteeringChannel,
@@ -24,7 +28,104 @@ from autopilot.links.steering_pwm import (
     servo_from_steering,
     steering_from_pulse,
 )
-from autopilot.links.vehicle_parameters import VehicleParameters
+from autopilot.links.vehicle_requests import VehicleParameters
+from autopilot.signals import ConditionSample, Mode
+
+AUTOPILOT_COMPONENT = 1
+BOATS = (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_TYPE_GROUND_ROVER)
+
+
+def companion_heartbeat(state: int) -> Message:
+    """Return our own heartbeat, with MAV_STATE `state`."""
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, state, 3
+    )
+
+
+def station_heartbeat() -> Message:
+    """Return the heartbeat of the ground station in whose name we steer."""
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+    )
+
+
+def interval_request(vehicle: int, identity: int, interval_us: int) -> Message:
+    """Return the request to stream the message `identity` every `interval_us`."""
+    return dialect.MAVLink_command_long_message(
+        vehicle,
+        AUTOPILOT_COMPONENT,
+        dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+        0,
+        identity,
+        interval_us,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+
+
+def parameter_request(vehicle: int, name: str) -> Message:
+    """Return the request for one parameter by its name."""
+    return dialect.MAVLink_param_request_read_message(vehicle, AUTOPILOT_COMPONENT, name.encode(), -1)
+
+
+def obstacle_of(autopilot: int, kind: int) -> str:
+    """Return why a vehicle of this MAV_AUTOPILOT and MAV_TYPE cannot be steered; '' where it can."""
+    if autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        return "the vehicle does not run ArduPilot, whose steering input is the only one known so far; use ArduRover"
+    if kind not in BOATS:
+        return f"the vehicle is of MAV_TYPE {kind}, not a boat or rover; connect to the boat's flight controller"
+    return ""
+
+
+MODES = {"HOLD": 4, "LOITER": 5, "RTL": 11}
+"""ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
+REPEAT_S = 0.5
+HAND_BACK_PATIENCE_S = 3.0
+"""A vehicle that is not in the mode after this does not take it; it is asked on, but people must know."""
+GIVE_UP_S = 30.0
+
+
+class HandBack:
+    """`tell` it the pilot's mode; `due` has what to send; `seen` tells of a vehicle that does not obey."""
+
+    def __init__(self, mode: int) -> None:
+        self._mode = mode
+        self._since: float | None = None
+        self._next = math.nan
+        self._is_done = self._is_told = False
+
+    def tell(self, now: float, mode: Mode) -> None:
+        """Take the pilot's mode: a fail-safe or a fault begins to hand back. Who takes the helm then is not fought."""
+        if mode not in (Mode.FAILSAFE, Mode.FAULT):
+            self._since = None
+        elif self._since is None:
+            self._since, self._next, self._is_done = now, now, False
+
+    def due(self, now: float, vehicle: int) -> list[Message]:
+        """Return the command that is due: until the vehicle is in the mode, or half a minute has passed."""
+        if self._since is None or self._is_done or now < self._next or now - self._since > GIVE_UP_S:
+            return []
+        self._next = now + REPEAT_S
+        flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        command = dialect.MAV_CMD_DO_SET_MODE
+        return [
+            dialect.MAVLink_command_long_message(
+                vehicle, AUTOPILOT_COMPONENT, command, 0, flags, self._mode, 0, 0, 0, 0, 0
+            )
+        ]
+
+    def seen(self, now: float, mode: int, link: str) -> list[ConditionSample]:
+        """Take the vehicle's mode; return what has changed in whether it refuses."""
+        self._is_done = self._is_done or (self._since is not None and mode == self._mode)
+        refuses = self._since is not None and not self._is_done and now - self._since > HAND_BACK_PATIENCE_S
+        if refuses == self._is_told:
+            return []
+        self._is_told = refuses
+        return [ConditionSample(now, "handback_refused", refuses, f"still in mode {mode}" if refuses else "", link)]
+
 
 LEAVE_ALONE = 65535
 RELEASE_HIGH_CHANNEL = 65534

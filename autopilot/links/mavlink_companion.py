@@ -12,32 +12,31 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarm_words import sentence_of
 from autopilot.links.alarm_outputs import VehicleSounder
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.companion_messages import (
+from autopilot.links.companion_output import (
     AUTOPILOT_COMPONENT,
+    HandBack,
+    SteeringOutput,
     companion_heartbeat,
     interval_request,
     obstacle_of,
     parameter_request,
     station_heartbeat,
 )
-from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.guided_targets import TIMEOUT_S, GuidedTargets
-from autopilot.links.hand_back import HandBack
-from autopilot.links.helm_probe import Stage
+from autopilot.links.guided import TIMEOUT_S, GuidedTargets
+from autopilot.links.helm_watch import Stage
 from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
-from autopilot.links.other_pilot import OtherPilot
 from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
 from autopilot.links.signing import LinkSigning
 from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import let_in
-from autopilot.links.vehicle_health import VehicleHealth
-from autopilot.links.vehicle_parameters import OVERRIDE_TIME, VehicleParameters
+from autopilot.links.vehicle_health import OtherPilot, VehicleHealth
 from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
-from autopilot.safety import waits_to_engage
+from autopilot.links.vehicle_requests import OVERRIDE_TIME, VehicleParameters
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.supervision.panel import sentence_of
+from autopilot.supervision.supervisor import waits_to_engage
 
 COMPONENT = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""

@@ -14,14 +14,12 @@ from typing import NamedTuple
 
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence
-from autopilot.links.nmea_encoders import encode_ror
+from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence, encode_ror
 from autopilot.links.nmea_repeater import NmeaRepeater
 from autopilot.links.nmea_samples import OWN_TALKER, Deviation, NmeaReader
 from autopilot.links.north import UnusableHeadings
 from autopilot.links.release import Release, UnshownRelease
-from autopilot.links.rudder_follow import FollowSettings, RudderFollow
-from autopilot.links.standing_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
+from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES, FollowSettings, RudderFollow
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,

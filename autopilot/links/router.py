@@ -3,17 +3,138 @@
 Rules of https://mavlink.io/en/guide/routing.html and of ArduPilot's libraries/GCS_MAVLink/MAVLink_routing.cpp: what is
 for everybody goes to every other endpoint; what has an address goes where that address has been heard; nothing goes
 back where it came from. Frames pass unchanged.
+
+Bytes cut into MAVLink frames without changing or understanding them, for passing on. Nothing that arrives raises.
+
+The router's ends: the flight controller's transport with a tap on it, and links to ground stations behind us.
 """
 
 from __future__ import annotations
 
+import re
+import struct
 from collections import Counter, deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_HEARTBEAT
 
-from autopilot.links.mavlink_frames import Address, source_of, target_of
-from autopilot.links.signing import identity_of
+from autopilot.links.admission import Budget, Door, Doors, Presence, strangers_of
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.mavlink_codec import MAGIC_V1, TRIES, is_mavlink, next_magic
+from autopilot.links.mavlink_layouts import EXTRA_MESSAGES
+from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum, identity_of
+from autopilot.links.url import believe_signed
+from autopilot.signals import AlarmEvent, AlarmSample, Mode, RudderCommand, Sample
+
+_known = {**EXTRA_MESSAGES, **dialect.mavlink_map}
+
+
+class Address(NamedTuple):
+    """A system id and a component id; 0 in a target means all of them."""
+
+    system: int
+    component: int
+
+
+EVERYBODY = Address(0, 0)
+
+
+class Framer:
+    """Cuts what one endpoint receives into whole frames, byte for byte as they came.
+
+    A frame of a known message needs the right checksum. That of an unknown one cannot be checked: it is believed
+    where it begins a datagram or stands directly behind a good frame.
+
+    Args:
+        is_stream: whether frames may be split over chunks; a datagram never borrows from the next.
+    """
+
+    def __init__(self, is_stream: bool = False) -> None:
+        self._is_stream = is_stream
+        self._rest = b""
+        self._in_step = not is_stream
+
+    def frames(self, data: bytes) -> list[bytes]:
+        """Return the frames in a datagram, or those completed by a chunk of the stream."""
+        found: list[bytes] = []
+        buffer = self._rest + data
+        self._in_step = self._in_step or not self._is_stream
+        place, tries = 0, TRIES
+        while place < len(buffer):
+            length = _claimed_length(buffer, place)
+            if self._is_stream and (length == 0 or place + length > len(buffer)):
+                break
+            frame = buffer[place : place + length] if length > 0 else b""
+            if frame and len(frame) == length and self._is_good(frame):
+                found.append(frame)
+                place += length
+                self._in_step = True
+            else:
+                tries -= 1
+                place = next_magic(buffer, place + 1) if tries else len(buffer)
+                self._in_step = False
+        self._rest = bytes(buffer[place:]) if self._is_stream else b""
+        return found
+
+    def _is_good(self, frame: bytes) -> bool:
+        kind = _known.get(identity_of(frame))
+        if kind is None:
+            return self._in_step
+        end = len(frame) - (SIGNATURE if frame[0] == MAGIC_V2 and frame[2] & SIGNED else 0)
+        return checksum(frame[1 : end - 2], kind.crc_extra) == frame[end - 2 : end]
+
+
+def _claimed_length(buffer: bytes, place: int) -> int:
+    """Return how long a frame that begins at `place` would be; 0 where more bytes are needed, -1 where none does."""
+    waiting = len(buffer) - place
+    if buffer[place] == MAGIC_V1:
+        return buffer[place + 1] + 8 if waiting > 1 else 0
+    if buffer[place] != MAGIC_V2:
+        return -1
+    if waiting < 3:
+        return 0
+    flags = buffer[place + 2]
+    return -1 if flags & ~SIGNED else buffer[place + 1] + 12 + SIGNATURE * flags
+
+
+def source_of(frame: bytes) -> Address:
+    """Return who sent a whole frame."""
+    return Address(frame[5], frame[6]) if frame[0] == MAGIC_V2 else Address(frame[3], frame[4])
+
+
+def target_of(frame: bytes) -> Address:
+    """Return whom a whole frame is for; everybody where its message names nobody or is not known."""
+    identity = identity_of(frame)
+    if identity not in _places:
+        _places[identity] = _target_places(identity)
+    places = _places[identity]
+    if places is None:
+        return EVERYBODY
+    start = 10 if frame[0] == MAGIC_V2 else 6
+    length = frame[1]
+    # MAVLink 2 leaves zeros at the end of a payload out
+    ids = (frame[start + place] if place is not None and place < length else 0 for place in places)
+    return Address(*ids)
+
+
+_places: dict[int, tuple[int, int | None] | None] = {}
+"""For each message, where in its payload target system and component stand; None where the latter is missing."""
+
+
+def _target_places(identity: int) -> tuple[int, int | None] | None:
+    kind = _known.get(identity)
+    if kind is None:
+        return None
+    tokens = ["".join(token) for token in re.findall(r"(\d*)([a-zA-Z])", kind.unpacker.format)]
+    offsets, place = {}, 0
+    for name, token in zip(kind.ordered_fieldnames, tokens, strict=True):
+        offsets[name] = place
+        place += struct.calcsize("<" + token)
+    system = offsets.get("target_system", offsets.get("target"))
+    return None if system is None else (system, offsets.get("target_component"))
+
 
 OURSELVES = -1
 """Stands for an endpoint where our own addresses live."""
@@ -147,3 +268,178 @@ class Router:
                 del self._recent[self._order.popleft()]
             self._order.append(frame)
         self._recent[frame] = (endpoint, self.now)
+
+
+FRAMES_PER_TURN = 200
+"""Frames of one ground station passed on in one turn of the loop; what a flood brings beyond them is dropped."""
+BYTES_PER_TURN = 16_000
+NETWORK_BYTES_S = 200_000.0
+BURST_S = 0.5
+LINE_SHARE = 0.5
+"""Of a serial line to the flight controller, for all ground stations together: our steering needs the rest."""
+BITS_A_BYTE = 10
+PACKETS_KEPT = 5000
+
+
+def budget_for(baud: int) -> Budget:
+    """Return what ground stations may send to a flight controller on a line of `baud`, 0 for a network."""
+    rate = LINE_SHARE * baud / BITS_A_BYTE if baud else NETWORK_BYTES_S
+    return Budget(rate, rate * BURST_S)
+
+
+class RoutedTransport:
+    """A flight controller's transport that shows the router what comes in and what we send ourselves.
+
+    signing: what is not signed with our key is not passed on.
+    """
+
+    def __init__(self, inside: Transport, router: Router, signing: LinkSigning | None = None) -> None:
+        self.inside = inside
+        self.name = inside.name
+        self.is_stream = inside.is_stream
+        self.is_local = inside.is_local
+        self._router = router
+        self._framer = Framer(inside.is_stream)
+        # an observer: whoever reads the transport judges the same frames again
+        self._judge = signing.observer() if signing is not None else None
+        self._number = router.join(self._forwarded, has_vehicle=True)
+
+    def fileno(self) -> int:
+        """Return the descriptor of the transport inside."""
+        return self.inside.fileno()
+
+    def receive(self) -> list[bytes]:
+        """Return what waits, unchanged; the router has seen it. Raises LinkError."""
+        chunks = self.inside.receive()
+        for chunk in chunks:
+            for frame in self._framer.frames(chunk):
+                if self._judge is None or not self._judge.refuses(frame):
+                    self._router.take(self._number, frame)
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Send a packet of our own; what is for everybody the router shows to ground stations. Raises LinkError."""
+        sent = self.inside.send(data)
+        if source_of(data).component == OWN_COMPONENT:
+            self._router.show_own(self._number, data)
+        return sent
+
+    def _forwarded(self, frame: bytes) -> bool:
+        """A broken line is told by the next `receive` or `send`, not to the ground station's link."""
+        try:
+            return self.inside.send(frame)
+        except LinkError:
+            return False
+
+    def forget_peer(self) -> None:
+        """Pass on."""
+        self.inside.forget_peer()
+
+    def close(self) -> None:
+        """Leave the router, and pass on."""
+        self._router.leave(self._number)
+        self.inside.close()
+
+
+class ForwardLink:
+    """A `Link` to a ground station that sees the flight controller through us. It brings no samples, moves no rudder.
+
+    budget: shared by all such links of a flight controller.  door: which system ids are heard; None: all.
+
+    Attributes:
+        takes_orders: whether all that a station says is passed on; else it only looks.
+        lost: why the line is gone, '' while it is there; steering goes on without it.
+        dropped: frames beyond what a turn or the budget allows.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        router: Router,
+        budget: Budget,
+        signing: LinkSigning | None = None,
+        door: Door | None = None,
+    ) -> None:
+        self.name = transport.name
+        self.dropped = 0
+        self._transport = transport
+        self._router = router
+        self._budget = budget
+        self._signing = signing
+        self._door = door or Doors().link()
+        self.takes_orders = self._door.takes_orders(transport, signing is not None)
+        self._framer = Framer(transport.is_stream)
+        self._number = router.join(self._sent)
+        self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
+        self.lost: AlarmEvent | None = None
+        self._presence = Presence(transport)
+        believe_signed(transport, signing, self._door.hears)
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return -1 if self.lost or self._door.crowded else self._transport.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a station that is lost or silent."""
+        self._router.now = now
+        if self.lost or self._door.crowded:
+            return []
+        strangers = strangers_of(self._transport)
+        try:
+            chunks = self._transport.receive()
+        except LinkError as error:
+            self.lost = AlarmEvent("forwarding_ended", str(error))
+            return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
+        taken, room = 0, BYTES_PER_TURN
+        for chunk in chunks:
+            frames = self._framer.frames(chunk[:room])
+            room = max(0, room - len(chunk))
+            for frame in frames:
+                taken += 1
+                if taken > FRAMES_PER_TURN or not self._budget.spend(now, len(frame)):
+                    self.dropped += 1
+                elif not self._door.lets_in_system(source_of(frame).system):
+                    continue
+                elif (self._signing is None or not self._signing.refuses(frame)) and (
+                    self.takes_orders or self._door.passes_on(frame)
+                ):
+                    self._presence.heard(now, identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT)
+                    if is_mavlink(frame):  # the log's readers know no other messages
+                        self._packets.append((now, frame))
+                    self._router.take(self._number, frame)
+        self._door.count_strangers(strangers_of(self._transport) - strangers)
+        self._door.crowded = self._door.crowded or taken > FRAMES_PER_TURN or not room
+        return self._presence.update(now)
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Do nothing: the rudder is elsewhere."""
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+        """Say nothing: what is wrong goes out as STATUSTEXT over the flight controller's link, which is shown here.
+
+        A station that floods us has been looked away from since; a tick has passed, it may wake the loop again.
+        """
+        self._door.crowded = False
+
+    def keep(self, now: float) -> None:
+        """Do nothing: what we say goes out over the flight controller's link."""
+
+    def release(self, now: float) -> None:
+        """Do nothing."""
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return and forget the frames that came from the ground station since the last call."""
+        packets = list(self._packets)
+        self._packets.clear()
+        return packets
+
+    def close(self) -> None:
+        """Leave the router, and close the transport."""
+        self._router.leave(self._number)
+        self._transport.close()
+
+    def _sent(self, frame: bytes) -> bool:
+        try:
+            return not self.lost and self._transport.send(frame)
+        except LinkError:
+            return False

@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from autopilot.errors import InputError
+from autopilot.files.outside import open_regular, read_regular
+from autopilot.files.saving import replace_file
 from autopilot.links.signing import FIRST_LINK, KEY_SIZE, MINUTE, OUR_LINKS, TIMESTAMP_MAX, Signing
-from autopilot.params.saving import replace_file
-from autopilot.regular_file import open_regular, read_regular
 
 EPOCH_S = 1_420_070_400
 """2015-01-01 in seconds since 1970."""

@@ -7,9 +7,9 @@ from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarms import kind_of
 from autopilot.links.mavlink_codec import Message
 from autopilot.signals import AlarmEvent
+from autopilot.supervision.alarms import kind_of
 
 PIECE = 50
 SPACING_S = 0.2

@@ -2,16 +2,39 @@
 
 SYS_STATUS and BATTERY_STATUS: charge and charge state; SYS_STATUS: the fence where it is enabled and unhealthy;
 FENCE_STATUS: breached; STATUSTEXT: "Fence Breached" (ArduPilot, AC_Fence) and what has "shallow" in it.
+
+Whether the hand's radio still reaches the flight controller, as far as the vehicle shows it. Pure.
+
+While we override the steering, ArduPilot takes our messages for radio input: a receiver that just falls silent makes no
+fail-safe, and RC_CHANNELS goes on showing its last pulses and its count of channels. What does show of a lost radio:
+
+- a receiver that sends a throttle below FS_THR_VALUE: the pulse in RC_CHANNELS, and the firmware's own fail-safe;
+- RC_CHANNELS.rssi where it is measured beside the frames (RSSI_TYPE 1 or 4, a voltage or pulse), 255 where it is not;
+- SYS_STATUS, MAV_SYS_STATUS_SENSOR_RC_RECEIVER: ArduRover 4.6 sets it never, other vehicles do;
+- STATUSTEXT "Radio Failsafe" and, when it is over, "... Failsafe Cleared".
+
+Source: ArduPilot, Rover/radio.cpp (radio_failsafe_check), Rover/failsafe.cpp, Rover/GCS_Rover.cpp,
+libraries/RC_Channel/RC_Channels.cpp (read_input), libraries/AP_RSSI.
+
+Another pilot on the same boat, known by what it says of itself every second: NAMED_VALUE_INT "PILOT". Pure.
+
+Both pilots have the vehicle's system id and component 191. ArduPilot passes messages without a target on to its other
+links, but no heartbeat to a link on which the same address was heard (libraries/GCS_MAVLink/MAVLink_routing.cpp), so a
+heartbeat would not do. What we have sent ourselves, and comes back, is not another's.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from enum import IntEnum
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import Message, message_id
-from autopilot.signals import ConditionSample, Sample
+from autopilot.links.vehicle_requests import VehicleParameters
+from autopilot.signals import AlarmEvent, ConditionSample, Mode, Sample
+from autopilot.supervision.supervisor import CANNOT_ENGAGE
 
 TEXT_LASTS_S = 60.0
 """A vehicle says once in words what is the case; nobody says when it is over."""
@@ -88,3 +111,160 @@ class VehicleHealth:
             return []
         (self._present.add if present else self._present.discard)(name)
         return [ConditionSample(now, name, present, detail if present else "", "vehicle")]
+
+
+RECEIVER = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+LASTS_S = 0.3
+"""Longer than one or two odd reports at 10 Hz."""
+RSSI_UNKNOWN = 255
+RSSI_THERE, RSSI_GONE = 26, 5
+"""A tenth and a fiftieth of RC_CHANNELS.rssi's 254."""
+SETTLES_S = 1.5
+"""A heartbeat that says critical may be so much older than the text about the fail-safe."""
+
+
+class RadioWatch:
+    """Takes what the vehicle says of its radio; `reason` has the sentence for a lost one."""
+
+    def __init__(self) -> None:
+        self._since: dict[str, float] = {}
+        self._found: dict[str, str] = {}
+        self._seen: set[str] = set()
+        self._text_time = math.nan
+
+    def reason(self, parameters: VehicleParameters) -> str:
+        """Return why the radio counts as lost; empty where it does not, or where the firmware does without it."""
+        return "" if parameters.get("FS_THR_ENABLE") == 0.0 else next(iter(self._found.values()), "")
+
+    def channels(self, now: float, message: Message, parameters: VehicleParameters) -> None:
+        """Take RC_CHANNELS."""
+        channel, limit = parameters.throttle_input, parameters.get("FS_THR_VALUE")
+        pulse = getattr(message, f"chan{channel}_raw")
+        is_low = limit is not None and 0 < pulse < limit
+        self._judge(now, "throttle", is_low, f"throttle, RC channel {channel}, is at {pulse} us, below FS_THR_VALUE")
+        rssi = message.rssi
+        gone = self._was_there("rssi", RSSI_THERE <= rssi < RSSI_UNKNOWN) and rssi <= RSSI_GONE
+        self._judge(now, "rssi", gone, f"its strength (rssi) has fallen to {rssi} of 254")
+        gone = self._was_there("count", message.chancount > 0) and message.chancount == 0
+        self._judge(now, "count", gone, "its receiver sends no channels")
+
+    def status(self, enabled: int, health: int) -> None:
+        """Take SYS_STATUS: its sensors enabled and healthy."""
+        is_well = bool(enabled & health & RECEIVER)
+        is_gone = self._was_there("status", is_well) and bool(enabled & RECEIVER) and not is_well
+        self._set("status", is_gone, "the vehicle says that its receiver is not well")
+
+    def text(self, now: float, words: str) -> None:
+        """Take a STATUSTEXT."""
+        if "Failsafe Cleared" in words:
+            self._set("text", False, "")
+        elif words.startswith("Radio Failsafe"):
+            self._text_time = now
+            self._set("text", True, "the vehicle is in its radio fail-safe")
+
+    def heartbeat(self, now: float, system_state: int) -> None:
+        """Take the vehicle's MAV_STATE: a fail-safe that is over is no longer critical, though its text was lost."""
+        if system_state != dialect.MAV_STATE_CRITICAL and now - self._text_time > SETTLES_S:
+            self._set("text", False, "")
+
+    def _was_there(self, what: str, is_there: bool) -> bool:
+        """A vehicle without a radio does not lose it."""
+        if is_there:
+            self._seen.add(what)
+        return what in self._seen
+
+    def _judge(self, now: float, what: str, is_gone: bool, sentence: str) -> None:
+        if not is_gone:
+            self._since.pop(what, None)
+        lasts = is_gone and now - self._since.setdefault(what, now) >= LASTS_S
+        self._set(what, lasts, sentence)
+
+    def _set(self, what: str, is_gone: bool, sentence: str) -> None:
+        if is_gone:
+            self._found[what] = f"the radio is lost: {sentence}"
+        else:
+            self._found.pop(what, None)
+
+
+NAME = "PILOT"
+
+
+class PilotState(IntEnum):
+    """The value under that name."""
+
+    IDLE = 0
+    WAITS = 1
+    STEERS = 2
+
+
+PERIOD_S = 1.0
+SILENT_S = 3.5
+LISTENS_S = 1.2
+"""Each speaks every second: so long it takes to know that nobody else is there."""
+OWN_KEPT = 8
+
+LISTENING = "listening for another pilot on this boat"
+STEERED = "another pilot steers this boat; let it stand by, or start with --with-other-pilot"
+
+
+class OtherPilot:
+    """Says what we are, and hears what others say. `is_forced`: we engage though another steers."""
+
+    def __init__(self, is_forced: bool = False) -> None:
+        self._is_forced = is_forced
+        self._own: deque[bytes] = deque(maxlen=OWN_KEPT)
+        self._state = PilotState.IDLE
+        self._next = -math.inf
+        self._began: float | None = None
+        self._steers_time = self._waits_time = -math.inf
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+        """Take our own mode and alarms; a change of what we are is said at once."""
+        state = PilotState.IDLE
+        if mode in (Mode.ENGAGED, Mode.FAILSAFE):
+            state = PilotState.STEERS
+        elif any(alarm.name == CANNOT_ENGAGE for alarm in alarms):
+            state = PilotState.WAITS
+        if state is not self._state:
+            self._state, self._next = state, now
+
+    def due(self, now: float) -> Message | None:
+        """Return what we say of ourselves, when it is time to."""
+        if now < self._next:
+            return None
+        self._next = now + PERIOD_S
+        return dialect.MAVLink_named_value_int_message(int(now * 1000.0) & 0xFFFFFFFF, NAME.encode(), self._state)
+
+    def sent(self, packet: bytes) -> None:
+        """Take a packet of our own as it left, which may come back to us."""
+        self._own.append(packet)
+
+    def take(self, now: float, message: Message) -> None:
+        """Take any message that arrived and is not the vehicle's."""
+        if message_id(message) != dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT or bytes(message._msgbuf) in self._own:
+            return
+        if message.name != NAME:
+            return
+        self._steers_time = now if message.value == PilotState.STEERS else -math.inf
+        self._waits_time = now if message.value == PilotState.WAITS else -math.inf
+
+    def obstacle(self, now: float) -> str:
+        """Return why we may not try to take the helm at `now` [s]; empty where nobody else is known to have it."""
+        self._began = now if self._began is None else self._began
+        return STEERED if self._steers(now) and not self._is_forced else ""
+
+    def waiting(self, now: float) -> str:
+        """Return that it is not yet known whether anybody else is there."""
+        is_new = self._began is not None and now - self._began < LISTENS_S
+        return LISTENING if is_new and not self._is_forced else ""
+
+    def alarm(self, now: float, is_steering: bool) -> AlarmEvent | None:
+        """Return what the skipper of a boat that we steer should know of another pilot."""
+        if not is_steering:
+            return None
+        if self._steers(now):
+            return AlarmEvent("other_pilot")
+        return AlarmEvent("other_pilot_waits") if now - self._waits_time <= SILENT_S else None
+
+    def _steers(self, now: float) -> bool:
+        return now - self._steers_time <= SILENT_S

@@ -24,8 +24,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.models.naval_vessel import DENSITY, NAVAL_HULL, NAVAL_RUDDERS, Hull, Rudders
-from autopilot.models.strip_forces import NAVAL_STRIPS, Sea, StripHull, sections, strip_damping
+from autopilot.models.naval_vessel import (
+    DENSITY,
+    NAVAL_HULL,
+    NAVAL_RUDDERS,
+    NAVAL_STRIPS,
+    Hull,
+    Rudders,
+    Sea,
+    StripHull,
+    sections,
+    strip_damping,
+)
 from autopilot.models.waves import encounter_frequency, wave_number
 
 Array = NDArray[np.float64]

@@ -1,9 +1,37 @@
-"""Wind: what a boat feels of it, gusts, and the rudder angle its yaw moment is worth."""
+"""Wind: what a boat feels of it, gusts, and the rudder angle its yaw moment is worth.
+
+What besides rudder and speed turns a boat: the propeller's race over the rudder, wind, and drift.
+
+Norrbin's model scaled with the inflow W to the rudder in place of the speed U, and two terms more:
+
+    T r' + n3 r^3 + n2 r^2 + n1 r + n0 = K delta + T (c1 Ua^2 sin g + c2 Ua^2 sin 2g) + (U W0)/(U0 W) x
+    W^2 = U^2 + c n^2 + w^2,   W0^2 = U0^2 + c n0^2 + w^2
+    x' = (U/U0) (d r - x)/Td + cd Ua^2 sin g
+
+K ~ W, T ~ 1/W, n3 ~ 1/W^2, so that K is the gain at the reference speed U0 and the reference revolutions n0. A rudder
+in the race of a propeller that turns keeps its force when the boat slows down, in a turn or when getting under way, and
+keeps straightening the flow behind the hull, which is most of the damping. c is that of the inflow to the rudder (0:
+no race); w stands for a race of revolutions that were not recorded and did not change. Ua and g are the apparent
+wind's speed and direction from the bow, starboard positive.
+
+x is the turning by drift: the hull slides outwards in a turn, and before the wind, slower than it turns, and the flow
+across it turns it further. Left alone it follows the rate, x = d r, within Td. Without wind this is Nomoto's second
+order (Nomoto et al. 1957).
+
+Source of the forms: for the rudder in the race the MMG model (Yasukawa and Yoshimura 2015), simplified to a sum of
+squares; for the wind moment Fossen 2011, section 8.1 (Isherwood 1972), of which the first two harmonics are kept; for
+the drift the linear sway equation of Davidson and Schiff (1946), in units of what it does to the yaw.
+"""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from autopilot.models.norrbin import Norrbin
 
 
 class ApparentWind(NamedTuple):
@@ -69,3 +97,55 @@ def gust_step(gust: Gust, value: float, dt: float, deviate: float) -> float:
     """Return the gust [m/s] `dt` [s] later, driven by a standard normal deviate; exact for any dt >= 0."""
     keep = math.exp(-dt / gust.time)
     return keep * value + gust.deviation * math.sqrt(1.0 - keep * keep) * deviate
+
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class RaceAndWind(NamedTuple):
+    """race c [m^2], reference_propeller n0 [1/s], wind_beam c1 and wind_quarter c2 [rad/m^2], steady_race w^2
+    [m^2/s^2], drift d [-], drift_time Td [s] at the reference speed (0: no drift), drift_wind cd [rad/m^2]."""
+
+    race: float = 0.0
+    reference_propeller: float = 0.0
+    wind_beam: float = 0.0
+    wind_quarter: float = 0.0
+    steady_race: float = 0.0
+    drift: float = 0.0
+    drift_time: float = 0.0
+    drift_wind: float = 0.0
+
+    @property
+    def drifts(self) -> bool:
+        """Whether drift counts."""
+        return self.drift_time > 0.0
+
+
+def inflow_ratio(around: RaceAndWind, reference_speed: float, ratio: FloatArray, propeller: FloatArray) -> FloatArray:
+    """Return W/W0 [-] at U = `ratio` times `reference_speed` [m/s] and `propeller` n [1/s].
+
+    Elementwise; the fields of `around` may be arrays.
+    """
+    still = reference_speed**2 + around.race * around.reference_propeller**2 + around.steady_race
+    moving = (ratio * reference_speed) ** 2 + around.race * propeller**2 + around.steady_race
+    return np.sqrt(np.asarray(moving / still))
+
+
+def wind_acceleration(around: RaceAndWind, beam: FloatArray, quarter: FloatArray) -> FloatArray:
+    """Return the yaw acceleration [rad/s^2] by wind; beam = Ua^2 sin g and quarter = Ua^2 sin 2g [m^2/s^2]."""
+    return np.asarray(around.wind_beam * beam + around.wind_quarter * quarter)
+
+
+def without_drift(model: Norrbin, around: RaceAndWind) -> Norrbin:
+    """Return the model of first order that answers a slow rudder as `model` with its drift does.
+
+    K/(1 - d), and by Nomoto's rule T1 + T2 - T3 = (T + Td)/(1 - d) - Td. Raises ValueError where d is not below 1:
+    such a boat will not go straight by itself and has no such model.
+    """
+    if around.drift >= 1.0:
+        raise ValueError("without_drift: a drift of 1 or more makes the boat course-unstable")
+    left = 1.0 - around.drift
+    time_constant = (model.time_constant + around.drift_time) / left - around.drift_time
+    return model._replace(
+        gain=model.gain / left, time_constant=time_constant, n3=model.n3 / left, n2=model.n2 / left, n0=model.n0 / left
+    )

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autopilot import __version__
-from autopilot.params.saving import save_text
-from autopilot.report.figures import Line, Panel, time_figure
-from autopilot.report.page import Section, render
+from autopilot.files.saving import save_text
+from autopilot.report.page import Line, Panel, Section, render, time_figure
 from autopilot.signals import Tick
 
 SHOWN_HOLD = 60.0

@@ -1,20 +1,378 @@
-"""The gain design's page: margins, the loop's curves, response levels, and what large errors do."""
+"""The gain design's page: margins, the loop's curves, response levels, and what large errors do.
+
+What becomes of a planned turn where the rudder is weaker than the model's: the pilot itself, simulated.
+
+For course-unstable boats: one that turns faster than its rudder can stop is lost, and linear margins do not say so.
+
+Gains judged from every side: margins, the worst boat within the model's uncertainty, and large errors.
+
+The gains in force and the margins they leave, from a fifth of the trial's speed to one and a half times it.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from random import Random
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from autopilot import __version__
-from autopilot.build_laws import gear_of, law_of, loop_gains_of, model_of
+from autopilot.angles import wrap
 from autopilot.control.design import loop
-from autopilot.control.large_errors import trace
-from autopilot.report.figures import FloatArray, Line, Panel, time_figure
-from autopilot.report.gains_judged import LARGE_ERRORS_DEG, Judged, loop_of, sentences
-from autopilot.report.gains_speeds import UNSCHEDULED, chosen, speed_table
-from autopilot.report.page import Section, render
+from autopilot.control.margins import trace
+from autopilot.report.page import FloatArray, Line, Panel, Section, render, time_figure
+from autopilot.runtime.build import gear_of, law_of, loop_gains_of, model_of
+
+if TYPE_CHECKING:
+    from autopilot.vessel.schema import Vessel
+if TYPE_CHECKING:
+    from autopilot.control.design import Margins, Spread, Verdict
+    from autopilot.control.margins import Loop, ObservedMargins, Recovery
+    from autopilot.vessel.schema import Vessel
+if TYPE_CHECKING:
+    from autopilot.control.design import Verdict
+
+TURN = math.radians(90.0)
+STRAIGHT_S = 10.0
+HEADING_EVERY_S = 0.1
+TURNING_TIMES = 1.5
+SETTLED = math.radians(3.0)
+SEEDS = (1, 2, 3)
+"""The instruments' noise decides whether a boat on the brink is lost: the worst of these runs counts."""
+WEAKER = 0.7
+PAST_MOST = math.radians(5.0)
+"""A turn that leads further past with WEAKER times the model's K is not well in hand."""
+
+
+def overshoot(vessel: Vessel, gain_factor: float) -> float:
+    """Return how far [rad] a turn of 90 deg leads past with K `gain_factor` times the model's; inf: not settled.
+
+    Noise as in the vessel file. Raises RefusedError where the gains must not be engaged.
+    """
+    return max(_one(vessel, gain_factor, seed) for seed in SEEDS)
+
+
+def survives(vessel: Vessel) -> bool:
+    """Return whether a turn stays in hand where the rudder is 30 % weaker than the model's."""
+    return all(_one(vessel, WEAKER, seed) <= PAST_MOST for seed in SEEDS)
+
+
+def _one(vessel: Vessel, gain_factor: float, seed: int) -> float:
+    from autopilot.guidance.turn import turn_limits, turning_time
+    from autopilot.models.norrbin import rate_step
+    from autopilot.models.steering_gear import DelayLine, gear_step
+    from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
+    from autopilot.signals import HeadingSample, Order, OrderKind
+
+    model, gear, limits, random = model_of(vessel), gear_of(vessel), limits_of(vessel), Random(seed)
+    pilot, line = build_pilot(vessel), DelayLine(gear.delay + vessel.control.loop_delay_s)
+    true = model._replace(gain=gain_factor * model.gain)
+    turn = turn_limits(model, limits.angle_max, limits.rate_max, vessel.guidance.rudder_share)
+    dt, noise, rate_noise = (
+        1.0 / vessel.control.rate_hz,
+        vessel.sensors.heading_noise_deg,
+        vessel.sensors.rate_noise_deg_s,
+    )
+    heading = rate = rudder = 0.0
+    heard, errors = -math.inf, list[float]()
+    for tick in range(round((STRAIGHT_S + TURNING_TIMES * turning_time(model, turn, TURN)) / dt)):
+        now, samples = tick * dt, tuple[HeadingSample, ...]()
+        if now >= heard + HEADING_EVERY_S - 1.0e-6:
+            heard = now
+            seen = heading + random.gauss(0.0, math.radians(noise)), rate + random.gauss(0.0, math.radians(rate_noise))
+            samples = (HeadingSample(now, wrap(seen[0]), seen[1]),)
+        order = Order(OrderKind.HEADING, 0.0 if now < STRAIGHT_S else TURN, serial=1)
+        line.give(now, pilot.step(now, samples, order).command.angle)
+        for part in (0.25, 0.75):
+            moved = gear_step(gear, rudder, line.effective(now + part * dt), 0.5 * dt)
+            before, rate = rate, rate_step(true, rate, 0.5 * (rudder + moved), 0.5 * dt)
+            heading, rudder = heading + 0.25 * dt * (before + rate), moved
+        errors.append(heading - TURN)
+    late = errors[-len(errors) // 10 :]
+    return max(errors) if max(map(abs, late)) < SETTLED else math.inf
+
+
+ASSUMED_SPREAD = 0.2
+"""How far K and T may be off, to either side, where the file holds no standard errors."""
+SIGMAS = 2.0
+LARGE_ERRORS_DEG = (5.0, 20.0, 45.0, 90.0)
+
+
+class Judged(NamedTuple):
+    """A vessel's law: its verdict, the worst margins within `spread`, said in words, what large errors do, and the
+    margins with the heading filter in the loop, in calm water and in the strongest gusts that it learns."""
+
+    vessel: Vessel
+    law: str
+    verdict: Verdict
+    worst: Margins
+    spread: str
+    recoveries: list[Recovery]
+    observed: ObservedMargins
+    in_gusts: ObservedMargins
+
+
+def judged(vessel: Vessel, law: str) -> Judged:
+    """Return the gains of the vessel's `law` judged."""
+    from autopilot.control.design import worst_margins
+    from autopilot.control.margins import observed_margins, recoveries
+    from autopilot.runtime.build import gear_of, law_of, limits_of, loop_gains_of, model_of, observed_of, verdict_of
+
+    verdict = verdict_of(vessel, law)
+    spread, words = spread_of(vessel)
+    gains = loop_gains_of(vessel, law)
+    worst = worst_margins(
+        model_of(vessel), gear_of(vessel), limits_of(vessel).rate_max, vessel.control.loop_delay_s, gains, spread
+    )
+    errors = [math.radians(error) for error in LARGE_ERRORS_DEG]
+    found = recoveries(loop_of(vessel), law_of(vessel, law), verdict.margins.crossover, errors)
+    calm, gusty = (observed_margins(observed_of(vessel, law, in_gusts=in_gusts)) for in_gusts in (False, True))
+    return Judged(vessel, law, verdict, worst, words, found, calm, gusty)
+
+
+def loop_of(vessel: Vessel) -> Loop:
+    """Return the vessel's boat and rudder as the simulation of large errors takes them."""
+    from autopilot.control.margins import Loop
+    from autopilot.runtime.build import gear_of, limits_of, model_of
+
+    control = vessel.control
+    return Loop(model_of(vessel), gear_of(vessel), limits_of(vessel), control.loop_delay_s, control.rate_hz)
+
+
+def spread_of(vessel: Vessel) -> tuple[Spread, str]:
+    """Return how far K and T may be off, relative, and that in words."""
+    from autopilot.control.design import Spread
+
+    model, errors = vessel.model, vessel.model.standard_errors
+    if errors.K_1_s is None or errors.T_s is None:
+        words = f"K and T off by {100.0 * ASSUMED_SPREAD:.0f} %, assumed: the file holds no standard errors"
+        return Spread(ASSUMED_SPREAD, ASSUMED_SPREAD), words
+    # a boat of no gain or no time constant is none
+    gain, time = (min(SIGMAS * e / v, 0.9) for e, v in ((errors.K_1_s, model.K_1_s), (errors.T_s, model.T_s)))
+    words = f"K off by {100.0 * gain:.1f} % and T by {100.0 * time:.1f} %, {SIGMAS:.0f} standard errors"
+    return Spread(gain, time), words
+
+
+def gains_of(each: Judged) -> dict[str, float]:
+    """Return the gains by their keys in the file; of the heading and roll law those that its quiet law comes to."""
+    from dataclasses import asdict
+
+    from autopilot.runtime.build import ROLL_LAW, gains_in_force
+
+    if each.law == ROLL_LAW:
+        heading, rate = gains_in_force(each.vessel, each.law)
+        return {"quiet_rudder_per_heading": heading, "quiet_rudder_per_rate_s": rate}
+    gains = getattr(each.vessel.control, each.law)
+    return {key: float(value) for key, value in asdict(gains).items()}
+
+
+def as_json(each: Judged) -> dict[str, Any]:
+    """Return everything with the unit in the key; null for what is infinite."""
+    found = each.verdict.margins
+    return {
+        "gains": gains_of(each),
+        "stable": found.stable,
+        "gain_margin": _finite(found.gain),
+        "phase_margin_deg": math.degrees(found.phase),
+        "delay_margin_s": _finite(found.delay),
+        "worst_sensitivity": found.sensitivity,
+        "with_heading_filter": _observed(each.observed),
+        "with_heading_filter_in_gusts": _observed(each.in_gusts),
+        "crossover_rad_s": found.crossover,
+        "rudder_rate_saturates_at_heading_error_deg": _finite(math.degrees(found.saturation)),
+        "worst_boat": {
+            "spread": each.spread,
+            "stable": each.worst.stable,
+            "worst_sensitivity": each.worst.sensitivity,
+            "phase_margin_deg": math.degrees(each.worst.phase),
+        },
+        "large_errors": [
+            {
+                "error_deg": math.degrees(row.error),
+                "corrected": row.corrected,
+                "overshoot_deg": math.degrees(row.overshoot),
+                "settling_s": _finite(row.settling),
+                "swings_at_the_end_deg": math.degrees(row.swing),
+            }
+            for row in each.recoveries
+        ],
+        "refusal": each.verdict.refusal or None,
+    }
+
+
+def _observed(found: ObservedMargins) -> dict[str, Any]:
+    return {
+        "stable": found.stable,
+        "delay_margin_s": _finite(found.delay),
+        "worst_sensitivity": _finite(found.sensitivity),
+        "K_may_be_smaller_by_factor": found.gain_down,
+        "K_may_be_larger_by_factor": _finite(found.gain_up),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def as_text(rows: dict[str, Judged]) -> str:
+    """Return the table, a few lines for each."""
+    lines = [
+        f"{'':24}{'gain':>8}{'phase':>9}{'delay':>9}{'worst':>13}{'crossover':>12}{'rate saturates':>16}",
+        f"{'':24}{'margin':>8}{'margin':>9}{'margin':>9}{'sensitivity':>13}{'rad/s':>12}{'at error':>16}",
+    ]
+    for name, each in rows.items():
+        found = each.verdict.margins
+        if found.stable:
+            lines.append(
+                f"{name:24}{found.gain:8.2f}{math.degrees(found.phase):5.0f} deg{found.delay:7.2f} s"
+                f"{found.sensitivity:13.2f}{found.crossover:12.3f}{math.degrees(found.saturation):12.2f} deg"
+            )
+        else:
+            lines.append(f"{name:24}unstable")
+        lines.append("    " + "  ".join(f"{key} {value:g}" for key, value in gains_of(each).items()))
+        lines += [f"    {sentence}" for sentence in sentences(each)]
+    return "\n".join(lines)
+
+
+def sentences(each: Judged) -> list[str]:
+    """Return what the worst boat and large errors do, and why the gains are refused where they are."""
+    said = []
+    if each.verdict.margins.stable:
+        said.append(f"with the heading filter: {_observed_in_words(each.observed)}")
+        if each.in_gusts != each.observed:
+            said.append(f"in the strongest gusts: {_observed_in_words(each.in_gusts)}")
+        outcome = f"worst sensitivity {each.worst.sensitivity:.2f}" if each.worst.stable else "UNSTABLE"
+        said.append(f"worst boat ({each.spread}): {outcome}")
+    good = [row for row in each.recoveries if row.corrected]
+    bad = [row for row in each.recoveries if not row.corrected]
+    if good:
+        past = ", ".join(
+            f"{math.degrees(row.error):.0f} deg: {math.degrees(row.overshoot):.1f} deg past in {row.settling:.1f} s"
+            for row in good
+        )
+        said.append(f"large errors, without a planned turn: {past}")
+    if bad:
+        said.append(
+            f"from {math.degrees(bad[0].error):.0f} deg the rudder's limits leave it swinging by "
+            f"{max(math.degrees(row.swing) for row in bad):.1f} deg"
+        )
+    return [*said, each.verdict.refusal] if each.verdict.refusal else said
+
+
+def _observed_in_words(found: ObservedMargins) -> str:
+    if not found.stable:
+        return "UNSTABLE"
+    least = f"{found.gain_down:.2f}" if found.gain_down > 0.0 else "next to nothing"
+    most = f"{found.gain_up:.1f}" if math.isfinite(found.gain_up) else "any"
+    return (
+        f"delay margin {found.delay:.2f} s, worst sensitivity {found.sensitivity:.2f}, "
+        f"K from {least} to {most} times the model's"
+    )
+
+
+RATIOS = (0.2, 0.5, 0.75, 1.0, 1.25, 1.5)
+UNSCHEDULED = (
+    "Until a link brings a speed, the model and the gains of the trial's speed are in force, whatever the boat does."
+)
+HEAD = ("speed", "K [1/s]", "T [s]", "gain margin", "phase margin", "delay margin")
+
+
+class AtSpeed(NamedTuple):
+    """One speed: share of the trial's and [m/s], K [1/s], T [s], the gains by their keys in the file, and the verdict.
+
+    waits: slower than the steerage, where the rudder waits amidships and no gains are in force.
+    """
+
+    ratio: float
+    speed: float
+    gain: float
+    time_constant: float
+    gains: dict[str, float]
+    verdict: Verdict
+    waits: bool
+
+
+def by_speed(each: Judged) -> list[AtSpeed]:
+    """Return the law of `each` at every share of the trial's speed in RATIOS."""
+    from autopilot.models.norrbin import at_speed_ratio
+    from autopilot.runtime.build import gains_in_force, model_of, pilot_config, verdict_of
+
+    present = gains_in_force(each.vessel, each.law)
+    steerage = pilot_config(each.vessel, each.law).steerage
+    found = []
+    for ratio in RATIOS:
+        model = at_speed_ratio(model_of(each.vessel), ratio)
+        scaled = gains_in_force(each.vessel, each.law, ratio)
+        # in the units of the file
+        shares = (new / old if old else 1.0 for new, old in zip(scaled, present, strict=True))
+        gains = {key: value * share for (key, value), share in zip(gains_of(each).items(), shares, strict=True)}
+        verdict, waits = verdict_of(each.vessel, each.law, ratio), model.reference_speed < steerage
+        found.append(AtSpeed(ratio, model.reference_speed, model.gain, model.time_constant, gains, verdict, waits))
+    return found
+
+
+def chosen(rows: Mapping[str, Judged]) -> dict[str, Judged]:
+    """Return the rows of the law that the file steers with."""
+    return {name: each for name, each in rows.items() if each.law == each.vessel.control.law}
+
+
+def speeds_as_json(each: Judged) -> dict[str, Any]:
+    """Return the entry "speeds" with the unit in every key; null for what is infinite."""
+    return {"speeds": [_as_json(row) for row in by_speed(each)]}
+
+
+def _as_json(row: AtSpeed) -> dict[str, Any]:
+    found = row.verdict.margins
+    return {
+        "speed_percent": round(100.0 * row.ratio),
+        "speed_m_s": row.speed,
+        "K_1_s": row.gain,
+        "T_s": row.time_constant,
+        "gains": row.gains,
+        "stable": found.stable,
+        "gain_margin": found.gain if math.isfinite(found.gain) else None,
+        "phase_margin_deg": math.degrees(found.phase),
+        "delay_margin_s": found.delay if math.isfinite(found.delay) else None,
+        "below_steerage": row.waits,
+        "refusal": row.verdict.refusal or None,
+    }
+
+
+def speeds_as_text(rows: Mapping[str, Judged]) -> str:
+    """Return a table of speeds for each set of gains of the law that the file steers with."""
+    lines = []
+    for name, each in chosen(rows).items():
+        head, *cells = speed_table(each)
+        widths = [max(len(row[column]) for row in (head, *cells)) for column in range(len(head))]
+        lines.append(f"{name}, by speed")
+        lines += [
+            "    " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in (head, *cells)
+        ]
+    return "\n".join([*lines, UNSCHEDULED])
+
+
+def speed_table(each: Judged) -> list[tuple[str, ...]]:
+    """Return the table of one set of gains, its head first."""
+    keys = tuple(gains_of(each))
+    return [(*HEAD[:3], *keys, *HEAD[3:], ""), *(_cells(row, keys) for row in by_speed(each))]
+
+
+def _cells(row: AtSpeed, keys: tuple[str, ...]) -> tuple[str, ...]:
+    found = row.verdict.margins
+    said = "rudder waits: below steerage" if row.waits else "not to be engaged" if row.verdict.refusal else ""
+    margins = (f"{found.gain:.2f}", f"{math.degrees(found.phase):.0f} deg", f"{found.delay:.2f} s")
+    return (
+        f"{100.0 * row.ratio:.0f} % = {row.speed:.2f} m/s",
+        f"{row.gain:.3g}",
+        f"{row.time_constant:.3g}",
+        *(f"{row.gains[key]:.3g}" for key in keys),
+        *(margins if found.stable else ("unstable", "", "")),
+        said,
+    )
+
 
 CURVE_POINTS = 300
 STEP_DEG = (5.0, 45.0)

@@ -9,17 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot import __version__
+from autopilot.files.printable import fixed
 from autopilot.identification.identified import Convergence, Identified, SteadyTurns
-from autopilot.identification.information import InstrumentNoise, cramer_rao
-from autopilot.identification.prediction import Prediction
-from autopilot.identification.residual_tests import ResidualTest
+from autopilot.identification.model_choice import steering_model
+from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderTrain
 from autopilot.identification.runs import FloatArray, Run
-from autopilot.identification.steering import steering_model
+from autopilot.identification.trial_design import InstrumentNoise, cramer_rao
 from autopilot.models.norrbin import Norrbin, steady_rate
-from autopilot.printable import fixed
-from autopilot.report.figures import Line, Panel, time_figure
-from autopilot.report.page import Section, render
+from autopilot.report.page import Line, Panel, Section, render, time_figure
 
 SYMBOLS = {
     "gain": ("K", "1/s"),

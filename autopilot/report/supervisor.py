@@ -10,9 +10,9 @@ from collections.abc import Iterable
 from itertools import groupby
 from pathlib import Path
 
-from autopilot.alarms import CATALOGUE, AlarmKind, Response
 from autopilot.signals import SupervisorState
-from autopilot.supervisor import ENDED, ENGAGED, MEANING, MODES, TABLE, Action, Event, Row, Says
+from autopilot.supervision.alarms import CATALOGUE, AlarmKind, Response
+from autopilot.supervision.states import ENDED, ENGAGED, MEANING, MODES, TABLE, Action, Event, Row, Says
 
 COMMAND = "python -m autopilot.report.supervisor docs"
 GROUPS = ((SupervisorState.STANDBY,), ENGAGED, ENDED)
@@ -22,7 +22,7 @@ def supervisor_page() -> str:
     """Return docs/supervisor.md."""
     parts = [
         "# The supervisor",
-        "Who has the rudder, drawn from the table in `autopilot/supervisor.py` by\n"
+        "Who has the rudder, drawn from the table in `autopilot/supervision/states.py` by\n"
         f"`{COMMAND}`. A pair of state and event that is in none of the rows below\n"
         "changes nothing.",
         _diagram(),
@@ -46,7 +46,7 @@ def alarms_page() -> str:
     kinds = sorted(CATALOGUE.values(), key=lambda kind: list(Response).index(kind.response))
     parts = [
         "# Alarms",
-        f"Drawn from `autopilot/alarms.py` by `{COMMAND}`. An alarm is shown and\n"
+        f"Drawn from `autopilot/supervision/alarms.py` by `{COMMAND}`. An alarm is shown and\n"
         "logged as long as it lasts, and sounds until it is acknowledged or over; one that ends steering sounds until\n"
         "it is acknowledged. What nobody has acknowledged for 30 s is said again, louder.",
         "Where a lost heading, or a silent vehicle, has ended steering and is back for 2 s, the alarm says `(past)`;\n"

@@ -1,18 +1,169 @@
-"""Between a running pilot and Signal K: deltas one way, orders the other. Without a thread and without waiting."""
+"""Between a running pilot and Signal K: deltas one way, orders the other. Without a thread and without waiting.
+
+TCP clients that get every line we say and send lines of their own: several at once, none of them waited for.
+"""
 
 from __future__ import annotations
 
 import math
+import socket
 from collections.abc import Callable
 from typing import NamedTuple
 
-from autopilot.signalk.clients import LineClients
-from autopilot.signalk.deltas import Deltas, delta_of, notifications_of, values_of
-from autopilot.signalk.requests import BadRequestError, answer, line_of, parse
-from autopilot.web.line import BoatLine
+from autopilot.links.transports.sockets import open_error, resolve
+from autopilot.signalk.messages import (
+    BadRequestError,
+    Deltas,
+    answer,
+    delta_of,
+    line_of,
+    notifications_of,
+    parse,
+    values_of,
+)
+from autopilot.web.hub import makes_room
 from autopilot.web.orders import Answer
 from autopilot.web.requests import asked_of
-from autopilot.web.station import Station
+from autopilot.web.station import BoatLine, Station
+
+CLIENTS_MOST = 8
+"""Places. A newcomer gets the place of one who has not shown the token; where all have, it is hung up on."""
+BEHIND_MOST = 65536
+"""Bytes that may wait for one client; who does not keep up is hung up on, and comes back by itself."""
+CHUNK = 4096
+LINES_MOST = 20
+"""Lines of one client in one turn."""
+
+
+class Heard(NamedTuple):
+    """A line and who said it."""
+
+    client: int
+    line: bytes
+
+
+class LineClients:
+    """Listens at an address. Raises LinkError where it cannot.
+
+    line_most: longer lines end the connection.
+
+    Attributes:
+        port: where it listens.  news: what happened since it was last emptied, for people.
+    """
+
+    def __init__(self, host: str, port: int, line_most: int) -> None:
+        name = f"{host}:{port}"
+        family, address = resolve(name, host, port, socket.SOCK_STREAM, passive=True)
+        self._listener = socket.socket(family, socket.SOCK_STREAM)
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._listener.setblocking(False)
+        try:
+            self._listener.bind(address)
+            self._listener.listen(CLIENTS_MOST)
+        except OSError as error:
+            self._listener.close()
+            raise open_error(name, error, "listen at", host, port) from error
+        self.port = int(self._listener.getsockname()[1])
+        self.news: list[str] = []
+        self._line_most = line_most
+        self._clients: dict[int, socket.socket] = {}
+        self._received: dict[int, bytes] = {}
+        self._unsent: dict[int, bytes] = {}
+        self._addresses: dict[int, str] = {}
+        self._trusted: set[int] = set()
+        self._count = 0
+
+    @property
+    def descriptors(self) -> list[int]:
+        """What to wait on."""
+        return [self._listener.fileno(), *(client.fileno() for client in self._clients.values())]
+
+    def turn(self) -> tuple[list[int], list[Heard]]:
+        """Take who and what has come: new clients, and whole lines."""
+        new = self._accept()
+        heard = [Heard(number, line) for number in list(self._clients) for line in self._lines_of(number)]
+        return new, heard
+
+    def say(self, line: bytes, client: int | None = None) -> None:
+        """Send a line to one client, or to all; what does not fit now goes with the next."""
+        for number in list(self._clients) if client is None else [client]:
+            if number in self._clients:
+                self._push(number, line)
+
+    def trust(self, client: int) -> None:
+        """Keep the place of a client that has shown the token, however long it says nothing."""
+        if client in self._clients:
+            self._trusted.add(client)
+
+    def close(self) -> None:
+        """Hang up on all and stop listening."""
+        for number in list(self._clients):
+            self._drop(number, "")
+        self._listener.close()
+
+    def _accept(self) -> list[int]:
+        new: list[int] = []
+        while True:
+            try:
+                client, sender = self._listener.accept()
+            except OSError:
+                return new
+            if len(self._clients) >= CLIENTS_MOST and not self._make_room():
+                client.close()
+                continue
+            client.setblocking(False)
+            self._count += 1
+            self._clients[self._count] = client
+            self._received[self._count] = self._unsent[self._count] = b""
+            self._addresses[self._count] = str(sender[0])
+            self.news.append(f"Signal K: {sender[0]} has connected")
+            new.append(self._count)
+
+    def _make_room(self) -> bool:
+        """Hang up on one without the token; False where all have shown it."""
+        goes = makes_room({number: self._addresses[number] for number in self._clients if number not in self._trusted})
+        if goes is None:
+            return False
+        self._drop(goes, "made room for another")
+        return True
+
+    def _lines_of(self, number: int) -> list[bytes]:
+        try:
+            data = self._clients[number].recv(CHUNK)
+        except BlockingIOError:
+            data = None
+        except OSError:
+            data = b""
+        if data == b"":
+            self._drop(number, "has gone; waiting for it to come back")
+            return []
+        *lines, rest = (self._received[number] + (data or b"")).split(b"\n")
+        if len(rest) > self._line_most or len(lines) > LINES_MOST:
+            self._drop(number, "sent too much, and was hung up on")
+            return []
+        self._received[number] = rest
+        return [line for line in lines if line.strip()]
+
+    def _push(self, number: int, line: bytes) -> None:
+        waiting = self._unsent[number] + line
+        try:
+            sent = self._clients[number].send(waiting)
+        except BlockingIOError:
+            sent = 0
+        except OSError:
+            self._drop(number, "has gone; waiting for it to come back")
+            return
+        self._unsent[number] = waiting[sent:]
+        if len(self._unsent[number]) > BEHIND_MOST:
+            self._drop(number, "does not keep up, and was hung up on")
+
+    def _drop(self, number: int, why: str) -> None:
+        self._clients.pop(number).close()
+        del self._received[number], self._unsent[number], self._addresses[number]
+        self._trusted.discard(number)
+        if why:
+            self.news.append(f"Signal K: a client {why}")
+
 
 PERIOD_S = 0.2
 REASON_S = 1.2

@@ -1,4 +1,9 @@
-"""Orders of a helm display to the boat: command by command, each asked until it is acknowledged or given up. Pure."""
+"""Orders of a helm display to the boat: command by command, each asked until it is acknowledged or given up. Pure.
+
+Changing course from a display: step by step, and aside for a while with the way back. Pure.
+
+Every change is sent as a whole heading: an order that is repeated because its answer was lost must not turn twice.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +15,24 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.boat.commands import ACKNOWLEDGE as ACKNOWLEDGING
-from autopilot.links.boat.commands import PATTERN, TURNING, ZIGZAG
-from autopilot.links.boat.modes import HEADING, MANUAL, TRACK
-from autopilot.links.boat.tuning import ADOPT as ADOPTING
-from autopilot.links.boat.tuning import LEARNING, LEVEL
-from autopilot.links.boat.tuning import REVERT as REVERTING
-from autopilot.links.extra_messages import CommandCancel
+from autopilot.firmware.protocol import Target
+from autopilot.links.ground_station.commands import ACKNOWLEDGE as ACKNOWLEDGING
+from autopilot.links.ground_station.commands import ADOPT as ADOPTING
+from autopilot.links.ground_station.commands import (
+    HEADING,
+    LEARNING,
+    LEVEL,
+    MANUAL,
+    PATTERN,
+    TRACK,
+    TRIAL,
+    TURNING,
+    ZIGZAG,
+)
+from autopilot.links.ground_station.commands import REVERT as REVERTING
 from autopilot.links.mavlink_codec import Message
-from autopilot.params.protocol import Target
+from autopilot.links.mavlink_layouts import CommandCancel
+from autopilot.web.view import BoatView
 
 AGAIN_S = 0.5
 TRIES = 4
@@ -176,3 +190,87 @@ class Orders:
         self._step = self._tries = 0
         self._next = -math.inf
         order.told(answer, words)
+
+
+ECHO_S = 1.5
+"""So long after our own order [s] the heading that the boat tells may still be the one before it."""
+
+
+class Course:
+    """Turns the boat over `orders`.
+
+    Attributes:
+        before: the heading [deg] ordered before the first step aside, None where nobody dodges.
+        was_route: whether a route was followed then.
+    """
+
+    def __init__(self, given: Orders, view: BoatView) -> None:
+        self._orders, self._view = given, view
+        self._meant = math.nan
+        self._meant_at = -math.inf
+        self.before: float | None = None
+        self.was_route = False
+
+    def turn_by(self, now: float, degrees: float, told: Told) -> None:
+        """Change the heading ordered by so many degrees, positive to starboard."""
+        base = self._base(now)
+        if base is None:
+            is_trial = self._view.mode == TRIAL
+            told(
+                Answer.FAILED,
+                "a trial is being sailed: end it first" if is_trial else "engage first: no course is being steered",
+            )
+            return
+        self.turn_to(now, base + degrees, told)
+
+    def turn_to(self, now: float, heading_deg: float, told: Told) -> None:
+        """Order a heading [deg]."""
+        self._meant, self._meant_at = heading_deg % 360.0, now
+
+        def noted(taken: Answer, words: str) -> None:
+            if not taken:
+                self._meant_at = -math.inf
+            told(taken, words)
+
+        self._orders.give((turn_to(heading_deg),), noted)
+
+    def dodge(self, now: float, degrees: float, told: Told) -> None:
+        """Step aside by so many degrees; again: further. The course before the first step is kept."""
+        base, was_route = self._base(now), self._view.mode == TRACK
+
+        def noted(taken: Answer, words: str) -> None:
+            if taken and self.before is None:
+                self.before, self.was_route = base, was_route
+            told(taken, words)
+
+        self.turn_by(now, degrees, noted)
+
+    def back(self, now: float, told: Told) -> None:
+        """Go back to the course that was steered before, or to the route."""
+        before = self.before
+        if before is None:
+            told(Answer.FAILED, "nothing to go back to")
+            return
+
+        def noted(taken: Answer, words: str) -> None:
+            if taken:
+                self.before = None
+            told(taken, words)
+
+        if self.was_route:
+            self._orders.give(FOLLOW, noted)
+        else:
+            self.turn_to(now, before, noted)
+
+    def look(self) -> None:
+        """Forget the way back when nobody steers any more."""
+        if self._view.mode not in (HEADING, TRACK):
+            self.before = None
+            self._meant_at = -math.inf
+
+    def _base(self, now: float) -> float | None:
+        if self._view.mode not in (HEADING, TRACK):
+            return None
+        if now - self._meant_at < ECHO_S:
+            return self._meant
+        return self._view.value("order")

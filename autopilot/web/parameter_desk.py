@@ -12,14 +12,13 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
+from autopilot.files.outside import SHOWN, parse_json
+from autopilot.files.printable import printable
+from autopilot.firmware.download import Download
+from autopilot.firmware.metadata import FtpClient
+from autopilot.firmware.protocol import Target, parameter_value, set_value
+from autopilot.links.ground_station.file_server import PARAMETERS
 from autopilot.links.mavlink_codec import Message
-from autopilot.order_values import SHOWN
-from autopilot.params.component_metadata import PARAMETERS
-from autopilot.params.download import Download
-from autopilot.params.ftp_client import FtpClient
-from autopilot.params.protocol import Target, parameter_value, set_value
-from autopilot.printable import printable
-from autopilot.strict_json import parse_json
 from autopilot.web.orders import NO_ANSWER, Answer, Told
 
 AGAIN_S, TRIES = 0.5, 4

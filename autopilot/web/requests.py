@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from autopilot.errors import InputError
-from autopilot.order_values import SHOWN, number_from
-from autopilot.printable import printable
+from autopilot.files.outside import SHOWN, number_from
+from autopilot.files.printable import printable
 from autopilot.web import orders
 from autopilot.web.hub import Asked
 from autopilot.web.station import Station

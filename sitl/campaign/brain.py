@@ -22,18 +22,17 @@ from autopilot.control.backstepping import (
     smoothed_rudder,
     smoothing_in,
 )
+from autopilot.control.limits import Rest, RudderLimits, limit, rested
 from autopilot.control.met_waves import Corners, Met, Waves, met
 from autopilot.control.pid import PidGains, PidMemory, feed_forward, pid_step
 from autopilot.control.sliding_heading import SlidingGains, sliding_rudder
-from autopilot.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
-from autopilot.estimation import wave_motion
-from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST
+from autopilot.estimation import waves as wave_motion
+from autopilot.estimation.estimator import BIAS_MOST, SPEED_RATIO_MOST, SPEED_SMOOTHING
 from autopilot.estimation.fusion import GATE_PATIENCE, PREDICT_LONGEST, Fusion, Noises, fuse_measured, mean_at
-from autopilot.estimation.heading_filter import FilterState, with_bias_of
-from autopilot.estimation.rudder_track import RudderPast
-from autopilot.estimation.scheduled_speed import SPEED_SMOOTHING
-from autopilot.guidance.shown_strength import NOTHING_SHOWN
+from autopilot.estimation.heading_ekf import FilterState, with_bias_of
+from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.guidance.turn import (
+    NOTHING_SHOWN,
     TurnLimits,
     VirtualBoat,
     caught_up,
@@ -50,13 +49,13 @@ from autopilot.guidance.turn import (
     within_reach,
     without_haste,
 )
-from autopilot.limits import Rest, RudderLimits, limit, rested
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
-from autopilot.monitors import AT_THE_STOP, FROZEN_SAMPLES
-from autopilot.monitors.turns_told import NO_TURNS, Turns, are_opposite, turns_told
 from autopilot.pilot import LONGEST_STEP, SPEED_CHANGE
 from autopilot.signals import Reference
+from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
+from autopilot.supervision.monitors import AT_THE_STOP, FROZEN_SAMPLES
+from autopilot.supervision.monitors.compass import NO_TURNS, Turns, are_opposite, turns_told
 
 Floats = NDArray[np.float64]
 
@@ -69,7 +68,7 @@ class Brain(NamedTuple):
     error_max [rad] the largest heading error that backstepping answers there.
 
     patience [s]: the rudder may be hard over for so long before a monitor would ask why; heading_jump and
-    rate_disagrees [rad] are the monitors' too, see `autopilot.monitors`.
+    rate_disagrees [rad] are the monitors' too, see `autopilot.supervision.monitors`.
     """
 
     law: int
@@ -261,7 +260,8 @@ def tick(brain: Brain, mind: Mind, past: Past, now: float, heard: Heard, target:
 
 
 def _pushes_away(brain: Brain, error: float, rudder: float, bias: float, rate: float) -> bool:
-    """Return whether the envelope check would think so, see `autopilot.envelope`; half as much is enough here."""
+    """Return whether the envelope check would think so, see `autopilot.supervision.envelope`; half as much is enough
+    here."""
     side = 1.0 if error > 0.0 else -1.0
     pushes = side * rudder + max(side * bias, 0.0) < -0.5 * WRONG_SHARE * brain.limits.angle_max
     return side * error > 0.5 * WRONG_ERROR and pushes and side * rate <= 0.0

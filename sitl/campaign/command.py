@@ -15,8 +15,8 @@ from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import as_exceptions
 
 if TYPE_CHECKING:
-    from sitl.campaign.cases import Job
-    from sitl.campaign.summary import Tally
+    from sitl.campaign.results import Tally
+    from sitl.campaign.study import Job
 
 ENGINES = ("local", "ray", "dask")
 SAME = 1.0e-9
@@ -63,8 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _job(arguments: argparse.Namespace) -> Job:
-    from sitl.campaign.cases import Job, cases_of, filed_vessel
-    from sitl.campaign.study import load_study
+    from sitl.campaign.study import Job, cases_of, filed_vessel, load_study
 
     study, folder = load_study(arguments.study)
     study = replace(study, runs=arguments.runs or study.runs, seed=arguments.seed or study.seed)
@@ -76,12 +75,11 @@ def _job(arguments: argparse.Namespace) -> Job:
 
 
 def _campaign(job: Job, arguments: argparse.Namespace) -> int:
-    from autopilot.cli.progress import ProgressBar
-    from autopilot.params.saving import refuse_existing
-    from sitl.campaign.cases import number_of_runs
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.files.saving import refuse_existing
     from sitl.campaign.engines import default_workers, engine_of, in_order
-    from sitl.campaign.results import open_results
-    from sitl.campaign.summary import Tally
+    from sitl.campaign.results import Tally, open_results
+    from sitl.campaign.study import number_of_runs
     from sitl.campaign.work import batches_of
 
     if arguments.report:
@@ -110,8 +108,8 @@ def _campaign(job: Job, arguments: argparse.Namespace) -> int:
 
 
 def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float) -> None:
-    from sitl.campaign.cases import steps_of
-    from sitl.campaign.summary import as_json, table
+    from sitl.campaign.results import as_json, table
+    from sitl.campaign.study import steps_of
     from sitl.world import STEP
 
     summaries, study = tally.cases(), job.study
@@ -122,8 +120,8 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
     if not tally.done["compiled"] and not arguments.plain:
         said += " Nothing was compiled: with numba it is far quicker, pip install '.[fast]'."
     if arguments.report:
-        from autopilot.params.saving import save_page
-        from sitl.campaign.page import campaign_page
+        from autopilot.files.saving import save_page
+        from sitl.campaign.results import campaign_page
 
         page = campaign_page(study.name, study.description, summaries, said, shlex.join(arguments.typed))
         save_page(arguments.report, page)
@@ -142,8 +140,8 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
 
 def _replay(job: Job, arguments: argparse.Namespace) -> int:
     """Do one run in the full simulator, and compiled where that can be; exit code 6 where they differ."""
-    from sitl.campaign.cases import case_and_seed, number_of_runs
-    from sitl.campaign.full import run_fully
+    from sitl.campaign.setting import run_fully
+    from sitl.campaign.study import case_and_seed, number_of_runs
     from sitl.campaign.work import done_swiftly
 
     number, runs = arguments.replay, number_of_runs(job)

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from autopilot.errors import InputError
-from sitl.campaign.cases import Job
 from sitl.campaign.engines import AHEAD, Batch, Engine, nobody
+from sitl.campaign.study import Job
 from sitl.campaign.work import Row, do_runs, warm
 
 RETRIES = 5

@@ -2,11 +2,16 @@
 
 An engine yields the rows of batches as they are done, in any order; `in_order` puts them in the order of the runs, so
 that results are the same whoever did them, and however many.
+
+Runs on a dask cluster (extra `dask`): one that runs already, by its scheduler's address, or one of processes here.
+
+dask hands the runs of a worker that is lost to another one.
 """
 
 from __future__ import annotations
 
 import ctypes
+import itertools
 import multiprocessing
 import os
 import signal
@@ -15,10 +20,10 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
-from typing import Protocol
+from typing import Any, Protocol
 
 from autopilot.errors import InputError
-from sitl.campaign.cases import Job
+from sitl.campaign.study import Job
 from sitl.campaign.work import Row, do_runs, warm
 
 Batch = tuple[int, int]
@@ -118,8 +123,6 @@ def engine_of(name: str, address: str | None = None) -> Engine:
     if name == "local":
         return local
     if name == "dask":
-        from sitl.campaign.engine_dask import dask_engine
-
         return dask_engine(address)
     from sitl.campaign.engine_ray import ray_engine
 
@@ -129,3 +132,60 @@ def engine_of(name: str, address: str | None = None) -> Engine:
 def default_workers() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+RETRIES = 5
+LEAN = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.memory.monitor-interval": "1s",
+}
+"""For workers of our own: nobody looks at their profiles, and a run needs little memory."""
+
+
+def dask_engine(address: str | None) -> Engine:
+    """Return the engine. Raises InputError where dask is not installed, or nobody answers at the address."""
+    try:
+        import dask
+        import distributed
+    except ImportError as exc:
+        raise InputError("--engine dask needs dask: pip install '.[dask]'") from exc
+
+    def engine(
+        job: Job, batches: list[Batch], workers: int, is_compiled: bool, ready: Callable[[], None] = nobody
+    ) -> Iterator[list[Row]]:
+        with dask.config.set(LEAN), _client(distributed, address, workers) as client:
+            shared = client.scatter(job, broadcast=True, hash=False)
+            client.gather(
+                [
+                    client.submit(warm, shared, is_compiled, workers=[worker], pure=False, retries=RETRIES)
+                    for worker in client.ncores()
+                ]
+            )
+            ready()
+            waiting = iter(batches)
+
+            def more(count: int) -> list[Any]:
+                return [
+                    client.submit(do_runs, shared, *batch, is_compiled, pure=False, retries=RETRIES)
+                    for batch in itertools.islice(waiting, count)
+                ]
+
+            running = distributed.as_completed(more(AHEAD * max(workers, len(client.ncores()))))
+            for future in running:
+                rows: list[Row] = future.result()
+                future.release()
+                for following in more(1):
+                    running.add(following)
+                yield rows
+
+    return engine
+
+
+def _client(distributed: Any, address: str | None, workers: int) -> Any:
+    if address is None:
+        return distributed.Client(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+    try:
+        return distributed.Client(address, timeout=10.0)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--address {address}: no dask scheduler answers there ({error})") from error

@@ -1,4 +1,11 @@
-"""From a run of a study to the NamedTuples and arrays of `swift`: the same numbers that `full` starts from."""
+"""From a run of a study to the NamedTuples and arrays of `swift`: the same numbers that `full` starts from.
+
+Failing instruments, tabled before a run begins: what their faults add, multiply and swallow, set by set.
+
+Faults that keep an old value, and those of the boat itself, depend on how the run goes: the full simulator has them.
+
+One run of a campaign in the full simulator: `sitl.world` and the pilot itself, supervisor, monitors and all.
+"""
 
 from __future__ import annotations
 
@@ -9,36 +16,168 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.build import pilot_config, verdict_of
-from autopilot.build_laws import law_of
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import RefusedError
 from autopilot.estimation.fusion import noises_of
-from autopilot.estimation.heading_filter import initial
+from autopilot.estimation.heading_ekf import initial
 from autopilot.models import waves, wind
 from autopilot.models.waves import WaveState, WaveTransition
-from autopilot.params.vessel import Vessel
+from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
+from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
+from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, Plant, shares_of
 from sitl.campaign.brain import BACKSTEPPING, PID, SLIDING, Brain, Past
-from sitl.campaign.cases import Case, Job, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
-from sitl.campaign.failing import can_be_tabled, failing
-from sitl.campaign.full import SPEED_HZ, WATER_EVERY, course_of, measured_every
-from sitl.campaign.score import Course
-from sitl.campaign.study import Study
-from sitl.campaign.swift import Instruments, Rooms, Setting, readings
+from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
+from sitl.campaign.swift import (
+    NO_HEADING,
+    NO_SPEED,
+    NOTHING,
+    Course,
+    Figures,
+    Instruments,
+    Rooms,
+    Score,
+    Setting,
+    figures,
+    ordered,
+    readings,
+    scored,
+)
 from sitl.campaign.waters import Water, surface_of
+from sitl.fault_kinds import FaultKind
 from sitl.faults import FaultBoard
 from sitl.scenario import Scenario
 from sitl.sea import IttcWaves, ittc_waves, second_order_waves
-from sitl.sensors import or_else
-from sitl.world import STEP, plant_of
+from sitl.sensors import Reading, SensorFaults, or_else
+from sitl.world import STEP, Orders, World, plant_of
+
+TABLED: frozenset[FaultKind] = frozenset(
+    {
+        "silence",
+        "heading_dropout",
+        "heading_jump",
+        "heading_drift",
+        "heading_noise",
+        "heading_spikes",
+        "rate_bias",
+        "rate_noise",
+        "rate_reversed",
+        "speed_lost",
+        "speed_wrong",
+    }
+)
+UNIT = Reading(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def can_be_tabled(scenario: Scenario) -> bool:
+    """Return whether all faults of the scenario are known before it begins."""
+    return all(fault.kind in TABLED for fault in scenario.faults)
+
+
+def failing(instruments: Instruments, faults: FaultBoard, seed: np.random.SeedSequence) -> Instruments:
+    """Return the instruments with these faults; `seed` is that of the sensors, from which their spoiler's comes."""
+    spoiler, sets = SensorFaults(faults, seed.spawn(1)[0]), len(instruments.deviates)
+    spoilt, missing = np.zeros((sets, 4)), np.zeros(sets, dtype=np.int64)
+    lag = math.ceil(instruments.latency / STEP - 1.0e-7)
+    for place in range(sets):
+        step = place * instruments.every
+        time, heard = step * STEP, (step + lag) * STEP
+        # what is done to nothing, and to a speed of 1, is what is done to everything
+        left = spoiler.spoil(time, UNIT)
+        factor = -1.0 if faults.is_on("rate_reversed", time) else 1.0
+        spoilt[place] = left.heading, factor, left.rate, left.water_speed
+        is_silent = faults.is_on("silence", heard)
+        if is_silent or faults.is_on("heading_dropout", heard):
+            missing[place] |= NO_HEADING
+        if is_silent or faults.is_on("speed_lost", heard):
+            missing[place] |= NO_SPEED
+    return instruments._replace(fails=True, spoilt=spoilt, missing=missing)
+
+
+SPEED_HZ = 1
+WATER_EVERY = 5
+"""The sea is felt anew every so many steps, 20 times a second: quickly enough for waves of less than 1 Hz."""
+
+
+class _Told:
+    """The helm that the pilot holds."""
+
+    def __init__(self) -> None:
+        self.rudder: float | None = None
+
+    def orders(self, time: float) -> Orders:
+        """Return what the pilot told the rudder last."""
+        return Orders(self.rudder)
+
+
+def measured_every(study: Study) -> int:
+    """Return how many steps lie between two sets of readings."""
+    return round(1.0 / STEP / study.heading_hz)
+
+
+def course_of(study: Study) -> Course:
+    """Return what is ordered."""
+    turn_at = study.turn.at_s if study.turn.degrees else math.inf
+    return Course(0.0, math.radians(study.turn.degrees), turn_at, study.measured_from_s)
+
+
+def run_fully(job: Job, run: int) -> Figures:
+    """Return the figures of a run. Raises RefusedError where the case's gains must not be engaged."""
+    case, seed = case_and_seed(job, run)
+    study, vessel, scenario = job.study, vessel_of(job, case), scenario_of(job, case)
+    every = measured_every(study)
+    world = World(
+        vessel,
+        scenario,
+        seed,
+        plant=plant_of(real_boat(job, case), scenario),
+        measured_every=every,
+        felt_every=WATER_EVERY,
+    )
+    pilot, helm, course = build_pilot(vessel, case.law), _Told(), course_of(study)
+    world.helms.append(helm)
+    score, told, ticks, engaged = NOTHING, 0.0, 0, 0
+    seen: Reading | None = None
+    for _ in range(steps_of(study, STEP)):
+        now = world.time
+        reading = world.sensors.latest(now)
+        if reading is not None and reading is not seen:
+            with_speed = round(reading.time / STEP) // every % max(study.heading_hz, 1) == 0
+            samples = _samples(world, reading, now, with_speed, study.gyro)
+            order = Order(OrderKind.HEADING, ordered(course, now), serial=1)
+            tick = pilot.step(now, samples, order)
+            command = tick.command
+            helm.rudder, before = (command.angle if command.engaged else None), told
+            told = command.angle if command.engaged else 0.0
+            ticks, engaged, seen = ticks + 1, engaged + (tick.mode is Mode.ENGAGED), reading
+            score = _scored(score, course, world, before, told)
+        world.advance(world.next_step)
+    return figures(score, every * STEP, engaged / max(ticks, 1))
+
+
+def _samples(world: World, reading: Reading, now: float, with_speed: bool, with_rate: bool) -> tuple[Sample, ...]:
+    """Return what of a set of readings reaches the pilot: the speed once a second, the heading unless it fails."""
+    if world.sensors.is_silent(now):
+        return ()
+    with_speed = with_speed and not world.faults.is_on("speed_lost", now)
+    speed = (SpeedSample(reading.time, reading.water_speed),) if with_speed else ()
+    if not world.sensors.has_heading(now):
+        return speed
+    heading = math.nan if world.faults.is_on("heading_nan", now) else wrap(reading.heading)
+    return (HeadingSample(reading.time, heading, reading.rate if with_rate else None), *speed)
+
+
+def _scored(score: Score, course: Course, world: World, before: float, told: float) -> Score:
+    state = world.boat.state
+    return scored(score, course, world.time, state.heading, state.speed, before, told)
+
 
 DEVIATES_A_SET = 10
 """How many deviates `Sensors.sample` draws."""
 RING = 64
-NOTHING = np.zeros(0)
+NO_NOISE = np.zeros(0)
 NO_SWELL = WaveTransition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 NO_GAINS = (BacksteppingGains(0.0, 0.0, 0.0), PidGains(0.0, 0.0, 0.0), SlidingGains(0.0, 0.0, 1.0))
 
@@ -168,13 +307,13 @@ def water_of(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, ste
     """Return the sea with all its deviates, drawn as `sitl.sea.Sea` draws them, and the swell at the start."""
     swell_seed, ittc_seed, wind_seed = seed.spawn(3)
     section, ittc, gusts = scenario.waves.second_order, scenario.waves.ittc, scenario.wind
-    transition, swell, swell_noise = NO_SWELL, WaveState(), NOTHING
+    transition, swell, swell_noise = NO_SWELL, WaveState(), NO_NOISE
     if section is not None:
         drawn = np.random.default_rng(swell_seed).standard_normal(2 + 2 * steps)
         model, swell_noise = second_order_waves(section), drawn[2:]
         transition = waves.discretise(model, WATER_EVERY * STEP)
         swell = waves.stationary_state(model, float(drawn[0]), float(drawn[1]))
-    components = IttcWaves(NOTHING, NOTHING, NOTHING, NOTHING, 0.0, 1.0, 1.0)
+    components = IttcWaves(NO_NOISE, NO_NOISE, NO_NOISE, NO_NOISE, 0.0, 1.0, 1.0)
     if ittc is not None:
         components = ittc_waves(ittc, plant.hull, np.random.default_rng(ittc_seed), scenario.current)
     has_wind = gusts.speed_m_s > 0.0 or gusts.gust_m_s > 0.0
@@ -190,7 +329,7 @@ def water_of(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, ste
         wind_from=math.radians(gusts.from_deg),
         gust=wind.Gust(gusts.gust_m_s, gusts.gust_time_s),
         load=wind.WindLoad(math.radians(gusts.rudder_deg_per_m2_s2), gusts.leeway),
-        wind_noise=np.random.default_rng(wind_seed).standard_normal(steps) if has_wind else NOTHING,
+        wind_noise=np.random.default_rng(wind_seed).standard_normal(steps) if has_wind else NO_NOISE,
         current_north=scenario.current.speed_m_s * math.cos(towards),
         current_east=scenario.current.speed_m_s * math.sin(towards),
     )

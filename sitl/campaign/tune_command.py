@@ -34,11 +34,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Tune and print JSON."""
     from pathlib import Path
 
-    from autopilot.cli.progress import ProgressBar
-    from autopilot.params.vessel_file import load_vessel
-    from sitl.campaign.cases import Job
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.vessel.file import load_vessel
     from sitl.campaign.engines import default_workers
-    from sitl.campaign.study import load_study
+    from sitl.campaign.study import Job, load_study
     from sitl.campaign.tuning import tune
 
     vessel = load_vessel(arguments.vessel)

@@ -18,13 +18,11 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
-from autopilot.build import verdict_of
-from autopilot.build_laws import law_of
 from autopilot.errors import InputError, RefusedError
-from autopilot.params.vessel import Vessel
-from sitl.campaign.cases import Job, number_of_runs
+from autopilot.runtime.build import law_of, verdict_of
+from autopilot.vessel.schema import Vessel
 from sitl.campaign.engines import end_with_parent
-from sitl.campaign.study import LawName
+from sitl.campaign.study import Job, LawName, number_of_runs
 from sitl.campaign.work import REFUSED, do_runs, swift
 
 SPAN = 6.0

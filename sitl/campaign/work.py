@@ -12,12 +12,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from autopilot.errors import InputError, RefusedError
-from sitl.campaign.cases import Job, case_and_seed, steps_of
-from sitl.campaign.full import measured_every, run_fully
-from sitl.campaign.score import Figures, figures
-from sitl.campaign.setting import rooms_of, setting_of
-from sitl.campaign.study import BoatSection, Study
-from sitl.campaign.swift import run_swiftly
+from sitl.campaign.setting import measured_every, rooms_of, run_fully, setting_of
+from sitl.campaign.study import BoatSection, Job, Study, case_and_seed, steps_of
+from sitl.campaign.swift import Figures, figures, run_swiftly
 from sitl.compiled import is_kept
 from sitl.world import STEP
 

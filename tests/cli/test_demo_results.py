@@ -11,17 +11,15 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from autopilot.cli.demo_legs import DemoResult, Hold
-from autopilot.cli.demo_table import as_json, as_text
+from autopilot.cli.demo_legs import DemoResult, Hold, as_json, as_text
 from autopilot.identification.identified import Identified
-from autopilot.identification.noise import Noise
-from autopilot.loop.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
+from autopilot.identification.residuals import Noise
 from autopilot.models.norrbin import Norrbin
-from autopilot.params.vessel_file import load_vessel
 from autopilot.report.demo import DemoFigures, write_demo_report
-from autopilot.report.figures import Line, Panel, time_figure
-from autopilot.report.page import Section, render
+from autopilot.report.page import Line, Panel, Section, render, time_figure
+from autopilot.runtime.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
+from autopilot.vessel.file import load_vessel
 
 GOAL = math.radians(90.0)
 

@@ -11,15 +11,14 @@ from typing import Any
 import pytest
 from boats import BOATS, vessel_of
 
-from autopilot.build import build_pilot, verdict_of
-from autopilot.build_laws import gains_in_force, model_of
 from autopilot.cli.gains import Wish, designed, in_hand, write_vessel
 from autopilot.cli.main import main
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import at_speed_ratio
-from autopilot.params.vessel import Backstepping, Control, Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel
-from autopilot.report import weaker_turn
+from autopilot.report import gains as weaker_turn
+from autopilot.runtime.build import build_pilot, gains_in_force, model_of, verdict_of
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Backstepping, Control, Vessel
 
 
 def as_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:

@@ -38,7 +38,7 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 @pytest.fixture(scope="module")
 def sway_table(tmp_path_factory: pytest.TempPathFactory) -> str:
     from autopilot.cli.identify_dp_files import write_trial
-    from autopilot.identification.dynamic_positioning_scenarios import SCENARIOS, simulate_scenario
+    from autopilot.identification.dynamic_positioning import SCENARIOS, simulate_scenario
 
     path = tmp_path_factory.mktemp("dp") / "s4.csv"
     scenario = SCENARIOS["S4"]._replace(thrust=SCENARIOS["S4"].thrust[:60])

@@ -52,7 +52,7 @@ def test_help_loads_no_command() -> None:
 def test_steering_loads_neither_numpy_nor_what_is_heavier() -> None:
     # refused at the link, after vessel, pilot and all that belongs to them
     loaded = modules_of("run", "lanxin", "--link", "udpin:256.0.0.1:1")
-    assert {"autopilot.pilot", "autopilot.loop.session", "pymavlink"} <= loaded
+    assert {"autopilot.pilot", "autopilot.runtime.session", "pymavlink"} <= loaded
     assert not loaded & HEAVY
 
 

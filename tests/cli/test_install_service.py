@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from autopilot.cli.install_service import Service, adapter_of, rules_text, unit_text
 from autopilot.cli.main import build_parser, main
-from autopilot.cli.service_files import Service, adapter_of, rules_text, unit_text
 from autopilot.errors import InputError
 
 INSTALL = ["install-service", "lanxin", "--link", "serial:/dev/pixhawk:115200", "--run-with=--as-gcs"]

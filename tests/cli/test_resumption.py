@@ -11,14 +11,13 @@ from pathlib import Path
 import pytest
 from lockstep import Lockstep
 
-from autopilot.cli.resumption import Resumption
-from autopilot.cli.upkeep import Upkeep, resumption_of
+from autopilot.cli.upkeep import Resumption, Upkeep, resumption_of
 from autopilot.errors import RefusedError
+from autopilot.files.saving import save_text
 from autopilot.links.base import LinkError
-from autopilot.loop.real_time import RealTime
-from autopilot.params.saving import save_text
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.machine import RealTime
 from autopilot.signals import Order
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 

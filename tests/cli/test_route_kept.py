@@ -10,15 +10,14 @@ import pytest
 from boat_at_sea import item, place
 from two_processes import free_port
 
-from autopilot.build import build_pilot
-from autopilot.build_laws import limits_of
-from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.cli.serving import BackgroundSaver, Serving, load_mission, mission_file, open_boat_links
 from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.boat.mission_items import dump_items, from_message
-from autopilot.loop.vessel_in_force import VesselInForce
-from autopilot.params.vessel_file import load_vessel
+from autopilot.links.ground_station.mission import dump_items, from_message
+from autopilot.operators.skipper import RouteSkipper
+from autopilot.runtime.build import build_pilot, limits_of
+from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 

@@ -10,7 +10,7 @@ from boat_at_sea import SPEED, Sea, item
 
 from autopilot.angles import shortest_turn
 from autopilot.errors import InputError
-from autopilot.links.boat.mission_items import from_message
+from autopilot.links.ground_station.mission import from_message
 from autopilot.signals import HelmSample, Mode, OrderKind
 
 TAKEN = HelmSample(0.0, False, "stick moved", "rc")

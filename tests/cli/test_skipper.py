@@ -16,8 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.cli.skipper import HELP, Skipper, heading_of
 from autopilot.errors import InputError
+from autopilot.operators.skipper import HELP, Skipper, heading_of
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
 RUDDER_MAX = math.radians(30.0)

@@ -19,8 +19,8 @@ import pytest
 from lockstep import Lockstep
 
 from autopilot.cli.terminal import TYPED_MOST, Steady, TypedLines, course_text, degrees_text, line_of, status_text
-from autopilot.params.vessel_file import load_vessel
 from autopilot.signals import Order, OrderKind, Tick
+from autopilot.vessel.file import load_vessel
 
 
 @pytest.fixture(scope="module")

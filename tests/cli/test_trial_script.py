@@ -7,7 +7,7 @@ import math
 import pytest
 
 from autopilot.cli.main import main
-from autopilot.cli.trial_script import Step, TrialScript, heading, turning, zigzag
+from autopilot.operators.trial_script import Step, TrialScript, heading, turning, zigzag
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
 

@@ -13,20 +13,24 @@ import pytest
 from alarm_texts import other
 from plant import Plant
 
-from autopilot.alarms import CATALOGUE
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import TRIAL_LAW, gear_of, limits_of, model_of
 from autopilot.cli.main import main
-from autopilot.cli.trial_plans import steps_of
-from autopilot.cli.trial_script import TrialScript
-from autopilot.guidance.trial_limits import TrialLimits, TrialWatch
-from autopilot.guidance.trials import BinaryHelm, SteadyRate, Turned, binary_sequence, spiral_angles
-from autopilot.identification.trial_measures import Measures, measures_of
-from autopilot.identification.trial_record import TrialRecord, record_of
-from autopilot.params.vessel_file import load_vessel
+from autopilot.guidance.trials import (
+    BinaryHelm,
+    SteadyRate,
+    TrialLimits,
+    TrialWatch,
+    Turned,
+    binary_sequence,
+    spiral_angles,
+)
+from autopilot.identification.trial_measures import Measures, TrialRecord, measures_of, record_of
+from autopilot.operators.trial_script import TrialScript, steps_of
 from autopilot.report.trials import trials_page
+from autopilot.runtime.build import TRIAL_LAW, build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
+from autopilot.supervision.alarms import CATALOGUE
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 SPEED = VESSEL.model.reference_speed_m_s

@@ -16,11 +16,11 @@ from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
-from autopilot.build_laws import TRIAL_LAW
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import TRIAL_LAW
 from autopilot.signals import HeadingSample, HelmSample, Mode, RudderSample, Tick
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 
 GAINS = {"ATC_STR_RAT_FF": 12.0, "ATC_STR_RAT_P": 1.0, "ATC_STR_RAT_I": 1.0, "ATC_STR_ANG_P": 1.0}
 LINES: dict[str, dict[str, float]] = {

@@ -11,10 +11,8 @@ from alarm_texts import words_of
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
 from autopilot.models.steering_gear import clip
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import (
     HeadingSample,
     Mode,
@@ -26,6 +24,7 @@ from autopilot.signals import (
     SupervisorState,
     Tick,
 )
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 DT = 0.05

@@ -13,14 +13,13 @@ from lockstep import Lockstep
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
-from autopilot.build_links import build_links
 from autopilot.errors import RefusedError
-from autopilot.links.hand_back import MODES
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.links.companion_output import MODES
+from autopilot.runtime.build import build_pilot, gear_of, model_of
+from autopilot.runtime.build_links import build_links
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample, Sample, Tick, WindSample
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 from sitl.faults import Fault
 from sitl.firmware import FirmwareMode
 

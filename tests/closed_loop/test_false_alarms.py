@@ -14,11 +14,10 @@ from boats import BOATS, Boat, vessel_of
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderSample, Sample
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 

@@ -20,11 +20,8 @@ from alarm_texts import words_of
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot, pilot_config
-from autopilot.build_laws import gear_of, law_of, limits_of, model_of
-from autopilot.params.vessel import Roll, Vessel
-from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import Pilot
+from autopilot.runtime.build import build_pilot, gear_of, law_of, limits_of, model_of, pilot_config
 from autopilot.signals import (
     HeadingSample,
     HelmSample,
@@ -38,6 +35,8 @@ from autopilot.signals import (
     SpeedSample,
     Tick,
 )
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Roll, Vessel
 
 SEED = os.environ.get("NORRBIN_PLAN_SEED", "1")
 FACTORS: dict[str, tuple[str, ...]] = {

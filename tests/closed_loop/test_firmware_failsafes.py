@@ -10,9 +10,9 @@ import pytest
 from alarm_texts import words_of
 from lockstep import STEP, Lockstep
 
-from autopilot.params.firmware_file import load_firmware, wanted_parameters
-from autopilot.params.vessel_file import load_vessel
+from autopilot.firmware.file import load_firmware, wanted_parameters
 from autopilot.signals import Mode
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 SHIPPED = {wanted.name: float(wanted.value) for wanted in wanted_parameters(load_firmware("ardurover-boat"))}

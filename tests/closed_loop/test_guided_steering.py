@@ -13,11 +13,11 @@ from lockstep import BadLine, Lockstep, goes_guided
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
-from autopilot.build_laws import TRIAL_LAW
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import TRIAL_LAW
 from autopilot.signals import Mode, Order, OrderKind, RudderSample
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 from sitl.faults import Fault
 
 GAINS = {"ATC_STR_RAT_FF": 12.0, "ATC_STR_RAT_P": 1.0, "ATC_STR_RAT_I": 1.0, "ATC_STR_ANG_P": 1.0}

@@ -22,11 +22,10 @@ from lockstep import Lockstep
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, limits_of, model_of
-from autopilot.params.vessel import Estimator, Limits, Sensors, Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, Tick
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Estimator, Limits, Sensors, Vessel
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "heading_control.md"
 DT = 0.05

@@ -11,11 +11,10 @@ import pytest
 from boats import BOATS, vessel_of
 from plant import Plant, sail
 
-from autopilot.build import pilot_config
-from autopilot.build_laws import gear_of, law_of, model_of
-from autopilot.params.vessel import Sensors
 from autopilot.pilot import Pilot
+from autopilot.runtime.build import gear_of, law_of, model_of, pilot_config
 from autopilot.signals import Order, OrderKind, Tick
+from autopilot.vessel.schema import Sensors
 
 STEP, SECONDS = 0.05, 400.0
 NORTH = Order(OrderKind.HEADING, 0.0, serial=1)

@@ -9,15 +9,15 @@ import pytest
 from alarm_texts import words_of
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_links import nmea_settings_of, priority_of
-from autopilot.estimation.source_priority import SourcePriority
-from autopilot.links.believed_link import BelievedLink
+from autopilot.estimation.sensor_selection import SourcePriority
 from autopilot.links.nmea_link import NmeaLink
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.params.vessel_file import load_vessel
+from autopilot.links.wrapped import BelievedLink
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.build_links import nmea_settings_of, priority_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Tick
+from autopilot.vessel.file import load_vessel
 from sitl.scenario import SensorsSection, load_scenario
 from sitl.wire_nmea import NmeaInstruments
 from sitl.world import World

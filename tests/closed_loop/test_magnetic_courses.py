@@ -9,23 +9,21 @@ import pytest
 from alarm_texts import words_of
 
 from autopilot.angles import shortest_turn
-from autopilot.build import build_pilot, track_settings_of
-from autopilot.build_laws import limits_of
-from autopilot.build_links import nmea_settings_of, refuse_failsafe
-from autopilot.cli.route_skipper import RouteSkipper
 from autopilot.cli.terminal import status_text
 from autopilot.errors import InputError, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import parse_items
+from autopilot.links.ground_station.mission import Mission, parse_items
 from autopilot.links.nmea0183 import format_sentence
 from autopilot.links.nmea_link import NmeaLink
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.operators.skipper import RouteSkipper
+from autopilot.runtime.build import build_pilot, limits_of, track_settings_of
+from autopilot.runtime.build_links import nmea_settings_of, refuse_failsafe
 from autopilot.signals import Mode, Tick
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 from sitl.scenario import SensorsSection, load_scenario
 from sitl.wire_nmea import NmeaInstruments
 from sitl.world import World

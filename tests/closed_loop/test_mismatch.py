@@ -12,14 +12,13 @@ from alarm_texts import words_of
 from boats import BOATS, Boat, vessel_of
 from plant import Plant
 
-from autopilot.alarms import CATALOGUE
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.params.vessel import Vessel
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import Mode, Order, OrderKind, RudderSample, Sample, SpeedSample, Tick
+from autopilot.supervision.alarms import CATALOGUE
+from autopilot.vessel.schema import Vessel
 
 VESSELS = {name: vessel_of(boat) for name, boat in BOATS.items()}
 STABLE = ("lanxin", "middle", "slow")

@@ -9,13 +9,12 @@ import pytest
 from boats import BOATS, vessel_of
 from plant import Plant, sail
 
-from autopilot.build import build_pilot, observed_of, verdict_of
-from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.gains import Wish, designed
-from autopilot.control.observed_margins import ObservedMargins, observed_margins
+from autopilot.control.margins import ObservedMargins, observed_margins
 from autopilot.errors import RefusedError
-from autopilot.params.vessel import Backstepping, Estimator, Vessel
+from autopilot.runtime.build import build_pilot, gear_of, model_of, observed_of, verdict_of
 from autopilot.signals import Order, OrderKind
+from autopilot.vessel.schema import Backstepping, Estimator, Vessel
 
 
 def linear(name: str) -> Vessel:

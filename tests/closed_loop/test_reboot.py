@@ -12,14 +12,14 @@ from alarm_texts import words_of
 from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot import safety
-from autopilot.build_laws import TRIAL_LAW
-from autopilot.links.helm_probe import CHECKED_ON_ENGAGING
+from autopilot.links.helm_watch import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.loop.replay import replay
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import TRIAL_LAW
+from autopilot.runtime.replay import replay
 from autopilot.signals import Mode, Order
+from autopilot.supervision import supervisor
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 
 METHODS = ["rc_override", "manual_control", "guided"]
 MODE_OF = {"rc_override": "MANUAL", "manual_control": "MANUAL", "guided": "GUIDED"}
@@ -148,7 +148,7 @@ def test_standing_by_ends_the_wish_to_engage_again() -> None:
 
 
 def test_whoever_arms_only_long_after_engages_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(safety, "REENGAGE_WITHIN", 10.0)
+    monkeypatch.setattr(supervisor, "REENGAGE_WITHIN", 10.0)
     gap = Gap()
     boat = engaged_bench("rc_override", gap, reengage=True)
     reboot(boat, gap, 0.0)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
 from autopilot.control.rudder_roll import (
     PAPER_ROLL,
     RollGains,
@@ -27,20 +26,24 @@ from autopilot.control.sliding_roll import SlidingRollLaw, quiet_at
 from autopilot.models.naval_vessel import (
     NAVAL_HULL,
     NAVAL_RUDDERS,
+    NAVAL_STRIPS,
     SERVICE_SPEED,
     Load,
     Motion,
+    Sea,
+    SeaForces,
     drag_coefficient,
     inverse_mass,
     linear_motion,
     motion_step,
     rudder_load,
+    sea_forces,
 )
 from autopilot.models.resistance import calm_resistance, extra_resistance, true_speed_ratio
 from autopilot.models.steering_gear import SteeringGear, gear_step
-from autopilot.models.strip_forces import NAVAL_STRIPS, Sea, SeaForces, sea_forces
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, RudderSample
+from autopilot.vessel.file import load_vessel
 
 DT, SECONDS, SETTLED = 0.1, 360.0, 1500
 PILOTED, PILOT_SETTLED = 2500, 1200

@@ -10,9 +10,8 @@ from boats import BOATS, Boat, vessel_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
 from autopilot.pilot import Pilot
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Tick
 
 

@@ -10,12 +10,11 @@ from boats import BOATS, Boat, vessel_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.gains import designed
 from autopilot.errors import RefusedError
-from autopilot.params.vessel import Sliding
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import Mode, Order, OrderKind
+from autopilot.vessel.schema import Sliding
 
 
 def overshoot_and_end_deg(boat: Boat, factor: float) -> tuple[float, float]:

@@ -11,11 +11,10 @@ from boats import BOATS, vessel_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.gains import Wish, designed
-from autopilot.params.vessel import Vessel
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import Order, OrderKind, Tick
+from autopilot.vessel.schema import Vessel
 
 CALM = {"lanxin": 5, "middle": 4, "slow": 3}
 """Response levels."""

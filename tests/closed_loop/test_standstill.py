@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from lockstep import STEP, Lockstep, stick_follows
 
-from autopilot.build_laws import TRIAL_LAW
-from autopilot.loop.clock import MonotonicClock
-from autopilot.loop.replay import replay
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import TRIAL_LAW
+from autopilot.runtime.clock import MonotonicClock
+from autopilot.runtime.replay import replay
 from autopilot.signals import Mode
+from autopilot.vessel.file import load_vessel
 
 METHODS = ["rc_override", "manual_control", "guided"]
 GAINS = {"ATC_STR_RAT_FF": 12.0, "ATC_STR_RAT_P": 1.0, "ATC_STR_RAT_I": 1.0, "ATC_STR_ANG_P": 1.0}

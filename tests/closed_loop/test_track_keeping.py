@@ -9,10 +9,9 @@ import pytest
 from boats import BOATS, vessel_of
 from plant import Plant
 
-from autopilot.build import build_pilot, track_settings_of
-from autopilot.build_laws import gear_of, model_of
-from autopilot.guidance.rhumb import EQUATOR_RADIUS
+from autopilot.guidance.fix import EQUATOR_RADIUS
 from autopilot.guidance.track import TrackGuide, Waypoint
+from autopilot.runtime.build import build_pilot, gear_of, model_of, track_settings_of
 from autopilot.signals import Order, OrderKind, PositionSample, SpeedSample
 
 LATITUDE, LONGITUDE = math.radians(57.7), math.radians(11.9)

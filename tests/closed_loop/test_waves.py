@@ -13,11 +13,10 @@ import pytest
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
 from autopilot.control.design import design_backstepping, equivalent_pid
-from autopilot.params.vessel import Backstepping, Control, Estimator, Model, Pid, Rudder, Sensors, Vessel
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import Order, OrderKind, Tick
+from autopilot.vessel.schema import Backstepping, Control, Estimator, Model, Pid, Rudder, Sensors, Vessel
 
 LANXIN = Vessel(
     2,

@@ -13,19 +13,19 @@ from typing import Any, NamedTuple
 import pytest
 from boat_at_sea import NoParameters
 
-from autopilot import alarm_words, alarms
-from autopilot.guidance.trial_limits import TrialLimits, TrialWatch
-from autopilot.links.boat.alarm_list import alarm_list
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.guidance.trials import TrialLimits, TrialWatch
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.file_server import alarm_list
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.status_text import StatusTexts
 from autopilot.links.transports import loopback_pair
-from autopilot.monitors import Monitors
-from autopilot.safety import waits_to_engage
 from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, HelmSample, Sample, Tick
-from autopilot.web.alarms import AlarmBoard
+from autopilot.supervision import alarms, panel
+from autopilot.supervision.monitors import Monitors
+from autopilot.supervision.supervisor import waits_to_engage
+from autopilot.web.view import AlarmBoard
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -101,8 +101,8 @@ def change_every_sentence(boat: FaultBoat) -> None:
     for name, kind in alarms.CATALOGUE.items():
         changed = kind._replace(text=word_for(kind.text), remedy=word_for(kind.remedy), sentence=word_for(name))
         alarms.CATALOGUE[name] = changed
-    alarm_words._said = lambda event: word_for(repr(event._replace(is_escalated=False)))  # type: ignore[assignment]
-    alarm_words.UNHEARD = word_for(alarm_words.UNHEARD)
+    panel._said = lambda event: word_for(repr(event._replace(is_escalated=False)))  # type: ignore[assignment]
+    panel.UNHEARD = word_for(panel.UNHEARD)
     look = Monitors.look
 
     def look_on(self: Monitors, *given: Any) -> None:
@@ -169,7 +169,7 @@ def sailed(boat: FaultBoat, row: Any, is_changed: bool) -> tuple[list[Seen], lis
     boat.type_line("e 100")
     boat.run(0.4 * WINDOW_S)
     ticks = [moment.tick for moment in boat.moments[first:]]
-    words = {said for tick in ticks for said in alarm_words.sentences_of(tick.alarms)}
+    words = {said for tick in ticks for said in panel.sentences_of(tick.alarms)}
     return [watcher.see(tick) for tick in ticks], watcher.said, words
 
 

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.build_laws import law_of
 from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.pid import PidGains, PidLaw, PidMemory, feed_forward, gains_for, pid_step
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.models.norrbin import Norrbin, at_speed
-from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import HeadingLaw
+from autopilot.runtime.build import law_of
 from autopilot.signals import NavState, Reference
+from autopilot.vessel.file import load_vessel
 
 LANXIN = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
 ROLLING = law_of(load_vessel("naval_vessel"), "sliding_roll")

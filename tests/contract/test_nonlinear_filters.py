@@ -8,10 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from autopilot.filters.feedback_particle import fpf_belief, fpf_predict, fpf_start, fpf_update
-from autopilot.filters.kalman import Gaussian, ekf_predict, ekf_update
-from autopilot.filters.midpoint import Drift, FloatArray, Observe
-from autopilot.filters.particle_gains import ConstantGain, Gain, GalerkinGain, KernelGain
+from autopilot.filters.feedback_particle import (
+    ConstantGain,
+    Gain,
+    GalerkinGain,
+    KernelGain,
+    fpf_belief,
+    fpf_predict,
+    fpf_start,
+    fpf_update,
+)
+from autopilot.filters.kalman import Drift, FloatArray, Gaussian, Observe, ekf_predict, ekf_update
 
 PARTICLES = 400
 

@@ -13,16 +13,12 @@ from alarm_texts import other, words, words_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.alarm_panel import AlarmPanel
-from autopilot.alarm_words import sentence_of
-from autopilot.alarms import CATALOGUE, Severity
-from autopilot.build import build_pilot
-from autopilot.build_links import alarm_outputs_of
-from autopilot.cli.skipper import Skipper
 from autopilot.errors import InputError
 from autopilot.links.alarm_outputs import Acknowledgements, Bell, SwitchFile, VehicleSounder
 from autopilot.links.status_text import severity_of
-from autopilot.params.vessel_file import load_vessel
+from autopilot.operators.skipper import Skipper
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.build_links import alarm_outputs_of
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,
@@ -37,6 +33,9 @@ from autopilot.signals import (
     Siren,
     Tick,
 )
+from autopilot.supervision.alarms import CATALOGUE, Severity
+from autopilot.supervision.panel import AlarmPanel, sentence_of
+from autopilot.vessel.file import load_vessel
 
 COURSE = Order(OrderKind.HEADING, 1.0, serial=1)
 OFF = {"off_course": AlarmEvent("off_course")}

@@ -12,7 +12,8 @@ import numpy.typing as npt
 import pytest
 
 from autopilot.models.norrbin import Norrbin
-from autopilot.monitors.answer import (
+from autopilot.signals import HeadingSample, NavState
+from autopilot.supervision.monitors.answer import (
     NO_OTHERS,
     Memory,
     Others,
@@ -29,9 +30,8 @@ from autopilot.monitors.answer import (
     verdict,
     without_evidence,
 )
-from autopilot.monitors.answer_filter import Mean, Noise, moved, spread_moved, step_of
-from autopilot.monitors.watched import Watched
-from autopilot.signals import HeadingSample, NavState
+from autopilot.supervision.monitors.answer_filter import Mean, Noise, moved, spread_moved, step_of
+from autopilot.supervision.monitors.watched import Watched
 
 Matrix = npt.NDArray[np.float64]
 BOAT = Norrbin(0.3, 4.0, n3=1.0)
@@ -348,7 +348,7 @@ class Looks:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **memory: Any) -> None:
         self.watch, self.number, self.taken = RudderAnswer(), 0, list[tuple[Any, ...]]()
         self.memory, self.doubts = memory, list[float]()
-        monkeypatch.setattr("autopilot.monitors.answer.answer_step", self.step)
+        monkeypatch.setattr("autopilot.supervision.monitors.answer.answer_step", self.step)
 
     def step(self, memory: Memory, *given: Any) -> Memory:
         self.taken.append(given)

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 from autopilot.models.norrbin import Norrbin
-from autopilot.monitors.answer_filter import (
+from autopilot.supervision.monitors.answer_filter import (
     NOTHING,
     PUSH_UNKNOWN,
     RATE_UNKNOWN,

@@ -11,14 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.build import noise_of
-from autopilot.build_laws import gear_of, model_of
 from autopilot.estimation.estimator import Estimator
-from autopilot.estimation.rudder_track import RudderTrack
+from autopilot.estimation.rudder_observer import RudderTrack
 from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import gear_of, model_of, noise_of
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, SpeedSample
+from autopilot.vessel.file import load_vessel
 
 GATE_PATIENCE = 5
 

@@ -10,8 +10,7 @@ import pytest
 from alarm_texts import words
 
 from autopilot.angles import wrap
-from autopilot.estimation.compass_watch import CompassWatch
-from autopilot.estimation.source_priority import MONITOR, PrioritySettings, SourcePriority, SourceRule
+from autopilot.estimation.sensor_selection import MONITOR, CompassWatch, PrioritySettings, SourcePriority, SourceRule
 from autopilot.signals import AlarmSample, HeadingSample, Sample
 
 GYRO, FLUXGATE = "HEHDT", "HCHDG"

@@ -9,11 +9,11 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.build import build_pilot
-from autopilot.limits import Rest, RudderLimits, limit, rested
-from autopilot.params.vessel import Limits, Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.control.limits import Rest, RudderLimits, limit, rested
+from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Order, OrderKind, Tick
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Limits, Vessel
 
 LIMITS = RudderLimits(0.5, 0.3)
 angles = st.floats(-0.5, 0.5)

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.envelope import (
+from autopilot.control.limits import RudderLimits, limit
+from autopilot.supervision.envelope import (
     NOT_FINITE,
     OLDEST,
     OUTSIDE,
@@ -20,7 +21,6 @@ from autopilot.envelope import (
     Envelope,
     Picture,
 )
-from autopilot.limits import RudderLimits, limit
 
 MOST, RATE = 0.5, 0.35
 ENVELOPE = Envelope(MOST, RATE, 1.0)
@@ -166,7 +166,7 @@ def test_the_time_counts_from_the_last_moment_that_was_right() -> None:
 
 
 def test_it_shares_no_code_with_the_law_and_its_limits() -> None:
-    source = Path(__file__).parents[2] / "autopilot" / "envelope.py"
+    source = Path(__file__).parents[2] / "autopilot" / "supervision" / "envelope.py"
     imported = {
         node.module for node in ast.walk(ast.parse(source.read_text("utf-8"))) if isinstance(node, ast.ImportFrom)
     }

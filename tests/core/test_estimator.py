@@ -14,17 +14,15 @@ import pytest
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.build import noise_of
-from autopilot.build_laws import gear_of, model_of
-from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation.estimator import Counters, Estimator
-from autopilot.estimation.heading_filter import FilterNoise
-from autopilot.estimation.heading_update import fuse_heading, fuse_rate
+from autopilot.estimation.heading_ekf import FilterNoise, fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.params.vessel import Estimator as EstimatorSection
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import gear_of, model_of, noise_of
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Estimator as EstimatorSection
 
 GATE_PATIENCE = 5
 KEPT_SAMPLES = 24

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.failsafe_steering import RATE_FRESH, RATE_MOST, FailsafeSteering
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import HeadingSample, NavState, RateSample, WindSample
+from autopilot.supervision.failsafe import RATE_FRESH, RATE_MOST, FailsafeSteering
 
 BOAT = Norrbin(0.7, 0.3, 3.3)
 STATE = NavState(10.0, 1.0, 0.2, 4.6, 0.0, 0.05, 0.3, True, 0.02, 0.03, 0.01, 0.8)

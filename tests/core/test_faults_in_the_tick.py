@@ -12,12 +12,12 @@ import pytest
 from lockstep import STEP, Lockstep
 
 from autopilot import pilot as pilot_module
-from autopilot.guidance import heading_guide
+from autopilot.guidance import reference
 from autopilot.links.base import LinkError
 from autopilot.links.release import ReleaseState
-from autopilot.loop.record import read_log
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.record import read_log
 from autopilot.signals import Mode
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
@@ -27,7 +27,7 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "estimator": lambda run: (run.pilot.estimator, "update"),
     "monitors": lambda run: (run.pilot.monitors, "look"),
     "supervisor decides": lambda run: (run.pilot.supervisor, "decide"),
-    "guidance": lambda _: (heading_guide, "turn_step"),
+    "guidance": lambda _: (reference, "turn_step"),
     "law": lambda run: (run.pilot.law, "update"),
     "limits": lambda _: (pilot_module, "limit"),
     "supervisor checks": lambda run: (run.pilot.supervisor, "check"),

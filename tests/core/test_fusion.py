@@ -6,12 +6,11 @@ import math
 
 import pytest
 
-from autopilot.estimation import heading_filter as ekf
+from autopilot.estimation import heading_ekf as ekf
+from autopilot.estimation.disturbance import UNKNOWN
 from autopilot.estimation.fusion import Fusion, carried, fuse_measured, mean_at, noises_of
-from autopilot.estimation.gusts import UNKNOWN
-from autopilot.estimation.heading_filter import FilterNoise, FilterState
-from autopilot.estimation.heading_update import fuse_heading
-from autopilot.estimation.rudder_track import RudderPast
+from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
+from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.models.norrbin import Norrbin
 
 BOAT = Norrbin(0.2, 5.0)

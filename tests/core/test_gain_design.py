@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autopilot.build import build_pilot, verdict_of
 from autopilot.control.backstepping import BacksteppingGains
 from autopilot.control.design import (
     WORST_SENSITIVITY,
@@ -31,7 +30,8 @@ from autopilot.control.design import (
 from autopilot.errors import RefusedError
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot, verdict_of
+from autopilot.vessel.file import load_vessel
 
 BOATS = [
     (Norrbin(0.701, 0.332, 3.2828), SteeringGear(0.52, math.radians(20.0), 0.1, 0.0, 0.05)),

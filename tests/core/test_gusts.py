@@ -10,7 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
-from autopilot.estimation.gusts import LONGER, NO_GUSTS, SPREAD, Changes, Gusts, Means, bias_seen, is_finite, unsettled
+from autopilot.estimation.disturbance import (
+    LONGER,
+    NO_GUSTS,
+    SPREAD,
+    Changes,
+    Gusts,
+    Means,
+    bias_seen,
+    is_finite,
+    unsettled,
+)
 
 STRENGTH_ERROR = 0.4
 UNKNOWN = math.radians(1.8) ** 2

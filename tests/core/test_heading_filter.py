@@ -12,11 +12,18 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from autopilot.estimation import heading_filter as ekf
-from autopilot.estimation import wave_motion
-from autopilot.estimation.heading_filter import FilterNoise, FilterState
-from autopilot.estimation.heading_update import fuse_heading, fuse_rate, heading_variance, is_sound, surprise
-from autopilot.estimation.wave_motion import NO_SEA, Sea, frequency
+from autopilot.estimation import heading_ekf as ekf
+from autopilot.estimation import waves as wave_motion
+from autopilot.estimation.heading_ekf import (
+    FilterNoise,
+    FilterState,
+    fuse_heading,
+    fuse_rate,
+    heading_variance,
+    is_sound,
+    surprise,
+)
+from autopilot.estimation.waves import NO_SEA, Sea, frequency
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
 NOMOTO = Norrbin(0.2, 5.0)

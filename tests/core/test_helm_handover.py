@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from autopilot.alarm_words import sentences_of
-from autopilot.envelope import Envelope
-from autopilot.limits import RudderLimits, limit
-from autopilot.safety import RESUME_AFTER, FailsafeAction, Supervisor
+from autopilot.control.limits import RudderLimits, limit
 from autopilot.signals import HelmSample, Mode, NavState, Order, OrderKind
+from autopilot.supervision.envelope import Envelope
+from autopilot.supervision.panel import sentences_of
+from autopilot.supervision.supervisor import RESUME_AFTER, FailsafeAction, Supervisor
 
 ENVELOPE_LIMITS = Envelope(0.5, 0.35)
 COURSE = Order(OrderKind.HEADING, 1.0, serial=1)

@@ -9,9 +9,9 @@ from collections.abc import Callable
 import pytest
 from scipy.integrate import solve_ivp
 
-from autopilot.control import large_errors
-from autopilot.control.large_errors import Loop, Recovery, Trace, recoveries, trace
-from autopilot.limits import RudderLimits
+from autopilot.control import margins
+from autopilot.control.limits import RudderLimits
+from autopilot.control.margins import Loop, Recovery, Trace, recoveries, trace
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState, Reference
@@ -141,7 +141,7 @@ def test_it_is_looked_at_for_long_enough(time_constant: float, bandwidth: float,
 
 
 def test_a_loop_that_never_crosses_over_is_not_looked_at_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(large_errors, "MOST_TICKS", 300)
+    monkeypatch.setattr(margins, "MOST_TICKS", 300)
     law = Counting(lambda *_: 0.0)
     assert not recoveries(LOOP, law, 0.0, [0.1])[0].corrected
     assert len(law.shown) == 300
@@ -171,5 +171,5 @@ def test_what_is_made_of_a_trace(
 ) -> None:
     """A twentieth, half a degree at least; it must lie within for the last fifth."""
     motion = Trace([float(n) for n in range(len(errors))], [side * each for each in errors], [])
-    monkeypatch.setattr("autopilot.control.large_errors.trace", lambda *_: motion)
+    monkeypatch.setattr("autopilot.control.margins.trace", lambda *_: motion)
     assert recoveries(LOOP, Ordered(lambda *_: 0.0), 0.5, [side * error]) == [Recovery(side * error, *wanted)]

@@ -14,22 +14,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plant import Plant
 
-from autopilot.build import build_pilot, learner_of
-from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.gains import designed
-from autopilot.cli.learning_desk import LearningDesk, with_learnt
+from autopilot.cli.tuning_desk import LearningDesk, with_learnt
 from autopilot.errors import InputError, RefusedError
-from autopilot.identification.foretelling import Foretelling, Outcome
 from autopilot.identification.learning import Proposal
-from autopilot.loop.clock import ManualClock
-from autopilot.loop.record import Recorder, read_log
-from autopilot.loop.replay import replay
-from autopilot.loop.session import Session
-from autopilot.loop.vessel_in_force import VesselInForce
+from autopilot.identification.model_choice import Foretelling, Outcome
 from autopilot.models.norrbin import Norrbin
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.pilot import Pilot
+from autopilot.runtime.build import build_pilot, gear_of, learner_of, model_of
+from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.record import Recorder, read_log
+from autopilot.runtime.replay import replay
+from autopilot.runtime.session import Session
+from autopilot.runtime.vessel_in_force import VesselInForce
 from autopilot.signals import (
     AlarmEvent,
     HeadingSample,
@@ -44,6 +41,8 @@ from autopilot.signals import (
     Tick,
 )
 from autopilot.signals import Mode as PilotMode
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Vessel
 
 LANXIN = load_vessel("lanxin")
 OFF = designed(
@@ -203,7 +202,7 @@ def test_a_model_that_no_gains_serve_is_refused(monkeypatch: pytest.MonkeyPatch,
     def impossible(vessel: Vessel) -> Vessel:
         raise RefusedError("no gain gives a stable loop")
 
-    monkeypatch.setattr("autopilot.cli.learning_desk.designed", impossible)
+    monkeypatch.setattr("autopilot.cli.tuning_desk.designed", impossible)
     with pytest.raises(InputError, match="not adopted: no gain"):
         sailed.desk.adopt()
     assert sailed.pilot.config.model == model_of(OFF)
@@ -299,7 +298,7 @@ def test_the_learnt_vessel_survives_its_file(sailed: Sailed) -> None:
     assert sailed.pilot.learner is not None
     proposal = sailed.pilot.learner.proposal()
     assert proposal is not None
-    from autopilot.params.vessel_file import parse_vessel
+    from autopilot.vessel.file import parse_vessel
 
     learnt = designed(with_learnt(OFF, proposal))
     assert parse_vessel(dump_vessel(learnt), "x") == learnt

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from autopilot.build import build_pilot
 from autopilot.links.base import LinkError
-from autopilot.loop.clock import ManualClock
-from autopilot.loop.record import Recorder, read_log
-from autopilot.loop.session import Session, newest
-from autopilot.loop.tick_codec import MOST_SAMPLES
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.record import Recorder, read_log
+from autopilot.runtime.session import Session, newest
+from autopilot.runtime.tick_codec import MOST_SAMPLES
 from autopilot.signals import AlarmEvent, HeadingSample, HelmSample, Mode, Order, OrderKind, RudderCommand, Sample
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 NORTH = Order(OrderKind.HEADING, 0.0, serial=1)

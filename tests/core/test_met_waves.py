@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 from scipy.optimize import minimize
 
+from autopilot.control.limits import RudderLimits
 from autopilot.control.met_waves import LEAST_SHARE, NOT_MET, REACHED, SLOWING, Corners, Met, Waves, met, undone
-from autopilot.estimation import wave_motion
-from autopilot.estimation.wave_motion import EXTREME, EXTREME_LEAST, STIFFENING, left_alone
-from autopilot.limits import RudderLimits
+from autopilot.estimation import waves as wave_motion
+from autopilot.estimation.waves import EXTREME, EXTREME_LEAST, STIFFENING, left_alone
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
@@ -117,7 +117,7 @@ def test_what_is_too_much_for_waves_is_shown_to_the_law(heading: float, deviatio
 
 
 def test_the_slowing_is_the_regression_of_the_acceleration_on_the_rate() -> None:
-    """From the covariance of the oscillator of `wave_motion`, w0 = 1: E[h'' | h, h'] = -stiffness h - slowing h'."""
+    """From the covariance of the oscillator of `waves`, w0 = 1: E[h'' | h, h'] = -stiffness h - slowing h'."""
     xi, c = wave_motion.DAMPING, wave_motion.CORNER
     row = np.array([-1.0 - 2.0 * xi * c, -2.0 * xi - c, -1.0])
     a = np.array([[0.0, 1.0, 0.0], row, [c, 0.0, 0.0]])

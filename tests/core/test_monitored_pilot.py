@@ -9,10 +9,8 @@ import pytest
 from alarm_texts import words_of
 from plant import Plant, sail
 
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
-from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import Pilot
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -24,6 +22,7 @@ from autopilot.signals import (
     SupervisorState,
     Tick,
 )
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 DT = 0.05

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.alarm_words import sentences_of
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
-from autopilot.monitors import AlarmLimits, Monitors, Watched
-from autopilot.monitors.heading import JumpingHeading
-from autopilot.monitors.swing import SWEEP, THROW
 from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample, WindSample
+from autopilot.supervision.monitors import AlarmLimits, Monitors, Watched
+from autopilot.supervision.monitors.compass import JumpingHeading
+from autopilot.supervision.monitors.course import SWEEP, THROW
+from autopilot.supervision.panel import sentences_of
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
 LIMITS = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0, roll=math.radians(40.0))
@@ -517,7 +517,7 @@ class Said:
 
 def stubbed(monkeypatch: pytest.MonkeyPatch, **words: object) -> None:
     for name in ("Swings", "Spinning", "RudderAnswer"):
-        monkeypatch.setattr(f"autopilot.monitors.watch.{name}", Said)
+        monkeypatch.setattr(f"autopilot.supervision.monitors.watch.{name}", Said)
     for name, value in words.items():
         monkeypatch.setattr(Said, name, value)
 

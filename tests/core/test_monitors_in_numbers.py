@@ -10,14 +10,14 @@ import pytest
 from alarm_texts import words
 
 from autopilot.models.norrbin import Norrbin, steady_rate
-from autopilot.monitors import Monitors
-from autopilot.monitors.answer import first_memory
-from autopilot.monitors.answer_filter import NOTHING, Noise
-from autopilot.monitors.course import OffCourse, Runaway, course_step
-from autopilot.monitors.heading import FrozenHeading, JumpingHeading, RateAgainstHeading
-from autopilot.monitors.rudder import AtTheStop, Overpowered
-from autopilot.monitors.watched import AlarmLimits, Watched
 from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
+from autopilot.supervision.monitors import Monitors
+from autopilot.supervision.monitors.answer import first_memory
+from autopilot.supervision.monitors.answer_filter import NOTHING, Noise
+from autopilot.supervision.monitors.compass import FrozenHeading, JumpingHeading, RateAgainstHeading
+from autopilot.supervision.monitors.course import OffCourse, Runaway, course_step
+from autopilot.supervision.monitors.rudder import AtTheStop, Overpowered
+from autopilot.supervision.monitors.watched import AlarmLimits, Watched
 
 BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)
 STOP = math.radians(30.0)

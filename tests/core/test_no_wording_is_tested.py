@@ -27,9 +27,8 @@ SENTENCES = (
 """Names of what holds a sentence about an alarm, a lost helm or a refusal."""
 MAKERS = ("sentence_of", "sentences_of")
 EDGES = {
-    "alarm_words.py": "makes the sentences",
-    "loop/tick_codec.py": "reads older logs, which hold sentences alone",
-    "links/radio_watch.py": "reads the vehicle's STATUSTEXT",
+    "supervision/panel.py": "makes the sentences",
+    "runtime/tick_codec.py": "reads older logs, which hold sentences alone",
     "links/vehicle_health.py": "reads the vehicle's STATUSTEXT",
     "links/vehicle_reader.py": "reads the vehicle's STATUSTEXT",
     "links/transports/serial_line.py": "reads the system's errors",
@@ -37,10 +36,10 @@ EDGES = {
     "links/base.py": "parts what a link says into what happened and what to do, both of them shown",
 }
 """The only files that may look at how something is worded, and why."""
-FILES_ALONE = ("params", "cli/params")
+FILES_ALONE = ("files", "firmware", "vessel", "cli/params")
 """What speaks of files and parameters, never of a boat."""
-PURE = ("pilot.py", "safety.py", "supervisor.py", "alarm_panel.py", "alarms.py", "signals.py")
-PURE_ROOMS = ("monitors", "guidance", "estimation", "control", "identification")
+PURE = ("pilot.py", "signals.py")
+PURE_ROOMS = ("supervision", "guidance", "estimation", "control", "identification")
 
 
 def name_of(node: ast.AST) -> str:

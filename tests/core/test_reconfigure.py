@@ -10,15 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot.build import build_pilot, pilot_config
-from autopilot.build_laws import law_of
-from autopilot.build_links import refuse_failsafe
 from autopilot.errors import InputError
-from autopilot.loop.vessel_in_force import VesselInForce, tuned_file
-from autopilot.params.vessel import Limits, Vessel
-from autopilot.params.vessel_file import load_vessel, parse_vessel
 from autopilot.pilot import Pilot
+from autopilot.runtime.build import build_pilot, law_of, pilot_config
+from autopilot.runtime.build_links import refuse_failsafe
+from autopilot.runtime.vessel_in_force import VesselInForce, tuned_file
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderCommand, RudderSample
+from autopilot.vessel.file import load_vessel, parse_vessel
+from autopilot.vessel.schema import Limits, Vessel
 
 LANXIN = load_vessel("lanxin")
 RATE = math.radians(LANXIN.rudder.rate_max_deg_s or math.inf)

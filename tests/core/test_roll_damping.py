@@ -12,10 +12,10 @@ from boats import BOATS, vessel_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.build import build_pilot
 from autopilot.control.roll_damping import FADE, PERIOD, SETTLE, Phase, RollDamper, RollDamping, Tally
-from autopilot.params.vessel import Roll
+from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RollSample, SpeedSample
+from autopilot.vessel.schema import Roll
 
 DT = 0.1
 DAMPING = RollDamping(rate_gain=0.5, most=0.1, lowest=0.6)

@@ -11,9 +11,9 @@ import pytest
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step
-from autopilot.monitors.answer import RudderAnswer
-from autopilot.monitors.watched import Watched
 from autopilot.signals import HeadingSample, NavState
+from autopilot.supervision.monitors.answer import RudderAnswer
+from autopilot.supervision.monitors.watched import Watched
 
 MODEL = Norrbin(0.4, 1.5, n3=2.0, reference_speed=4.0)
 STOP = math.radians(30.0)

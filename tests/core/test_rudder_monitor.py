@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
-from autopilot.monitors.rudder import RudderFollows
-from autopilot.monitors.watched import AlarmLimits, Watched
 from autopilot.signals import NavState, RudderSample
+from autopilot.supervision.monitors.rudder import RudderFollows
+from autopilot.supervision.monitors.watched import AlarmLimits, Watched
 
 LIMITS = AlarmLimits(rudder_tolerance=math.radians(5.0), rudder_rate=math.radians(20.0), rudder_delay=0.1)
 STATE = NavState(0.0, 0.0, 0.0, 4.6, 0.0, 0.0, 0.0, True)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.estimation.rudder_track import RudderPast, RudderTrack, angle_at, held, tick_at
+from autopilot.estimation.rudder_observer import RudderPast, RudderTrack, angle_at, held, tick_at
 from autopilot.models.steering_gear import SteeringGear
 
 FEEDBACK_FRESH = 2.0

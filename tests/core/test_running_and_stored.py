@@ -11,15 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot import build_links
-from autopilot.build import build_pilot, pilot_config, track_settings_of
-from autopilot.build_laws import law_of
-from autopilot.loop.vessel_in_force import VesselInForce
-from autopilot.params.component_metadata import PARAMETERS, metadata_files
-from autopilot.params.vessel import Drive, Guidance, Limits, Vessel
-from autopilot.params.vessel_file import load_vessel, parse_vessel
-from autopilot.params.vessel_parameters import VesselParameter, parameters_of, value_of, with_value
+from autopilot.links.ground_station.file_server import PARAMETERS, metadata_files
+from autopilot.runtime import build_links
+from autopilot.runtime.build import build_pilot, law_of, pilot_config, track_settings_of
+from autopilot.runtime.vessel_in_force import VesselInForce
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind
+from autopilot.vessel.file import load_vessel, parse_vessel
+from autopilot.vessel.parameters import VesselParameter, parameters_of, value_of, with_value
+from autopilot.vessel.schema import Drive, Guidance, Limits, Vessel
 
 LANXIN = load_vessel("lanxin")
 FULL: Vessel = replace(

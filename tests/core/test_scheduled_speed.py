@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from autopilot.estimation.scheduled_speed import ScheduledSpeed
+from autopilot.estimation.estimator import ScheduledSpeed
 from autopilot.signals import SpeedSample
 
 TRIAL = 4.0

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.monitors.shown_order import BELIEVED_S, REMEMBERED_S, TOLERANCE, ShownOrder
 from autopilot.signals import RudderSample
+from autopilot.supervision.monitors.rudder import BELIEVED_S, REMEMBERED_S, TOLERANCE, ShownOrder
 
 angles = st.floats(-0.6, 0.6)
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from autopilot.control.limits import RATE_UNSEEN, ShownRate, seen
 from autopilot.control.rudder_roll import PROOF, SETTLE, UNPROVEN, Proof, proof_step
-from autopilot.control.shown_rate import RATE_UNSEEN, ShownRate, seen
 from autopilot.models.steering_gear import SteeringGear, gear_step
 
 FILED = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.guidance.shown_strength import NOTHING_SHOWN, STRONGEST, WEAKEST, Shown, strength, watched
+from autopilot.guidance.turn import NOTHING_SHOWN, STRONGEST, WEAKEST, Shown, strength, watched
 from autopilot.models.norrbin import Norrbin, rate_step
 
 RUDDER, DT = math.radians(20.0), 0.05

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.build import build_pilot
-from autopilot.build_laws import law_of, model_of
 from autopilot.control.rudder_roll import RollGains, linear_response, linear_step_of, roll_rudder
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import (
@@ -33,9 +31,10 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
 from autopilot.models.norrbin import at_speed, rudder_for
 from autopilot.models.steering_gear import gear_step
-from autopilot.params.vessel import QuietHeading, Roll, Vessel
-from autopilot.params.vessel_file import load_vessel, parse_vessel
+from autopilot.runtime.build import build_pilot, law_of, model_of
 from autopilot.signals import HeadingSample, NavState, Order, OrderKind, Reference, RollSample
+from autopilot.vessel.file import load_vessel, parse_vessel
+from autopilot.vessel.schema import QuietHeading, Roll, Vessel
 
 DT = 0.1
 VESSEL = load_vessel("naval_vessel")

@@ -9,13 +9,13 @@ from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.build_links import build_links, priority_of
 from autopilot.errors import InputError
-from autopilot.estimation.source_priority import PrioritySettings, SourcePriority, SourceRule
-from autopilot.links.believed_link import BelievedLink
+from autopilot.estimation.sensor_selection import PrioritySettings, SourcePriority, SourceRule
 from autopilot.links.mavlink_companion import CompanionLink
-from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel
+from autopilot.links.wrapped import BelievedLink
+from autopilot.runtime.build_links import build_links, priority_of
 from autopilot.signals import AlarmSample, HeadingSample, HelmSample, RudderSample, Sample, SpeedSample
+from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
 
 LINK = "nmea:/dev/ttyUSB1:4800"
 

@@ -14,8 +14,8 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import brentq
 
 from autopilot.control.design import LoopGains
-from autopilot.control.observed_margins import Delays, Observed, ObservedMargins, observed_margins, refusal_of
-from autopilot.estimation.heading_filter import FilterNoise
+from autopilot.control.margins import Delays, Observed, ObservedMargins, observed_margins, refusal_of
+from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.steady_filter import linear_of, prediction, steady_filter
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -72,7 +72,7 @@ def test_the_model_is_straight_and_the_heading_s_age_has_its_own_prediction() ->
 
 
 def loop_of(observed: Observed, omega: float) -> tuple[complex, complex]:
-    """D and N of the equations of `observed_margins` at one frequency [rad/s], with matrices."""
+    """D and N of the equations of `autopilot.control.margins` at one frequency [rad/s], with matrices."""
     model, gear, delays, gains, uses_bias, steady = observed
     s = 1j * omega
     a, b = np.array(steady.prediction.transition), np.array(steady.prediction.drive)
@@ -197,9 +197,9 @@ def test_the_ends_are_looked_for_from_a_fiftieth_to_twenty_times_and_to_a_hundre
     monkeypatch: pytest.MonkeyPatch, down: float, up: float, late: float, wanted: tuple[float, float, float]
 ) -> None:
     """Of a loop that crosses over at 2 rad/s: a delay of 50 s or more is none that matters."""
-    monkeypatch.setattr("autopilot.control.observed_margins._crossover", lambda _: 2.0)
+    monkeypatch.setattr("autopilot.control.margins._crossover", lambda _: 2.0)
     monkeypatch.setattr(
-        "autopilot.control.observed_margins._holds",
+        "autopilot.control.margins._holds",
         lambda _, __, factor, delay=0.0: down < factor < up and delay < late,
     )
     found = observed_margins(CASES[0])
@@ -209,7 +209,7 @@ def test_the_ends_are_looked_for_from_a_fiftieth_to_twenty_times_and_to_a_hundre
 
 def test_the_pace_is_the_highest_frequency_at_which_the_loop_is_not_small(monkeypatch: pytest.MonkeyPatch) -> None:
     scales: list[float] = []
-    monkeypatch.setattr("autopilot.control.observed_margins._delay", lambda _, scale: scales.append(scale))
+    monkeypatch.setattr("autopilot.control.margins._delay", lambda _, scale: scales.append(scale))
     for observed in CASES:
         observed_margins(observed)
         pace = 1.0 / scales[-1]
@@ -230,7 +230,7 @@ def test_the_pace_is_the_highest_frequency_at_which_the_loop_is_not_small(monkey
 def test_only_a_course_unstable_boat_needs_a_rudder_to_spare(
     monkeypatch: pytest.MonkeyPatch, observed: Observed, least: float, says: str
 ) -> None:
-    monkeypatch.setattr("autopilot.control.observed_margins._holds", lambda _, __, factor, delay=0.0: least < factor)
+    monkeypatch.setattr("autopilot.control.margins._holds", lambda _, __, factor, delay=0.0: least < factor)
     found = refusal_of(observed)
     assert says in found and bool(found) is bool(says)
 
@@ -241,7 +241,7 @@ def test_the_curve_is_that_of_the_matrices_up_to_half_the_sampling_frequency(
 ) -> None:
     """160 frequencies from a thousandth of the slower of the boat's own pace and the highest one."""
     seen: list[Any] = []
-    monkeypatch.setattr("autopilot.control.observed_margins._crossover", lambda curve: [seen.append(curve), 1.0][1])
+    monkeypatch.setattr("autopilot.control.margins._crossover", lambda curve: [seen.append(curve), 1.0][1])
     found = observed_margins(observed)
     omegas, inner, outer = seen[0]
     high = 0.98 * math.pi / observed.steady.interval

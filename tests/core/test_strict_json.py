@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
-from autopilot.loop.tick_codec import decode_header
-from autopilot.strict_json import DEEPEST, parse_json
+from autopilot.files.outside import DEEPEST, parse_json
+from autopilot.runtime.tick_codec import decode_header
 
 whole_text = st.text(st.characters(exclude_categories=["Cs"]))
 scalars = st.none() | st.booleans() | st.integers(-(10**17), 10**17) | whole_text

@@ -7,9 +7,6 @@ import math
 import pytest
 from alarm_texts import other
 
-from autopilot.alarm_words import sentences_of
-from autopilot.envelope import Envelope
-from autopilot.safety import RESUME_AFTER, FailsafeAction, Supervisor
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -22,6 +19,9 @@ from autopilot.signals import (
     RudderCommand,
     SupervisorState,
 )
+from autopilot.supervision.envelope import Envelope
+from autopilot.supervision.panel import sentences_of
+from autopilot.supervision.supervisor import RESUME_AFTER, FailsafeAction, Supervisor
 
 ENVELOPE = Envelope(0.5, 0.3)
 ENGAGE = Order(OrderKind.HEADING, 1.0, serial=1)

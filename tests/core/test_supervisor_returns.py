@@ -7,16 +7,6 @@ import math
 import pytest
 from alarm_texts import other
 
-from autopilot.alarm_words import sentence_of, sentences_of
-from autopilot.envelope import Envelope
-from autopilot.safety import (
-    ORDER_WAITS,
-    REENGAGE_WITHIN,
-    RESUME_AFTER,
-    FailsafeAction,
-    Supervisor,
-    waits_to_engage,
-)
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -30,6 +20,16 @@ from autopilot.signals import (
     RudderCommand,
     SupervisorState,
     Tick,
+)
+from autopilot.supervision.envelope import Envelope
+from autopilot.supervision.panel import sentence_of, sentences_of
+from autopilot.supervision.supervisor import (
+    ORDER_WAITS,
+    REENGAGE_WITHIN,
+    RESUME_AFTER,
+    FailsafeAction,
+    Supervisor,
+    waits_to_engage,
 )
 
 COURSE = Order(OrderKind.HEADING, 1.0, serial=1)

@@ -9,11 +9,23 @@ from alarm_texts import text_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.alarms import CATALOGUE, Response
-from autopilot.params.vessel_file import load_vessel
 from autopilot.report.supervisor import alarms_page, supervisor_page
 from autopilot.signals import SupervisorState
-from autopilot.supervisor import ENDED, ENDINGS, ENGAGED, MEANING, MODES, ORDERS, RETURNS, TABLE, Action, Event, Says
+from autopilot.supervision.alarms import CATALOGUE, Response
+from autopilot.supervision.states import (
+    ENDED,
+    ENDINGS,
+    ENGAGED,
+    MEANING,
+    MODES,
+    ORDERS,
+    RETURNS,
+    TABLE,
+    Action,
+    Event,
+    Says,
+)
+from autopilot.vessel.file import load_vessel
 
 DOCS = Path(__file__).parents[2] / "docs"
 states = st.sampled_from(SupervisorState)

@@ -9,7 +9,8 @@ import pytest
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
-from autopilot.monitors.swing import (
+from autopilot.signals import NavState
+from autopilot.supervision.monitors.course import (
     BY_RUDDER,
     CIRCLES,
     HALF_SWINGS,
@@ -23,8 +24,7 @@ from autopilot.monitors.swing import (
     speed_ratio,
     widest_swing,
 )
-from autopilot.monitors.watched import Watched
-from autopilot.signals import NavState
+from autopilot.supervision.monitors.watched import Watched
 
 BOAT = Norrbin(0.2, 2.0, n3=1.0, reference_speed=4.0)
 STOP = 0.5

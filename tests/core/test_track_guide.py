@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.guidance.rhumb import Place, bearing_and_distance
+from autopilot.guidance.fix import Place, bearing_and_distance
 from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint
 from autopilot.signals import PositionSample
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.monitors.turns_told import NO_TURNS, Turns, are_alike, are_opposite, turns_told
+from autopilot.supervision.monitors.compass import NO_TURNS, Turns, are_alike, are_opposite, turns_told
 
 DT = 0.1
 

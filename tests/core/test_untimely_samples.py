@@ -10,11 +10,10 @@ import pytest
 from alarm_texts import words_of
 from plant import Plant
 
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
-from autopilot.params.vessel_file import load_vessel
 from autopilot.pilot import EVENTS
+from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import AlarmEvent, HelmCause, Mode, Order, OrderKind, Sample, Tick, WindSample
+from autopilot.vessel.file import load_vessel
 
 BOAT = load_vessel("lanxin")
 VESSEL = replace(BOAT, failsafe=replace(BOAT.failsafe, action="windward"))

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from autopilot.estimation import wave_motion
-from autopilot.estimation.wave_motion import (
+from autopilot.estimation import waves
+from autopilot.estimation.waves import (
     Sea,
     believed,
     frequency,
@@ -23,17 +23,17 @@ from autopilot.estimation.wave_motion import (
     wave_step,
 )
 
-frequencies = st.floats(wave_motion.FREQUENCY_LEAST, wave_motion.FREQUENCY_MOST)
+frequencies = st.floats(waves.FREQUENCY_LEAST, waves.FREQUENCY_MOST)
 
 
 def sea_of(w0: float, deviation: float) -> Sea:
-    return Sea(deviation**2, (w0 * deviation) ** 2 * wave_motion.STIFFENING)
+    return Sea(deviation**2, (w0 * deviation) ** 2 * waves.STIFFENING)
 
 
 @given(frequencies, st.floats(1.0e-4, 0.2), st.floats(0.0, 5.0))
 def test_the_step_is_exact_and_keeps_the_balance(w0: float, deviation: float, dt: float) -> None:
     sea = sea_of(w0, deviation)
-    xi, c = wave_motion.DAMPING, wave_motion.CORNER * w0
+    xi, c = waves.DAMPING, waves.CORNER * w0
     a = np.array([[0.0, 1.0, 0.0], [-w0 * w0 - 2 * xi * w0 * c, -2 * xi * w0 - c, -w0 * w0], [c, 0.0, 0.0]])
     step = np.reshape(wave_step(sea, dt), (3, 3))
     assert np.abs(step - expm(a * dt)).max() < 1e-9
@@ -50,7 +50,7 @@ def test_the_step_is_exact_and_keeps_the_balance(w0: float, deviation: float, dt
 @given(frequencies, st.floats(1.0e-3, 0.2))
 def test_frequency_is_what_the_balance_was_made_with(w0: float, deviation: float) -> None:
     assert frequency(sea_of(w0, deviation)) == pytest.approx(w0)
-    assert frequency(wave_motion.NO_SEA) == 0.0
+    assert frequency(waves.NO_SEA) == 0.0
 
 
 @pytest.mark.parametrize("w0", [0.4, 1.2, 3.0])
@@ -61,7 +61,7 @@ def test_a_sea_seen_clearly_is_learnt(w0: float) -> None:
     step = np.reshape(wave_step(truth, dt), (3, 3))
     root = np.linalg.cholesky(balance - step @ balance @ step.T + 1e-12 * np.eye(3))
     random = np.random.default_rng(3)
-    state, sea, found = np.zeros(3), wave_motion.FIRST_SEA, []
+    state, sea, found = np.zeros(3), waves.FIRST_SEA, []
     for _ in range(6000):
         state = step @ state + root @ random.standard_normal(3)
         sea = learn(sea, float(state[0] ** 2), float(state[1] ** 2), dt)
@@ -73,17 +73,17 @@ def test_a_sea_seen_clearly_is_learnt(w0: float) -> None:
 
 @given(st.floats(0.0, 10.0), st.floats(0.0, 100.0), st.floats(0.0, 10.0))
 def test_what_is_learnt_stays_inside_its_bounds(heading: float, rate: float, dt: float) -> None:
-    sea = wave_motion.FIRST_SEA
+    sea = waves.FIRST_SEA
     for _ in range(5):
         sea = learn(sea, heading, rate, dt)
-        assert sea.heading >= wave_motion.LEAST_VARIANCE
-        assert wave_motion.FREQUENCY_LEAST - 1e-9 <= frequency(sea) <= wave_motion.FREQUENCY_MOST + 1e-9
+        assert sea.heading >= waves.LEAST_VARIANCE
+        assert waves.FREQUENCY_LEAST - 1e-9 <= frequency(sea) <= waves.FREQUENCY_MOST + 1e-9
 
 
 def test_before_anything_is_known_the_sea_swings_the_heading_by_half_a_degree_at_one_radian_a_second() -> None:
-    assert frequency(wave_motion.FIRST_SEA) == pytest.approx(1.0)
-    assert in_balance(wave_motion.FIRST_SEA)[0] == pytest.approx(math.radians(0.5) ** 2)
-    assert wave_motion.FIRST_SEA.watched == 0.0
+    assert frequency(waves.FIRST_SEA) == pytest.approx(1.0)
+    assert in_balance(waves.FIRST_SEA)[0] == pytest.approx(math.radians(0.5) ** 2)
+    assert waves.FIRST_SEA.watched == 0.0
     assert frequency(Sea(0.0, 1.0)) == 0.0
 
 
@@ -125,7 +125,7 @@ def test_the_spectrum_of_encounter_is_a_third_as_wide_as_its_frequency_and_falls
 def test_the_waves_are_believed_from_the_fourth_second_on_and_wholly_from_the_eighth() -> None:
     for seconds, share in ((0.0, 0.0), (4.0, 0.0), (5.0, 0.25), (6.0, 0.5), (7.0, 0.75), (8.0, 1.0), (900.0, 1.0)):
         assert known(Sea(0.01, 0.01, seconds)) == pytest.approx(share)
-    assert known(wave_motion.FIRST_SEA) == 0.0
+    assert known(waves.FIRST_SEA) == 0.0
 
 
 def test_the_sea_is_averaged_over_four_seconds_at_first_and_forty_in_the_end() -> None:

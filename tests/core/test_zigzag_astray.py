@@ -6,12 +6,12 @@ import math
 
 import pytest
 
-from autopilot.guidance.heading_guide import HeadingGuide
+from autopilot.guidance.reference import HeadingGuide
 from autopilot.guidance.turn import turn_limits
 from autopilot.models.norrbin import Norrbin
-from autopilot.monitors.course import ASTRAY, Runaway
-from autopilot.monitors.watched import Watched
 from autopilot.signals import NavState, Order, OrderKind
+from autopilot.supervision.monitors.course import ASTRAY, Runaway
+from autopilot.supervision.monitors.watched import Watched
 
 MODEL = Norrbin(0.3, 2.0, reference_speed=4.0)
 SWING = math.radians(10.0)

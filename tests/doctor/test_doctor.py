@@ -15,12 +15,13 @@ import pytest
 from lockstep import STEP, BadLine, Lockstep
 
 from autopilot.cli.main import main
-from autopilot.doctor import machine, system
-from autopilot.doctor.finding import Finding, Verdict, worst
-from autopilot.doctor.link import Heard, examine, judged
+from autopilot.doctor import machine
+from autopilot.doctor import machine as system
+from autopilot.doctor.machine import Finding, Verdict, worst
+from autopilot.doctor.vehicle import Heard, examine, judged
+from autopilot.firmware.file import load_firmware, wanted_parameters
 from autopilot.links.base import Link, LinkError
-from autopilot.params.firmware_file import load_firmware, wanted_parameters
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 

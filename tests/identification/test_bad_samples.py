@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from zigzag_trials import RECORDINGS, noisy, run_of, zigzag
 
 from autopilot.errors import InputError
-from autopilot.identification.bad_samples import without_freezes, without_spikes
 from autopilot.identification.identify import identify
-from autopilot.identification.runs import FloatArray, run_from_columns
-from autopilot.loop.csv_log import read_csv
+from autopilot.identification.runs import FloatArray, run_from_columns, without_freezes, without_spikes
+from autopilot.logs.csv_log import read_csv
 
 Table = dict[str, FloatArray]
 

@@ -16,12 +16,10 @@ from zigzag_trials import zigzag
 from autopilot.errors import InputError
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import run_from_columns
-from autopilot.loop.csv_log import COLUMNS, STEADY_TURN_NEEDS, load_column_map, read_csv
-from autopilot.loop.logs.info import info_of
-from autopilot.loop.logs.reading import read_recording
-from autopilot.loop.logs.rudder import RudderSettings
-from autopilot.loop.logs.series import FARTHEST_S, PAUSE_S, clock_of, duration
-from autopilot.loop.recordings import load_run
+from autopilot.logs.csv_log import COLUMNS, STEADY_TURN_NEEDS, load_column_map, read_csv
+from autopilot.logs.reading import info_of, load_run, read_recording
+from autopilot.logs.series import FARTHEST_S, PAUSE_S, clock_of, duration
+from autopilot.logs.table import RudderSettings
 
 HEADER = "time_s,heading_deg,yaw_rate_deg_s,rudder_deg,speed_kn"
 GOOD = "\n".join([HEADER, *(f"{0.1 * i:.1f},350,1.5,-10,9" for i in range(20))]) + "\n"

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from autopilot.identification.heading_parts import HeadingParts, cubed
 from autopilot.identification.integral_fit import IntegralFit
+from autopilot.identification.integral_window import HeadingParts, cubed
 from autopilot.models.norrbin import Norrbin
 
 DT = 0.1

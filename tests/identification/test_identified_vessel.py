@@ -14,13 +14,13 @@ from autopilot.cli.identify_report import Result, as_json, as_text
 from autopilot.cli.identify_vessel import ASSUMED_RATE_DEG_S, Given, boat_for, write_vessel
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified
-from autopilot.identification.noise import Noise
-from autopilot.identification.prediction import predict
-from autopilot.identification.rudder_rate import measured_rudder_rate, rudder_rate_of
+from autopilot.identification.residual_tests import predict
+from autopilot.identification.residuals import Noise
+from autopilot.identification.rudder_path import measured_rudder_rate, rudder_rate_of
 from autopilot.identification.runs import Segment
 from autopilot.models.norrbin import Norrbin
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Vessel
 
 TABLE = zigzag(math.radians(15.0), 10.0, 0.1)
 STOP = Given(end_stop_deg=35.0)

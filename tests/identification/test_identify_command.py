@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from autopilot.cli.main import main
-from autopilot.params import vessel_file
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel import file
+from autopilot.vessel.file import load_vessel
 
 DATA = Path(os.environ.get("NORRBIN_DATA", Path(__file__).parents[3] / "shared" / "data"))
 ESSO = DATA / "frt_ds_esso"
@@ -129,7 +129,7 @@ def test_the_vessel_file_is_read_once(tmp_path: Path, monkeypatch: pytest.Monkey
         read.append(path)
         return load_vessel(path)
 
-    monkeypatch.setattr(vessel_file, "load_vessel", counted)
+    monkeypatch.setattr(file, "load_vessel", counted)
     out = tmp_path / "out.yaml"
     assert main(["identify", str(log), "--holdout", str(log), "--vessel", "lanxin", "--out", str(out)]) == 0
     assert read == ["lanxin"]

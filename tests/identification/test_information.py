@@ -7,8 +7,8 @@ import pytest
 from zigzag_trials import noisy, run_of, zigzag
 
 from autopilot.identification.identify import identify
-from autopilot.identification.information import InstrumentNoise, cramer_rao, planned, zigzag_helm
 from autopilot.identification.runs import Run, Segment
+from autopilot.identification.trial_design import InstrumentNoise, cramer_rao, planned, zigzag_helm
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 

@@ -11,11 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
-from autopilot.identification.integral_fit import FitSettings, IntegralFit, window_length
+from autopilot.identification.integral_fit import FitSettings, IntegralFit, WindowRls, window_length
 from autopilot.identification.integral_method import IntegralMethod
-from autopilot.identification.integral_recursion import Recursion, RecursionSettings, recursion_step
-from autopilot.identification.integral_rls import WindowRls
-from autopilot.identification.integral_window import Integrals, IntegralWindow
+from autopilot.identification.integral_window import (
+    Integrals,
+    IntegralWindow,
+    Recursion,
+    RecursionSettings,
+    recursion_step,
+)
 from autopilot.identification.methods import Question
 from autopilot.identification.registry import method_named
 from autopilot.models.norrbin import Norrbin

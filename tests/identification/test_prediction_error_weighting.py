@@ -11,8 +11,8 @@ from autopilot.cli.main import main
 from autopilot.guidance.trials import zigzag_side
 from autopilot.identification.identify import identify
 from autopilot.identification.output_error import Weighting
+from autopilot.identification.residuals import Gusts, bridged, innovations
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
-from autopilot.identification.whitening import Gusts, bridged, innovations
 
 RATE, HEADING = math.radians(0.1), math.radians(0.2)
 

@@ -9,10 +9,10 @@ import pytest
 from zigzag_trials import RECORDINGS
 
 from autopilot.identification.identify import identify
+from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
-from autopilot.identification.steering import steering_errors, steering_model
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.race_and_wind import RaceAndWind, inflow_ratio, without_drift
+from autopilot.models.wind import RaceAndWind, inflow_ratio, without_drift
 
 U0, N0, L2 = 0.25, 10.0, 8.0e-4
 COLUMNS = ("time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad", "speed_m_s", "propeller_rps")
@@ -146,7 +146,7 @@ def test_a_race_of_revolutions_that_nobody_recorded_is_found() -> None:
 @pytest.mark.parametrize(("left_out", "least"), [("turn_14-Sep", 0.94), ("13_50_28", 0.93)])
 def test_on_a_real_ship_propeller_and_wind_foretell_what_was_not_fitted(left_out: str, least: float) -> None:
     """A turn from all other runs; without propeller and wind R2 is 0.87 to 0.94 there."""
-    from autopilot.loop.recordings import load_run
+    from autopilot.logs.reading import load_run
 
     columns = {
         "time_s": "t [s]",

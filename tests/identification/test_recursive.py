@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autopilot.identification.dynamic_positioning import trial_steps
-from autopilot.identification.dynamic_positioning_scenarios import SCENARIOS, pseudo_random_binary, simulate_scenario
+from autopilot.identification.dynamic_positioning import SCENARIOS, pseudo_random_binary, simulate_scenario, trial_steps
 from autopilot.identification.prediction_error import by_prediction_errors
 from autopilot.identification.recursive import (
     Found,

@@ -10,25 +10,24 @@ import numpy as np
 import pytest
 from plant import Plant
 
-from autopilot.build import build_pilot
-from autopilot.build_laws import TRIAL_LAW, gear_of, limits_of, model_of
 from autopilot.cli.main import build_parser, main
-from autopilot.cli.trial_plans import steps_of
-from autopilot.cli.trial_script import TrialScript
-from autopilot.identification.information import InstrumentNoise, cramer_rao
 from autopilot.identification.runs import run_from_columns
 from autopilot.identification.trial_design import (
     Boat,
     Candidate,
     Design,
+    InstrumentNoise,
     Water,
     berthed,
+    cramer_rao,
     design_of,
     designs,
     track_of,
 )
-from autopilot.params.vessel_file import load_vessel
+from autopilot.operators.trial_script import TrialScript, steps_of
+from autopilot.runtime.build import TRIAL_LAW, build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import SpeedSample, Tick
+from autopilot.vessel.file import load_vessel
 
 LANXIN = load_vessel("lanxin")
 VESSEL = replace(LANXIN, model=replace(LANXIN.model, K_1_s=0.2, T_s=5.0, n3_s2_rad2=20.0, reference_speed_m_s=2.5))
@@ -124,7 +123,7 @@ def test_a_straight_track_lies_along_the_diagonal() -> None:
 def test_a_circle_takes_its_diameter() -> None:
     """A boat that turns at once lies in a square of its turning circle, 2 U/(K d)."""
     quick = BOAT._replace(model=BOAT.model._replace(time_constant=0.05, n3=0.0), spacing=0.05)
-    from autopilot.identification.information import planned
+    from autopilot.identification.trial_design import planned
 
     run = planned(quick.model, quick.gear, lambda time, heading: 0.4, 120.0, 0.05, 2.5)
     rows, berth = berthed(*track_of(run.segments[0]), Water(500.0, 500.0, 120.0))

@@ -14,9 +14,16 @@ from scipy.integrate import solve_ivp
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.identification import manoeuvring_criteria as criteria
-from autopilot.identification.trial_measures import measures_of
-from autopilot.identification.trial_record import EARTH_M, MEASURED, RECKONED, TrialRecord, holds_of, record_of
+from autopilot.identification import trial_measures as criteria
+from autopilot.identification.trial_measures import (
+    EARTH_M,
+    MEASURED,
+    RECKONED,
+    TrialRecord,
+    holds_of,
+    measures_of,
+    record_of,
+)
 
 K, T, U = 0.2, 5.0, 3.0
 RECORDINGS = Path(os.environ.get("NORRBIN_DATA", Path(__file__).resolve().parents[2] / ".." / "shared" / "data"))

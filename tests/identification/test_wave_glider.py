@@ -16,7 +16,7 @@ from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification.integral_fit import FitSettings
 from autopilot.identification.wave_glider import WaveGliderFit, body_runs
-from autopilot.loop.csv_log import WAVE_GLIDER_NEEDS, read_csv
+from autopilot.logs.csv_log import WAVE_GLIDER_NEEDS, read_csv
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.wave_glider import TwoBodies, WaveGlider, equivalent_rudder, step
 from sitl.wave_glider import Setting, write_record

@@ -12,7 +12,7 @@ import pytest
 from two_processes import free_port, patient_vessel, simulator
 
 from autopilot.cli.main import main
-from autopilot.loop.record import read_log
+from autopilot.runtime.record import read_log
 from autopilot.signals import Mode
 
 SPEEDUP = 2

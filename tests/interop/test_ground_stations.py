@@ -20,11 +20,11 @@ from typing import Any
 import pytest
 from two_processes import free_port, patient_vessel, simulator
 
-from autopilot.loop.record import read_log
-from autopilot.loop.replay import replay
-from autopilot.params.vessel_file import load_vessel
-from autopilot.params.vessel_parameters import parameters_of, value_of
+from autopilot.runtime.record import read_log
+from autopilot.runtime.replay import replay
 from autopilot.signals import Mode
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.parameters import parameters_of, value_of
 
 MAVPROXY = shutil.which("mavproxy.py")
 HAS_MAVSDK = importlib.util.find_spec("mavsdk") is not None

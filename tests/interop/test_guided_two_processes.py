@@ -15,7 +15,7 @@ from pymavlink import mavutil
 from two_processes import free_port, patient_vessel, provoke, simulator, wait_until_engaged
 
 from autopilot.angles import wrap
-from autopilot.loop.record import read_log
+from autopilot.runtime.record import read_log
 from autopilot.signals import Mode
 
 SPEEDUP = 2

@@ -24,7 +24,7 @@ import pytest
 from boat_recordings import zigzag_boat
 from two_processes import free_port
 
-from autopilot.loop.record import read_log
+from autopilot.runtime.record import read_log
 
 pytestmark = pytest.mark.real_time
 

@@ -13,10 +13,10 @@ import pytest
 from alarm_texts import words_of
 
 from autopilot.angles import wrap
-from autopilot.loop.record import read_log
-from autopilot.params.vessel import Drive
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.runtime.record import read_log
 from autopilot.signals import Mode, RudderSample
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Drive
 from sitl.scenario import load_scenario
 
 SPEEDUP = 2

@@ -11,11 +11,11 @@ import pytest
 from two_processes import free_port
 from wired_vehicle import OVERRIDE_TIME_S, STEERED, WiredVehicle
 
-from autopilot.loop.log_files import following_parts
-from autopilot.loop.record import read_logs
-from autopilot.loop.replay import replay
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.log_files import following_parts
+from autopilot.runtime.record import read_logs
+from autopilot.runtime.replay import replay
 from autopilot.signals import Mode
+from autopilot.vessel.file import load_vessel
 
 pytestmark = pytest.mark.real_time
 

@@ -23,7 +23,7 @@ import pytest
 from outside_programs import HAS_SIGNALK, LOOPBACK, PATIENCE_S, SIGNALK, WANTED, program, until
 from two_processes import free_port, patient_vessel, simulator
 
-from autopilot.loop.record import read_log
+from autopilot.runtime.record import read_log
 from autopilot.signals import Mode
 
 GPSD = shutil.which("gpsd", path=f"{os.environ.get('PATH', '')}:/usr/sbin") if WANTED else None

@@ -15,8 +15,8 @@ import pytest
 from two_processes import free_port, simulator
 
 from autopilot.cli.main import main
-from autopilot.params import session
-from autopilot.params.foreign_files import read_foreign
+from autopilot.firmware import session
+from autopilot.firmware.foreign_files import read_foreign
 from sitl.firmware_parameters import default_parameters
 
 

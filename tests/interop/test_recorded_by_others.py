@@ -15,13 +15,12 @@ from pathlib import Path
 import pytest
 from two_processes import free_port, patient_vessel, simulator
 
-from autopilot.build_laws import gear_of
 from autopilot.identification.identify import identify
-from autopilot.loop.logs.reading import Kind, bytes_of, kind_of, read_recording
-from autopilot.loop.logs.rudder import RudderSettings
-from autopilot.loop.logs.series import HEADING, SHARE
-from autopilot.loop.recordings import LogOptions, load_run
-from autopilot.params.vessel_file import load_vessel
+from autopilot.logs.reading import Kind, LogOptions, bytes_of, kind_of, load_run, read_recording
+from autopilot.logs.series import HEADING, SHARE
+from autopilot.logs.table import RudderSettings
+from autopilot.runtime.build import gear_of
+from autopilot.vessel.file import load_vessel
 
 MAVPROXY = shutil.which("mavproxy.py")
 SPEEDUP = 2

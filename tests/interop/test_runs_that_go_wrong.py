@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from two_processes import free_port, patient_vessel, provoke, simulator, wait_until_engaged
 
-from autopilot.loop.record import read_log
-from autopilot.loop.tick_codec import encode_tick
+from autopilot.runtime.record import read_log
+from autopilot.runtime.tick_codec import encode_tick
 from autopilot.signals import Mode
 
 SPEEDUP = 2

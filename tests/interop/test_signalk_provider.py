@@ -25,7 +25,7 @@ from two_processes import free_port, patient_vessel, provoke, simulator
 
 import autopilot.signalk
 from autopilot.errors import InputError
-from autopilot.loop.record import read_log
+from autopilot.runtime.record import read_log
 from autopilot.signals import AlarmState, Mode
 
 pytestmark = pytest.mark.skipif(not HAS_SIGNALK, reason="set NORRBIN_INTEROP=1 and NORRBIN_SIGNALK: see above")

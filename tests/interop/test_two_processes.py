@@ -16,9 +16,9 @@ import pytest
 from two_processes import free_port, patient_vessel, simulator
 
 from autopilot.angles import wrap
-from autopilot.loop.record import read_log
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.runtime.record import read_log
 from autopilot.signals import Mode
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 SPEEDUP = 2
 GOAL_DEG = 60.0

@@ -19,31 +19,27 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from watched_boat import Watched
 
-from autopilot.build import build_pilot
-from autopilot.build_links import admission_of
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
+from autopilot.files.strict_yaml import parse_document
 from autopilot.guidance.track import TrackGuide
-from autopilot.links import extra_messages
+from autopilot.links import mavlink_layouts
 from autopilot.links.admission import Admission, Budget, Doors, Presence, Stops, gives_rudder_back
 from autopilot.links.base import LinkError
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.router import Router
-from autopilot.links.router_links import ForwardLink, budget_for
+from autopilot.links.router import ForwardLink, Router, budget_for
 from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.transports.serial_line import SerialTransport
 from autopilot.links.transports.sockets import interface_address, is_everywhere, only_from
 from autopilot.links.url import open_transport, parse_url
-from autopilot.loop.vessel_in_force import VesselInForce
-from autopilot.params.strict_yaml import parse_document
-from autopilot.params.vessel import Security
-from autopilot.params.vessel_file import dump_vessel, load_vessel, vessel_from
-from autopilot.params.vessel_parameters import parameters_of
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.build_links import admission_of
+from autopilot.runtime.vessel_in_force import VesselInForce
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -56,6 +52,9 @@ from autopilot.signals import (
     RudderCommand,
     Tick,
 )
+from autopilot.vessel.file import dump_vessel, load_vessel, vessel_from
+from autopilot.vessel.parameters import parameters_of
+from autopilot.vessel.schema import Security
 from autopilot.web.requests import asked_of
 
 BYTES_AT_ONCE = 8_000.0
@@ -471,7 +470,7 @@ ORDERED = [
     dialect.MAVLink_mission_clear_all_message(1, 1, 0),
     dialect.MAVLink_mission_set_current_message(1, 1, 1),
     dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 0),
-    extra_messages.CommandCancel(1, 1, dialect.MAV_CMD_USER_1),
+    mavlink_layouts.CommandCancel(1, 1, dialect.MAV_CMD_USER_1),
 ]
 
 

@@ -10,10 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import MissionItem
-from autopilot.links.boat.tuning import TuningCommands
+from autopilot.links.ground_station.commands import Commands, TuningCommands
+from autopilot.links.ground_station.mission import Mission, MissionItem
 from autopilot.signals import Mode, NavState, Order, OrderKind, PositionSample, Reference, RudderCommand, Tick
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, IN_PROGRESS = 0, 1, 2, 3, 5

@@ -12,15 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.cli.trial_script import TrialScript, turning, zigzag
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import LinkError
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
+from autopilot.operators.trial_script import TrialScript, turning, zigzag
 from autopilot.signals import (
     AlarmSample,
     HeadingSample,

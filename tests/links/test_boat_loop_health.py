@@ -8,8 +8,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide, TrackSettings
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.telemetry import Telemetry
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.signals import Mode, NavState, Order, Reference, RudderCommand, Tick
 
 NAMED = dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT

@@ -13,12 +13,12 @@ from boat_at_sea import ServedBoat, item, only, place
 from boats import BOATS, vessel_of
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.boat.mission_items import from_message
-from autopilot.links.extra_messages import CommandCancel
-from autopilot.loop.record import Recorder
-from autopilot.loop.replay import replay
-from autopilot.params.vessel_file import dump_vessel
+from autopilot.links.ground_station.mission import from_message
+from autopilot.links.mavlink_layouts import CommandCancel
+from autopilot.runtime.record import Recorder
+from autopilot.runtime.replay import replay
 from autopilot.signals import AlarmSample, HelmSample, Mode, OrderKind
+from autopilot.vessel.file import dump_vessel
 
 AUTO, GUIDED, MANUAL, STEERING = 10, 15, 0, 3
 SET_MODE, ARM, YAW = dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_CONDITION_YAW

@@ -9,11 +9,9 @@ import pytest
 from alarm_texts import other
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarms import CATALOGUE
 from autopilot.guidance.track import Leg, TrackGuide, Waypoint
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import MissionItem
-from autopilot.links.boat.telemetry import Telemetry
+from autopilot.links.ground_station.mission import Mission, MissionItem
+from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.signals import (
     AlarmEvent,
     AlarmState,
@@ -28,6 +26,7 @@ from autopilot.signals import (
     Sample,
     Tick,
 )
+from autopilot.supervision.alarms import CATALOGUE
 
 ATTITUDE, WHERE, HUD, NAVIGATION, NAMED = 30, 33, 74, 62, 251
 CURRENT_MODE, MISSION_CURRENT, STATUS, TIME, VERSION = 436, 42, 1, 2, 148

@@ -19,7 +19,7 @@ from autopilot.links.steering_pwm import (
     share_from_servo,
     steering_from_pulse,
 )
-from autopilot.links.vehicle_parameters import VehicleParameters
+from autopilot.links.vehicle_requests import VehicleParameters
 
 FULL = math.radians(30.0)
 EVEN = {"MIN": 1000.0, "TRIM": 1500.0, "MAX": 2000.0, "REVERSED": 0.0}

@@ -12,8 +12,6 @@ from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.build import follow_of
-from autopilot.build_links import DRIVES, drive_settings_of
 from autopilot.links.drives.base import DriveSettings, JumpGate
 from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
@@ -21,13 +19,15 @@ from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor, crc8, packet
 from autopilot.links.release import Release, ReleaseState
 from autopilot.links.transports import loopback_pair
-from autopilot.loop.clock import ManualClock
-from autopilot.loop.session import Session
-from autopilot.params.vessel import Drive, Vessel
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import follow_of
+from autopilot.runtime.build_links import DRIVES, drive_settings_of
+from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.session import Session
 from autopilot.signals import AlarmSample, HelmSample, Order, RudderCommand, RudderSample
-from sitl.assembly import DRIVES as TWINS
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Drive, Vessel
 from sitl.scenario import FaultSection, load_scenario
+from sitl.serve import DRIVES as TWINS
 from sitl.world import World
 
 FULL = math.radians(40.0)

@@ -16,13 +16,19 @@ from hypothesis import strategies as st
 from pymavlink import mavftp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.boat.file_server import DATA_MAX, FileServer, checksum
-from autopilot.links.boat.metadata import GENERAL, metadata_messages
-from autopilot.links.extra_messages import ComponentInformation, ComponentMetadata
+from autopilot.links.ground_station.file_server import (
+    DATA_MAX,
+    GENERAL,
+    PARAMETERS,
+    FileServer,
+    checksum,
+    metadata_files,
+    metadata_messages,
+)
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.params.component_metadata import PARAMETERS, metadata_files
-from autopilot.params.vessel_file import load_vessel
-from autopilot.params.vessel_parameters import parameters_of, value_of
+from autopilot.links.mavlink_layouts import ComponentInformation, ComponentMetadata
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.parameters import parameters_of, value_of
 
 BURST_PACKETS = 40
 MOST_SESSIONS = 8

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.links.guided_proof import GuidedProof, Shown, Verdict, stray_bearing
-from autopilot.links.guided_targets import GuidedTargets
+from autopilot.links.guided import GuidedProof, GuidedTargets, Shown, Verdict, stray_bearing
 from autopilot.links.helm_watch import HelmWatch
 from autopilot.links.release import ReleaseState
 from autopilot.signals import AlarmEvent, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from autopilot.links.hand_back import HandBack
+from autopilot.links.companion_output import HandBack
 from autopilot.signals import Mode
 
 GIVE_UP_S = 30.0

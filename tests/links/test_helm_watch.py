@@ -7,11 +7,9 @@ import math
 import pytest
 
 from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.helm_probe import HelmProbe
-from autopilot.links.helm_watch import HelmWatch
-from autopilot.links.message_streams import TOO_SLOW, WAITING, MessageStreams
+from autopilot.links.helm_watch import HelmProbe, HelmWatch
 from autopilot.links.steering_pwm import SteeringChannel
-from autopilot.links.vehicle_parameters import VehicleParameters
+from autopilot.links.vehicle_requests import TOO_SLOW, WAITING, MessageStreams, VehicleParameters
 from autopilot.signals import AlarmEvent
 
 KNOWN = {

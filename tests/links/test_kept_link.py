@@ -15,29 +15,28 @@ from alarm_texts import other, words, words_of
 from lockstep import Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.build import build_pilot
-from autopilot.build_links import LinkOptions, build_links
-from autopilot.estimation.source_priority import SourcePriority
+from autopilot.estimation.sensor_selection import SourcePriority
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import Link, LinkError, close_all
-from autopilot.links.believed_link import BelievedLink
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.parameter_server import ParameterServer
 from autopilot.links.drives.base import DriveSettings
 from autopilot.links.drives.drive_link import DriveLink
 from autopilot.links.drives.maestro import Maestro
-from autopilot.links.kept_link import KeptLink
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink
 from autopilot.links.release import Release, ReleaseState
 from autopilot.links.transports import SerialTransport, loopback_pair
-from autopilot.links.transports.device_names import device_of
-from autopilot.loop.clock import ManualClock
-from autopilot.loop.session import Session
-from autopilot.params.vessel_file import load_vessel
+from autopilot.links.transports.serial_line import device_of
+from autopilot.links.wrapped import BelievedLink, KeptLink
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.build_links import LinkOptions, build_links
+from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.session import Session
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample, Mode, Order, OrderKind, Sample
+from autopilot.vessel.file import load_vessel
 
 RETRY_S = 1.0
 

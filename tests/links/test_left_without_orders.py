@@ -6,16 +6,16 @@ import math
 
 import pytest
 
-from autopilot.build import follow_of
-from autopilot.build_links import drive_settings_of, nmea_settings_of
 from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.pypilot_motor import PypilotMotor
 from autopilot.links.nmea_link import NmeaLink
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import follow_of
+from autopilot.runtime.build_links import drive_settings_of, nmea_settings_of
 from autopilot.signals import HelmCause, HelmSample, RudderCommand, Sample
+from autopilot.vessel.file import load_vessel
 
 LANXIN = load_vessel("lanxin")
 PATIENCE_S = 3.0

@@ -16,9 +16,15 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide, Waypoint
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import MissionItem, dump_items, from_message, parse_items, problem
-from autopilot.links.boat.mission_server import MissionServer
+from autopilot.links.ground_station.mission import (
+    Mission,
+    MissionItem,
+    MissionServer,
+    dump_items,
+    from_message,
+    parse_items,
+    problem,
+)
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.url import open_transport
 from autopilot.signals import PositionSample

@@ -13,14 +13,22 @@ from alarm_texts import words
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot.build_links import LinkOptions, build_link
 from autopilot.links.base import LinkError
-from autopilot.links.n2k_link import N2kLink, N2kSettings, open_bus
-from autopilot.links.n2k_messages import NAME, Compass, NodeAddress, group_and_source, identifier, sample_of
+from autopilot.links.n2k import (
+    NAME,
+    Compass,
+    N2kLink,
+    N2kSettings,
+    NodeAddress,
+    group_and_source,
+    identifier,
+    open_bus,
+    sample_of,
+)
 from autopilot.links.north import UnusableHeadings
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import SteeringGear, gear_step
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build_links import LinkOptions, build_link
 from autopilot.signals import (
     AlarmSample,
     HeadingSample,
@@ -36,6 +44,7 @@ from autopilot.signals import (
     Sample,
     Tick,
 )
+from autopilot.vessel.file import load_vessel
 
 can = pytest.importorskip("can", reason="python-can is not installed (extra n2k)")
 pytest.importorskip("nmea2000", reason="nmea2000 is not installed (extra n2k)")

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links import nmea_encoders as encoders
+from autopilot.links import nmea0183 as encoders
 from autopilot.links.base import LinkError
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.transports import ReplayTransport, loopback_pair

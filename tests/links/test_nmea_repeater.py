@@ -9,12 +9,11 @@ import operator
 import pynmea2
 import pytest
 
-from autopilot.build_links import LinkOptions, build_link
 from autopilot.links.nmea0183 import format_sentence
 from autopilot.links.nmea_link import NmeaLink, NmeaSettings
 from autopilot.links.nmea_repeater import NmeaRepeater, heading_control
 from autopilot.links.transports import loopback_pair
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build_links import LinkOptions, build_link
 from autopilot.signals import (
     HelmSample,
     Mode,
@@ -28,6 +27,7 @@ from autopilot.signals import (
     Sample,
     Tick,
 )
+from autopilot.vessel.file import load_vessel
 
 ALL = (("HDT", 1.0), ("HDG", 1.0), ("ROT", 1.0), ("RSA", 1.0), ("HTD", 1.0), ("XDR", 1.0))
 

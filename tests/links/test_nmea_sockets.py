@@ -11,12 +11,12 @@ from collections.abc import Callable
 
 import pytest
 
-from autopilot.build_links import LinkOptions, build_link
-from autopilot.links import nmea_encoders as encode
+from autopilot.links import nmea0183 as encode
 from autopilot.links.base import LinkError, Shows
 from autopilot.links.nmea_link import NmeaLink
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build_links import LinkOptions, build_link
 from autopilot.signals import HeadingSample, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Sample, Tick
+from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 OPTIONS = "?send=HDT:10"

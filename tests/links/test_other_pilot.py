@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.other_pilot import LISTENING, STEERED, OtherPilot
+from autopilot.links.vehicle_health import LISTENING, STEERED, OtherPilot
 from autopilot.signals import AlarmEvent, Mode
 
 BOTH, WAITS = AlarmEvent("other_pilot"), AlarmEvent("other_pilot_waits")

@@ -10,10 +10,10 @@ import pytest
 from alarm_texts import words_of
 from lockstep import BadLine, Lockstep
 
-from autopilot.links.kept_link import KeptLink
 from autopilot.links.release import LONGEST_S, OverrideRelease, Release, ReleaseState, UnshownRelease, release_sentence
-from autopilot.params.vessel_file import load_vessel
+from autopilot.links.wrapped import KeptLink
 from autopilot.signals import Order, OrderKind
+from autopilot.vessel.file import load_vessel
 from sitl.faults import Fault
 
 VESSEL = load_vessel("lanxin")

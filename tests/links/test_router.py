@@ -12,18 +12,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.build_links import LinkOptions, build_links
 from autopilot.links.admission import Admission, Budget, Doors
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
-from autopilot.links.mavlink_frames import EVERYBODY, Address, Framer, source_of, target_of
-from autopilot.links.router import Router
-from autopilot.links.router_links import ForwardLink, RoutedTransport, budget_for
+from autopilot.links.router import (
+    EVERYBODY,
+    Address,
+    ForwardLink,
+    Framer,
+    RoutedTransport,
+    Router,
+    budget_for,
+    source_of,
+    target_of,
+)
 from autopilot.links.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpServerTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build_links import LinkOptions, build_links
 from autopilot.signals import AlarmSample, Mode
+from autopilot.vessel.file import load_vessel
 
 MOST_ADDRESSES = 64
 REMEMBERED = 512

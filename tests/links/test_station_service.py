@@ -14,16 +14,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.admission import Admission, Doors
 from autopilot.links.base import LinkError
-from autopilot.links.boat.alarm_list import alarm_list
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.long_commands import LongCommand, ProgressReports
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.mission_items import MissionItem
-from autopilot.links.boat.parameter_server import ParameterServer
-from autopilot.links.boat.station_service import StationService
-from autopilot.links.boat.telemetry import Telemetry
-from autopilot.links.extra_messages import CommandCancel
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import LongCommand, ProgressReports
+from autopilot.links.ground_station.file_server import alarm_list
+from autopilot.links.ground_station.mission import Mission, MissionItem
+from autopilot.links.ground_station.station_service import ParameterServer, StationService
+from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink_layouts import CommandCancel
 from autopilot.links.status_text import StatusTexts
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import (

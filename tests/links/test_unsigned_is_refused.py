@@ -8,14 +8,13 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide
-from autopilot.links.boat.boat_link import BoatLink
-from autopilot.links.boat.commands import Commands
-from autopilot.links.boat.mission import Mission
-from autopilot.links.boat.parameter_server import ParameterServer
+from autopilot.links.ground_station.boat_link import BoatLink
+from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
-from autopilot.links.router import Router
-from autopilot.links.router_links import ForwardLink, RoutedTransport, budget_for
+from autopilot.links.router import ForwardLink, RoutedTransport, Router, budget_for
 from autopilot.links.signing import UNSIGNED, UNSIGNED_IDS, WRONG_KEY, CountingTimestamps, Signing
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.signals import HelmSample

@@ -9,12 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarms import CATALOGUE
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.radio_watch import RadioWatch
-from autopilot.links.vehicle_health import VehicleHealth
-from autopilot.links.vehicle_parameters import VehicleParameters
+from autopilot.links.vehicle_health import RadioWatch, VehicleHealth
+from autopilot.links.vehicle_requests import VehicleParameters
 from autopilot.signals import ConditionSample
+from autopilot.supervision.alarms import CATALOGUE
 
 LASTS_S = 0.3
 RECOVERED_PERCENT = 3.0

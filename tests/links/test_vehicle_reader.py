@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.guided_targets import GuidedTargets
+from autopilot.links.guided import GuidedTargets
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.vehicle_reader import VehicleReader
 from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.links.boat.mission_items import from_message
+from autopilot.links.ground_station.mission import from_message
 from autopilot.signals import HelmSample, Mode, OrderKind
 
 COMMANDS: dict[str, tuple[int, tuple[float, ...]]] = {

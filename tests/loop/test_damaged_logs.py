@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.loop.logs.dataflash_log import read_dataflash
-from autopilot.loop.logs.reading import read_recording
-from autopilot.loop.logs.tlog import read_tlog
-from autopilot.loop.record import read_log
+from autopilot.logs.dataflash import read_dataflash
+from autopilot.logs.reading import read_recording
+from autopilot.logs.tlog import read_tlog
+from autopilot.runtime.record import read_log
 
 BOAT = zigzag_boat()
 

@@ -12,10 +12,10 @@ from lockstep import Lockstep
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.loop import log_files
-from autopilot.loop.log_files import FileSink, FolderLimits, FolderSink
-from autopilot.params.saving import create_unused, save_page, save_text, save_unused, unused_folder
-from autopilot.params.vessel_file import load_vessel
+from autopilot.files.saving import create_unused, save_page, save_text, save_unused, unused_folder
+from autopilot.runtime import log_files
+from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink
+from autopilot.vessel.file import load_vessel
 from sitl.cli import main as sitl
 
 

@@ -24,11 +24,11 @@ from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.signing import CountingTimestamps, LinkSigning, Signing
-from autopilot.loop.clock import ManualClock
-from autopilot.loop.logs.mcap_file import message_entries
-from autopilot.loop.record import read_log
-from autopilot.loop.replay_onto import replay_onto
-from autopilot.params.vessel_file import load_vessel
+from autopilot.logs.export import message_entries
+from autopilot.logs.replay_onto import replay_onto
+from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.record import read_log
+from autopilot.vessel.file import load_vessel
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,12 @@ import pytest
 from lockstep import Lockstep
 
 from autopilot.errors import InputError
-from autopilot.loop import log_files
-from autopilot.loop.log_files import FileSink, FolderLimits, FolderSink, ThreadedSink, appended, following_parts
-from autopilot.loop.record import Recorder, is_headless, read_log, read_logs
-from autopilot.loop.replay import replay
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.runtime import log_files
+from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink, ThreadedSink, appended, following_parts
+from autopilot.runtime.record import Recorder, is_headless, read_log, read_logs
+from autopilot.runtime.replay import replay
 from autopilot.signals import Mode
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 # threads and processes that keep to the wall clock
 pytestmark = pytest.mark.real_time

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from autopilot.loop.health import LATE_COUNT, LATE_WITHIN_S, SAID_S, LoopHealth
+from autopilot.runtime.machine import LATE_COUNT, LATE_WITHIN_S, SAID_S, LoopHealth
 from autopilot.signals import ConditionSample, Mode, NavState, Order, Reference, RudderCommand, Sample, Tick
 
 PERIOD = 0.05

@@ -12,11 +12,10 @@ from scipy.integrate import solve_ivp
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification.identify import identify
-from autopilot.loop.logs.merge import best_match, sources_of
-from autopilot.loop.logs.rudder import RudderSettings, through_gear
-from autopilot.loop.logs.series import RUDDER, Series
-from autopilot.loop.logs.table import between
-from autopilot.loop.recordings import LogOptions, load_recording, load_run
+from autopilot.logs.merge import best_match, sources_of
+from autopilot.logs.reading import LogOptions, load_recording, load_run
+from autopilot.logs.series import RUDDER, Series
+from autopilot.logs.table import RudderSettings, between, through_gear
 from autopilot.models.steering_gear import SteeringGear
 
 BOAT = zigzag_boat()

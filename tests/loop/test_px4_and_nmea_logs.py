@@ -22,22 +22,11 @@ from pyulog import ULog
 from autopilot.errors import InputError
 from autopilot.identification.identify import identify
 from autopilot.links.nmea0183 import checksum
-from autopilot.loop.logs.nmea_clock import stamp_of
-from autopilot.loop.logs.reading import ReadOptions, read_recording
-from autopilot.loop.logs.rudder import RudderSettings
-from autopilot.loop.logs.series import (
-    HEADING,
-    LATITUDE,
-    PROPELLER,
-    RATE,
-    RUDDER,
-    SHARE,
-    SPEED,
-    WIND_DIRECTION,
-    WIND_SPEED,
-)
-from autopilot.loop.logs.ulog import read_ulog
-from autopilot.loop.recordings import LogOptions, load_run
+from autopilot.logs.nmea_text import stamp_of
+from autopilot.logs.reading import LogOptions, ReadOptions, load_run, read_recording
+from autopilot.logs.series import HEADING, LATITUDE, PROPELLER, RATE, RUDDER, SHARE, SPEED, WIND_DIRECTION, WIND_SPEED
+from autopilot.logs.table import RudderSettings
+from autopilot.logs.ulog import read_ulog
 from autopilot.models.steering_gear import SteeringGear
 
 BOAT = zigzag_boat(90.0)

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.loop import real_time
-from autopilot.loop.real_time import RealTime, SlackCollector, cpus_of, make_real_time
+from autopilot.runtime import machine
+from autopilot.runtime.machine import RealTime, SlackCollector, cpus_of, make_real_time
 
 
 def refuse(*_: object) -> None:
@@ -56,9 +56,9 @@ def test_the_logs_thread_comes_right_below_the_loop(monkeypatch: pytest.MonkeyPa
         os, "sched_setscheduler", lambda task, _, parameter: given.append((task, parameter.sched_priority))
     )
     main = SimpleNamespace(native_id=1)
-    monkeypatch.setattr(real_time.threading, "main_thread", lambda: main)
-    monkeypatch.setattr(real_time.threading, "enumerate", lambda: [main, SimpleNamespace(native_id=77)])
-    assert real_time._schedule(40) == ""
+    monkeypatch.setattr(machine.threading, "main_thread", lambda: main)
+    monkeypatch.setattr(machine.threading, "enumerate", lambda: [main, SimpleNamespace(native_id=77)])
+    assert machine._schedule(40) == ""
     assert given == [(77, 39), (0, 40)]
 
 
@@ -77,7 +77,7 @@ def test_garbage_is_collected_in_the_slack_alone() -> None:
         assert gc.get_freeze_count() > 1000
         collector()
         assert generations == []
-        kept = [[number] for number in range(3 * real_time.YOUNG)]
+        kept = [[number] for number in range(3 * machine.YOUNG)]
         assert generations == []
         collector()
         assert generations == [1]
@@ -94,8 +94,8 @@ def test_a_look_through_what_lasts_comes_seldom() -> None:
     generations: list[int] = []
     collector = SlackCollector(lambda generation: generations.append(generation) or gc.collect(generation))  # type: ignore[func-returns-value]
     try:
-        for _ in range(real_time.OLD_EVERY):
-            kept = [[number] for number in range(real_time.YOUNG + 100)]
+        for _ in range(machine.OLD_EVERY):
+            kept = [[number] for number in range(machine.YOUNG + 100)]
             collector()
             del kept
     finally:

@@ -18,10 +18,9 @@ from lockstep import Lockstep
 from two_processes import free_port
 
 from autopilot.cli.upkeep import Upkeep
-from autopilot.loop.real_time import RealTime
-from autopilot.loop.service_manager import ServiceManager
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.machine import RealTime, ServiceManager
 from autopilot.signals import Tick
+from autopilot.vessel.file import load_vessel
 
 # threads and processes that keep to the wall clock
 pytestmark = pytest.mark.real_time
@@ -210,7 +209,7 @@ def test_a_process_that_hangs_is_aborted_says_where_and_the_next_one_is_ready(ma
     _, said = first.communicate(timeout=60.0)
     assert first.returncode == -signal.SIGABRT
     assert b"Fatal Python error: Aborted" in said
-    assert b"autopilot/loop/session.py" in said
+    assert b"autopilot/runtime/session.py" in said
     second = start()
     try:
         assert manager.hears("READY=1", 60.0)

@@ -28,20 +28,17 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification.identify import identify
-from autopilot.loop.logs.reading import ReadOptions, read_recording
-from autopilot.loop.logs.rudder import RudderSettings, rudder_of
-from autopilot.loop.logs.series import (
-    HEADING,
-    PROPELLER,
-    RATE,
-    SHARE,
-    SPEED,
-    WIND_DIRECTION,
-    WIND_SPEED,
-    Recording,
+from autopilot.logs.reading import LogOptions, ReadOptions, load_run, read_recording
+from autopilot.logs.series import HEADING, PROPELLER, RATE, SHARE, SPEED, WIND_DIRECTION, WIND_SPEED, Recording
+from autopilot.logs.table import (
+    RudderSettings,
+    Servo,
+    ServoScale,
+    rudder_of,
+    servo_from_parameters,
+    servo_from_text,
+    steering_servo,
 )
-from autopilot.loop.logs.servo import Servo, ServoScale, servo_from_parameters, servo_from_text, steering_servo
-from autopilot.loop.recordings import LogOptions, load_run
 from autopilot.models.steering_gear import SteeringGear
 
 BOAT = zigzag_boat()

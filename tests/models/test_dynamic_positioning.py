@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from autopilot.filters.midpoint import midpoint_step
+from autopilot.filters.kalman import midpoint_step
 from autopilot.models.dynamic_positioning import (
     DREDGER,
     REALISTIC,

@@ -10,10 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.models import resistance
-from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, drag_coefficient
-from autopilot.models.strip_forces import (
+from autopilot.models.naval_vessel import (
+    NAVAL_HULL,
+    NAVAL_RUDDERS,
     NAVAL_STRIPS,
+    SERVICE_SPEED,
     Sea,
+    drag_coefficient,
     sea_forces,
     sections,
     strip_damping,

@@ -17,13 +17,12 @@ from served_vehicle import ServedVehicle
 
 from autopilot.cli import params as command
 from autopilot.errors import InputError, RefusedError
-from autopilot.params import session
-from autopilot.params.firmware_file import Wanted, load_firmware, shipped_firmware, wanted_parameters
-from autopilot.params.firmware_owned import RULES, Kept, kept_by_firmware, settings_of
-from autopilot.params.journal import Journal, read_journal, write_journal
-from autopilot.params.outcome import Change, Verdict
-from autopilot.params.protocol import Target
-from autopilot.params.upload import Upload
+from autopilot.firmware import session
+from autopilot.firmware.file import Wanted, load_firmware, shipped_firmware, wanted_parameters
+from autopilot.firmware.journal import Journal, read_journal, write_journal
+from autopilot.firmware.metadata import RULES, Kept, kept_by_firmware, settings_of
+from autopilot.firmware.protocol import Target
+from autopilot.firmware.upload import Change, Upload, Verdict
 from sitl.firmware_parameters import default_parameters
 
 REAL_COUNT = 1283

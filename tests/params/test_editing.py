@@ -12,9 +12,15 @@ import pytest
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.params.editing import edited_text, migrated_text, updated_vessel_text
-from autopilot.params.vessel import Pid
-from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel
+from autopilot.vessel.file import (
+    dump_vessel,
+    edited_text,
+    load_vessel,
+    migrated_text,
+    parse_vessel,
+    updated_vessel_text,
+)
+from autopilot.vessel.schema import Pid
 
 LANXIN = (resources.files("firmware_params") / "vessels" / "lanxin.yaml").read_text(encoding="utf-8")
 

@@ -9,14 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
-from autopilot.params.firmware_dump import Heading, TypedValue, dump_firmware
-from autopilot.params.firmware_file import (
+from autopilot.files.strict_yaml import parse_document
+from autopilot.firmware.file import (
+    Heading,
+    TypedValue,
+    dump_firmware,
     firmware_from,
     load_firmware,
     shipped_firmware,
     wanted_parameters,
 )
-from autopilot.params.strict_yaml import parse_document
 
 FILE = """\
 schema_version: 1

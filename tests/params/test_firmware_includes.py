@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.params.firmware_file import entries, load_firmware, wanted_parameters
+from autopilot.firmware.file import entries, load_firmware, wanted_parameters
 
 BASE = """\
 schema_version: 2

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from pymavlink.mavparm import MAVParmDict
 
 from autopilot.errors import InputError
-from autopilot.params.firmware_dump import Heading, TypedValue, dump_firmware
-from autopilot.params.firmware_file import firmware_from, wanted_parameters
-from autopilot.params.foreign_files import dump_foreign, float_text, is_foreign, parse_foreign, read_foreign
-from autopilot.params.strict_yaml import parse_document
+from autopilot.files.strict_yaml import parse_document
+from autopilot.firmware.file import Heading, TypedValue, dump_firmware, firmware_from, wanted_parameters
+from autopilot.firmware.foreign_files import dump_foreign, float_text, is_foreign, parse_foreign, read_foreign
 
 MISSION_PLANNER = "#NOTE: 21/11/2026 my boat\nACRO_TURN_RATE,180\nCRUISE_SPEED,4.6\nLOG_BITMASK,0xFFFF\n"
 MAVPROXY = "CRUISE_SPEED     4.600000\n# a comment\nSERVO1_FUNCTION  26 # rudder\n\n"

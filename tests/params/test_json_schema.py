@@ -12,12 +12,12 @@ import yaml
 
 from autopilot.cli.params import add_parser
 from autopilot.errors import InputError
-from autopilot.params.any_file import load_any
-from autopilot.params.firmware_file import firmware_from, shipped_firmware
-from autopilot.params.json_schema import KINDS, schema_text
-from autopilot.params.strict_yaml import parse_document
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel, shipped_vessels
+from autopilot.files.strict_yaml import parse_document
+from autopilot.firmware.file import firmware_from, shipped_firmware
+from autopilot.firmware.foreign_files import load_any
+from autopilot.firmware.json_schema import KINDS, schema_text
+from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel, shipped_vessels
+from autopilot.vessel.schema import Vessel
 
 DATA = resources.files("firmware_params")
 SHIPPED = [("vessel", f"vessels/{name}.yaml") for name in shipped_vessels()]

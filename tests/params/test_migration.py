@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.params.firmware_file import firmware_from, wanted_parameters
-from autopilot.params.migration import FIRMWARE_STEPS, VESSEL_STEPS, migrated, newest
-from autopilot.params.strict_yaml import parse_document
-from autopilot.params.vessel_file import parse_vessel
+from autopilot.files.strict_yaml import FIRMWARE_STEPS, VESSEL_STEPS, migrated, newest, parse_document
+from autopilot.firmware.file import firmware_from, wanted_parameters
+from autopilot.vessel.file import parse_vessel
 
 OLD_VESSEL = """\
 schema_version: 1

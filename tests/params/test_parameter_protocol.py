@@ -8,13 +8,10 @@ import struct
 import pytest
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 
-from autopilot.params.download import Download, NamedDownload, table_hash
-from autopilot.params.firmware_file import Wanted
-from autopilot.params.outcome import Outcome, Verdict
-from autopilot.params.protocol import Target
-from autopilot.params.requests import Patience, Requests
-from autopilot.params.upload import Upload
-from autopilot.params.value_coding import encode, same_value
+from autopilot.firmware.download import Download, NamedDownload, table_hash
+from autopilot.firmware.file import Wanted
+from autopilot.firmware.protocol import Patience, Requests, Target, encode, same_value
+from autopilot.firmware.upload import Outcome, Upload, Verdict
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
 RANGES = {INT8: 127, INT16: 32767}

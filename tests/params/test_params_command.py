@@ -13,10 +13,10 @@ from served_vehicle import ServedVehicle
 
 from autopilot.cli import params as command
 from autopilot.errors import InputError, RefusedError
+from autopilot.firmware import session
+from autopilot.firmware.file import load_firmware, wanted_parameters
 from autopilot.links.base import LinkError
-from autopilot.params import session
-from autopilot.params.firmware_file import load_firmware, wanted_parameters
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
 
 FILE = """\
 schema_version: 1

@@ -16,9 +16,9 @@ from served_vehicle import ServedVehicle
 
 from autopilot.cli import params as command
 from autopilot.errors import InputError, RefusedError
-from autopilot.params import session
-from autopilot.params.firmware_file import load_firmware, wanted_parameters
-from autopilot.params.foreign_files import read_foreign
+from autopilot.firmware import session
+from autopilot.firmware.file import load_firmware, wanted_parameters
+from autopilot.firmware.foreign_files import read_foreign
 
 VESSEL = """\
 schema_version: 2

@@ -15,13 +15,12 @@ from lockstep import Lockstep
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.loop.log_files import FileSink
-from autopilot.params.saving import refuse_existing, replace_file, save_page, save_schema, save_text, save_unused
-from autopilot.params.vessel_file import load_vessel
-from autopilot.web.access import token_of
-from sitl.campaign.cases import Job
+from autopilot.files.saving import refuse_existing, replace_file, save_page, save_schema, save_text, save_unused
+from autopilot.runtime.log_files import FileSink
+from autopilot.vessel.file import load_vessel
+from autopilot.web.hub import token_of
 from sitl.campaign.results import open_results
-from sitl.campaign.study import load_study
+from sitl.campaign.study import Job, load_study
 
 ROOT = Path(__file__).parents[2]
 PAGE, SCHEMA = "<!doctype html>", '{"$schema": 1}'

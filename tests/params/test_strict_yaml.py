@@ -9,8 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
-from autopilot.params import strict_yaml
-from autopilot.params.strict_yaml import parse_document, plain, read_document
+from autopilot.files import strict_yaml
+from autopilot.files.strict_yaml import parse_document, plain, read_document
 
 
 @pytest.mark.parametrize(

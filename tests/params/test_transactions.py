@@ -9,14 +9,12 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 
+from autopilot.firmware.file import Wanted
+from autopilot.firmware.journal import Holds, Journal, carry_out, holds_side, look, put
+from autopilot.firmware.protocol import ParameterValue
+from autopilot.firmware.session import ParameterSession, Vehicle
+from autopilot.firmware.upload import Change, Upload
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.params.firmware_file import Wanted
-from autopilot.params.journal import Journal
-from autopilot.params.outcome import Change
-from autopilot.params.protocol import ParameterValue
-from autopilot.params.session import ParameterSession, Vehicle
-from autopilot.params.transaction import Holds, carry_out, holds_side, look, put
-from autopilot.params.upload import Upload
 
 INT8, REAL32 = 2, 9
 Table = dict[str, tuple[float, int]]

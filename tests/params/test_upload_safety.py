@@ -18,13 +18,12 @@ from served_vehicle import ServedVehicle
 from autopilot.cli import params as command
 from autopilot.cli import params_upload
 from autopilot.errors import InputError, RefusedError
+from autopilot.firmware import session
+from autopilot.firmware.file import Wanted
+from autopilot.firmware.journal import Journal, read_journal, write_journal
+from autopilot.firmware.protocol import Target
+from autopilot.firmware.upload import Change, Phase, Upload, Verdict, enabled_group
 from autopilot.links.base import LinkError
-from autopilot.params import session
-from autopilot.params.firmware_file import Wanted
-from autopilot.params.journal import Journal, read_journal, write_journal
-from autopilot.params.outcome import Change, Verdict, enabled_group
-from autopilot.params.protocol import Target
-from autopilot.params.upload import Phase, Upload
 
 INT8, REAL32 = 2, 9
 

@@ -18,22 +18,23 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from served_vehicle import ServedVehicle
 
 from autopilot.cli import params as command
-from autopilot.links.boat.file_server import FileServer, checksum
-from autopilot.params import session
-from autopilot.params.component_metadata import metadata_files
-from autopilot.params.firmware_owned import Kept, Marks, kept_by_firmware
-from autopilot.params.journal import Journal, write_journal
-from autopilot.params.outcome import Change
-from autopilot.params.protocol import Target
-from autopilot.params.vehicle_metadata import (
+from autopilot.firmware import session
+from autopilot.firmware.journal import Journal, write_journal
+from autopilot.firmware.metadata import (
     EXPANDED_MOST,
     FETCH_MOST_S,
     PX4_WAIT_S,
     WAIT_S,
+    Kept,
+    Marks,
     MetadataDownload,
+    kept_by_firmware,
 )
-from autopilot.params.vessel_file import load_vessel
-from autopilot.params.vessel_parameters import parameters_of
+from autopilot.firmware.protocol import Target
+from autopilot.firmware.upload import Change
+from autopilot.links.ground_station.file_server import FileServer, checksum, metadata_files
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.parameters import parameters_of
 
 INT32, REAL32 = 6, 9
 GENERAL, PARAMETERS = "/etc/extras/component_general.json.xz", "/etc/extras/parameters.json.xz"

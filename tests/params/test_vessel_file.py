@@ -13,16 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
-from autopilot.params import vessel as schema_module
-from autopilot.params.schema import Bounds
-from autopilot.params.vessel import Vessel
-from autopilot.params.vessel_file import (
-    dump_vessel,
-    load_vessel,
-    parse_vessel,
-    problems,
-    shipped_vessels,
-)
+from autopilot.files.typed import Bounds
+from autopilot.vessel import schema as schema_module
+from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel, problems, shipped_vessels
+from autopilot.vessel.schema import Vessel
 
 BOAT = """\
 schema_version: 1

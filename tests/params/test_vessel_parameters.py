@@ -16,11 +16,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from served_vehicle import ServedVehicle
 
 from autopilot.cli import params as command
-from autopilot.params import session
-from autopilot.params.any_file import load_parameters
-from autopilot.params.vessel import Limits, Vessel
-from autopilot.params.vessel_file import dump_vessel, load_vessel, parse_vessel
-from autopilot.params.vessel_parameters import VesselParameter, parameters_of, value_of, with_value
+from autopilot.firmware import session
+from autopilot.firmware.foreign_files import load_parameters
+from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
+from autopilot.vessel.parameters import VesselParameter, parameters_of, value_of, with_value
+from autopilot.vessel.schema import Limits, Vessel
 
 LANXIN = load_vessel("lanxin")
 FULL = dataclasses.replace(LANXIN, limits=Limits(angle_max_deg=25.0, rate_max_deg_s=10.0))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from autopilot.cli import params, params_upload  # noqa: F401 - loaded before the forks
 from autopilot.cli.main import build_parser, main
-from autopilot.params import session
+from autopilot.firmware import session
 
 build_parser()  # imports the rest
 session.OTHERS_WAIT_S = 0.02

@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 
-from autopilot.build import build_pilot
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot
 from autopilot.signals import (
     HeadingSample,
     HelmSample,
@@ -23,6 +22,7 @@ from autopilot.signals import (
     RudderCommand,
     SupervisorState,
 )
+from autopilot.vessel.file import load_vessel
 
 ROOT = Path(__file__).parents[2]
 TARGETS = 36

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.limits import RudderLimits, limit
+from autopilot.control.limits import RudderLimits, limit
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 
 anything = st.floats(allow_nan=True, allow_infinity=True)

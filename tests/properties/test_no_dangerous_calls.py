@@ -17,14 +17,14 @@ FORBIDDEN_CALLS = {
     *("numpy.fromfile", "pty.spawn", "json.load", "json.loads", "json.JSONDecoder"),
 }
 SAFE_LOADERS = {"SafeLoader", "CSafeLoader"}
-OURS_ALONE = ("params/journal", "cli/resumption", "cli/gains_tune", "cli/identify_wave_glider")
+OURS_ALONE = ("firmware/journal", "cli/upkeep", "cli/gains_tune", "cli/identify_report")
 LET_BE = {
-    "autopilot/params/editing.py": ["calls yaml.load"],
-    "autopilot/strict_json.py": ["calls json.loads"],
+    "autopilot/vessel/file.py": ["calls yaml.load"],
+    "autopilot/files/outside.py": ["calls json.loads"],
     **{f"autopilot/{name}.py": ["calls json.loads"] for name in OURS_ALONE},
 }
 """ruamel.yaml's round trip, which keeps comments: it builds no objects of a document's choosing. JSON from outside is
-read by `strict_json`; the rest is our own, where a parameter may well be NaN."""
+read by `autopilot.files.outside`; the rest is our own, where a parameter may well be NaN."""
 
 
 def dangers(source: str) -> list[str]:

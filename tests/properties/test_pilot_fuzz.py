@@ -9,8 +9,7 @@ from alarm_texts import other
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot.build import build_pilot
-from autopilot.params.vessel_file import load_vessel
+from autopilot.runtime.build import build_pilot
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmSample,
@@ -27,6 +26,7 @@ from autopilot.signals import (
     SupervisorState,
     WindSample,
 )
+from autopilot.vessel.file import load_vessel
 
 VESSEL, ROLLING = load_vessel("lanxin"), build_pilot(load_vessel("naval_vessel"))
 ANGLE_MAX, RATE_MAX = math.radians(30.0), math.radians(20.0)

@@ -13,17 +13,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.alarms import OVERRIDDEN
 from autopilot.cli.log import as_text
 from autopilot.cli.log_measures import as_text as measures_text
 from autopilot.cli.main import main
-from autopilot.cli.params_report import difference_table
+from autopilot.cli.params_reading import difference_table
 from autopilot.cli.steering import StatusLine
+from autopilot.files.printable import PrintableStream, fixed, printable, rewrite_line
+from autopilot.firmware.download import Difference
 from autopilot.identification.trial_measures import Circle, Measures, PullOut, Spiral, Zigzag
-from autopilot.loop.logs.info import LogInfo, SeriesInfo
-from autopilot.params.comparison import Difference
-from autopilot.printable import PrintableStream, fixed, printable, rewrite_line
+from autopilot.logs.reading import LogInfo, SeriesInfo
 from autopilot.signals import AlarmEvent, Mode, NavState, Order, Reference, RudderCommand, Tick
+from autopilot.supervision.alarms import OVERRIDDEN
 
 HOSTILE = "\x1b[31m\x1b]0;owned\x07\x9b2J\u202egnp.exe\u2066\x00\r\n\x08\ud800\ufeff"
 any_text = st.text(st.characters(exclude_categories=()), max_size=300)

@@ -16,9 +16,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot.cli.main import main
+from autopilot.files.outside import read_regular
 from autopilot.links.nmea0183 import checksum
-from autopilot.loop.logs.nmea_clock import MILLISECONDS_FROM, stamp_of
-from autopilot.regular_file import read_regular
+from autopilot.logs.nmea_text import MILLISECONDS_FROM, stamp_of
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))

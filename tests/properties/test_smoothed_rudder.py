@@ -19,8 +19,7 @@ from autopilot.control.backstepping import (
     smoothed_rudder,
     smoothing_in,
 )
-from autopilot.control.design import linear_gains_backstepping
-from autopilot.control.spared_rudder import gains_of_loop, spared_gains
+from autopilot.control.design import gains_of_loop, linear_gains_backstepping, spared_gains
 from autopilot.models.norrbin import Norrbin, damping, yaw_acceleration
 from autopilot.signals import Reference
 

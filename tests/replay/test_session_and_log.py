@@ -12,23 +12,19 @@ from hypothesis import strategies as st
 from plant import Plant
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.alarm_words import FORMS, UNHEARD, sentence_of
-from autopilot.alarms import CATALOGUE, OTHER, VERBATIM
-from autopilot.build import build_pilot
-from autopilot.build_laws import gear_of, model_of
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.loop import record
-from autopilot.loop.clock import ManualClock
-from autopilot.loop.logs.own_log import read_own
-from autopilot.loop.logs.rudder import RudderSettings
-from autopilot.loop.logs.table import table_of
-from autopilot.loop.record import PAYLOAD_TYPE, Recorder, read_log, read_logs, read_packets
-from autopilot.loop.replay import replay
-from autopilot.loop.session import Session
-from autopilot.loop.tick_codec import (
+from autopilot.logs.own_log import read_own
+from autopilot.logs.table import RudderSettings, table_of
+from autopilot.runtime import record
+from autopilot.runtime.build import build_pilot, gear_of, model_of
+from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.record import PAYLOAD_TYPE, Recorder, read_log, read_logs, read_packets
+from autopilot.runtime.replay import replay
+from autopilot.runtime.session import Session
+from autopilot.runtime.tick_codec import (
     HEADER,
     TICK_BEFORE_ACKNOWLEDGING,
     TICK_BEFORE_EVENTS,
@@ -37,7 +33,6 @@ from autopilot.loop.tick_codec import (
     decode_tick,
     encode_tick,
 )
-from autopilot.params.vessel_file import dump_vessel, load_vessel
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,
@@ -64,6 +59,9 @@ from autopilot.signals import (
     Tick,
     WindSample,
 )
+from autopilot.supervision.alarms import CATALOGUE, OTHER, VERBATIM
+from autopilot.supervision.panel import FORMS, UNHEARD, sentence_of
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 VESSEL = load_vessel("lanxin")
 ENGAGE = Order(OrderKind.HEADING, math.nan, serial=1)

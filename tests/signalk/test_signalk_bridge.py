@@ -13,15 +13,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.boat.modes import HEADING, MANUAL
+from autopilot.links.ground_station.commands import HEADING, MANUAL
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.transports.memory import LoopbackTransport, loopback_pair
-from autopilot.signalk.bridge import Bridge
-from autopilot.signalk.clients import BEHIND_MOST, CLIENTS_MOST, LineClients
-from autopilot.signalk.deltas import NOTIFICATIONS, OURS_ALONE, OVER, Deltas, path_of, state_of, values_of
-from autopilot.signalk.requests import LINE_MOST, BadRequestError, answer, parse
-from autopilot.web.line import BoatLine
-from autopilot.web.station import Station
+from autopilot.signalk.bridge import BEHIND_MOST, CLIENTS_MOST, Bridge, LineClients
+from autopilot.signalk.messages import (
+    LINE_MOST,
+    NOTIFICATIONS,
+    OURS_ALONE,
+    OVER,
+    BadRequestError,
+    Deltas,
+    answer,
+    parse,
+    path_of,
+    state_of,
+    values_of,
+)
+from autopilot.web.station import BoatLine, Station
 
 TOKEN = "a-token-of-enough-letters"
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
 from sitl.firmware import Firmware
 from sitl.scenario import Scenario, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle

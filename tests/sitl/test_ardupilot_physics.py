@@ -16,9 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.models.norrbin import at_speed, steady_rate
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
+from sitl.ardupilot import ArdupilotPhysics, read_packet
 from sitl.scenario import load_scenario
-from sitl.wire_ardupilot_json import ArdupilotPhysics, read_packet
 from sitl.world import plant_of
 
 LANXIN = load_vessel("lanxin")

@@ -14,28 +14,29 @@ from pathlib import Path
 import pytest
 
 from autopilot.errors import ExitCode, InputError
-from autopilot.params.strict_yaml import parse_document
-from autopilot.params.vessel import Limits
-from autopilot.params.vessel_file import dump_vessel, load_vessel
+from autopilot.files.strict_yaml import parse_document
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Limits
 from sitl.campaign import work
-from sitl.campaign.cases import Job, case_and_seed, cases_of, number_of_runs
 from sitl.campaign.engines import in_order, local
-from sitl.campaign.full import measured_every, run_fully
 from sitl.campaign.results import COLUMNS
-from sitl.campaign.score import Figures, figures
-from sitl.campaign.setting import rooms_of, setting_of
+from sitl.campaign.setting import measured_every, rooms_of, run_fully, setting_of
 from sitl.campaign.study import (
     BoatSection,
+    Job,
     LawName,
     MismatchSection,
     SeaSection,
     Study,
     TurnSection,
+    case_and_seed,
+    cases_of,
     load_study,
+    number_of_runs,
     shipped_studies,
     study_from,
 )
-from sitl.campaign.swift import run_swiftly
+from sitl.campaign.swift import Figures, figures, run_swiftly
 from sitl.campaign.work import Row, batches_of, do_runs, done_swiftly
 from sitl.cli import main
 from sitl.fault_kinds import FaultKind

@@ -13,9 +13,8 @@ import pytest
 
 from autopilot.errors import ExitCode, InputError
 from sitl.campaign import work
-from sitl.campaign.cases import Job
 from sitl.campaign.engines import Engine, engine_of, in_order
-from sitl.campaign.study import BoatSection, Study
+from sitl.campaign.study import BoatSection, Job, Study
 from sitl.campaign.work import Row
 from sitl.cli import main
 
@@ -50,7 +49,7 @@ def dying(job: Job, first: int, last: int, is_compiled: bool = True) -> list[Row
 def test_two_workers_give_the_local_results_and_a_lost_one_changes_nothing(
     engine: Engine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    for module in ("engine_dask", "engine_ray"):
+    for module in ("engines", "engine_ray"):
         monkeypatch.setattr(f"sitl.campaign.{module}.do_runs", dying)
     here = [row for batch in engine_of("local")(JOB, BATCHES, 1, False) for row in batch]
     job = JOB._replace(folder=str(tmp_path))

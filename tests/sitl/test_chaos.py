@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.params.vessel_file import load_vessel
-from sitl.chaos import ChaosLine, ChaosPort, Damage, chaos_faults
+from autopilot.vessel.file import load_vessel
 from sitl.faults import Fault
 from sitl.scenario import load_scenario
+from sitl.serve import ChaosLine, ChaosPort, Damage, chaos_faults
 from sitl.world import World
 
 SENT = [number.to_bytes(4, "big") * 5 for number in range(2000)]

@@ -17,17 +17,17 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
+from autopilot.files.strict_yaml import parse_document
 from autopilot.links.base import LinkError
 from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.params.strict_yaml import parse_document
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
 from sitl.cli import main
 from sitl.fault_desk import FaultDesk, kinds_table, obey
 from sitl.fault_kinds import KINDS, FaultKind, Source
 from sitl.faults import Fault, FaultBoard
 from sitl.firmware import Firmware, FirmwareMode
-from sitl.reading import Reading
 from sitl.scenario import FaultSection, load_scenario, scenario_from
+from sitl.sensors import Reading
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.wire_nmea import NmeaInstruments
 from sitl.world import Orders, World

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.params.vessel_file import load_vessel
-from sitl.assembly import drive_port, nmea_port, open_ports
+from autopilot.vessel.file import load_vessel
+from sitl.drives import CommandReader, jrk_length, maestro_length
 from sitl.plotter import ChartPlotter
-from sitl.reading import EARTH_RADIUS, Reading
 from sitl.scenario import load_scenario
+from sitl.sensors import EARTH_RADIUS, Reading
+from sitl.serve import drive_port, nmea_port, open_ports
 from sitl.wire_nmea import NmeaInstruments
-from sitl.wire_pololu import CommandReader, jrk_length, maestro_length
 from sitl.world import World
 
 

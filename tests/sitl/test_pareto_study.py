@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from autopilot.control.limits import Rest, RudderLimits
 from autopilot.control.pid import PidGains, PidMemory
-from autopilot.limits import Rest, RudderLimits
 from sitl.scenario import HullSection
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sitl.radio import Calibration, Overrides, input_angle, manual_control_pulse, output_pulse
+from sitl.firmware_setup import Calibration, Overrides, input_angle, manual_control_pulse, output_pulse
 
 INPUT = Calibration(1000, 1500, 2000, 30)
 SERVO = Calibration(1000, 1500, 2000)

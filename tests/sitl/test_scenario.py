@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.params.strict_yaml import parse_document
+from autopilot.files.strict_yaml import parse_document
 from sitl.scenario import Scenario, load_scenario, scenario_from, shipped_scenarios
 
 HEAD = "schema_version: 1\nname: x\n"

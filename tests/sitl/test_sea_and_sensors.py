@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from autopilot.models import waves
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
 from sitl.boat import BoatState, Hull
-from sitl.reading import Reading
 from sitl.scenario import (
     CurrentSection,
     FaultSection,
@@ -22,7 +21,7 @@ from sitl.scenario import (
     load_scenario,
 )
 from sitl.sea import IttcSea, Sea
-from sitl.sensors import Sensors
+from sitl.sensors import Reading, Sensors
 from sitl.world import STEP, Orders, World
 
 

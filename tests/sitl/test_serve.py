@@ -17,7 +17,7 @@ import serial
 
 from autopilot.links.base import LinkError
 from sitl.cli import main
-from sitl.pty_line import PtyTransport
+from sitl.lines import PtyTransport
 from sitl.serve import LAG_MAX_S, Pace
 
 os.environ.setdefault("MAVLINK20", "1")

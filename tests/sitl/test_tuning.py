@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from autopilot.build import verdict_of
 from autopilot.cli.main import main
 from autopilot.errors import ExitCode, RefusedError
-from autopilot.params.vessel_file import load_vessel
-from sitl.campaign.cases import Job
-from sitl.campaign.study import BoatSection, SeaSection, Study
+from autopilot.runtime.build import verdict_of
+from autopilot.vessel.file import load_vessel
+from sitl.campaign.study import BoatSection, Job, SeaSection, Study
 from sitl.campaign.tuning import REFUSED_COST, Trial, tune, with_gains
 from sitl.scenario import WindSection
 

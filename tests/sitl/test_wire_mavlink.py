@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
 from sitl.firmware import Firmware
 from sitl.scenario import FaultSection, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
-from autopilot.params.vessel_file import load_vessel
+from autopilot.vessel.file import load_vessel
+from sitl.drives import UartLine
 from sitl.scenario import DriveSection, FaultSection, Scenario, SensorsSection, Start, load_scenario
-from sitl.uart import UartLine
 from sitl.wire_nmea import NmeaInstruments, chosen_rates, deviation_of_magnetic
 from sitl.world import World
 

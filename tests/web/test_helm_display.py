@@ -17,23 +17,20 @@ from starlette.responses import JSONResponse
 from watched_boat import Watched
 
 from autopilot.errors import InputError
+from autopilot.firmware.metadata import FtpClient
+from autopilot.firmware.protocol import Target
 from autopilot.links.base import LinkError
-from autopilot.links.boat.alarm_list import ALARMS
+from autopilot.links.ground_station.file_server import ALARMS, PARAMETERS
 from autopilot.links.mavlink_codec import MavlinkCodec
 from autopilot.links.status_text import StatusTexts
-from autopilot.params.component_metadata import PARAMETERS
-from autopilot.params.ftp_client import FtpClient
-from autopilot.params.protocol import Target
-from autopilot.signalk.deltas import Deltas
-from autopilot.signalk.requests import line_of
+from autopilot.signalk.messages import Deltas, line_of
 from autopilot.signals import AlarmSample, HelmSample, Siren
-from autopilot.web.alarms import LIST_MOST, AlarmBoard, alarms_from
 from autopilot.web.orders import Command, Orders
 from autopilot.web.parameter_desk import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import Station
-from autopilot.web.texts import TextPieces
+from autopilot.web.view import LIST_MOST, AlarmBoard, TextPieces, alarms_from
 
 
 def test_engage_turn_and_release_reach_the_pilot_and_are_seen(sea: Watched) -> None:
@@ -211,7 +208,7 @@ def test_a_hostile_list_of_alarms_ends_no_display(
 ) -> None:
     sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     sea.watch(2.0)
-    monkeypatch.setattr("autopilot.links.boat.boat_link.alarm_list", lambda alarms, heard: content)
+    monkeypatch.setattr("autopilot.links.ground_station.boat_link.alarm_list", lambda alarms, heard: content)
     asked = []
     monkeypatch.setattr(sea.station.files, "fetch", lambda path, got: asked.append(path) or got(content))
     sea.watch(8.0)

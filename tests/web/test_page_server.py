@@ -29,10 +29,8 @@ from autopilot.cli.web import listening_address
 from autopilot.errors import InputError
 from autopilot.signals import AlarmSample
 from autopilot.web import page_files
-from autopilot.web.access import Access, token_of
-from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST
-from autopilot.web.log_shelf import LogShelf
-from autopilot.web.server import HEADERS, _short_body, build_app, known_hosts
+from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST, Access, token_of
+from autopilot.web.server import HEADERS, LogShelf, _short_body, build_app, known_hosts
 
 BEARER = {"authorization": f"Bearer {TOKEN}"}
 

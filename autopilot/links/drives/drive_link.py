@@ -8,8 +8,7 @@ from typing import NamedTuple
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.drives.base import Drive
 from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
-from autopilot.links.rudder_follow import FollowSettings, RudderFollow
-from autopilot.links.standing_order import RELEASE_SPACING_S, StandingOrder
+from autopilot.links.rudder_follow import RELEASE_SPACING_S, FollowSettings, RudderFollow, StandingOrder
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, RudderSample, Sample
 
 BITS_PER_BYTE = 10

@@ -1,0 +1,104 @@
+"""What the rudder may be told: angle and rate, in this order, whatever comes in.
+
+The law sees what was really told through `last_command`, which is its anti-windup: no integrator and no
+observer here believes a demand that the limits have cut.
+
+The rate of the rudder as it is seen to slew, where the file's is not true of the boat.
+
+Over windows of WINDOW the steering gear of the file, set off from where the rudder stood, is given the same orders:
+
+    travel = delta(t) - delta(t - WINDOW),     |travel of the file's gear| - |travel| > BEHIND   =>   it slews
+
+and then rate += SHARE (|travel|/WINDOW - rate), from that of the file on. A faster one counts always. Without feedback
+the rudder is that of the gear itself, which is never behind, so that the file's rate stands.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.models.steering_gear import SteeringGear, clip, gear_step
+
+
+class RudderLimits(NamedTuple):
+    """angle_max [rad] each side; rate_max [rad/s], inf where unlimited."""
+
+    angle_max: float
+    rate_max: float
+
+
+class Rest(NamedTuple):
+    """What the dead band leaves: `told` [rad]; `allowed` [rad], what the law may take for its own, since the dead band
+    is nothing to unwind from; whether the rudder is on its way."""
+
+    told: float = 0.0
+    allowed: float = 0.0
+    is_moving: bool = False
+
+
+def rested(limits: RudderLimits, band: float, before: Rest, demand: float, limited: float) -> Rest:
+    """Return the order after the dead `band` [rad]: a rudder at rest stays until it is wrong by more, and then goes all
+    the way. `limited` [rad] is what `limit` made of the `demand` [rad]; a band of 0 leaves it as it is."""
+    wanted = clip(demand, -limits.angle_max, limits.angle_max)
+    if not before.is_moving and abs(wanted - before.told) <= band:
+        return Rest(before.told if band > 0.0 else limited, wanted, False)
+    return Rest(limited, limited, limited != wanted)
+
+
+def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> float:
+    """Return `demand` [rad] held to the angle, and to what the rate allows `dt` [s] after `previous` [rad].
+
+    A demand that is not finite keeps the previous command: the supervisor ends the engagement, the limiter
+    only makes sure that nothing worse leaves in this tick. Never outside +-angle_max.
+    """
+    if not math.isfinite(demand):
+        demand = previous
+    # inf * 0 is nan: a rudder of unlimited rate gets anywhere in no time
+    reach = limits.rate_max * max(dt, 0.0) if math.isfinite(limits.rate_max) else math.inf
+    target = clip(demand, -limits.angle_max, limits.angle_max)
+    return clip(clip(target, previous - reach, previous + reach), -limits.angle_max, limits.angle_max)
+
+
+WINDOW = 0.6
+"""Time [s] of a window: the noise of two angles is small against what a rudder travels in it. The look that begins it
+counts with its dt, so that at 10 Hz a rate is found a sixth too low, which is the careful side."""
+BEHIND = math.radians(5.0)
+"""Further behind the file's gear than this [rad] at the end of a window is slower; noise and a sensor that is a quarter
+of a second late make up less."""
+SHARE = 0.1
+"""Share of a new window in the rate."""
+LEAST = math.radians(0.5)
+"""No rudder is taken to be slower [rad/s]; one that stands still is another matter."""
+
+
+class ShownRate(NamedTuple):
+    """The rate [rad/s], inf until one was seen; the window: its time [s], the rudder at its beginning, the rudder that
+    the gear of the file would have by now [rad]."""
+
+    rate: float = math.inf
+    since: float = 0.0
+    begin: float = 0.0
+    filed: float = 0.0
+
+
+RATE_UNSEEN = ShownRate()
+
+
+def seen(shown: ShownRate, gear: SteeringGear, rudder: float, order: float, dt: float) -> ShownRate:
+    """Return the rate after `dt` [s] more: `rudder` [rad] as it stands, `order` [rad] that it was given until now.
+
+    A `since` of 0 begins a window. The rate never exceeds that of the file's `gear`.
+    """
+    if shown.since <= 0.0:
+        return ShownRate(shown.rate, dt, rudder, rudder)
+    since, filed = shown.since + dt, gear_step(gear, shown.filed, order, dt)
+    if since < WINDOW:
+        return ShownRate(shown.rate, since, shown.begin, filed)
+    travel, due = rudder - shown.begin, filed - shown.begin
+    speed, known = max(abs(travel) / since, LEAST), min(shown.rate, gear.rate_max)
+    is_behind = travel * due > 0.0 and abs(due) - abs(travel) > BEHIND
+    if is_behind or speed > known:
+        known = speed if math.isinf(known) else min(known + SHARE * (speed - known), gear.rate_max)
+        return ShownRate(known, dt, rudder, rudder)
+    return ShownRate(shown.rate, dt, rudder, rudder)

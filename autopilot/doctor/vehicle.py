@@ -1,0 +1,250 @@
+"""The links and the flight controller behind them: whether headings come, and whether the helm would be ours.
+
+The flight controller's parameters that fight the pilot, or the hand that wants the helm back. Pure.
+
+What each means for Norrbin: docs/flight_controllers.md. Source: ArduPilot, Rover/failsafe.cpp, Rover/radio.cpp,
+libraries/RC_Channel/RC_Channels.cpp, libraries/AP_Arming.
+
+The links: whether headings come, how often, how evenly, and whether the helm would be ours. Nothing is steered.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from autopilot.doctor.machine import Finding, Verdict, share_below
+from autopilot.links.base import Link, LinkError, parted
+from autopilot.links.companion_output import REACH_TOLERANCE_DEG
+from autopilot.links.mavlink_companion import CompanionLink
+from autopilot.links.steering_pwm import share_from_servo
+from autopilot.links.vehicle_requests import VehicleParameters
+from autopilot.runtime.clock import Clock
+from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample
+from autopilot.supervision.panel import sentences_of
+from autopilot.vessel.schema import Vessel
+
+IGNORE_RECEIVER, IGNORE_OVERRIDES, IGNORE_FAILSAFE, CLEAR_BY_STICK = 1 << 0, 1 << 1, 1 << 2, 1 << 14
+"""RC_OPTIONS."""
+STICK_ARMS, STICK_DISARMS = 1, 2
+"""ARMING_RUDDER."""
+UNEVEN = 0.05
+"""A servo that goes further to one side by more than this share."""
+PAGE = "docs/flight_controllers.md"
+
+
+def firmware_findings(parameters: VehicleParameters, vessel: Vessel | None = None) -> list[Finding]:
+    """Return what the parameters that have come mean for steering this vessel; nothing of those that have not."""
+    looked = [_arming(parameters), _radio(parameters), _station(parameters), _action(parameters), _takeover(parameters)]
+    if vessel is not None and vessel.helm.method != "guided":
+        looked.append(_servo(parameters, vessel))
+    return [finding for finding in looked if finding is not None]
+
+
+def _arming(parameters: VehicleParameters) -> Finding | None:
+    option = parameters.get("ARMING_RUDDER")
+    if option is None:
+        return None
+    if option == STICK_DISARMS:
+        found = "ARMING_RUDDER 2: some seconds of hard port rudder at neutral throttle, ours too, disarm the boat"
+        return Finding("arming", Verdict.WARN, found, "set ARMING_RUDDER 0, as ardurover-boat does")
+    what = "arms a boat that is disarmed" if option == STICK_ARMS else "neither arms nor disarms"
+    return Finding("arming", Verdict.GO, f"the rudder {what} (ARMING_RUDDER {option:.0f})")
+
+
+def _radio(parameters: VehicleParameters) -> Finding | None:
+    option, limit = parameters.get("FS_THR_ENABLE"), parameters.get("FS_THR_VALUE")
+    if option is None or limit is None:
+        return None
+    if option == 0.0:
+        found = "FS_THR_ENABLE 0: nobody notices a lost radio, the throttle stays where its stick was"
+        return Finding("radio fail-safe", Verdict.WARN, found, "set FS_THR_ENABLE 1 where there is a radio")
+    if int(parameters.get("RC_OPTIONS") or 0) & IGNORE_FAILSAFE:
+        found = "RC_OPTIONS bit 2: what the receiver sends after it has lost the radio counts as the stick"
+        return Finding("radio fail-safe", Verdict.WARN, found, "take bit 2 (4) out of RC_OPTIONS")
+    found = (
+        f"acts on a throttle below {limit:.0f} us; a receiver that falls silent is not noticed while we steer ({PAGE})"
+    )
+    return Finding("radio fail-safe", Verdict.GO, found)
+
+
+def _station(parameters: VehicleParameters) -> Finding | None:
+    option, timeout = parameters.get("FS_GCS_ENABLE"), parameters.get("FS_GCS_TIMEOUT")
+    if option is None:
+        return None
+    if option == 0.0:
+        return Finding("station fail-safe", Verdict.GO, "off: the boat goes on when Norrbin leaves or dies")
+    after = "" if timeout is None else f", {timeout:g} s and FS_TIMEOUT later"
+    found = f"FS_GCS_ENABLE {option:.0f}: the boat stops when Norrbin has left{after}, also where a hand steers by then"
+    return Finding("station fail-safe", Verdict.WARN, found, "set FS_GCS_ENABLE 0 where somebody holds the radio")
+
+
+def _action(parameters: VehicleParameters) -> Finding | None:
+    if parameters.get("FS_ACTION") != 0.0:
+        return None
+    found = "FS_ACTION 0: a fail-safe of the firmware drops our orders and leaves mode and engine as they are"
+    return Finding("fail-safe action", Verdict.WARN, found, "set FS_ACTION 2 (hold)")
+
+
+def _takeover(parameters: VehicleParameters) -> Finding | None:
+    """How a hand on the radio takes the helm, other than by the mode or disarming."""
+    if (known := parameters.get("RC_OPTIONS")) is None:
+        return None
+    options, switch = int(known), parameters.override_switch
+    name = "taking over"
+    if options & IGNORE_OVERRIDES:
+        found = "RC_OPTIONS bit 1: the vehicle ignores every override"
+        return Finding(name, Verdict.NO_GO, found, "take bit 1 (2) out of RC_OPTIONS")
+    if options & IGNORE_RECEIVER:
+        found = "RC_OPTIONS bit 0: the vehicle ignores its radio, nobody can take over by it"
+        return Finding(name, Verdict.WARN, found, "take bit 0 (1) out of RC_OPTIONS")
+    if options & CLEAR_BY_STICK:
+        if switch is not None:
+            return Finding(
+                name, Verdict.GO, f"the stick ends overrides, the switch on channel {switch} allows them again"
+            )
+        found = "the stick ends overrides (RC_OPTIONS bit 14), and only a reboot allows them again"
+        return Finding(name, Verdict.WARN, found, "give a switch of the radio RCn_OPTION 46")
+    if switch is not None:
+        return Finding(
+            name, Verdict.GO, f"by the override switch on channel {switch}; the steering stick alone does nothing"
+        )
+    found = "only another mode or disarming takes the helm: the steering stick does nothing while we steer"
+    cure = f"give a switch RCn_OPTION 46, or from ArduRover 4.8 on add bit 14 (16384) to RC_OPTIONS too ({PAGE})"
+    return Finding(name, Verdict.WARN, found, cure)
+
+
+def _servo(parameters: VehicleParameters, vessel: Vessel) -> Finding | None:
+    """What the end points of the steering servo are in degrees of rudder, by the vessel file."""
+    channel, number, helm = parameters.steering_channel(), parameters.steering_servo, vessel.helm
+    if channel is None:
+        return None
+    full = helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
+    low, middle, high = channel.servo_min, channel.servo_trim, channel.servo_max
+    ends = f"SERVO{number} goes from {low} over {middle} to {high} us"
+    if helm.servo_us is not None:
+        scaled = channel._replace(scale=helm.servo_us)
+        least, most = sorted(full * share_from_servo(scaled, end) for end in (low, high))
+        found = f"{ends}, {-least:.0f} and {most:.0f} deg of rudder by helm.servo_us"
+        able = vessel.rudder.angle_max_deg
+        if min(-least, most) < able - REACH_TOLERANCE_DEG:
+            cure = f"rudder.angle_max_deg is {able:g}: widen SERVO{number}_MIN and _MAX, lower rudder.angle_max_deg"
+            return Finding("servo", Verdict.NO_GO, found, f"{cure}, or measure helm.servo_us anew")
+        return Finding("servo", Verdict.GO, found)
+    if abs(high - 2 * middle + low) > UNEVEN * max(middle - low, high - middle):
+        found = f"{ends}: {middle - low} us to one side and {high - middle} to the other both count as {full:g} deg"
+        return Finding("servo", Verdict.WARN, found, "measure the angle at two pulses and write helm.servo_us")
+    return Finding("servo", Verdict.GO, f"{ends}, taken for {full:g} deg to each side; helm.servo_us would pin it")
+
+
+SLOW_HZ = 4.0
+PACE_S = 0.05
+
+
+class Heard(NamedTuple):
+    """When headings arrived [s] and how old they were [s], by their sources; the last word on the helm, and alarms."""
+
+    arrivals: dict[str, list[float]]
+    ages: dict[str, list[float]]
+    helm: dict[str, str]
+    alarms: dict[str, AlarmEvent | None]
+    seconds: float
+
+
+def listen(links: Sequence[Link], clock: Clock, seconds: float) -> Heard:
+    """Listen for so long. Raises LinkError where a link is lost."""
+    heard = Heard(defaultdict(list), defaultdict(list), {}, {}, seconds)
+    end = clock.now() + seconds
+    while (now := clock.now()) < end:
+        for link in links:
+            for sample in link.receive(now):
+                _take(heard, now, sample)
+            link.keep(now)
+        clock.wait([fd for fd in (link.fileno() for link in links) if fd >= 0], min(end, now + PACE_S))
+    return heard
+
+
+def _take(heard: Heard, now: float, sample: object) -> None:
+    if isinstance(sample, HeadingSample):
+        heard.arrivals[sample.source].append(now)
+        heard.ages[sample.source].append(now - sample.time)
+    elif isinstance(sample, HelmSample):
+        heard.helm[sample.source] = "" if sample.available else sample.reason
+    elif isinstance(sample, AlarmSample):
+        heard.alarms[sample.source] = sample.event
+
+
+def nothing_known() -> str:
+    """Return '': what came over the lines is not known."""
+    return ""
+
+
+def judged(heard: Heard, timeout: float, came: Callable[[], str] = nothing_known) -> list[Finding]:
+    """Return what was heard as findings; `timeout` [s] is the fail-safe's patience with a silent compass."""
+    findings = [_heading(source, heard, timeout) for source in sorted(heard.arrivals)]
+    if not findings:
+        cure = came() or "check that the compass or vehicle is on, its wiring, and the baud rate"
+        findings.append(Finding("heading", Verdict.NO_GO, f"none came in {heard.seconds:.0f} s", cure))
+    for source, reason in heard.helm.items():
+        verdict = Verdict.NO_GO if reason else Verdict.GO
+        findings.append(Finding("helm", verdict, f"{source}: {reason or 'obeys us'}", "as it says; see --as-gcs"))
+    said = sentences_of(event for event in heard.alarms.values() if event is not None)
+    findings += [Finding("alarm", Verdict.WARN, text, "as it says") for text in said]
+    return findings
+
+
+def _heading(source: str, heard: Heard, timeout: float) -> Finding:
+    arrivals = heard.arrivals[source]
+    gaps = [later - sooner for sooner, later in itertools.pairwise(arrivals)]
+    if not gaps:
+        cure = "check the compass and its wiring"
+        return Finding(f"heading {source}", Verdict.NO_GO, f"one in {heard.seconds:.0f} s", cure)
+    rate = len(gaps) / (arrivals[-1] - arrivals[0]) if arrivals[-1] > arrivals[0] else float("inf")
+    usual, longest = share_below(gaps, 0.5), max(gaps)
+    jitter = share_below([abs(gap - usual) for gap in gaps], 0.95)
+    age = share_below(heard.ages[source], 0.5)
+    figures = {"rate_hz": rate, "jitter_ms": jitter * 1e3, "longest_gap_ms": longest * 1e3, "age_ms": age * 1e3}
+    found = (
+        f"{rate:.1f} Hz, 95 % within {jitter * 1e3:.0f} ms of even, longest gap {longest * 1e3:.0f} ms, "
+        f"{age * 1e3:.0f} ms old"
+    )
+    name = f"heading {source}"
+    if longest > timeout:
+        cure = (
+            f"the fail-safe acts after failsafe.heading_timeout_s = {timeout:g}: mend the line, or the rate asked for"
+        )
+        return Finding(name, Verdict.NO_GO, found, cure, figures)
+    verdict = Verdict.WARN if rate < SLOW_HZ or longest > 0.5 * timeout else Verdict.GO
+    return Finding(name, verdict, found, "a quicker compass, a higher baud rate, or fewer other sentences", figures)
+
+
+def examine(
+    open_links: Callable[[], list[Link]],
+    clock: Clock,
+    seconds: float,
+    timeout: float,
+    vessel: Vessel | None = None,
+    came: Callable[[], str] = nothing_known,
+) -> list[Finding]:
+    """Open links, listen, close them again, and return the findings; of the servo's scale where `vessel` is given.
+
+    `came` says what came over the links where no heading did.
+    """
+    try:
+        links = open_links()
+    except LinkError as error:
+        return [Finding("link", Verdict.NO_GO, *parted(str(error)))]
+    try:
+        findings = judged(listen(links, clock, seconds), timeout, came)
+        for link in links:
+            if isinstance(link, CompanionLink):
+                findings += firmware_findings(link.vehicle_parameters, vessel)
+        return findings
+    except LinkError as error:
+        return [Finding("link", Verdict.NO_GO, *parted(str(error)))]
+    finally:
+        for link in links:
+            link.release(clock.now())
+            link.close()

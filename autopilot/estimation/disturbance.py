@@ -1,0 +1,105 @@
+"""How quickly wind and current change, learnt from the bias that the filter finds.
+
+The bias b wanders, b' = white noise of the density q. Its means over a time t, taken twice, and then over five times as
+long,
+
+    t x' = b - x,   t y' = x - y,   5 t z' = y - z,
+
+lie apart by y - z, and E[(y - z)^2] = SPREAD t q: waves are too quick to show in y, trim too slow to part it from z.
+A rudder that does more or less than the model says looks like a bias, too, that goes with it. With the same means v and
+w of the rudder's angle, q is learnt as the sea is (`waves`), by the estimate and what is not known of it,
+
+    q += share (((y - z)^2 - STRENGTH_ERROR^2 (v - w)^2) / (SPREAD t) + doubt - q),
+
+where the difference is positive.
+
+Without it the filter has one density for all weathers: with a low one gusts are put down to the waves, which grow until
+they explain them, with a high one the rudder answers waves and noise.
+
+Derived here: d = y - z is b' through 5 t/((1 + t s)^2 (1 + 5 t s)).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+LONGER = 5.0
+SPREAD = LONGER**2 * (1.0 + 2.0 * LONGER) / (2.0 * ((1.0 + 2.0 * LONGER) * (2.0 + LONGER) - LONGER))
+FOUND = 2.0
+"""While its variance falls by more than a part in e in so many t, the bias is being found: its changes are no gusts."""
+UNKNOWN = math.radians(1.8) ** 2
+"""Nor are they where its variance [rad^2] is more than this, as with the rudder at its stop, where it may be quick."""
+MEMORY = 40.0
+"""Time [s] over which q is averaged, or twice the longer mean's if that is longer."""
+DOUBT_SHARE = 0.3
+"""Of the variance of b so much is doubt of y - z: the rest is forgotten on the way. With 1, gusts of slow boats take
+minutes to be forgotten in a calm."""
+STRENGTH_ERROR = 0.4
+"""A rudder may be so much stronger or weaker than the model's. With 0 a coaster that turns 40 % better than its model
+swings for ever after a push: the bias goes with the rudder, is taken for gusts, and follows the sooner."""
+SURGE = 10.0
+"""What lies further apart than so many times what is expected is a push, not a gust: it counts as that."""
+
+
+class Means(NamedTuple):
+    """Of an angle [rad]: x, y and z of the module's equations."""
+
+    first: float
+    second: float
+    third: float
+
+
+class Gusts(NamedTuple):
+    """density: q [rad^2/s], 0 where it is not learnt; the means of bias and rudder, and the bias's variance [rad^2], 0
+    before anything is known."""
+
+    density: float
+    bias: Means
+    rudder: Means
+    variance: float
+
+
+NO_MEANS = Means(0.0, 0.0, 0.0)
+NO_GUSTS = Gusts(0.0, NO_MEANS, NO_MEANS, 0.0)
+
+
+class Changes(NamedTuple):
+    """Least and largest density [rad^2/s] that is to be believed, and the time t [s] of the means."""
+
+    least: float
+    most: float
+    time: float
+
+
+def followed(means: Means, angle: float, quick: float, slow: float) -> Means:
+    """Return the means after a step that is worth the shares `quick` and `slow` of t and of 5 t."""
+    first = means.first + quick * (angle - means.first)
+    second = means.second + quick * (first - means.second)
+    return Means(first, second, means.third + slow * (second - means.third))
+
+
+def bias_seen(gusts: Gusts, changes: Changes, bias: float, variance: float, rudder: float, dt: float) -> Gusts:
+    """Return what is known of the gusts `dt` [s] later: a `bias` [rad], known to a `variance` [rad^2], and the `rudder`
+    [rad] as it stands."""
+    density, known = min(max(gusts.density, changes.least), changes.most), gusts.variance
+    if known == 0.0 or variance > UNKNOWN or variance < known * math.exp(-dt / (FOUND * changes.time)):
+        return Gusts(density, Means(bias, bias, bias), Means(rudder, rudder, rudder), variance)
+    quick, slow = -math.expm1(-dt / changes.time), -math.expm1(-dt / (LONGER * changes.time))
+    pushed, steered = followed(gusts.bias, bias, quick, slow), followed(gusts.rudder, rudder, quick, slow)
+    apart, explained = pushed.second - pushed.third, STRENGTH_ERROR * (steered.second - steered.third)
+    scale = 1.0 / (SPREAD * changes.time)
+    moved = max(apart * apart - explained * explained, 0.0)
+    seen = min(scale * moved, SURGE * density) + min(scale * DOUBT_SHARE * variance, density)
+    density -= math.expm1(-dt / max(MEMORY, 2.0 * LONGER * changes.time)) * (seen - density)
+    return Gusts(min(max(density, changes.least), changes.most), pushed, steered, variance)
+
+
+def unsettled(gusts: Gusts) -> Gusts:
+    """Return the gusts for a bias that is to be found anew."""
+    return Gusts(gusts.density, NO_MEANS, NO_MEANS, 0.0)
+
+
+def is_finite(gusts: Gusts) -> bool:
+    """Return whether everything is finite."""
+    return math.isfinite(gusts.density + sum(gusts.bias) + sum(gusts.rudder) + gusts.variance)

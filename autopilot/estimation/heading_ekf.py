@@ -1,0 +1,403 @@
+"""Extended Kalman filter of heading, yaw rate, rudder-equivalent bias and wave motion on the Norrbin model.
+
+State x = (psi, r, b, h, s, e). The boat: psi' = r, T r' = K (delta + b) - damping(r), b' = 0 + noise. The waves: a
+heading h and rate s of their own on top of the boat's, see `waves`. A compass shows psi + h and a gyro r + s;
+the boat is steered by psi and r alone. Without a sea h, s and e stay 0. Scalar code over a NamedTuple: the covariance's
+upper triangle is written out, so the loop needs no array library.
+
+Source: that wave motion adds to the boat's own, and the filter for it, are Fossen 2011, section 8.2 and ch. 11.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import wrap
+from autopilot.estimation import waves
+from autopilot.estimation.disturbance import NO_GUSTS, Changes, Gusts, bias_seen, is_finite, unsettled
+from autopilot.estimation.waves import NO_SEA, Sea
+from autopilot.models.norrbin import Norrbin, yaw_acceleration
+
+BIAS_UNKNOWN = math.radians(3.0) ** 2
+RATE_UNKNOWN = 0.2**2
+"""Variances of a bias [rad^2] and of a rate [(rad/s)^2] of which nothing is known, not even how the boat turns."""
+STEEPEST_GROWTH = 20.0
+"""A step in which a course-unstable boat would grow by more than exp of this is cut there."""
+
+
+class FilterState(NamedTuple):
+    """Mean (psi [rad], r [rad/s], b [rad], h [rad], s [rad/s], e [rad]) at `time` [s], covariance p_ij, sea and gusts.
+
+    i and j count psi, r, b, h, s, e.
+    """
+
+    time: float
+    psi: float
+    rate: float
+    bias: float
+    p00: float
+    p01: float
+    p02: float
+    p11: float
+    p12: float
+    p22: float
+    wave: float = 0.0
+    wave_rate: float = 0.0
+    wave_lag: float = 0.0
+    p03: float = 0.0
+    p04: float = 0.0
+    p05: float = 0.0
+    p13: float = 0.0
+    p14: float = 0.0
+    p15: float = 0.0
+    p23: float = 0.0
+    p24: float = 0.0
+    p25: float = 0.0
+    p33: float = 0.0
+    p34: float = 0.0
+    p35: float = 0.0
+    p44: float = 0.0
+    p45: float = 0.0
+    p55: float = 0.0
+    sea: Sea = NO_SEA
+    gusts: Gusts = NO_GUSTS
+
+
+def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
+    """Return the state with the bias, and how well it is known, as they were `before`."""
+    boat = (state.time, state.psi, state.rate, before.bias, state.p00, state.p01, 0.0, state.p11, 0.0, before.p22)
+    waves = (state.wave, state.wave_rate, state.wave_lag, state.p03, state.p04, state.p05)
+    across = (state.p13, state.p14, state.p15, 0.0, 0.0, 0.0)
+    own = (state.p33, state.p34, state.p35, state.p44, state.p45, state.p55)
+    return FilterState(*boat, *waves, *across, *own, state.sea, before.gusts)
+
+
+Waves = tuple[
+    float, float, float, float, float, float, float, float, float,
+    float, float, float, float, float, float, float, float, float,
+]  # fmt: skip
+"""h, s, e and p03 to p55."""
+NO_WAVES: Waves = (
+    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+)  # fmt: skip
+
+
+class FilterNoise(NamedTuple):
+    """Variances: heading [rad^2], rate [(rad/s)^2]; densities a second: acceleration [(rad/s)^2/s], bias [rad^2/s].
+
+    model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share, as white noise. With `waves` the
+    sea is learnt and kept out of psi and r, and so is learnt how quickly the bias wanders, from `bias` to `gusty_bias`
+    [rad^2/s], by what it does over `gust_time` [s] (`gusts`). `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the
+    places of `acceleration` and of that while the boat is pushed further than waves would; `gust_bias` also while the
+    measurements lie to one side of what was expected for seconds. While the rudder is further over than `stop` [rad]
+    the bias wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong rudder
+    until the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is learnt.
+    rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates that no
+    ship turns with, and what a heavy one is once believed to do it needs minutes to be believed out of.
+    """
+
+    heading: float
+    rate: float
+    acceleration: float
+    bias: float
+    model_error: float = 0.0
+    waves: bool = False
+    gust: float = 0.0
+    gust_bias: float = 0.0
+    stop: float = math.inf
+    stop_bias: float = 0.0
+    rate_unknown: float = RATE_UNKNOWN
+    gusty_bias: float = 0.0
+    gust_time: float = 1.0
+
+
+def initial(
+    time: float, heading: float, rate: float | None, noise: FilterNoise, before: FilterState | None = None
+) -> FilterState:
+    """Return the state after the first heading [rad]; without a rate the boat is taken as possibly turning.
+
+    The bias, the sea and the gusts of a state `before` a gap are kept.
+    """
+    sea = NO_SEA
+    if noise.waves:
+        sea = waves.FIRST_SEA if before is None or before.sea == NO_SEA else before.sea
+    p33, p44, p45, p55 = waves.in_balance(sea)
+    return FilterState(
+        time=time,
+        psi=heading,
+        rate=rate if rate is not None else 0.0,
+        bias=0.0 if before is None else before.bias,
+        p00=noise.heading,
+        p01=0.0,
+        p02=0.0,
+        p11=noise.rate if rate is not None else noise.rate_unknown,
+        p12=0.0,
+        p22=BIAS_UNKNOWN,
+        p33=p33,
+        p44=p44,
+        p45=p45,
+        p55=p55,
+        sea=sea,
+        gusts=NO_GUSTS if before is None else before.gusts,
+    )
+
+
+def without_bias(state: FilterState) -> FilterState:
+    """Return the state with a bias of which nothing is known."""
+    unknown = state._replace(bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN, gusts=unsettled(state.gusts))
+    return unknown._replace(p23=0.0, p24=0.0, p25=0.0)
+
+
+def without_sea(state: FilterState) -> FilterState:
+    """Return the state with a sea of which nothing is known: all that the heading shows is the boat's own."""
+    if state.sea == NO_SEA:
+        return state
+    p33, p44, p45, p55 = waves.in_balance(waves.FIRST_SEA)
+    alone = state._replace(psi=wrap(state.psi + state.wave), rate=state.rate + state.wave_rate)
+    alone = alone._replace(wave=0.0, wave_rate=0.0, wave_lag=0.0, sea=waves.FIRST_SEA)
+    alone = alone._replace(p00=state.p00 + state.p33, p11=state.p11 + state.p44)
+    alone = alone._replace(p03=0.0, p04=0.0, p05=0.0, p13=0.0, p14=0.0, p15=0.0, p23=0.0, p24=0.0, p25=0.0)
+    return alone._replace(p33=p33, p34=0.0, p35=0.0, p44=p44, p45=p45, p55=p55)
+
+
+def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, float]:
+    """Return exp(-x), (1 - exp(-x))/x and (x - 1 + exp(-x))/x^2 with x = dt/T times the damping's slope at `rate`."""
+    slope = model.n1 + (2.0 * model.n2 + 3.0 * model.n3 * rate) * rate
+    x = max(slope * dt / model.time_constant, -STEEPEST_GROWTH)
+    lost = -math.expm1(-x)
+    if -1.0e-3 < x < 1.0e-3:
+        return 1.0 - lost, 1.0 - 0.5 * x, 0.5
+    return 1.0 - lost, lost / x, (x - lost) / (x * x)
+
+
+def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float) -> tuple[float, float, float, float]:
+    """Return psi, r, h and s at `time` [s] under a held `rudder` [rad]; see `predict`."""
+    dt = time - state.time
+    _, once, twice = _transition(model, state.rate, dt)
+    acceleration = yaw_acceleration(model, state.rate, rudder + state.bias)
+    wave, wave_rate = state.wave, state.wave_rate
+    if state.sea.heading > 0.0:
+        a33, a34, a35, a43, a44, a45, _, _, _ = waves.wave_step(state.sea, dt)
+        wave, wave_rate = (
+            a33 * state.wave + a34 * state.wave_rate + a35 * state.wave_lag,
+            a43 * state.wave + a44 * state.wave_rate + a45 * state.wave_lag,
+        )
+    return (
+        wrap(state.psi + dt * (state.rate + dt * twice * acceleration)),
+        state.rate + dt * once * acceleration,
+        wave,
+        wave_rate,
+    )
+
+
+def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: float, time: float) -> FilterState:
+    """Return the state at `time` [s] under a `rudder` [rad] held until then.
+
+    The model linearised at the present rate is solved exactly (exponential Rosenbrock-Euler step; Hochbruck and
+    Ostermann 2010, section 2): exact for Nomoto's model, and stable however stiff n3 r^2 makes a wild rate.
+    """
+    _, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state[:10]
+    dt = time - state.time
+    decay, once, twice = _transition(model, rate, dt)
+    acceleration = yaw_acceleration(model, rate, rudder + bias)
+    drive = model.gain * dt / model.time_constant
+    turn, drift, gain = dt * once, drive * dt * twice, drive * once
+    # F = [[1, turn, drift], [0, decay, gain], [0, 0, 1]]; P = F P F' + Q
+    a01 = p01 + turn * p11 + drift * p12
+    a02 = p02 + turn * p12 + drift * p22
+    a12 = decay * p12 + gain * p22
+    # counted from the rudder that keeps the boat straight, so that it needs no more trust to port than to starboard
+    steered = noise.model_error * (model.gain * (rudder + bias) - model.n0) / model.time_constant
+    pushed, wandered = noise.acceleration, max(noise.bias, state.gusts.density)
+    if noise.waves and waves.is_extreme(state.sea, state.wave):
+        pushed, wandered = noise.gust, noise.gust_bias
+    q = (pushed + steered * steered) * dt
+    boat = (
+        time,
+        wrap(psi + dt * (rate + dt * twice * acceleration)),
+        rate + turn * acceleration,
+        bias,
+        p00 + turn * p01 + drift * p02 + turn * a01 + drift * a02 + q * dt * dt / 3.0,
+        decay * a01 + gain * a02 + 0.5 * q * dt,
+        a02,
+        decay * (decay * p11 + gain * p12) + gain * a12 + q,
+        a12,
+        p22 + wandered * dt,
+    )
+    if state.sea.heading <= 0.0:
+        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_GUSTS)
+    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), state.sea, state.gusts)
+
+
+def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float, gain: float, dt: float) -> Waves:
+    """Return h, s, e and their covariances `dt` [s] later, in the order of the state; F of the boat as in `predict`."""
+    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, _ = state[10:]
+    a33, a34, a35, a43, a44, a45, a53, a54, a55 = waves.wave_step(sea, dt)
+    # F of the boat on the left, A of the waves on the right
+    l3, l4, l5 = (
+        p03 + turn * p13 + drift * p23,
+        p04 + turn * p14 + drift * p24,
+        p05 + turn * p15 + drift * p25,
+    )
+    m3, m4, m5 = decay * p13 + gain * p23, decay * p14 + gain * p24, decay * p15 + gain * p25
+    # A (P - balance) A' + balance: what is gained is what keeps the sea as it is
+    v33, v44, v45, v55 = waves.in_balance(sea)
+    d33, d44, d45, d55 = p33 - v33, p44 - v44, p45 - v45, p55 - v55
+    x33, x34, x35 = (
+        a33 * d33 + a34 * p34 + a35 * p35,
+        a33 * p34 + a34 * d44 + a35 * d45,
+        a33 * p35 + a34 * d45 + a35 * d55,
+    )
+    x43, x44, x45 = (
+        a43 * d33 + a44 * p34 + a45 * p35,
+        a43 * p34 + a44 * d44 + a45 * d45,
+        a43 * p35 + a44 * d45 + a45 * d55,
+    )
+    x53, x54, x55 = (
+        a53 * d33 + a54 * p34 + a55 * p35,
+        a53 * p34 + a54 * d44 + a55 * d45,
+        a53 * p35 + a54 * d45 + a55 * d55,
+    )
+    return (
+        a33 * h + a34 * s + a35 * e,
+        a43 * h + a44 * s + a45 * e,
+        a53 * h + a54 * s + a55 * e,
+        a33 * l3 + a34 * l4 + a35 * l5,
+        a43 * l3 + a44 * l4 + a45 * l5,
+        a53 * l3 + a54 * l4 + a55 * l5,
+        a33 * m3 + a34 * m4 + a35 * m5,
+        a43 * m3 + a44 * m4 + a45 * m5,
+        a53 * m3 + a54 * m4 + a55 * m5,
+        a33 * p23 + a34 * p24 + a35 * p25,
+        a43 * p23 + a44 * p24 + a45 * p25,
+        a53 * p23 + a54 * p24 + a55 * p25,
+        x33 * a33 + x34 * a34 + x35 * a35 + v33,
+        x33 * a43 + x34 * a44 + x35 * a45,
+        x33 * a53 + x34 * a54 + x35 * a55,
+        x43 * a43 + x44 * a44 + x45 * a45 + v44,
+        x43 * a53 + x44 * a54 + x45 * a55 + v45,
+        x53 * a53 + x54 * a54 + x55 * a55 + v55,
+    )
+
+
+def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
+    """Return the state after a heading [rad] of `variance` [rad^2], the innovation taken the short way round."""
+    return _fuse(
+        state,
+        (
+            state.p00 + state.p03,
+            state.p01 + state.p13,
+            state.p02 + state.p23,
+            state.p03 + state.p33,
+            state.p04 + state.p34,
+            state.p05 + state.p35,
+        ),
+        wrap(heading - state.psi - state.wave),
+        heading_variance(state) + variance,
+    )
+
+
+def heading_variance(state: FilterState) -> float:
+    """Return the variance [rad^2] of psi + h, which the compass shows."""
+    return state.p00 + 2.0 * state.p03 + state.p33
+
+
+def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
+    """Return the state after a yaw rate [rad/s] of `variance` [(rad/s)^2]."""
+    return _fuse(
+        state,
+        (
+            state.p01 + state.p04,
+            state.p11 + state.p14,
+            state.p12 + state.p24,
+            state.p13 + state.p34,
+            state.p14 + state.p44,
+            state.p15 + state.p45,
+        ),
+        rate - state.rate - state.wave_rate,
+        state.p11 + 2.0 * state.p14 + state.p44 + variance,
+    )
+
+
+def surprise(state: FilterState, heading: float, rate: float, noise: FilterNoise) -> float:
+    """Return how many standard deviations the measured rate [rad/s] is above the expected one; by the heading [rad]
+    where the rate is nan, not measured."""
+    if not math.isnan(rate):
+        total = state.p11 + 2.0 * state.p14 + state.p44 + noise.rate
+        return (rate - state.rate - state.wave_rate) / math.sqrt(total)
+    return wrap(heading - state.psi - state.wave) / math.sqrt(heading_variance(state) + noise.heading)
+
+
+def _fuse(
+    state: FilterState, with_state: tuple[float, float, float, float, float, float], innovation: float, total: float
+) -> FilterState:
+    """Return the state after an `innovation` of variance `total` and of covariance P H' `with_state`."""
+    time, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state[:10]
+    c0, c1, c2, c3, c4, c5 = with_state
+    share = 1.0 / total
+    g0, g1, g2 = c0 * share, c1 * share, c2 * share
+    boat = (
+        time,
+        wrap(psi + g0 * innovation),
+        rate + g1 * innovation,
+        bias + g2 * innovation,
+        p00 - g0 * c0,
+        p01 - g0 * c1,
+        p02 - g0 * c2,
+        p11 - g1 * c1,
+        p12 - g1 * c2,
+        p22 - g2 * c2,
+    )
+    if state.sea.heading <= 0.0:
+        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_GUSTS)
+    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, gusts = state[10:]
+    g3, g4, g5 = c3 * share, c4 * share, c5 * share
+    return FilterState(
+        *boat,
+        h + g3 * innovation,
+        s + g4 * innovation,
+        e + g5 * innovation,
+        p03 - g0 * c3,
+        p04 - g0 * c4,
+        p05 - g0 * c5,
+        p13 - g1 * c3,
+        p14 - g1 * c4,
+        p15 - g1 * c5,
+        p23 - g2 * c3,
+        p24 - g2 * c4,
+        p25 - g2 * c5,
+        p33 - g3 * c3,
+        p34 - g3 * c4,
+        p35 - g3 * c5,
+        p44 - g4 * c4,
+        p45 - g4 * c5,
+        p55 - g5 * c5,
+        sea,
+        gusts,
+    )
+
+
+def learn_waves(state: FilterState, dt: float) -> FilterState:
+    """Return the state with what it says of the sea after `dt` [s] taken in."""
+    if waves.is_extreme(state.sea, state.wave):
+        return state
+    heading, rate = state.wave * state.wave + state.p33, state.wave_rate * state.wave_rate + state.p44
+    return FilterState(*state[:-2], waves.learn(state.sea, heading, rate, dt), state.gusts)
+
+
+def learn_gusts(state: FilterState, noise: FilterNoise, rudder: float, dt: float) -> FilterState:
+    """Return the state with what its bias says of the gusts after `dt` [s] with the `rudder` [rad] taken in."""
+    changes = Changes(noise.bias, noise.gusty_bias, noise.gust_time)
+    return FilterState(*state[:-1], bias_seen(state.gusts, changes, state.bias, state.p22, rudder, dt))
+
+
+def is_sound(state: FilterState) -> bool:
+    """Return whether mean and variances are finite and the variances not negative."""
+    # a sum is finite only where every part of it is
+    return (
+        math.isfinite(sum(state[:-2]) + sum(state.sea))
+        and is_finite(state.gusts)
+        and min(state.p00, state.p11, state.p22, state.p33, state.p44, state.p55) >= 0.0
+    )

@@ -1,0 +1,287 @@
+"""Files that are either old or new, never half: written beside, flushed to disk, renamed.
+
+A link stays and what it leads to is replaced; a pipe, a terminal or another device stays too, and is written into.
+A file that may not be had again (a recording, a backup) never replaces another: it takes the next free name,
+run.tlog, run-2.tlog, run-3.tlog. While it is written it is locked (flock), and nothing here replaces or removes a file
+that is locked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import itertools
+import math
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from autopilot.errors import InputError
+from autopilot.files.outside import read_regular
+
+MOST_NUMBERS = 100_000
+PAGE_BEGINNINGS = (b"<!doctypehtml", b"<html")
+SCHEMA_BEGINNINGS = (b'{"$schema"',)
+"""How a file of the kind begins, in small letters and without spaces."""
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Why a disk takes nothing more, which may pass."""
+
+
+def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
+    """Write `text` to `path` atomically; raises InputError with the sentence why it cannot be written."""
+    path = Path(path)
+    if not overwrite:
+        refuse_existing(path)
+    try:
+        replace_file(path, text)
+    except OSError as error:
+        raise _unwritable(path, error.strerror) from None
+
+
+def save_page(path: str | Path, page: str) -> None:
+    """Write an HTML page atomically, over an older page alone: a report is made again, a log is not. InputError."""
+    _save_again(path, page, PAGE_BEGINNINGS, "page of a report; give another name, such as a .html")
+
+
+def save_schema(path: str | Path, schema: str) -> None:
+    """Write a JSON Schema atomically, over an older one alone: never over the file it describes. InputError."""
+    _save_again(path, schema, SCHEMA_BEGINNINGS, "JSON Schema; give another name, such as a .schema.json")
+
+
+def _save_again(path: str | Path, text: str, beginnings: tuple[bytes, ...], kind: str) -> None:
+    try:
+        before = read_regular(path, 64) if os.path.isfile(path) else b""  # noqa: PTH113
+    except OSError as error:
+        raise _unwritable(path, error.strerror) from None
+    if before and not b"".join(before.lower().split()).startswith(beginnings):
+        raise InputError(f"{path}: exists already and is no {kind}.")
+    save_text(path, text)
+
+
+def save_unused(path: Path, text: str) -> Path:
+    """Write `text` whole to `path`, or to its next free name; return where. Raises InputError."""
+    try:
+        descriptor, found = create_unused(path)
+        is_new = stat.S_ISREG(os.fstat(descriptor).st_mode) and not is_standard_output(found)
+        with open(descriptor, "w", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path
+            try:
+                file.write(text)
+                file.flush()
+                if is_new:
+                    os.fsync(descriptor)
+            except OSError:
+                if is_new:
+                    found.unlink()
+                raise
+        sync_folder(found.parent)
+    except OSError as error:
+        raise _unwritable(path, error.strerror) from None
+    return found
+
+
+def refuse_existing(path: str | Path) -> None:
+    """Raise InputError where a file or a folder is at `path`: said before the work, not after it."""
+    if os.path.isdir(path):  # noqa: PTH112 - of what must not be looked at nothing is known here
+        raise InputError(f"{path}: is a folder; give the name of a file.")
+    if os.path.isfile(path) and not is_standard_output(path):  # noqa: PTH113
+        raise InputError(f"{path}: exists already; give another name, or --overwrite to replace it.")
+
+
+def numbered(path: Path) -> Iterator[Path]:
+    """Yield `path`, then run-2.tlog, run-3.tlog and so on for run.tlog."""
+    yield path
+    for number in range(2, MOST_NUMBERS):
+        yield path.with_name(f"{path.stem}-{number}{path.suffix}")
+
+
+def create_unused(path: Path) -> tuple[int, Path]:
+    """Return a descriptor to append to a new, locked file, and its name: `path`, or its next free one.
+
+    A device, or a pipe that somebody reads, is opened as it is; one that nobody reads is OSError ENXIO. Raises OSError.
+    """
+    for name in numbered(path):
+        try:
+            descriptor = os.open(name, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o644)
+        except FileExistsError:
+            if name.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR)) from None
+            if (name.is_file() and not is_standard_output(name)) or not name.exists():
+                continue
+            return _open_as_it_is(name), name
+        lock(descriptor)
+        return descriptor, name
+    raise FileExistsError(errno.EEXIST, "all numbers are taken")
+
+
+def open_over(path: Path) -> int:
+    """Return a descriptor to write into the file at `path`, emptied and locked, or into the pipe or device there.
+
+    For what is written bit by bit and cannot be put in place when it is whole. Raises OSError.
+    """
+    if not _is_replaced(path):
+        return _open_as_it_is(path)
+    refuse_in_use(path)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
+    lock(descriptor)
+    os.ftruncate(descriptor, 0)
+    return descriptor
+
+
+def _open_as_it_is(path: Path) -> int:
+    """Return a descriptor to write into the pipe or device at `path`, waiting for nobody. Raises OSError."""
+    if is_standard_output(path):
+        sys.stdout.flush()
+        return os.dup(1)
+    mode = path.stat().st_mode
+    if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
+        raise OSError(errno.EINVAL, "a disk or a socket, not a file")
+    try:
+        # without O_NONBLOCK, opening a pipe waits for its reader
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY)
+    except OSError as error:
+        if error.errno == errno.ENXIO and stat.S_ISFIFO(mode):
+            raise OSError(errno.ENXIO, "nobody reads this pipe") from None
+        raise
+    os.set_blocking(descriptor, True)
+    return descriptor
+
+
+def is_standard_output(path: str | Path) -> bool:
+    """Return whether what is written to `path` goes where this process prints."""
+    try:
+        return os.path.samestat(Path(path).stat(), os.fstat(1))
+    except OSError:
+        return False
+
+
+def _is_replaced(path: Path) -> bool:
+    """Return whether `path` is to be replaced by a new file, not written into as it is. Raises OSError."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return True
+    return stat.S_ISREG(mode) and not is_standard_output(path)
+
+
+def _write_into(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a file elsewhere, and pass on what it holds to the pipe or device. Raises OSError."""
+    with open(_open_as_it_is(path), "wb") as into, tempfile.TemporaryDirectory() as folder:
+        whole = Path(folder) / "whole"
+        write(whole)
+        with whole.open("rb") as file:
+            shutil.copyfileobj(file, into)
+
+
+def newer_numbered(path: Path) -> Path | None:
+    """Return the newest file that was written because `path` existed, run-2.tlog beside run.tlog; None: none is."""
+    newest, newest_time = None, -math.inf
+    with contextlib.suppress(OSError, ValueError):
+        newest_time = path.stat().st_mtime
+        for name in itertools.islice(numbered(path), 1, None):
+            written = name.stat().st_mtime
+            if written > newest_time:
+                newest, newest_time = name, written
+    return newest
+
+
+def unused_folder(path: Path) -> Path:
+    """Return an empty folder, made where it is missing: `path`, or its next free name. Raises OSError."""
+    for name in numbered(path):
+        if name is not path and name.is_file():
+            continue
+        name.mkdir(parents=True, exist_ok=True)
+        if not any(name.iterdir()):
+            return name
+    raise FileExistsError(errno.EEXIST, "all numbers are taken")
+
+
+def lock(descriptor: int) -> None:
+    """Keep the open file from being replaced or removed by us elsewhere, where the file system knows locks."""
+    with contextlib.suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_in_use(path: Path) -> bool:
+    """Return whether another writer has the file at `path` locked."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            return False
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno in (errno.EWOULDBLOCK, errno.EACCES)
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def write_new(path: Path, write: Callable[[Path], object], *, private: bool = False) -> None:
+    """Let `write` fill a file beside, flush it to disk, and only then give it the name `path`. Raises OSError.
+
+    private: for its owner alone, and then a file or nothing; else what is no file gets what `write` wrote.
+    """
+    if not private and not _is_replaced(path):
+        _write_into(path, write)
+        return
+    path = Path(os.path.realpath(path))
+    refuse_in_use(path)
+    if private and path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "Not a file but a pipe, socket or device")
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        write(Path(temporary))
+        os.fsync(descriptor)
+        # mkstemp's 0600 would lock out the user's other programs
+        os.fchmod(descriptor, 0o600 if private else 0o666 & ~_umask())
+        Path(temporary).replace(path)
+        sync_folder(path.parent)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            Path(temporary).unlink()
+        raise
+    finally:
+        os.close(descriptor)
+
+
+def refuse_in_use(path: Path) -> None:
+    """Raise OSError where a file is being written by another program of ours, such as a running pilot's log."""
+    if is_in_use(path):
+        raise OSError(errno.EBUSY, "a running program writes it")
+
+
+def check_folder(path: str | Path) -> None:
+    """Raise InputError where there is no folder to write `path` into: said before the work, not after it."""
+    if not Path(path).absolute().parent.is_dir():
+        raise _unwritable(path, os.strerror(errno.ENOENT))
+
+
+def _unwritable(path: str | Path, why: str | None) -> InputError:
+    return InputError(f"{path}: cannot be written ({why}); give another file, in a folder that you may write to.")
+
+
+def replace_file(path: Path, text: str, *, private: bool = False) -> None:
+    """Write `text` to `path` atomically, a `private` file for its owner alone. Raises OSError."""
+    write_new(path, lambda new: new.write_text(text, encoding="utf-8"), private=private)
+
+
+def sync_folder(folder: Path) -> None:
+    """Flush the folder itself, without which a new or removed name may not outlive a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

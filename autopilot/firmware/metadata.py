@@ -1,0 +1,529 @@
+"""What a vehicle's parameters are: which of them are settings, and what it says of them itself over MAVLink FTP. Pure.
+
+What a vehicle itself says of its parameters: component metadata, fetched over MAVLink FTP and read strictly. Pure.
+
+Sources: https://mavlink.io/en/services/component_metadata.html; general.schema.json and parameter.schema.json of the
+folder component_metadata of mavlink/mavlink; PX4's component_information (the files), mavlink_ftp.cpp and jsonout.py;
+QGroundControl's RequestMetaDataTypeStateMachine.cc, FTPManager.cc and CompInfoParam.cc. PX4 serves some 60 kB of .xz,
+on boards with little flash only an https address, which is not fetched; older ones know COMPONENT_INFORMATION alone.
+ArduPilot answers neither.
+
+Parameters that are not settings: what a firmware moves by itself, what names its devices, what it calibrated.
+
+A file that holds a whole vehicle holds these too. Written back, they would never agree (a counter has gone on),
+describe another board (device ids), undo a calibration, or erase the vehicle (FORMAT_VERSION).
+
+PX4 serves metadata that mark what it moves by itself and what is read only: `Marks`, which `MetadataDownload` fetches.
+ArduPilot marks them in the metadata of its sources, which no vehicle sends: `@ReadOnly`, `@Volatile`, `@Calibration`
+and AP_PARAM_FLAG_INTERNAL_USE_ONLY in AP_Stats, AP_Baro, AP_Mission, AP_InertialSensor, AP_Compass, AP_Airspeed
+(apm.pdef of Rover 4.5 and 4.6). FORMAT_VERSION is unmarked there: Rover erases every parameter at the next boot where
+it is not the firmware's own. PX4 keeps calibration in CAL_ and TC_. RULES is all of that in one table.
+
+MAVLink FTP, reading one file after the other: open, read in pieces, close. Pure.
+
+Source: https://mavlink.io/en/services/ftp.html. Plain reads, a few under way at once, not bursts: what is lost is asked
+for again by its place. The session is the one that the answer to the opening names: PX4 (mavlink_ftp.cpp) has a single
+one, number 0, and opens no other file until it is closed, so that closing waits for its answer too.
+"""
+
+from __future__ import annotations
+
+import itertools
+import lzma
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.errors import InputError
+from autopilot.files.outside import parse_json
+from autopilot.files.printable import printable
+from autopilot.firmware.file import Wanted
+from autopilot.firmware.protocol import Patience, Requests, Target, is_from
+from autopilot.links.ground_station.file_server import (
+    ACK,
+    DATA_MAX,
+    HEADER,
+    NAK,
+    OPEN,
+    PARAMETER_TYPE,
+    PAYLOAD,
+    READ,
+    TERMINATE,
+    checksum,
+)
+from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink_layouts import ComponentInformation, ComponentMetadata
+
+NUMBER = re.compile(r"([0-9]+)")
+
+
+class Kept(StrEnum):
+    """Why a parameter is left to the firmware."""
+
+    FORMAT = "erases the vehicle's parameters"
+    STATE = "moves by itself"
+    READ_ONLY = "read only"
+    DEVICE = "names a device of the board"
+    CALIBRATION = "calibration"
+
+
+RULES: dict[str, tuple[tuple[Kept, str], ...]] = {
+    "ardurover": (
+        (Kept.FORMAT, r"FORMAT_VERSION|SYSID_SW_(MREV|TYPE)"),
+        (Kept.STATE, r"STAT_\w+|SYS_NUM_RESETS|LOG_LASTFILE|CMD_(TOTAL|INDEX)|(MIS|FENCE|RALLY)_TOTAL"),
+        (Kept.STATE, r"BARO\d?_GND_(PRESS|TEMP)|BARO_ALT_OFFSET|GND_(ABS_PRESS\d?|TEMP|ALT_OFFSET)"),
+        (Kept.DEVICE, r"\w+_DEV_?ID\d?|INS\d?_(ACC|GYR)\d?_ID|COMPASS_PRIO\d_ID|GPS\d?_CAN_NODEID\d?"),
+        (Kept.CALIBRATION, r"INS\d?_(ACC|GYRO?)\d?(OFFS|SCAL)_[XYZ]|INS\d?_(ACC|GYR)\d?_CALTEMP"),
+        (Kept.CALIBRATION, r"INS_?\w*TCAL\d?_(TMIN|TMAX|(ACC|GYR)\d_[XYZ])"),
+        (Kept.CALIBRATION, r"COMPASS\d?_?(OFS|DIA|ODI|MOT)\d?_[XYZ]|COMPASS_SCALE\d?|COMPASS_PMOT\d_[XYZ]"),
+        (Kept.CALIBRATION, r"AHRS_TRIM_[XYZ]|ARSPD\d?_(OFFSET|RATIO)"),
+    ),
+    "px4": (
+        (Kept.FORMAT, r"SYS_PARAM_VER|SYS_AUTOCONFIG"),
+        (Kept.STATE, r"LND_FLIGHT_T_(HI|LO)|COM_FLIGHT_UUID|EKF2_MAGBIAS_[XYZ]|_HASH_CHECK"),
+        (Kept.DEVICE, r"(CAL|TC)_\w+_ID"),
+        (Kept.CALIBRATION, r"CAL_\w+|TC_\w+|SENS_BOARD_[XYZ]_OFF|SENS_DPRES_OFF"),
+    ),
+}
+"""By firmware: the first row whose expression is the whole name counts. Norrbin's own parameters are all settings."""
+
+_COMPILED = {
+    firmware: tuple((kept, re.compile(expression)) for kept, expression in rows) for firmware, rows in RULES.items()
+}
+
+
+class Marks(NamedTuple):
+    """What the vehicle itself says is `volatile` or `read_only`; FOO{n}_BAR there stands for FOO1_BAR and so on."""
+
+    volatile: frozenset[str] = frozenset()
+    read_only: frozenset[str] = frozenset()
+
+
+NO_MARKS = Marks()
+
+
+def kept_by_firmware(firmware: str, name: str, marks: Marks = NO_MARKS) -> Kept | None:
+    """Return why parameter `name` is left to the firmware, None where it is a setting.
+
+    The table goes before the mark: PX4 marks calibration as volatile, which `--with-calibration` writes all the same.
+    """
+    rows = _COMPILED.get(firmware, ())
+    by_table = next((kept for kept, expression in rows if expression.fullmatch(name)), None)
+    if by_table not in (None, Kept.CALIBRATION):
+        return by_table
+    if _is_among(marks.read_only, name):
+        return Kept.READ_ONLY
+    return Kept.STATE if by_table is None and _is_among(marks.volatile, name) else by_table
+
+
+def _is_among(names: frozenset[str], name: str) -> bool:
+    if not names or name in names:
+        return name in names
+    parts = [(part, "{n}") if part.isdigit() else (part,) for part in NUMBER.split(name)]
+    return any("".join(spelling) in names for spelling in itertools.product(*parts))
+
+
+class LeftOut(NamedTuple):
+    """A parameter of a file that is not written, and why."""
+
+    name: str
+    why: Kept
+
+
+def settings_of(
+    wanted: Iterable[Wanted], firmware: str, *, calibration: bool = False, marks: Marks = NO_MARKS
+) -> tuple[list[Wanted], list[LeftOut]]:
+    """Return what of a file is to be written, and what is left to the firmware.
+
+    calibration: calibration is written too; device ids never are, a board finds its own.
+    """
+    settings: list[Wanted] = []
+    left: list[LeftOut] = []
+    for each in wanted:
+        kept = next(filter(None, (kept_by_firmware(firmware, name, marks) for name in each.names)), None)
+        if kept is None or (calibration and kept is Kept.CALIBRATION):
+            settings.append(each)
+        else:
+            left.append(LeftOut(each.name, kept))
+    return settings, left
+
+
+NAMED_MAX = 3
+"""So many names of a kind are said."""
+
+
+def sentence_of(left: Sequence[LeftOut]) -> str:
+    """Return one line that says what was left out and why, '' where nothing was."""
+    if not left:
+        return ""
+    parts = []
+    for kept in Kept:
+        names = [each.name for each in left if each.why is kept]
+        if names:
+            more = f" and {len(names) - NAMED_MAX} more" if len(names) > NAMED_MAX else ""
+            parts.append(f"{kept} ({', '.join(names[:NAMED_MAX])}{more})")
+    hint = ""
+    if any(each.why is Kept.CALIBRATION for each in left):
+        hint = "; --with-calibration writes calibration too"
+    return f"{len(left)} left to the firmware: {', '.join(parts)}{hint}"
+
+
+AGAIN_S = 0.4
+TRIES = 8
+CLOSING_TRIES = 4
+FILE_MOST = 1_000_000
+SESSION = 1
+"""The number asked for; who serves may give another."""
+READS = Patience(interval_s=1.0, tries=8, window=4)
+"""Four answers of 280 bytes take a telemetry radio a third of a second."""
+
+Got = Callable[[bytes | None], None]
+
+
+class _Reading:
+    """A file that is open: its pieces by their place, and which question asked for which of them."""
+
+    def __init__(self, session: int, size: int) -> None:
+        self.session, self.size = session, size
+        self.pieces: dict[int, bytes] = {}
+        self.asked: dict[int, int] = {}
+        self.requests: Requests[int] = Requests(range(0, size, DATA_MAX), READS)
+
+
+class FtpClient:
+    """`fetch` asks for a file; its content, or None, comes to the callback."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[str, Got]] = deque()
+        self._reading: _Reading | None = None
+        self._closing: int | None = None
+        self._sequence = 0
+        self._tries = 0
+        self._next = -math.inf
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no file is wanted and none is open."""
+        return not self._waiting and self._closing is None
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """How many bytes of the file that is open have come, of how many; 0 of 0 where none is."""
+        reading = self._reading
+        return (0, 0) if reading is None else (min(DATA_MAX * len(reading.pieces), reading.size), reading.size)
+
+    def fetch(self, path: str, got: Got) -> None:
+        """Ask for a file by its path; asked for already, it is not asked for twice."""
+        if all(path != waiting for waiting, _ in self._waiting):
+            self._waiting.append((path, got))
+
+    def abandon(self) -> None:
+        """Want no file any more; nobody is called back."""
+        self._waiting.clear()
+        self._close()
+
+    def receive(self, now: float, message: Message) -> None:
+        """Take a FILE_TRANSFER_PROTOCOL message of the boat."""
+        raw = bytes(message.payload)
+        sequence, session, opcode, size, asked, _, offset = HEADER.unpack_from(raw)
+        if opcode not in (ACK, NAK):
+            return
+        is_good = opcode == ACK
+        question = (sequence - 1) & 0xFFFF
+        data = raw[HEADER.size : HEADER.size + min(size, DATA_MAX)]
+        if self._reading is not None:
+            place = self._reading.asked.get(question)
+            if asked == READ and session == self._reading.session and place is not None:
+                self._take(now, self._reading, place, data if is_good and place == offset else None)
+        elif question != self._sequence or self._tries == 0:
+            return
+        elif asked == TERMINATE and self._closing is not None:
+            self._closing = None
+            self._settle()
+        elif asked == OPEN and self._closing is None and self._waiting:
+            self._opened(session, int.from_bytes(data, "little") if is_good and len(data) == 4 else None)
+
+    def due(self, now: float, target: Target) -> list[Message]:
+        """Return what to send at `now` [s]."""
+        if self._reading is not None:
+            return self._reads(now, target, self._reading)
+        if self.is_idle or now < self._next:
+            return []
+        if self._tries >= (TRIES if self._closing is None else CLOSING_TRIES):
+            if self._closing is None:
+                self._end(None)
+            self._closing = None
+            self._settle()
+            return []
+        if self._tries == 0:
+            self._sequence = _after(self._sequence)  # repeated, a question keeps its number: it is carried out once
+        self._tries += 1
+        self._next = now + AGAIN_S
+        if self._closing is not None:
+            return [_message(target, self._sequence, self._closing, TERMINATE)]
+        return [_message(target, self._sequence, SESSION, OPEN, self._waiting[0][0].encode())]
+
+    def _opened(self, session: int, size: int | None) -> None:
+        self._settle()
+        if size is None:
+            self._end(None)
+            return
+        self._reading = _Reading(session, size)
+        if size > FILE_MOST:
+            self._end(None)
+        elif size == 0:
+            self._end(b"")
+
+    def _reads(self, now: float, target: Target, reading: _Reading) -> list[Message]:
+        messages = []
+        for place in reading.requests.due(now):
+            self._sequence = _after(self._sequence)
+            reading.asked[self._sequence] = place
+            messages.append(_message(target, self._sequence, reading.session, READ, offset=place))
+        if reading.requests.given_up:
+            self._end(None)
+        return messages
+
+    def _take(self, now: float, reading: _Reading, place: int, data: bytes | None) -> None:
+        """Take a piece; one that is refused, or not as long as the file's size says, ends the file."""
+        if data is None or len(data) != min(DATA_MAX, reading.size - place):
+            self._end(None)
+            return
+        reading.pieces[place] = data
+        reading.requests.answered(place, now)
+        if reading.requests.done:
+            self._end(b"".join(reading.pieces[each] for each in sorted(reading.pieces)))
+
+    def _end(self, content: bytes | None) -> None:
+        _, got = self._waiting.popleft()
+        self._close()
+        got(content)
+
+    def _close(self) -> None:
+        if self._reading is not None:
+            self._closing, self._reading = self._reading.session, None
+        self._settle()
+
+    def _settle(self) -> None:
+        """The next question is a new one."""
+        self._tries, self._next = 0, -math.inf
+
+
+def _after(sequence: int) -> int:
+    """The number of the next question: the one between is the answer's."""
+    return (sequence + 2) & 0xFFFF
+
+
+def _message(target: Target, sequence: int, session: int, opcode: int, data: bytes = b"", offset: int = 0) -> Message:
+    size = DATA_MAX if opcode == READ else len(data)
+    payload = HEADER.pack(sequence, session, opcode, size, 0, 0, offset) + data
+    padded = payload + bytes(PAYLOAD - len(payload))
+    return dialect.MAVLink_file_transfer_protocol_message(0, target.system, target.component, list(padded))
+
+
+FIELDS = {ComponentMetadata.id: "uri", ComponentInformation.id: "general_metadata_uri"}
+"""The messages that say where the general file is, as they are asked for in turn, and the field that says it."""
+COMMAND = dialect.MAV_CMD_REQUEST_MESSAGE
+ASKED_AGAIN_S = 0.2
+WAIT_S = 0.4
+"""So long is waited for the answer of a vehicle that is not known to give one."""
+PX4_WAIT_S = 2.0
+FETCH_MOST_S = 40.0
+"""So long at most both files may take; QGroundControl allows each as much."""
+FORETOLD_S = 5.0
+"""After this a file that would not be there in time is given up."""
+UNDER_WAY = (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS)
+XZ = b"\xfd7zXZ\0"
+EXPANDED_MOST = 8_000_000
+MEMORY_MOST = 100 << 20
+"""What PX4 packs (preset 9) takes 65 MiB to expand."""
+VERSIONS = (1, 2, 3)
+"""Of both files; the keys read here mean the same in all."""
+NAME = re.compile(r"[.\-A-Za-z0-9_{}]{1,16}")
+URI = re.compile(r"mftp://(?:/?\[;comp=([0-9]{1,3})\])?/*([!-~]+)", re.IGNORECASE)
+CRC_MOST = 0xFFFFFFFF
+
+
+class MetadataDownload:
+    """Fetches what the vehicle says of its parameters: a `Client` of `ParameterSession`.
+
+    Attributes:
+        marks: what it says; nothing where it says nothing that is usable.
+        trouble: why what it offers is not usable; '' where it is, and where it offers nothing.
+        is_offered: whether it offers anything.
+    """
+
+    def __init__(self, target: Target, wait_s: float = WAIT_S) -> None:
+        self._target = target
+        self._wait_s = wait_s
+        self._to_ask = list(FIELDS)
+        self._files = FtpClient()
+        self._next = -math.inf
+        self._until: float | None = None
+        self._fetched_until: float | None = None
+        self._began = 0.0
+        self._crc: int | None = None
+        self.marks: Marks = NO_MARKS
+        self.trouble = ""
+        self.is_offered = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing left to do."""
+        return not self._to_ask and self._files.is_idle
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Bytes of the present file that have come, of how many."""
+        return self._files.progress
+
+    def receive(self, now: float, message: Message) -> None:
+        """Take any message; those that are not the target's are ignored."""
+        if not is_from(message, self._target):
+            return
+        kind = message.get_type()
+        if kind == "FILE_TRANSFER_PROTOCOL":
+            self._files.receive(now, message)
+        elif not self._to_ask:
+            return
+        elif kind in (ComponentMetadata.msgname, ComponentInformation.msgname):
+            uri: bytes = getattr(message, FIELDS[message.id])
+            self._to_ask.clear()
+            self.is_offered = True
+            self._fetch(uri.split(b"\0")[0].decode("ascii", "replace"), self._take_general)
+        elif kind == "COMMAND_ACK" and message.command == COMMAND and message.result not in UNDER_WAY:
+            self._to_ask.pop(0)
+            self._next = -math.inf
+
+    def due(self, now: float) -> list[Message]:
+        """Return the messages to send now."""
+        if self._to_ask:
+            return self._question(now)
+        if not self._files.is_idle and not self.trouble:
+            self._look_at_time(now)
+        return self._files.due(now, self._target)
+
+    def _question(self, now: float) -> list[Message]:
+        if self._until is None:
+            self._until = now + self._wait_s
+        if now >= self._until:
+            self._to_ask.clear()
+            return []
+        if now < self._next:
+            return []
+        self._next = now + ASKED_AGAIN_S
+        system, component, _ = self._target
+        wanted = self._to_ask[0]
+        return [dialect.MAVLink_command_long_message(system, component, COMMAND, 0, wanted, 0, 0, 0, 0, 0, 0)]
+
+    def _look_at_time(self, now: float) -> None:
+        """Give up what is not there in time, or will not be."""
+        done, size = self.progress
+        if self._fetched_until is None:
+            self._fetched_until = now + FETCH_MOST_S
+        if size == 0:  # no file is open: the clock of the next one has not begun
+            self._began = now
+        passed = now - self._began
+        if now > self._fetched_until or (passed > FORETOLD_S and done * FETCH_MOST_S < size * passed):
+            self._files.abandon()
+            self.trouble = f"its metadata take more than {FETCH_MOST_S:g} s on this link"
+
+    def _fetch(self, uri: str, take: Callable[[bytes], None]) -> None:
+        def got(content: bytes | None) -> None:
+            try:
+                if content is None:
+                    raise InputError(f"its file {path} does not come")
+                take(content)
+            except InputError as error:
+                self.trouble = str(error)
+
+        try:
+            path = _path(uri, self._target)
+        except InputError as error:
+            self.trouble = str(error)
+        else:
+            self._files.fetch(path, got)
+
+    def _take_general(self, content: bytes) -> None:
+        uri, self._crc = _parameters_file(content)
+        self._fetch(uri, self._take_parameters)
+
+    def _take_parameters(self, content: bytes) -> None:
+        self.marks = _marks(content, self._crc)
+        self._fetched_until = math.inf  # what is left is to close the file
+
+
+def _path(uri: str, target: Target) -> str:
+    """Return the path that a URI of MAVLink FTP names; InputError where it is another, or of another component."""
+    found = URI.fullmatch(uri)
+    if found is None or len(found[2]) >= DATA_MAX:
+        raise InputError(f"its address {printable(uri)} is none of MAVLink FTP, and nothing else is fetched")
+    if found[1] and int(found[1]) != target.component:
+        raise InputError(f"its address {printable(uri)} is another component's")
+    return f"/{found[2]}"
+
+
+def _parameters_file(content: bytes) -> tuple[str, int | None]:
+    """Return address and CRC-32 of the parameters' file that the general file names. Raises InputError."""
+    entries = _list_in(_document(content, None), "metadataTypes")
+    found = [each for each in entries if type(each.get("type")) is int and each["type"] == PARAMETER_TYPE]
+    if not found:
+        raise InputError("it does not describe parameters")
+    places = [(found[0].get(f"uri{which}"), found[0].get(f"fileCrc{which}")) for which in ("", "Fallback")]
+    uri, crc = next((place for place in places if str(place[0]).lower().startswith("mftp://")), places[0])
+    if not (crc is None or (type(crc) is int and 0 <= crc <= CRC_MOST)):
+        raise InputError(f"fileCrc {printable(crc)}: a whole number from 0 to {CRC_MOST} is allowed")
+    return str(uri), crc
+
+
+def _marks(content: bytes, crc: int | None) -> Marks:
+    """Return what the parameters' file marks. Raises InputError."""
+    marked: dict[str, set[str]] = {"volatile": set(), "readOnly": set()}
+    for entry in _list_in(_document(content, crc), "parameters"):
+        name = entry.get("name")
+        if not (isinstance(name, str) and NAME.fullmatch(name)):
+            raise InputError(f"{printable(name)} is no name of a parameter")
+        for key, names in marked.items():
+            mark = entry.get(key, False)
+            if not isinstance(mark, bool):
+                raise InputError(f"{name}: {key} {printable(mark)}: true or false is allowed")
+            if mark:
+                names.add(name)
+    return Marks(frozenset(marked["volatile"]), frozenset(marked["readOnly"]))
+
+
+def _document(content: bytes, crc: int | None) -> dict[str, Any]:
+    """Return the object of JSON in a file, which may be packed; `crc` is that of the file as it is, or unpacked."""
+    text = _expanded(content) if content.startswith(XZ) else content
+    if crc not in (None, checksum(content), checksum(text)):
+        raise InputError(f"its file is damaged: the checksum is {checksum(content)} and was to be {crc}")
+    document = parse_json(text, "its file", EXPANDED_MOST)
+    if not isinstance(document, dict):
+        raise InputError("its file is no object of JSON")
+    version = document.get("version")
+    if type(version) is not int or version not in VERSIONS:
+        raise InputError(f"its file is of version {printable(version)}; 1 to {VERSIONS[-1]} are known")
+    return document
+
+
+def _expanded(content: bytes) -> bytes:
+    decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, MEMORY_MOST)
+    try:
+        text = decompressor.decompress(content, EXPANDED_MOST)
+    except (lzma.LZMAError, EOFError) as error:
+        raise InputError(f"its file is damaged ({error})") from None
+    if not decompressor.eof:
+        raise InputError(f"its file is cut off, or more than {EXPANDED_MOST} bytes when expanded")
+    return text
+
+
+def _list_in(document: dict[str, Any], key: str) -> list[dict[str, Any]]:
+    entries = document.get(key)
+    if not isinstance(entries, list) or not all(isinstance(each, dict) for each in entries):
+        raise InputError(f"{key!r} in its file is no list of objects")
+    return entries

@@ -1,0 +1,250 @@
+"""A vehicle on a real link: found by its heartbeat, then asked until a protocol client is finished."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, NamedTuple, Protocol
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.errors import InputError
+from autopilot.firmware.protocol import BYTEWISE_AUTOPILOTS, Target, is_from
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.signing import Signing, hint_of
+from autopilot.links.url import believe_signed, open_transport, parse_url
+
+GROUND_STATION_SYSTEM = 255
+"""The id that ground stations use, so that a vehicle that enforces its SYSID_MYGCS still listens."""
+GROUND_STATION_COMPONENT = dialect.MAV_COMP_ID_MISSIONPLANNER
+NORRBIN = "norrbin"
+"""What a running Norrbin is called among the kinds of firmware; a boat with a generic autopilot may be one."""
+HEARTBEAT_WAIT_S = 10.0
+OTHERS_WAIT_S = 1.2
+"""After the first heartbeat, so long for others: vehicles send one a second."""
+SILENCE_MAX_S = 10.0
+IDENTITY_WAIT_S = 1.2
+IDENTITY_INTERVAL_S = 0.4
+TICK_S = 0.02
+
+Progress = Callable[[int, int], None]
+
+
+class Client(Protocol):
+    """A protocol client without I/O, such as `Download` and `Upload`."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing left to do."""
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Done, of how much."""
+
+    def receive(self, now: float, message: Any) -> None:
+        """Take a message."""
+
+    def due(self, now: float) -> list[Any]:
+        """Return the messages to send."""
+
+
+class Vehicle(NamedTuple):
+    """Who answers: ids, MAV_AUTOPILOT and MAV_TYPE from its heartbeat, and whether it is armed."""
+
+    system: int
+    component: int
+    autopilot: int
+    kind: int
+    armed: bool
+
+    @property
+    def target(self) -> Target:
+        """Whom to address, and how integers travel."""
+        return Target(self.system, self.component, self.autopilot in BYTEWISE_AUTOPILOTS)
+
+    @property
+    def firmware(self) -> str:
+        """`ardurover`, `px4`, `norrbin`, or a description of something else."""
+        is_rover = self.kind in (dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT)
+        if self.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA and is_rover:
+            return "ardurover"
+        if self.autopilot == dialect.MAV_AUTOPILOT_PX4:
+            return "px4"
+        if self.autopilot == dialect.MAV_AUTOPILOT_GENERIC and self.kind == dialect.MAV_TYPE_SURFACE_BOAT:
+            return NORRBIN
+        return f"neither ArduRover nor PX4 (MAV_AUTOPILOT {self.autopilot}, MAV_TYPE {self.kind})"
+
+
+class Identity(NamedTuple):
+    """Which board and which version of its firmware answers, each empty where it does not say."""
+
+    uid: str = ""
+    version: str = ""
+
+
+class AskIdentity:
+    """Asks for AUTOPILOT_VERSION, a few times; `identity` is empty where the vehicle does not tell."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._start: float | None = None
+        self._next = 0.0
+        self.identity = Identity()
+        self.finished = False
+        self.progress = (0, 1)
+
+    def receive(self, now: float, message: Any) -> None:
+        """Take any message."""
+        if message.get_type() != "AUTOPILOT_VERSION" or not is_from(message, self._target):
+            return
+        uid = bytes(message.uid2).rstrip(b"\0").hex() or (f"{message.uid:x}" if message.uid else "")
+        number = message.flight_sw_version
+        version = f"{number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}" if number else ""
+        self.identity = Identity(uid, version)
+        self.finished = True
+
+    def due(self, now: float) -> list[Any]:
+        """Return the messages to send now."""
+        if self._start is None:
+            self._start = now
+        if now - self._start >= IDENTITY_WAIT_S:
+            self.finished = True
+        if self.finished or now < self._next:
+            return []
+        self._next = now + IDENTITY_INTERVAL_S
+        system, component, _ = self._target
+        wanted = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        command = dialect.MAV_CMD_REQUEST_MESSAGE
+        return [dialect.MAVLink_command_long_message(system, component, command, 0, wanted, 0, 0, 0, 0, 0, 0)]
+
+
+class ParameterSession:
+    """One vehicle on one link, for as long as parameters are exchanged. Use it as a context manager.
+
+    `signing`: everything sent is signed, and nothing is heard that is not.
+
+    Raises InputError for a URL that is no MAVLink link, LinkError when it cannot be opened, when no heartbeat
+    of a vehicle comes, or when the vehicle falls silent.
+    """
+
+    def __init__(self, url: str, system: int | None = None, signing: Signing | None = None) -> None:
+        link = parse_url(url)
+        if link.protocol != "mavlink":
+            raise InputError(f"link {url!r}: parameters travel over MAVLink; give a udpin, udpout, tcp or serial link.")
+        self._transport: Transport = open_transport(link)
+        ours = signing.link() if signing is not None else None
+        believe_signed(self._transport, ours)
+        self._signing = signing
+        self._codec = MavlinkCodec(GROUND_STATION_SYSTEM, GROUND_STATION_COMPONENT, self._transport.is_stream, ours)
+        self._next_heartbeat = 0.0
+        self._url = url
+        try:
+            self.vehicle = self._find(system)
+        except BaseException:
+            self._transport.close()
+            raise
+
+    def __enter__(self) -> ParameterSession:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._transport.close()
+
+    def run(self, client: Client, show: Progress) -> None:
+        """Drive `client` until it is finished; LinkError when the vehicle falls silent meanwhile."""
+        heard = time.monotonic()
+        while not client.finished:
+            now = time.monotonic()
+            for message in self._receive():
+                if message.get_srcSystem() == self.vehicle.system:
+                    heard = now
+                self._note_arming(message)
+                client.receive(now, message)
+            for message in client.due(now):
+                # a full line drops it, and the client asks again
+                self._transport.send(self._codec.encode(message))
+            if now - heard > SILENCE_MAX_S:
+                raise LinkError(
+                    f"link {self._url!r}: vehicle {self.vehicle.system} has been silent for {SILENCE_MAX_S:g} s; "
+                    "check the cable or the radio, and run this command again."
+                )
+            show(*client.progress)
+            self._send_heartbeat(now)
+            if not client.finished:
+                self._wait()
+
+    def identify(self) -> Identity:
+        """Return what the vehicle says of itself, nothing where it does not answer."""
+        client = AskIdentity(self.vehicle.target)
+        self.run(client, lambda done, total: None)
+        return client.identity
+
+    def _note_arming(self, message: Any) -> None:
+        vehicle = vehicle_of(message)
+        if vehicle is not None and vehicle.system == self.vehicle.system:
+            self.vehicle = vehicle
+
+    def _receive(self) -> list[Any]:
+        return [message for chunk in self._transport.receive() for message in self._codec.decode(chunk)]
+
+    def _wait(self) -> None:
+        descriptor = self._transport.fileno()
+        if descriptor >= 0:
+            select.select([descriptor], [], [], TICK_S)
+        else:
+            time.sleep(TICK_S)
+
+    def _send_heartbeat(self, now: float) -> None:
+        if now < self._next_heartbeat:
+            return
+        self._next_heartbeat = now + 1.0
+        heartbeat = dialect.MAVLink_heartbeat_message(
+            dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+        )
+        self._transport.send(self._codec.encode(heartbeat))
+
+    def _find(self, system: int | None) -> Vehicle:
+        """Wait for the vehicle; of several, the one with the id asked for."""
+        start = time.monotonic()
+        deadline = start + HEARTBEAT_WAIT_S
+        found: dict[int, Vehicle] = {}
+        while (now := time.monotonic()) < deadline:
+            for vehicle in map(vehicle_of, self._receive()):
+                if vehicle is None or vehicle.system in found:
+                    continue
+                if not found and system is None:
+                    deadline = now + OTHERS_WAIT_S
+                found[vehicle.system] = vehicle
+            if system in found:
+                return found[system]
+            self._send_heartbeat(now)
+            self._wait()
+        return self._chosen(found, system)
+
+    def _chosen(self, found: dict[int, Vehicle], system: int | None) -> Vehicle:
+        ids = ", ".join(str(number) for number in sorted(found))
+        if not found:
+            raise LinkError(
+                f"link {self._url!r}: no heartbeat of a vehicle within {HEARTBEAT_WAIT_S:g} s; check that it is "
+                f"powered, that it sends to this port, and the baud rate.{hint_of(self._signing)}"
+            )
+        if system is not None:
+            raise LinkError(f"link {self._url!r}: no vehicle with system id {system}; heard: {ids}.")
+        if len(found) > 1:
+            raise LinkError(f"link {self._url!r}: several vehicles are heard ({ids}); choose one with --system.")
+        return next(iter(found.values()))
+
+
+def vehicle_of(message: Any) -> Vehicle | None:
+    """Return the vehicle that sent a heartbeat; None for other messages, ground stations and companions."""
+    if message.get_type() != "HEARTBEAT" or message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+        return None
+    if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
+        return None
+    armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+    return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type, armed)

@@ -1,0 +1,299 @@
+"""A `Link` to ground stations that see the running pilot as a surface boat. No samples come of it, no rudder moves."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.admission import Door, Doors, Presence, disarms, is_order, stands_by, strangers_of
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.ground_station.commands import ACCEPTED, DENIED, Commands
+from autopilot.links.ground_station.file_server import ALARMS, NO_FILES, alarm_list
+from autopilot.links.ground_station.station_service import ParameterServer, StationService
+from autopilot.links.ground_station.telemetry import Telemetry
+from autopilot.links.mavlink_codec import MavlinkCodec, Message
+from autopilot.links.signing import LinkSigning
+from autopilot.links.status_text import StatusTexts, severity_of
+from autopilot.links.transports.sockets import peer_of
+from autopilot.links.url import believe_signed
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    AlarmState,
+    ConditionSample,
+    Mode,
+    OrderKind,
+    RudderCommand,
+    Sample,
+    Tick,
+)
+from autopilot.supervision.panel import sentence_of
+
+COMPONENT = 1
+HEARTBEAT_S = 1.0
+MESSAGES_PER_TURN = 100
+"""Messages heeded in one turn of the loop; what a flood brings beyond them is dropped."""
+FLOOD_OVER_S = 5.0
+PACKETS_KEPT = 5000
+STATES = {
+    Mode.STANDBY: dialect.MAV_STATE_STANDBY,
+    Mode.ENGAGED: dialect.MAV_STATE_ACTIVE,
+    Mode.OVERRIDE: dialect.MAV_STATE_STANDBY,
+    Mode.FAILSAFE: dialect.MAV_STATE_CRITICAL,
+    Mode.FAULT: dialect.MAV_STATE_EMERGENCY,
+}
+SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL, Mode.FAULT: dialect.MAV_SEVERITY_ALERT}
+REFUSAL_S = 60.0
+REFUSAL = "refused: messages that are not signed with our key"
+STRANGERS = "refused: a system id that is not allowed"
+STOPPED_S = 30.0
+LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
+STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
+
+
+class _Notice:
+    """An alarm of a link's own: it begins when something happens, and ends a while after that has happened last."""
+
+    def __init__(self, name: str, link: str) -> None:
+        self._name, self._source = name, f"{link} {name}"
+        self._last = -math.inf
+        self._event = AlarmEvent(name)
+        self._is_on = False
+
+    def happened(self, now: float, detail: str) -> None:
+        """Note that it has happened at `now` [s]; the detail of the first is said until the alarm ends."""
+        if not self._is_on:
+            self._event = AlarmEvent(self._name, detail)
+        self._last = now
+
+    def news(self, now: float, tick: Tick | None, until_heard: bool = False) -> list[Sample]:
+        """Return the alarm where it begins, and its end; `until_heard`: none before somebody has acknowledged it."""
+        is_on = now - self._last < STOPPED_S or (self._is_on and until_heard and not self._is_heard(tick))
+        if is_on == self._is_on:
+            return []
+        self._is_on = is_on
+        return [AlarmSample(now, self._event if is_on else None, self._source)]
+
+    def _is_heard(self, tick: Tick | None) -> bool:
+        shown = () if tick is None else zip(tick.alarms, tick.heard, strict=False)
+        return (*self._event[:2], AlarmState.ACKNOWLEDGED) in [(*event[:2], state) for event, state in shown]
+
+
+class BoatLink:
+    """One ground station's side: heartbeat, telemetry, parameters, commands, texts, under system `system`.
+
+    `signing`: everything sent is signed, and nothing is obeyed that is not.
+    `door`: which system ids are heard, and how much; None: all of them, at the usual rates.
+    `files`: what is served over MAVLink FTP, by path; the file GENERAL is announced as metadata of our parameters.
+
+    Attributes:
+        takes_orders: whether orders are carried out; else a station on this link only looks, and may let the pilot
+            stand by: taking the helm away needs no leave, the first time (`admission.Stops`).
+        lost: why the line is gone, None while it is there; steering goes on without it.
+        dropped: packets that the transport could not take, and messages beyond what a turn heeds.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        commands: Commands,
+        parameters: ParameterServer,
+        system: int = 1,
+        signing: LinkSigning | None = None,
+        files: Mapping[str, bytes] = NO_FILES,
+        door: Door | None = None,
+    ) -> None:
+        self.name = transport.name
+        self.dropped = 0
+        self._transport = transport
+        self._commands = commands
+        self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
+        self._door = door or Doors().link()
+        self._presence = Presence(transport)
+        self.takes_orders = self._door.takes_orders(transport, signing is not None)
+        believe_signed(transport, signing, self._hears)
+        self._telemetry = Telemetry(commands.mission, commands.tuner)
+        self._texts = StatusTexts()
+        self._service = StationService(
+            commands, parameters, self._telemetry, self._texts, {**files, ALARMS: self._alarm_file}
+        )
+        self._next_heartbeat = -math.inf
+        self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
+        self._refusals: dict[str, float] = {}
+        self._alarms: tuple[AlarmEvent, ...] = ()
+        self.lost: AlarmEvent | None = None
+        self._flooded = -math.inf
+        self._says_flooded = False
+        self._stopped, self._stop_refused = _Notice("station_stopped", self.name), _Notice("stop_refused", self.name)
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return -1 if self.lost or self._door.crowded else self._transport.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Answer what has arrived by `now` [s]. Nothing comes from a station but word of its loss, and of a flood."""
+        heeded = 0
+        refused = self._codec.refused
+        if self._door.crowded:
+            self._flooded = now
+            return []  # looked at after the next command has left
+        strangers = strangers_of(self._transport)
+        try:
+            chunks = self._transport.receive() if not self.lost else []
+        except LinkError as error:
+            chunks, self.lost = [], AlarmEvent("station_lost", str(error))
+            return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
+        for data in self._door.taken(now, chunks):
+            for message in self._codec.decode(data):
+                heeded += 1
+                if heeded > MESSAGES_PER_TURN:
+                    self.dropped += 1
+                    self._flooded = now
+                elif self._door.lets_in_system(message.get_srcSystem()):
+                    if self._hears(message):
+                        self._presence.heard(now, message.get_type() == "HEARTBEAT")
+                    self._packets.append((now, bytes(message._msgbuf)))
+                    self._heed(now, message)
+                else:
+                    self._refuse(now, STRANGERS)
+        self._door.count_strangers(strangers_of(self._transport) - strangers)
+        if self._codec.refused > refused:
+            self._refuse(now, REFUSAL)
+        tick = self._telemetry.tick
+        return [
+            *self._flood(now),
+            *self._stopped.news(now, tick, until_heard=True),
+            *self._stop_refused.news(now, tick),
+            *(self._presence.update(now) if not self.lost else []),
+        ]
+
+    def _flood(self, now: float) -> list[Sample]:
+        """Return word of a flood that has begun, or is over for some seconds."""
+        is_flooded = now - self._flooded < FLOOD_OVER_S
+        if is_flooded == self._says_flooded:
+            return []
+        self._says_flooded = is_flooded
+        return [ConditionSample(now, "link_flooded", is_flooded, self.name if is_flooded else "", self.name)]
+
+    def _heed(self, now: float, message: Message) -> None:
+        if not self._is_for_us(message):
+            return
+        refusal = self._door.refusal(now, message)
+        if refusal:
+            self._refuse(now, refusal)
+        elif self.takes_orders or not is_order(message):
+            self._transmit(now, *self._service.take(now, message))
+        elif stands_by(message):
+            self._transmit(now, *self._stop(now, message))
+        else:
+            self._transmit(now, *self._deny(now, message, LOOKING_ONLY))
+
+    def _stop(self, now: float, message: Message) -> list[Message]:
+        """Let the pilot stand by for a station that only looks, where it may, and say who it was; return the answer."""
+        stops, sender = self._door.stops, f"system {message.get_srcSystem()} at {peer_of(self._transport) or self.name}"
+        if stops.obeys(now):
+            self._stopped.happened(now, sender)
+            return self._service.take(now, message)
+        if stops.keeps(now):
+            self._stop_refused.happened(now, sender)
+            return self._deny(now, message, STOP_REFUSED)
+        # nothing is steered: no new order comes of it, which would acknowledge what sounds
+        if disarms(message) and self._commands.armed:
+            if not stops.has_just_obeyed(now):
+                return self._deny(now, message, LOOKING_ONLY)
+            self._commands.armed = False
+        return self._service.answered(message, ACCEPTED)
+
+    def _deny(self, now: float, message: Message, reason: str) -> list[Message]:
+        self._refuse(now, reason)
+        return self._service.answered(message, DENIED)
+
+    def _refuse(self, now: float, reason: str) -> None:
+        if now >= self._refusals.get(reason, -math.inf):
+            self._refusals[reason] = now + REFUSAL_S
+            self._texts.say(now, dialect.MAV_SEVERITY_WARNING, reason)
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Do nothing: the rudder is elsewhere."""
+
+    def release(self, now: float) -> None:
+        """Say that we go, so that nobody waits for us; never raises."""
+        self._heartbeat(now, dialect.MAV_STATE_POWEROFF)
+
+    def show(self, tick: Tick) -> None:
+        """Send the telemetry that falls due with `tick`."""
+        self._door.stops.ticked(tick.now, tick.order.kind is not OrderKind.STANDBY)
+        self._telemetry.take(tick)
+        self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+        """Say every new alarm as STATUSTEXT. A flood that was looked away from may wake the loop again."""
+        self._door.crowded = False
+        for alarm in alarms:
+            if alarm not in self._alarms:
+                severity = severity_of(alarm, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING))
+                self._texts.say(now, severity, sentence_of(alarm))
+        self._alarms = alarms
+
+    def keep(self, now: float) -> None:
+        """Send heartbeat, texts and the next of a parameter list."""
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = now + HEARTBEAT_S
+            tick = self._telemetry.tick
+            self._heartbeat(now, STATES[tick.mode] if tick is not None else dialect.MAV_STATE_BOOT)
+        self._transmit(now, *self._service.due(now), *self._texts.due(now))
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return and forget the raw packets of both directions since the last call."""
+        packets = list(self._packets)
+        self._packets.clear()
+        return packets
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._transport.close()
+
+    def _alarm_file(self) -> bytes:
+        tick = self._telemetry.tick
+        return alarm_list(tick.alarms, tick.heard) if tick is not None else alarm_list((), ())
+
+    def _heartbeat(self, now: float, state: int) -> None:
+        tick = self._telemetry.tick
+        engaged = tick is not None and tick.mode is Mode.ENGAGED
+        flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        flags |= dialect.MAV_MODE_FLAG_AUTO_ENABLED if engaged else dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+        if engaged or self._commands.armed:
+            flags |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
+        mode = self._telemetry.mode(tick) if tick is not None else 0
+        message = dialect.MAVLink_heartbeat_message(
+            dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, flags, mode, state, 3
+        )
+        self._transmit(now, message)
+
+    def _hears(self, message: Message) -> bool:
+        """Return whether a ground station may have sent it; our own identity is nobody else's."""
+        ours = (self._codec.system, COMPONENT)
+        return self._door.hears(message) and (message.get_srcSystem(), message.get_srcComponent()) != ours
+
+    def _is_for_us(self, message: Message) -> bool:
+        system = getattr(message, "target_system", 0)
+        component = getattr(message, "target_component", 0)
+        return system in (0, self._codec.system) and component in (0, COMPONENT)
+
+    def _transmit(self, now: float, *messages: Message) -> None:
+        for message in messages:
+            packet = self._codec.encode(message)
+            if self._sent(packet):
+                self._packets.append((now, packet))
+            else:
+                self.dropped += 1
+
+    def _sent(self, packet: bytes) -> bool:
+        """A ground station that is gone is no reason to stop steering: `receive` tells of it."""
+        try:
+            return not self.lost and self._transport.send(packet)
+        except LinkError:
+            return False

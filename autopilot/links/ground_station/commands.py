@@ -1,0 +1,500 @@
+"""Commands of ground stations as the boat carries them out: always acknowledged, unknown ones UNSUPPORTED. Pure.
+
+The boat's modes: their numbers and names, which of them steers now, and the messages that list them. Pure.
+
+Numbered as the ArduRover modes nearest to them (MANUAL, GUIDED, AUTO, STEERING), because ground stations name the modes
+of every surface boat by that list. Who asks for AVAILABLE_MODES gets names of our own.
+
+Commands that take a while: IN_PROGRESS with the percentage while they last, the result at their end. Pure.
+
+Source: https://mavlink.io/en/services/command.html, long running commands.
+
+What ground stations may have changed of the law and the model: a response level, what was learnt, and back. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.angles import wrap
+from autopilot.errors import InputError
+from autopilot.guidance.track import Waypoint
+from autopilot.links.ground_station.mission import NO_POSITION, Mission
+from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink_layouts import AvailableModes, CurrentMode
+from autopilot.links.north import MAGNETIC_LEADS
+from autopilot.signals import Mode, OrderKind, Tick
+
+MANUAL, HEADING, TRACK, TRIAL = 0, 15, 10, 3
+NON_STANDARD, MISSION = 0, 6
+"""MAV_STANDARD_MODE."""
+NOT_SELECTABLE = 2
+"""MAV_MODE_PROPERTY: a trial is begun by its command."""
+
+
+class BoatMode(NamedTuple):
+    """Our number, what people read, the standard mode it is, and MAV_MODE_PROPERTY bits."""
+
+    number: int
+    name: str
+    standard: int = NON_STANDARD
+    properties: int = 0
+
+
+MODES = (
+    BoatMode(MANUAL, "Manual"),
+    BoatMode(HEADING, "Heading"),
+    BoatMode(TRACK, "Track", MISSION),
+    BoatMode(TRIAL, "Trial", NON_STANDARD, NOT_SELECTABLE),
+)
+
+
+def mode_of(tick: Tick, follows_route: bool = False) -> int:
+    """Return our custom mode: who steers, and what to."""
+    if tick.mode is not Mode.ENGAGED:
+        return MANUAL
+    if tick.order.kind is not OrderKind.HEADING:
+        return TRIAL
+    return TRACK if follows_route else HEADING
+
+
+def available_modes(index: float) -> list[AvailableModes]:
+    """Return AVAILABLE_MODES of the mode `index`, counted from 1, or of all of them for 0; [] for another."""
+    return [
+        AvailableModes(len(MODES), number, mode.standard, mode.number, mode.properties, mode.name.encode())
+        for number, mode in enumerate(MODES, 1)
+        if index in (0.0, float(number))
+    ]
+
+
+def current_mode(number: int) -> CurrentMode:
+    """Return CURRENT_MODE: we take a mode or refuse it, so that none is ever only intended."""
+    standard = next(mode.standard for mode in MODES if mode.number == number)
+    return CurrentMode(standard, number, number)
+
+
+CANCELLED = 6
+"""MAV_RESULT_CANCELLED, which the dialect does not have."""
+PROGRESS_S = 1.0
+
+
+class Run(Protocol):
+    """Something that takes a while; progress from 0 to 1."""
+
+    is_over: bool
+    is_complete: bool
+
+    @property
+    def progress(self) -> float:
+        """Share that is done."""
+
+
+class LongCommand:
+    """A command that is being carried out."""
+
+    def __init__(self, command: int, parameters: tuple[float, ...], run: Run) -> None:
+        self.command, self.parameters, self.run = command, parameters, run
+        self.is_cancelled = False
+
+    @property
+    def percent(self) -> int:
+        """How much of it is done."""
+        return round(100.0 * self.run.progress)
+
+    @property
+    def result(self) -> int:
+        """MAV_RESULT as of now."""
+        if not self.run.is_over:
+            return int(dialect.MAV_RESULT_IN_PROGRESS)
+        if self.is_cancelled:
+            return CANCELLED
+        return int(dialect.MAV_RESULT_ACCEPTED if self.run.is_complete else dialect.MAV_RESULT_FAILED)
+
+
+class ProgressReports:
+    """What one link tells of the command that came over it."""
+
+    def __init__(self) -> None:
+        self._reported: tuple[LongCommand, tuple[int, int]] | None = None
+        self._next = math.inf
+
+    def begin(self, now: float, command: LongCommand, sender: tuple[int, int]) -> None:
+        """Report to `sender` (system, component) from now [s] on."""
+        self._reported, self._next = (command, sender), now + PROGRESS_S
+
+    def is_for(self, sender: tuple[int, int]) -> bool:
+        """Return whether `sender` is reported to."""
+        return self._reported is not None and sender == self._reported[1]
+
+    def due(self, now: float) -> list[Message]:
+        """Return the acknowledgement that falls due, and the last one at once."""
+        if self._reported is None:
+            return []
+        command, sender = self._reported
+        if now < self._next and not command.run.is_over:
+            return []
+        self._next = now + PROGRESS_S
+        if command.run.is_over:
+            self._reported = None
+        return [acknowledgement(command.command, command.result, sender, command.percent)]
+
+
+def acknowledgement(command: int, result: int, sender: tuple[int, int], percent: int = 0) -> Message:
+    """Return COMMAND_ACK."""
+    return dialect.MAVLink_command_ack_message(command, result, percent, 0, *sender)
+
+
+LEARNING, LEVEL = int(dialect.MAV_CMD_USER_4), int(dialect.MAV_CMD_USER_5)
+"""USER_4: learning; 1 adopts the proved model, 2 goes back to the one before.
+USER_5: response level, 1 calm to 9 quick."""
+ADOPT, REVERT = 1.0, 2.0
+
+
+class Tuning(Run, Protocol):
+    """A change that is being worked out, and how it ended, in words for people."""
+
+    @property
+    def said(self) -> str:
+        """What people should know at its end."""
+
+
+class Tuner(Protocol):
+    """Who works changes out beside the loop and puts them in force between two ticks."""
+
+    level: float
+    """The response level put in force last, not a number before."""
+
+    def set_level(self, level: int) -> Tuning:
+        """Begin to put a response level (1 calm to 9 quick) in force. Raises InputError."""
+
+    def adopt(self) -> Tuning:
+        """Begin to put the proved model in force. Raises InputError."""
+
+    def revert(self) -> Tuning:
+        """Put back in force what was before the latest adoption. Raises InputError."""
+
+    def learnt(self) -> dict[str, float]:
+        """Return what was learnt by names of at most ten characters; empty where nothing is learnt."""
+
+
+class TuningCommands:
+    """The commands that tune, on the way to `tuner`; without one they are not known."""
+
+    def __init__(self, tuner: Tuner | None) -> None:
+        self._tuner = tuner
+        self._begun: Tuning | None = None
+
+    def begin(self, command: int, value: float) -> Tuning | None:
+        """Begin what a command with its first parameter asks for; None where that is not known. Raises InputError."""
+        tuner = self._tuner
+        if tuner is None or (command == LEARNING and value not in (ADOPT, REVERT)):
+            return None
+        if command == LEARNING:
+            self._begun = tuner.adopt() if value == ADOPT else tuner.revert()
+        elif math.isfinite(value) and value == int(value):
+            self._begun = tuner.set_level(int(value))
+        else:
+            raise InputError(f"response level {value:g}: allowed is a whole number from 1 (calm) to 9 (quick)")
+        return self._begun
+
+    def told(self) -> str:
+        """Return what a change that has ended came to, once."""
+        begun = self._begun
+        if begun is None or not begun.is_over:
+            return ""
+        self._begun = None
+        return begun.said
+
+
+ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
+REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
+DENIED = int(dialect.MAV_RESULT_DENIED)
+UNSUPPORTED = int(dialect.MAV_RESULT_UNSUPPORTED)
+IN_PROGRESS = int(dialect.MAV_RESULT_IN_PROGRESS)
+COUNTERCLOCKWISE = -1.0
+RAW_HEADING, COURSE_OVER_GROUND = 1, 0
+SET_STANDARD_MODE = 262
+"""MAV_CMD_DO_SET_STANDARD_MODE, which the dialect does not have."""
+ZIGZAG, TURNING = int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)
+PATTERN = int(dialect.MAV_CMD_USER_3)
+"""USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
+USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
+USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""
+ACKNOWLEDGE = int(dialect.MAV_CMD_SPATIAL_USER_5)
+"""SPATIAL_USER_5: silence the alarms that sound.
+
+MAVLink has no command for it, and the USER ones are taken."""
+LATITUDE_MOST_DEG = 85.0
+
+
+class Helmsman(Protocol):
+    """Who carries out what is ordered: the same one as listens to the skipper at the terminal."""
+
+    def engage(self, heading: float | None) -> None:
+        """Order a heading [rad], or the present one."""
+
+    def turn_to(self, heading: float) -> None:
+        """Change the heading [rad] that is being steered: no wish to engage again after an override."""
+
+    def stand_by(self) -> None:
+        """Give the rudder back."""
+
+    def hand_to_track(self) -> None:
+        """Let the track guide lead, engaging on the present heading where none is steered yet."""
+
+    def pattern(self, number: int, side: float, sizes: tuple[float, ...]) -> None:
+        """Sail the turn pattern of a number, with its sizes [m] or [deg]. Raises InputError."""
+
+    def zigzag(self, rudder: float, heading_change: float, duration: float) -> Run:
+        """Begin a zigzag; angles [rad], time [s]. Raises InputError."""
+
+    def turning(self, rudder: float, duration: float) -> Run:
+        """Begin a turn at a held rudder [rad]. Raises InputError."""
+
+    def acknowledge(self) -> None:
+        """Silence the alarms that sound."""
+
+    def end_trial(self) -> None:
+        """End a trial before its time, and go back to the heading that was steered before."""
+
+
+class Commands:
+    """Carries commands out. `armed`: a ground station, or `run --engage`, has said that the pilot may engage."""
+
+    def __init__(self, helmsman: Helmsman, armed: bool, mission: Mission, tuner: Tuner | None = None) -> None:
+        self._helmsman = helmsman
+        self.mission = mission
+        self.tuner = tuner
+        self.tuning = TuningCommands(tuner)
+        self.armed = armed
+        self.refusal = ""
+        """Why the last command was refused, for people."""
+        self.running: LongCommand | None = None
+        self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
+            int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
+            int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
+            SET_STANDARD_MODE: self._set_standard_mode,
+            int(dialect.MAV_CMD_CONDITION_YAW): self._yaw,
+            int(dialect.MAV_CMD_GUIDED_CHANGE_HEADING): self._change_heading,
+            int(dialect.MAV_CMD_DO_REPOSITION): self._reposition,
+            int(dialect.MAV_CMD_MISSION_START): self._start_mission,
+            int(dialect.MAV_CMD_DO_SET_MISSION_CURRENT): self._set_current,
+            ZIGZAG: self._zigzag,
+            TURNING: self._turning,
+            PATTERN: self._pattern,
+            ACKNOWLEDGE: self._acknowledge,
+            LEARNING: lambda _, parameters: self._tune(LEARNING, parameters[0]),
+            LEVEL: lambda _, parameters: self._tune(LEVEL, parameters[0]),
+        }
+
+    def execute(self, command: int, parameters: tuple[float, ...], tick: Tick | None) -> int:
+        """Carry out `command` with its parameters 1 to 7, the pilot being at `tick`; return the MAV_RESULT."""
+        self.refusal = ""
+        action = self._actions.get(command)
+        return action(tick, parameters) if action else UNSUPPORTED
+
+    def set_mode(self, mode: int, tick: Tick | None) -> int:
+        """Go to one of our custom modes; return the MAV_RESULT."""
+        self.refusal = ""
+        if mode == MANUAL:
+            self._helmsman.stand_by()
+            return ACCEPTED
+        if mode == TRIAL:
+            return self._refuse(DENIED, "a trial is begun by its command: MAV_CMD_USER_1 or USER_2")
+        if mode not in (HEADING, TRACK):
+            known = f"MANUAL ({MANUAL}), GUIDED ({HEADING}) and AUTO ({TRACK})"
+            return self._refuse(DENIED, f"mode {mode} is not known: {known} are")
+        if not self._is_armed(tick):
+            return self._refuse(REJECTED, "arm first")
+        if mode == TRACK:
+            return self._follow_mission(tick)
+        if tick is None or not _steers(tick):
+            self._helmsman.engage(None)
+        elif self.mission.is_followed or (tick.order.is_led and not self.mission.guide.following):
+            # out of a route, a turn pattern, or where wind or plotter lead; going to a place belongs to this mode
+            self._helmsman.turn_to(tick.order.heading)
+        return ACCEPTED
+
+    def cancel(self, command: int) -> bool:
+        """End a command that is being carried out; return whether there is one."""
+        running = self.running
+        if running is None or running.run.is_over or running.command != command or command in (LEARNING, LEVEL):
+            return False
+        running.is_cancelled = True
+        self._helmsman.end_trial()
+        return True
+
+    def _follow_mission(self, tick: Tick | None) -> int:
+        mission = self.mission
+        if mission.is_followed and tick is not None and _steers(tick):
+            return ACCEPTED
+        obstacle = mission.obstacle(tick.now if tick is not None else math.inf)
+        if obstacle:
+            return self._refuse(REJECTED, obstacle)
+        self._helmsman.hand_to_track()
+        mission.follow()
+        return ACCEPTED
+
+    def _start_mission(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        first, last = parameters[:2]
+        if last not in (0.0, len(self.mission.items) - 1.0) or not math.isfinite(first):
+            return self._refuse(DENIED, "a route is followed to its end: set the last item to 0")
+        if not self._is_armed(tick):
+            return self._refuse(REJECTED, "arm first")
+        if not self.mission.set_current(int(first)):
+            return self._refuse(DENIED, f"there is no waypoint {first:g} in a route of {len(self.mission.items)}")
+        return self._follow_mission(tick)
+
+    def _set_current(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        number = parameters[0]
+        if number == -1.0:
+            number = float(self.mission.current)
+        if not (math.isfinite(number) and number == int(number) and self.mission.set_current(int(number))):
+            return self._refuse(DENIED, f"there is no waypoint {number:g} in a route of {len(self.mission.items)}")
+        return ACCEPTED
+
+    def _reposition(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        speed, flags, radius, _, latitude_deg, longitude_deg, _ = parameters
+        if speed > 0.0:
+            return self._refuse(UNSUPPORTED, "the speed is not ours to set: leave it at -1")
+        is_nowhere = latitude_deg == longitude_deg == 0.0
+        if is_nowhere or not (abs(latitude_deg) <= LATITUDE_MOST_DEG and abs(longitude_deg) <= 180.0):
+            return self._refuse(DENIED, "give a latitude of up to 85 and a longitude of up to 180 degrees")
+        if self.mission.guide.settings.magnetic:
+            return self._refuse(DENIED, MAGNETIC_LEADS)
+        if not self._has_position(tick):
+            return self._refuse(REJECTED, NO_POSITION)
+        changes_mode = math.isfinite(flags) and int(flags) & dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+        if tick is None or not _steers(tick):
+            if not changes_mode or not self._is_armed(tick):
+                return self._refuse(REJECTED, "not engaged: arm, and set mode GUIDED or the flag that changes it")
+        elif self.mission.is_followed and not changes_mode:
+            return self._refuse(REJECTED, "a route is followed: set mode GUIDED first, or the flag that changes it")
+        within = radius if math.isfinite(radius) and radius > 0.0 else math.nan
+        self._helmsman.hand_to_track()
+        place = Waypoint(math.radians(latitude_deg), math.radians(longitude_deg), within)
+        self.mission.guide.follow([place], ending="place_reached")
+        return ACCEPTED
+
+    def _zigzag(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        rudder_deg, change_deg, duration = parameters[:3]
+
+        def begin() -> Run:
+            return self._helmsman.zigzag(math.radians(rudder_deg), math.radians(change_deg), duration)
+
+        return self._begin(tick, ZIGZAG, parameters[:3], begin)
+
+    def _turning(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        rudder_deg, duration = parameters[:2]
+        return self._begin(
+            tick, TURNING, parameters[:2], lambda: self._helmsman.turning(math.radians(rudder_deg), duration)
+        )
+
+    def _pattern(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        number, side, *sizes = parameters[:4]
+        if not (math.isfinite(number) and number == int(number)):
+            return DENIED
+        if not self._is_armed(tick):
+            return self._refuse(REJECTED, "arm first")
+        try:
+            self._helmsman.pattern(int(number), side, tuple(sizes))
+        except InputError as error:
+            return self._refuse(DENIED, str(error))
+        return ACCEPTED
+
+    def _tune(self, command: int, value: float) -> int:
+        """Begin a change that is worked out beside the loop; what it came to is said at its end."""
+        running = self.running
+        if running is not None and not running.run.is_over:
+            if (running.command, running.parameters) == (command, (value,)):
+                return IN_PROGRESS
+            return self._refuse(REJECTED, "something else is under way: let it end first")
+        try:
+            tuning = self.tuning.begin(command, value)
+        except InputError as error:
+            return self._refuse(DENIED, str(error))
+        if tuning is None:
+            return UNSUPPORTED
+        self.running = LongCommand(command, (value,), tuning)
+        return IN_PROGRESS
+
+    def _acknowledge(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        self._helmsman.acknowledge()
+        return ACCEPTED
+
+    def _begin(self, tick: Tick | None, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:
+        running = self.running
+        if running is not None and not running.run.is_over:
+            if (running.command, running.parameters) == (command, parameters):
+                return IN_PROGRESS
+            return self._refuse(REJECTED, "a trial is being sailed: cancel it first")
+        if not self._is_armed(tick):
+            return self._refuse(REJECTED, "arm first")
+        try:
+            self.running = LongCommand(command, parameters, begin())
+        except InputError as error:
+            return self._refuse(DENIED, str(error))
+        return IN_PROGRESS
+
+    def _is_armed(self, tick: Tick | None) -> bool:
+        """Armed, or engaged from the terminal: what the heartbeat calls armed."""
+        return self.armed or (tick is not None and tick.mode is Mode.ENGAGED)
+
+    def _has_position(self, tick: Tick | None) -> bool:
+        return tick is not None and self.mission.guide.fix.is_fresh(tick.now)
+
+    def _arm(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        if parameters[0] not in (0.0, 1.0):
+            return UNSUPPORTED
+        self.armed = parameters[0] == 1.0
+        if not self.armed:
+            self._helmsman.stand_by()
+        return ACCEPTED
+
+    def _set_mode(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        base, custom = parameters[:2]
+        if not (math.isfinite(base) and math.isfinite(custom) and custom == int(custom)):
+            return DENIED
+        if not int(base) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return UNSUPPORTED
+        return self.set_mode(int(custom), tick)
+
+    def _set_standard_mode(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        return self.set_mode(TRACK, tick) if parameters[0] == MISSION else UNSUPPORTED
+
+    def _yaw(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        angle_deg, _, direction, relative = parameters[:4]
+        if not math.isfinite(angle_deg) or relative not in (0.0, 1.0):
+            return DENIED
+        if relative == 0.0:
+            return self._steer(tick, math.radians(angle_deg))
+        if tick is None or not math.isfinite(tick.order.heading):
+            return self._refuse(REJECTED, "no heading is being steered yet")
+        turn = -abs(angle_deg) if direction == COUNTERCLOCKWISE else angle_deg
+        return self._steer(tick, tick.order.heading + math.radians(turn))
+
+    def _change_heading(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        kind, heading_deg = parameters[:2]
+        if kind == COURSE_OVER_GROUND:
+            return self._refuse(UNSUPPORTED, "a course over the ground cannot be steered; give a heading (type 1)")
+        if kind != RAW_HEADING or not math.isfinite(heading_deg):
+            return DENIED
+        return self._steer(tick, math.radians(heading_deg))
+
+    def _steer(self, tick: Tick | None, heading: float) -> int:
+        if tick is None or not _steers(tick):
+            return self._refuse(REJECTED, "not engaged: arm and set mode GUIDED first")
+        self._helmsman.turn_to(wrap(heading))
+        return ACCEPTED
+
+    def _refuse(self, result: int, reason: str) -> int:
+        self.refusal = reason
+        return result
+
+
+def _steers(tick: Tick) -> bool:
+    return tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING

@@ -1,0 +1,365 @@
+"""The link to an NMEA 2000 bus: heading, rate and rudder in, rudder order and heading control out.
+
+Needs the extra `n2k`: python-can moves the frames, the package nmea2000 decodes and encodes them.
+
+What NMEA 2000 parameter groups mean: decoded fields to samples, and a node's address. Pure.
+
+    127250 vessel heading   127251 rate of turn   127245 rudder   127237 heading/track control
+     60928 ISO address claim: the node with the lower name keeps a contested address
+
+Source: field names and encodings of the canboat project's PGN database (https://canboat.github.io/canboat/), which
+the decoder package uses; address claim after SAE J1939-81.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import struct
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from autopilot.links.base import LinkError
+from autopilot.links.north import UnusableHeadings, steered
+from autopilot.links.release import Release, UnshownRelease
+from autopilot.links.rudder_follow import FollowSettings, RudderFollow, StandingOrder
+from autopilot.signals import (
+    AlarmEvent,
+    HeadingSample,
+    HelmSample,
+    Mode,
+    OrderKind,
+    RateSample,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    Tick,
+)
+
+HEADING, RATE_OF_TURN, RUDDER, CONTROL = 127250, 127251, 127245, 127237
+ADDRESS_CLAIM, REQUEST = 60928, 59904
+READ = (HEADING, RATE_OF_TURN, RUDDER)
+EVERYBODY = 255
+ADDRESS_LAST = 251
+NO_ADDRESS = 254
+NORTHS = ("True", "Magnetic")
+RUDDER_MOST = 0.5 * math.pi
+RATE_MOST = 10.0
+NAME = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21
+"""Arbitrary address capable, marine, class 40 "steering and control surfaces", function 150 "autopilot", maker 2046
+(none of the registered ones); the unique number comes below."""
+
+Fields = Mapping[str, object]
+
+
+def identifier(group: int, source: int, priority: int = 2, destination: int = EVERYBODY) -> int:
+    """Return the 29 bits of a frame's identifier."""
+    low = destination if (group >> 8) & 0xFF < 240 else group & 0xFF
+    return priority << 26 | (group >> 8) << 16 | low << 8 | source
+
+
+def group_and_source(identifier: int) -> tuple[int, int]:
+    """Return parameter group number and source address of an identifier."""
+    group = identifier >> 8 & 0x3FFFF
+    return (group & 0x3FF00 if (group >> 8) & 0xFF < 240 else group), identifier & 0xFF
+
+
+class Compass(NamedTuple):
+    """variation [rad], east positive, where a heading brings none of its own; magnetic: whether such are steered."""
+
+    variation: float | None = None
+    magnetic: bool = False
+
+
+def sample_of(group: int, now: float, fields: Fields, compass: Compass, source: str) -> Sample | None:
+    """Return the sample in the decoded `fields` of `group`; None where it holds none or what cannot be."""
+    if group == HEADING:
+        return _heading(now, fields, compass, source)
+    if group == RATE_OF_TURN:
+        rate = _number(fields, "rate", RATE_MOST)
+        return None if rate is None else RateSample(now, rate, source)
+    if group == RUDDER:
+        position = _number(fields, "position", RUDDER_MOST)
+        return None if position is None else RudderSample(now, position, False, source)
+    return None
+
+
+def own_variation(fields: Fields) -> float | None:
+    """Return the variation [rad] in a heading message; None where it has none."""
+    return _number(fields, "variation", math.pi)
+
+
+def is_heading(group: int, fields: Fields) -> bool:
+    """Return whether a message holds a heading, usable or not."""
+    heading = _number(fields, "heading", math.tau)
+    return group == HEADING and heading is not None and heading >= 0.0 and fields.get("reference") in NORTHS
+
+
+def _heading(now: float, fields: Fields, compass: Compass, source: str) -> Sample | None:
+    heading = _number(fields, "heading", math.tau)
+    reference = fields.get("reference")
+    if heading is None or heading < 0.0 or reference not in NORTHS:
+        return None
+    own = own_variation(fields)
+    east = compass.variation if own is None else own
+    is_magnetic = reference == "Magnetic"
+    if is_magnetic:
+        heading += _number(fields, "deviation", 0.5 * math.pi) or 0.0
+    found = steered(heading, is_magnetic=is_magnetic, by_compass=compass.magnetic, variation=east)
+    return None if found is None else HeadingSample(now, found, None, source)
+
+
+def _number(fields: Fields, name: str, most: float) -> float | None:
+    value = fields.get(name)
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= most:
+        return None
+    return float(value)
+
+
+class NodeAddress:
+    """Our address on the bus: claimed at the start, defended against higher names, left to lower ones.
+
+    `current` is NO_ADDRESS where every address was taken: then nothing may be sent but that.
+    """
+
+    def __init__(self, first: int = 204, unique: int = 1) -> None:
+        self.current = first
+        self.name = NAME | unique & 0x1FFFFF
+        self._refused: set[int] = set()
+
+    def claim(self) -> tuple[int, bytes]:
+        """Return identifier and data of our claim."""
+        return identifier(ADDRESS_CLAIM, self.current, 6), struct.pack("<Q", self.name)
+
+    def heard(self, group: int, source: int, data: bytes) -> bool:
+        """Take a claim or request of another node; return whether we have to claim (again)."""
+        if group == REQUEST and len(data) >= 3:
+            return int.from_bytes(data[:3], "little") == ADDRESS_CLAIM
+        if group != ADDRESS_CLAIM or source != self.current or len(data) != 8:
+            return False
+        (name,) = struct.unpack("<Q", data)
+        if name > self.name:
+            return True
+        self._refused.add(self.current)
+        free = [address for address in range(128, ADDRESS_LAST + 1) if address not in self._refused]
+        self.current = free[0] if free else NO_ADDRESS
+        return True
+
+
+FRAMES_MOST = 500
+"""Frames taken in one `receive`, so that a busy bus cannot hold the loop."""
+ORDER_PERIOD_S = 0.1
+CONTROL_PERIOD_S = 0.25
+LAPSE = "nothing on the bus confirms it; the drive lets go by itself when no more orders come"
+EXTRA = "install Norrbin with its extra n2k: pip install '.[n2k]'"
+
+
+class N2kSettings(NamedTuple):
+    """heading_latency [s]; variation [rad], None to take it from the bus; whether rudder orders leave; follow;
+    magnetic: whether magnetic courses are steered."""
+
+    heading_latency: float = 0.0
+    variation: float | None = None
+    steers: bool = True
+    follow: FollowSettings = FollowSettings()
+    magnetic: bool = False
+
+
+def open_bus(text: str, interface: str, channel: str) -> Any:
+    """Return python-can's bus of `interface` and `channel`. Raises LinkError with one sentence."""
+    try:
+        import can
+    except ImportError as error:
+        raise LinkError(f"link {text!r}: NMEA 2000 needs the package python-can; {EXTRA}") from error
+    try:
+        return can.Bus(interface=interface, channel=channel)
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise LinkError(
+            f"link {text!r}: the CAN bus cannot be opened: {error}; check that it is up "
+            f"(ip link set {channel} up type can bitrate 250000) and that {interface} is one of {known}"
+        ) from error
+
+
+def decoder(name: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Any]:
+    """Return decode, encode and the message class of the package nmea2000. Raises LinkError."""
+    try:
+        import nmea2000
+        from nmea2000.input_formats import N2KFormat
+    except ImportError as error:
+        raise LinkError(f"link {name!r}: NMEA 2000 needs the package nmea2000; {EXTRA}") from error
+    logging.getLogger("nmea2000").setLevel(logging.CRITICAL)
+    decode = nmea2000.NMEA2000Decoder(include_pgns=list(READ), bound_format=N2KFormat.PYTHON_CAN).decode
+    return decode, nmea2000.create_encoder(N2KFormat.PYTHON_CAN).encode, nmea2000
+
+
+class N2kLink:
+    """A `Link` over NMEA 2000.
+
+    Attributes:
+        rejected: frames of ours to read that could not be decoded.  unsent: frames that the bus did not take.
+    """
+
+    def __init__(self, name: str, bus: Any, settings: N2kSettings = N2kSettings()) -> None:  # noqa: B008 - immutable
+        self.name = name
+        self.rejected = 0
+        self.unsent = 0
+        self.address = NodeAddress()
+        self._bus = bus
+        self._settings = settings
+        self._decode, self._encode, self._package = decoder(name)
+        self._follow = RudderFollow(settings.follow)
+        self._variation = settings.variation
+        self._unusable = 0
+        self._told_of = UnusableHeadings(name)
+        self._helm_reason: str | None = None
+        self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
+        self._next_control = -math.inf
+        self._is_claimed = False
+        self._release = UnshownRelease(name, LAPSE)
+
+    def fileno(self) -> int:
+        """Return the bus's descriptor, or -1 where it has none (virtual)."""
+        try:
+            return int(self._bus.fileno())
+        except (NotImplementedError, OSError):
+            return -1
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return the samples that have arrived; LinkError when the bus is gone."""
+        samples: list[Sample] = []
+        for _ in range(FRAMES_MOST):
+            try:
+                frame = self._bus.recv(timeout=0.0)
+            except Exception as error:
+                # python-can's drivers raise errors of their own beside its CanError
+                raise LinkError(f"{self.name}: the CAN bus is gone: {error}; plug it in and start again") from error
+            if frame is None:
+                break
+            if frame.is_extended_id and not frame.is_error_frame and not frame.is_remote_frame:
+                self._take(now, frame, samples)
+        samples += self._told_of.news(now, samples, self._unusable)
+        reason = self._follow.reason(now)
+        if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
+            self._helm_reason = reason
+            samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
+        return samples
+
+    def _take(self, now: float, frame: Any, samples: list[Sample]) -> None:
+        group, source = group_and_source(frame.arbitration_id)
+        if group in (ADDRESS_CLAIM, REQUEST):
+            if self.address.heard(group, source, bytes(frame.data)) and self._settings.steers:
+                self._claim()
+            return
+        if group not in READ or source == self.address.current:
+            return
+        try:
+            message = self._decode(frame)
+            fields = {} if message is None else {field.id: field.value for field in message.fields}
+        except Exception:
+            # a decoder that stumbles over a frame must not take the helm with it
+            self.rejected += 1
+            return
+        if group == HEADING and self._settings.variation is None:
+            heard = own_variation(fields)
+            self._variation = self._variation if heard is None else heard
+        compass = Compass(self._variation, self._settings.magnetic)
+        sample = sample_of(group, now, fields, compass, f"N2K{group}.{source}")
+        self._unusable += sample is None and is_heading(group, fields)
+        if isinstance(sample, HeadingSample):
+            sample = sample._replace(time=now - self._settings.heading_latency)
+        elif isinstance(sample, RudderSample):
+            self._follow.measured(now, sample.angle, sample.source)
+        if sample is not None:
+            samples.append(sample)
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Send the rudder order at its rate; one that is not engaged is a release."""
+        angle = self._order.take(now, command)
+        if angle is None:
+            self._follow.released()
+        else:
+            self._follow.ordered(now, angle)
+            self._release.has_ordered = self._release.has_ordered or self._settings.steers
+        self._push(now)
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+        """Nothing here: the mode leaves with `show`."""
+
+    def keep(self, now: float) -> None:
+        """Claim our address at the start, and send what is due."""
+        if not self._is_claimed and self._settings.steers:
+            self._is_claimed = True
+            self._claim()
+        self._push(now)
+
+    def show(self, tick: Tick) -> None:
+        """Send heading/track control at its rate."""
+        if not self._settings.steers or tick.now < self._next_control or not tick.state.valid:
+            return
+        self._next_control = tick.now + CONTROL_PERIOD_S
+        engaged = tick.mode is Mode.ENGAGED
+        heads = engaged and tick.order.kind is OrderKind.HEADING and math.isfinite(tick.order.heading)
+        fields: dict[str, object] = {
+            "steeringMode": "Heading Control" if heads else "Main Steering",
+            "headingReference": "Magnetic" if self._settings.magnetic else "True",
+            "vesselHeading": tick.state.heading % math.tau,
+        }
+        if engaged:
+            fields["commandedRudderAngle"] = tick.command.angle
+        if heads:
+            fields["headingToSteerCourse"] = tick.order.heading % math.tau
+        self._transmit(CONTROL, fields)
+
+    def release(self, now: float) -> None:
+        """Give the rudder back, several times over; never raises."""
+        for _ in range(self._order.end()):
+            self._send_order(None)
+        self._release.asked(now, is_gone=False)
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder after `release`, None while it is on its way."""
+        return self._release.result(now)
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return []: NMEA 2000 carries no MAVLink packets."""
+        return []
+
+    def close(self) -> None:
+        """Close the bus; call `release` first."""
+        self._bus.shutdown()
+
+    def _push(self, now: float) -> None:
+        if self._settings.steers:
+            self._order.say(now, self._send_order)
+
+    def _send_order(self, angle: float | None) -> bool:
+        fields: dict[str, object] = {"instance": 0, "directionOrder": "No Order"}
+        if angle is not None:
+            fields["directionOrder"] = "Move to starboard" if angle >= 0.0 else "Move to port"
+            fields["angleOrder"] = angle
+        self._transmit(RUDDER, fields)
+        return True
+
+    def _transmit(self, group: int, fields: dict[str, object]) -> None:
+        if not self._settings.steers or self.address.current == NO_ADDRESS:
+            return
+        values = [self._package.NMEA2000Field(id=name, value=value) for name, value in fields.items()]
+        message = self._package.NMEA2000Message(
+            PGN=group, source=self.address.current, destination=255, priority=2, fields=values
+        )
+        for frame in self._encode(message):
+            self._put(frame)
+
+    def _claim(self) -> None:
+        import can
+
+        identity, data = self.address.claim()
+        self._put(can.Message(arbitration_id=identity, data=data, is_extended_id=True))
+
+    def _put(self, frame: Any) -> None:
+        try:
+            self._bus.send(frame, timeout=0.0)
+        except Exception:
+            # a full queue or a bus without another node: counted, and seen by a rudder that does not follow
+            self.unsent += 1

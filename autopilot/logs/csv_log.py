@@ -1,0 +1,233 @@
+"""Recordings as CSV tables: strict reading, columns named by quantity and unit, SI and radians out.
+
+A column name states its unit (`rudder_deg`); a column map in YAML (`rudder_rad: delta_rudder [rad]`) names the
+columns of files that call them otherwise. Lines that begin with # are comments.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.errors import InputError
+from autopilot.files.outside import read_regular
+from autopilot.files.printable import printable
+from autopilot.files.strict_yaml import read_document
+from autopilot.logs.series import LARGEST, STEPS_S, check_steps, clock_of
+
+KNOT_M_S = 1852.0 / 3600.0
+NAMED_MOST, NAME_MOST, COMPARED_MOST = 30, 40, 1000
+"""Columns that a refusal names, characters of each, and columns that are compared with a name that is missing."""
+
+
+class Column(NamedTuple):
+    """The SI name that a column is read into, and what its numbers are multiplied by to get there."""
+
+    si_name: str
+    factor: float
+
+
+COLUMNS: dict[str, Column] = {
+    "time_s": Column("time_s", 1.0),
+    "heading_rad": Column("heading_rad", 1.0),
+    "heading_deg": Column("heading_rad", math.pi / 180.0),
+    "yaw_rate_rad_s": Column("yaw_rate_rad_s", 1.0),
+    "yaw_rate_deg_s": Column("yaw_rate_rad_s", math.pi / 180.0),
+    "rudder_rad": Column("rudder_rad", 1.0),
+    "rudder_deg": Column("rudder_rad", math.pi / 180.0),
+    "speed_m_s": Column("speed_m_s", 1.0),
+    "speed_kn": Column("speed_m_s", KNOT_M_S),
+    "glider_heading_rad": Column("glider_heading_rad", 1.0),
+    "glider_heading_deg": Column("glider_heading_rad", math.pi / 180.0),
+    "glider_yaw_rate_rad_s": Column("glider_yaw_rate_rad_s", 1.0),
+    "glider_yaw_rate_deg_s": Column("glider_yaw_rate_rad_s", math.pi / 180.0),
+    "propeller_rps": Column("propeller_rps", 1.0),
+    "wind_speed_m_s": Column("wind_speed_m_s", 1.0),
+    "wind_direction_rad": Column("wind_direction_rad", 1.0),
+    "latitude_deg": Column("latitude_rad", math.pi / 180.0),
+    "longitude_deg": Column("longitude_rad", math.pi / 180.0),
+    "thrust_1_n": Column("thrust_1_n", 1.0),
+    "thrust_2_n": Column("thrust_2_n", 1.0),
+    "thrust_3_n": Column("thrust_3_n", 1.0),
+    "position_x_m": Column("position_x_m", 1.0),
+    "position_y_m": Column("position_y_m", 1.0),
+}
+
+Need = Sequence[Sequence[str]]
+"""What a table must have: of each group of SI names, at least one."""
+
+RUN_NEEDS: Need = (("time_s",), ("rudder_rad",), ("speed_m_s",), ("heading_rad", "yaw_rate_rad_s"))
+WAVE_GLIDER_NEEDS: Need = (("time_s",), ("rudder_rad",), ("speed_m_s",), ("heading_rad",), ("glider_heading_rad",))
+STEADY_TURN_NEEDS: Need = (("rudder_rad",), ("yaw_rate_rad_s",))
+
+
+def load_column_map(path: str) -> dict[str, str]:
+    """Return the column map in a YAML file: quantity with unit -> column name in the CSV.
+
+    Raises InputError where the file cannot be read, is not such a map, names an unknown quantity or unit, or
+    names one quantity twice.
+    """
+    root = read_document(path)
+    if not isinstance(root.value, dict):
+        raise root.fault("a column map is lines such as 'rudder_rad: delta [rad]'; this is not one.")
+    taken: dict[str, str] = {}
+    for key, node in root.value.items():
+        if key not in COLUMNS:
+            raise node.key_fault(
+                f"{key} is not a quantity with its unit{_nearest(key, list(COLUMNS))}; known are {', '.join(COLUMNS)}."
+            )
+        if not isinstance(node.value, str):
+            raise node.fault(f"{key} must be the name of a column; put the name in quotes.")
+        other = taken.setdefault(COLUMNS[key].si_name, key)
+        if other != key:
+            raise node.key_fault(f"{other} and {key} name the same quantity; keep one of them.")
+    return {key: str(node.value) for key, node in root.value.items()}
+
+
+class Columns(NamedTuple):
+    """Columns of one length under their SI names (`time_s`, `heading_rad`, `yaw_rate_rad_s`, `rudder_rad`,
+    `speed_m_s`, ...), nan where a cell is blank; notes: sentences about times that jump."""
+
+    columns: dict[str, NDArray[np.float64]]
+    notes: tuple[str, ...] = ()
+
+
+def read_csv(path: str, column_map: Mapping[str, str] | None = None, needs: Need = RUN_NEEDS) -> Columns:
+    """Return the columns of a CSV file, their times on one clock.
+
+    Without a map the columns that are named by quantity and unit are taken. Raises InputError, naming file,
+    line and column, where the file cannot be read, is empty or cut off, lacks a column, has text where a number
+    belongs, or has times that do not increase or cannot be those of a recording.
+    """
+    header, lines, rows = _rows(path)
+    places = _places(path, header, column_map, needs)
+    columns = {name: np.empty(len(rows)) for name, _, _ in places}
+    for row, (line, cells) in enumerate(zip(lines, rows, strict=True)):
+        for name, index, factor in places:
+            columns[name][row] = _number(path, line, header[index], cells[index]) * factor
+    if "time_s" not in columns:
+        return Columns(columns)
+    time = columns["time_s"]
+    known = time[np.isfinite(time)]
+    if not known.size:
+        return Columns(columns)
+    _check_time(path, lines, time)
+    clock = clock_of(path, known)
+    return Columns({**columns, "time_s": clock.read(time)}, clock.notes)
+
+
+def _rows(path: str) -> tuple[list[str], list[int], list[list[str]]]:
+    """Return the header, and the line number and cells of every row below it."""
+    try:
+        text = read_regular(path).decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; check the name and the rights.") from error
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: is not a text file (byte {error.start}); a CSV table or a .tlog is needed."
+        ) from error
+    table: list[tuple[int, list[str]]] = []
+    reader = csv.reader(text.splitlines())
+    try:
+        table = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
+    except csv.Error as error:
+        raise InputError(f"{path}, line {reader.line_num}: is not CSV: {error}.") from error
+    if not table:
+        raise InputError(f"{path}: is empty; a CSV table with a header line is needed.")
+    header = [name.strip() for name in table[0][1]]
+    if len(table) == 1:
+        raise InputError(f"{path}: has a header but no rows.")
+    for line, cells in table[1:]:
+        if len(cells) != len(header):
+            last = " (the last line: was the recording cut off? delete it)" if line == table[-1][0] else ""
+            raise InputError(f"{path}, line {line}: has {len(cells)} cells where the header has {len(header)}{last}.")
+    return header, [line for line, _ in table[1:]], [cells for _, cells in table[1:]]
+
+
+def _places(
+    path: str, header: Sequence[str], column_map: Mapping[str, str] | None, needs: Need
+) -> list[tuple[str, int, float]]:
+    """Return SI name, column index and factor of every column that is to be read."""
+    wanted = column_map if column_map is not None else {name: name for name in COLUMNS if name in header}
+    places: dict[str, tuple[str, int, float]] = {}
+    for quantity, name in wanted.items():
+        if name not in header:
+            raise InputError(
+                f"{path}: has no column '{name}' (for {quantity}){_nearest(name, header)}; its columns are "
+                f"{_names(header)}."
+            )
+        if header.count(name) > 1:
+            raise InputError(
+                f"{path}: has {header.count(name)} columns named '{printable(name)}'; give them different names."
+            )
+        column = COLUMNS[quantity]
+        if column.si_name in places:
+            other = header[places[column.si_name][1]]
+            raise InputError(f"{path}: '{other}' and '{name}' hold the same quantity; choose one with --columns.")
+        places[column.si_name] = (column.si_name, header.index(name), column.factor)
+    for group in needs:
+        if not any(name in places for name in group):
+            raise InputError(_missing(path, header, group, column_map is not None))
+    return list(places.values())
+
+
+def _missing(path: str, header: Sequence[str], group: Sequence[str], mapped: bool) -> str:
+    names = [name for name, column in COLUMNS.items() if column.si_name in group]
+    if mapped:
+        return (
+            f"{path}: the column map names none of {', '.join(names)}, and one of them is needed; the columns are "
+            f"{_names(header)}."
+        )
+    near = next((hint for name in names if (hint := _nearest(name, header))), "")
+    return (
+        f"{path}: has no column {' or '.join(names)}{near}; its columns are {_names(header)}; name the right one "
+        "in a map given by --columns."
+    )
+
+
+def _names(header: Sequence[str]) -> str:
+    """Return the columns' names, the first of them where there are many."""
+    more = f" and {len(header) - NAMED_MOST} more" if len(header) > NAMED_MOST else ""
+    return ", ".join(printable(name, NAME_MOST) for name in header[:NAMED_MOST]) + more
+
+
+def _nearest(name: str, choices: Sequence[str]) -> str:
+    likely = [choice for choice in choices[:COMPARED_MOST] if len(choice) <= NAME_MOST]
+    found = difflib.get_close_matches(name[:NAME_MOST], likely, n=1, cutoff=0.5)
+    return f" (nearest: '{printable(found[0])}')" if found else ""
+
+
+def _number(path: str, line: int, column: str, cell: str) -> float:
+    """Return the number in a cell; a blank or nan is a missing sample."""
+    text = cell.strip()
+    if not text or text.lower() == "nan":
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError as error:
+        said = f"'{printable(text, NAME_MOST)}' in column '{printable(column, NAME_MOST)}'"
+        raise InputError(f"{path}, line {line}: {said} is not a number.") from error
+    if not abs(value) <= LARGEST or "_" in text:
+        said = f"'{printable(text, NAME_MOST)}' in column '{printable(column, NAME_MOST)}'"
+        raise InputError(f"{path}, line {line}: {said} is not a finite number of at most {LARGEST:g}.")
+    return value
+
+
+def _check_time(path: str, lines: Sequence[int], time: NDArray[np.float64]) -> None:
+    known = np.flatnonzero(np.isfinite(time))
+    steps = np.diff(time[known])
+    if np.all(steps > 0.0):
+        check_steps(path, time[known])
+    wrong = np.flatnonzero(steps < STEPS_S[0])
+    if wrong.size:
+        before, after = known[wrong[0]], known[wrong[0] + 1]
+        raise InputError(
+            f"{path}, line {lines[after]}: time {time[after]:g} s does not come after {time[before]:g} s of line "
+            f"{lines[before]}; it must increase from row to row, by {STEPS_S[0]:g} s at least."
+        )

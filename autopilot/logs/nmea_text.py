@@ -1,0 +1,318 @@
+r"""NMEA 0183 sentences in a text file, with or without time stamps: heading, yaw rate, rudder, speed, position, wind.
+
+Sentences mean what they mean on a line (`links.nmea_samples`); MWV gives the apparent wind and RPM the propeller.
+
+When the lines of an NMEA log were received: by the time stamps before them, or by the UTC inside some sentences.
+
+Stamps known: seconds or milliseconds since 1970, ISO 8601 dates with time, a time of day, seconds from any beginning,
+and the tag block of NMEA 4.10 (\c:SECONDS*hh\). Without stamps the times of RMC, GGA, GLL and ZDA are marks, and what
+lies between two marks is spread evenly by its place in the file: right to within the pauses of the line.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.errors import InputError
+from autopilot.links.nmea0183 import (
+    KMH_M_S,
+    KNOT_M_S,
+    SPEED_LIMIT,
+    NmeaFramer,
+    NoDataError,
+    Sentence,
+    angle,
+    letter,
+    number,
+    status,
+)
+from autopilot.links.nmea_samples import NmeaReader
+from autopilot.logs.series import (
+    HEADING,
+    LATITUDE,
+    LONGITUDE,
+    PROPELLER,
+    RATE,
+    RUDDER,
+    SPEED,
+    WIND_DIRECTION,
+    WIND_SPEED,
+    FloatArray,
+    Recording,
+    Series,
+    on_one_clock,
+    series_of,
+)
+from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample
+
+DAY_S = 86400.0
+MILLISECONDS_FROM = 1.0e11
+"""Numbers beyond this are milliseconds since 1970, and beyond a thousand times this microseconds."""
+EPOCH_FROM = 3.0e8
+"""A number of seconds above this is counted from 1970 (1979 on)."""
+PREFIX_MOST = 256
+"""Characters before a sentence that are looked at."""
+UTC_FIELD = {"RMC": 0, "GGA": 0, "GLL": 4, "ZDA": 0}
+
+_TAG = re.compile(r"\\[^\\]*?c:(\d+)[^\\]*\\\s*$")
+_ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:[.,]\d+)?)\s*(Z|[+-]\d\d:?\d\d)?")
+_OF_DAY = re.compile(r"(?<![\d:])(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)(?![\d:])")
+_NUMBER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)(?![\w.])")
+_ZDA_DATE = re.compile(r"(\d\d?),(\d\d?),(\d{4})")
+_RMC_DATE = re.compile(r"(\d\d)(\d\d)(\d\d)")
+
+
+def stamp_of(prefix: str) -> tuple[float, bool] | None:
+    """Return the time [s] in what stands before a sentence, and whether it is a time of day; None where none is."""
+    prefix = prefix[-PREFIX_MOST:]
+    tag = _TAG.search(prefix)
+    if tag:
+        return _epoch(tag[1])
+    iso = _ISO.search(prefix)
+    if iso:
+        zone = (iso[3] or "Z").replace("Z", "+00:00")
+        try:
+            moment = datetime.fromisoformat(f"{iso[1]}T{iso[2].replace(',', '.')[:15]}{zone}")
+            return moment.timestamp(), False
+        except (ValueError, OverflowError):
+            return None
+    clock = _OF_DAY.search(prefix)
+    if clock:
+        time = _of_day(clock[1], clock[2], clock[3].replace(",", "."))
+        return None if time is None else (time, True)
+    number = _NUMBER.search(prefix)
+    return _epoch(number[1]) if number else None
+
+
+def _epoch(digits: str) -> tuple[float, bool] | None:
+    """Return the seconds that a number of seconds, milliseconds, micro- or nanoseconds is; None where it is no time."""
+    value = float(digits)
+    for _ in range(3):
+        value = value * 1.0e-3 if value > MILLISECONDS_FROM else value
+    return (value, False) if value <= MILLISECONDS_FROM else None
+
+
+def _of_day(hours: str, minutes: str, seconds: str) -> float | None:
+    """Return the time of day [s], None where no clock shows it; a day may end with a leap second."""
+    if int(hours) > 23 or int(minutes) > 59 or float(seconds) >= 61.0:
+        return None
+    return int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds)
+
+
+def utc_of(sentence: Sentence) -> float | None:
+    """Return the UTC time of day [s] in a sentence that has one, None in others."""
+    place = UTC_FIELD.get(sentence.type)
+    if place is None or place >= len(sentence.fields):
+        return None
+    text = sentence.fields[place]
+    if not re.fullmatch(r"\d{6}(\.\d*)?", text):
+        return None
+    return _of_day(text[:2], text[2:4], text[4:])
+
+
+def date_of(sentence: Sentence) -> float | None:
+    """Return the Unix time [s] of the day's beginning in RMC or ZDA, None where it is not there."""
+    fields = sentence.fields
+    if sentence.type == "RMC" and len(fields) > 8:
+        found, century = _RMC_DATE.fullmatch(fields[8]), 2000
+    elif sentence.type == "ZDA":
+        found, century = _ZDA_DATE.fullmatch(",".join(fields[1:4])), 0
+    else:
+        return None
+    if found is None:
+        return None
+    try:
+        return datetime(century + int(found[3]), int(found[2]), int(found[1]), tzinfo=UTC).timestamp()
+    except ValueError:  # a day that no calendar has
+        return None
+
+
+def without_midnight(times: FloatArray) -> FloatArray:
+    """Return times of day [s] counted on over midnight."""
+    turns = np.where(np.diff(times) < -0.5 * DAY_S, 1.0, 0.0)
+    return times + DAY_S * np.concatenate(([0.0], np.cumsum(turns)))
+
+
+def spread(places: Sequence[int], marks: Sequence[tuple[int, float]]) -> FloatArray | None:
+    """Return the times [s] of lines at `places` in the file from (place, UTC) marks; None with fewer than two marks.
+
+    The first sentence of each new UTC is the mark. Beyond the marks the nearest two are continued.
+    """
+    fresh = [mark for at, mark in enumerate(marks) if at == 0 or mark[1] != marks[at - 1][1]]
+    if len(fresh) < 2:
+        return None
+    at = np.array([place for place, _ in fresh], dtype=np.float64)
+    times = without_midnight(np.array([time for _, time in fresh]))
+    rising = np.append(True, np.diff(times) > 0.0)
+    at, times = at[rising], times[rising]
+    if at.size < 2:
+        return None
+    x = np.asarray(places, dtype=np.float64)
+    inside = np.interp(x, at, times)
+    before = times[0] + (x - at[0]) * (times[1] - times[0]) / (at[1] - at[0])
+    after = times[-1] + (x - at[-1]) * (times[-1] - times[-2]) / (at[-1] - at[-2])
+    return np.asarray(np.where(x < at[0], before, np.where(x > at[-1], after, inside)))
+
+
+WIND_UNITS = {"N": KNOT_M_S, "M": 1.0, "K": KMH_M_S}
+RPM_LIMIT = 100_000.0
+BAD_SHARE = 0.2
+THROUGH_WATER = "VHW"
+LOOK_AT = 65536
+
+
+class Line(NamedTuple):
+    """A sentence, what stands before it, and at which byte it begins."""
+
+    sentence: Sentence
+    prefix: str
+    place: int
+
+
+def is_nmea_text(data: bytes) -> bool:
+    """Return whether the beginning of a file holds a sentence with a right checksum."""
+    return bool(_lines(data[:LOOK_AT])[0])
+
+
+def read_nmea(path: str, data: bytes, variation: float | None = None) -> Recording:
+    """Return the recording in a file of sentences. variation [rad], east positive: of magnetic compasses, None to take
+    what the sentences say, and where they say none leave headings magnetic. Raises InputError.
+    """
+    lines, bad = _lines(data)
+    if bad > BAD_SHARE * (len(lines) + bad):
+        raise InputError(f"{path}: {bad} of {len(lines) + bad} sentences have a wrong checksum or form; it is damaged.")
+    time, date, notes = _times(path, lines)
+    if bad:
+        notes.append(f"{path}: {bad} sentences with a wrong checksum or form are left out.")
+    series, told = _series(path, lines, time, variation)
+    notes.extend(told)
+    if not series:
+        raise InputError(
+            f"{path}: holds no heading, rate, rudder or speed (HDG, HDM, HDT, THS, ROT, RSA, VHW, RMC, VTG)."
+        )
+    return on_one_clock(Recording(path, "NMEA 0183 sentences", tuple(series), date, tuple(notes)))
+
+
+def _lines(data: bytes) -> tuple[list[Line], int]:
+    """Return the sentences, and how many lines had a sentence that was wrong."""
+    lines, bad, place = [], 0, 0
+    for raw in data.splitlines(keepends=True):
+        start = raw.find(b"$")
+        if start >= 0:
+            framer = NmeaFramer()
+            found = framer.feed(raw[start:].rstrip().rstrip(b'"') + b"\r\n")
+            if found:
+                lines.append(Line(found[0], raw[:start].decode("ascii", "replace"), place + start))
+            bad += framer.counts.checksum_errors + framer.counts.malformed
+        place += len(raw)
+    return lines, bad
+
+
+def _times(path: str, lines: list[Line]) -> tuple[FloatArray, float | None, list[str]]:
+    """Return the time [s] of each line, the Unix time of zero or None, and notes."""
+    stamps = [stamp_of(line.prefix) for line in lines]
+    if lines and all(stamp is not None for stamp in stamps):
+        return _stamped(path, lines, [stamp for stamp in stamps if stamp is not None])
+    marks = [(line.place, utc) for line in lines if (utc := utc_of(line.sentence)) is not None]
+    time = spread([line.place for line in lines], marks)
+    if time is None:
+        stamped = sum(stamp is not None for stamp in stamps)
+        raise InputError(
+            f"{path}: when its sentences came cannot be told: {stamped} of {len(lines)} have a time stamp before them, "
+            f"and {len(marks)} a UTC inside (RMC, GGA, GLL, ZDA); record with time stamps."
+        )
+    note = f"{path}: has no time stamps; times are spread between the UTC in its sentences."
+    return time, _day(lines), [note]
+
+
+def _stamped(
+    path: str, lines: list[Line], stamps: list[tuple[float, bool]]
+) -> tuple[FloatArray, float | None, list[str]]:
+    time = np.array([seconds for seconds, _ in stamps])
+    of_day = all(of_day for _, of_day in stamps)
+    time = without_midnight(time) if of_day else time
+    back = np.flatnonzero(np.diff(time) < -1.0)
+    if back.size:
+        raise InputError(
+            f"{path}: the time stamps step back by {time[back[0]] - time[back[0] + 1]:.1f} s at sentence "
+            f"{back[0] + 2}: the clock was set, or two logs were put together; keep one part."
+        )
+    if of_day:
+        return time, _day(lines), []
+    return time, 0.0 if time[-1] > EPOCH_FROM else None, []
+
+
+def _day(lines: list[Line]) -> float | None:
+    """Return the beginning of the first day that a sentence names [s since 1970], None where none does."""
+    return next((day for line in lines if (day := date_of(line.sentence)) is not None), None)
+
+
+def _series(path: str, lines: list[Line], time: FloatArray, variation: float | None) -> tuple[list[Series], list[str]]:
+    found = _values(lines, time, variation)
+    notes = []
+    if not any(quantity == HEADING for quantity, _ in found) and any(
+        line.sentence.type in ("HDG", "HDM") for line in lines
+    ):
+        found = _values(lines, time, 0.0)
+        notes.append(f"{path}: the variation is not known; headings are magnetic, which does for the identification.")
+    ordered = sorted(found.items(), key=lambda item: item[0][0] == SPEED and not item[0][1].endswith(THROUGH_WATER))
+    return [
+        series
+        for (quantity, source), pairs in ordered
+        for series in series_of(quantity, source, [when for when, _ in pairs], [value for _, value in pairs])
+    ], notes
+
+
+def _values(
+    lines: list[Line], time: FloatArray, variation: float | None
+) -> dict[tuple[str, str], list[tuple[float, float]]]:
+    reader = NmeaReader(variation)
+    found: defaultdict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
+    for line, when in zip(lines, time.tolist(), strict=True):
+        source = line.sentence.talker + line.sentence.type
+        pairs = _around(line.sentence)
+        sample = reader.read(when, line.sentence)
+        for one in (sample, reader.take_position()):
+            pairs += [] if one is None else _pairs(one)
+        for quantity, value in pairs:
+            found[quantity, source].append((when, value))
+    return found
+
+
+def _pairs(sample: Sample) -> list[tuple[str, float]]:
+    match sample:
+        case HeadingSample(heading=heading):
+            return [(HEADING, heading)]
+        case RateSample(rate=rate):
+            return [(RATE, rate)]
+        case RudderSample(angle=rudder):
+            return [(RUDDER, rudder)]
+        case SpeedSample(speed=speed):
+            return [(SPEED, speed)]
+        case PositionSample(latitude=latitude, longitude=longitude):
+            return [(LATITUDE, latitude), (LONGITUDE, longitude)]
+    return []
+
+
+def _around(sentence: Sentence) -> list[tuple[str, float]]:
+    """Return the apparent wind of MWV (angle, R, speed, unit, A) and a shaft's RPM (S, number, rpm, pitch, A)."""
+    fields = sentence.fields
+    try:
+        if sentence.type == "MWV" and fields[1:2] == ("R",):
+            status(fields, 4)
+            speed = number(fields, 2, 0.0, SPEED_LIMIT) * WIND_UNITS[fields[3]]
+            return [(WIND_SPEED, speed), (WIND_DIRECTION, math.remainder(angle(fields, 0), math.tau))]
+        if sentence.type == "RPM":
+            letter(fields, 0, "S")
+            status(fields, 4)
+            return [(PROPELLER, number(fields, 2, -RPM_LIMIT, RPM_LIMIT) / 60.0)]
+    except (ValueError, KeyError, NoDataError):
+        return []
+    return []

@@ -1,0 +1,100 @@
+"""Norrbin's own log as a recording: the samples that the pilot had, what it made of them, and what it commanded."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from pathlib import Path
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.signing import MAGIC_V2
+from autopilot.logs.series import (
+    HEADING,
+    LATITUDE,
+    LONGITUDE,
+    ORDER,
+    RATE,
+    RUDDER,
+    SPEED,
+    Recording,
+    Series,
+    on_one_clock,
+    series_of,
+)
+from autopilot.runtime.record import PAYLOAD_TYPE, Log, read_logs, read_packets
+from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample, Tick
+
+PILOT = "pilot"
+"""Source of what the pilot's estimator made of the samples: rudder (fed back, or by the steering-gear model), speed."""
+
+
+def is_own(data: bytes) -> bool:
+    """Return whether a .tlog begins with a record of ours."""
+    tunnel = dialect.MAVLINK_MSG_ID_TUNNEL.to_bytes(3, "little") + PAYLOAD_TYPE.to_bytes(2, "little")
+    return data[8:9] == bytes([MAGIC_V2]) and data[15:20] == tunnel
+
+
+def read_own(path: str) -> Recording:
+    """Return the first log in a file that `--log` wrote. Raises InputError."""
+    logs = read_logs(Path(path))
+    log: Log = logs[0]
+    began = began_of(path, log)
+    notes = () if len(logs) == 1 else (f"{path}: holds {len(logs)} logs; the first is read.",)
+    series = (*_estimates(log.ticks), *_samples(log.ticks))
+    return on_one_clock(Recording(path, "Norrbin log", series, began, notes, log.header.get("vessel", "")))
+
+
+def began_of(path: str, log: Log) -> float | None:
+    """Return the Unix time of the loop clock's zero: from the tick's own record, stamped when it was made; None where
+    no tick says."""
+    if not log.ticks:
+        return None
+    stamp = next(stamp for stamp, _ in read_packets(Path(path)))
+    began = stamp - log.ticks[0].now
+    return began if math.isfinite(began) else None
+
+
+def _estimates(ticks: list[Tick]) -> list[Series]:
+    time = [tick.now for tick in ticks]
+    commands = [tick.command.angle if tick.command.engaged else math.nan for tick in ticks]
+    return [
+        *series_of(RUDDER, PILOT, time, [tick.state.rudder for tick in ticks]),
+        *series_of(SPEED, PILOT, time, [tick.state.speed for tick in ticks]),
+        *series_of(ORDER, "commands", time, commands),
+    ]
+
+
+def _samples(ticks: list[Tick]) -> list[Series]:
+    """Return the samples by source; headings and rates together, because the pilot hears one compass at a time."""
+    found: defaultdict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
+    compasses: dict[str, dict[str, None]] = {HEADING: {}, RATE: {}}
+    for tick in ticks:
+        for sample in tick.samples:
+            for quantity, value in _values(sample):
+                source = sample.source
+                if quantity in compasses:
+                    compasses[quantity][source] = None
+                    source = ""
+                found[quantity, source].append((sample.time, value))
+    named = {key: key[1] or "+".join(compasses.get(key[0], {})) for key in found}
+    return [
+        series
+        for key, pairs in found.items()
+        for series in series_of(key[0], named[key], [time for time, _ in pairs], [value for _, value in pairs])
+    ]
+
+
+def _values(sample: Sample) -> list[tuple[str, float]]:
+    match sample:
+        case HeadingSample(heading=heading, rate=rate):
+            return [(HEADING, heading)] if rate is None else [(HEADING, heading), (RATE, rate)]
+        case RateSample(rate=rate):
+            return [(RATE, rate)]
+        case RudderSample(angle=angle, ordered=False):
+            return [(RUDDER, angle)]
+        case SpeedSample(speed=speed):
+            return [(SPEED, speed)]
+        case PositionSample(latitude=latitude, longitude=longitude):
+            return [(LATITUDE, latitude), (LONGITUDE, longitude)]
+    return []

@@ -1,0 +1,268 @@
+"""A log of any kind, known by its content, as a recording.
+
+What a log holds and what identification can use of it.
+
+Logs of any kind as runs for the identification, several of one run merged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.errors import InputError
+from autopilot.files.outside import read_regular
+from autopilot.identification.runs import Run, gap_limit, run_from_columns, seconds
+from autopilot.links.mavlink_codec import MAGIC_V1
+from autopilot.links.signing import MAGIC_V2
+from autopilot.logs.csv_log import RUN_NEEDS, read_csv
+from autopilot.logs.dataflash import HEAD, read_dataflash
+from autopilot.logs.merge import merged, sources_of
+from autopilot.logs.nmea_text import is_nmea_text, read_nmea
+from autopilot.logs.own_log import is_own, read_own
+from autopilot.logs.series import ANGLES, FloatArray, Recording, Series, duration, on_one_clock, series_of
+from autopilot.logs.table import RudderSettings, Servo, ServoScale, Table, table_of
+from autopilot.logs.tlog import read_tlog
+from autopilot.logs.ulog import read_ulog
+
+KINDS = "a .tlog, an ArduPilot .BIN, a PX4 .ulg, NMEA sentences in text, a CSV table"
+ULOG = b"ULog\x01\x12\x35"
+PACKED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"7z\xbc\xaf": "7z", b"\xfd7zXZ": "xz"}
+
+
+class Kind(Enum):
+    """Kinds of logs."""
+
+    DATAFLASH = "ArduPilot DataFlash log"
+    OWN = "Norrbin log"
+    TLOG = "MAVLink telemetry log"
+    ULOG = "PX4 log"
+    NMEA = "NMEA 0183 sentences"
+    TABLE = "CSV table"
+
+
+class ReadOptions(NamedTuple):
+    """columns: what a CSV table calls its columns. system: MAVLink system id to read.
+
+    servo: the steering servo, or only its scale.
+    variation [rad], east positive: of magnetic compasses in NMEA sentences.
+    """
+
+    columns: Mapping[str, str] | None = None
+    system: int | None = None
+    servo: Servo | ServoScale | None = None
+    variation: float | None = None
+
+
+def read_recording(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
+    """Return the recording in a log of any kind. Raises InputError where the file cannot be used."""
+    data = bytes_of(path)
+    match kind_of(path, data):
+        case Kind.DATAFLASH:
+            return read_dataflash(path, data, options.servo)
+        case Kind.OWN:
+            return read_own(path)
+        case Kind.TLOG:
+            return read_tlog(path, data, options.system, options.servo)
+        case Kind.ULOG:
+            return read_ulog(path, data, options.servo)
+        case Kind.NMEA:
+            return read_nmea(path, data, options.variation)
+        case Kind.TABLE:
+            return _read_table(path, options.columns)
+
+
+def kind_of(path: str, data: bytes) -> Kind:
+    """Return what a file is, by its content. Raises InputError where that is nothing known here."""
+    if data.startswith(HEAD):
+        return Kind.DATAFLASH
+    if is_tlog(data):
+        return Kind.OWN if is_own(data) else Kind.TLOG
+    if data.startswith(ULOG):
+        return Kind.ULOG
+    if data.startswith(b"FMT, 128"):
+        raise InputError(f"{path}: is a DataFlash log turned into text; give the .BIN that it was made from.")
+    _check_promise(path)
+    for beginning, name in PACKED.items():
+        if data.startswith(beginning):
+            raise InputError(f"{path}: is packed ({name}); unpack it first.")
+    if data[:1] in (bytes([MAGIC_V1]), bytes([MAGIC_V2])):
+        raise InputError(f"{path}: is a MAVLink stream without time stamps; record it as .tlog.")
+    if b"\0" in data[:4096]:
+        raise InputError(f"{path}: is no log of a kind known here, or its beginning is lost; readable are {KINDS}.")
+    return Kind.NMEA if is_nmea_text(data) else Kind.TABLE
+
+
+def _check_promise(path: str) -> None:
+    """Raise InputError where a name promises a kind that the content has turned out not to be."""
+    match Path(path).suffix.lower():
+        case ".tlog":
+            raise InputError(f"{path}: no MAVLink packet at byte 8: this is not a .tlog, or it is damaged there")
+        case ".bin":
+            raise InputError(f"{path}: does not begin with a DataFlash message (A3 95): this is no .BIN of ArduPilot")
+        case ".ulg":
+            raise InputError(f"{path}: does not begin as a PX4 log does: this is no .ulg, or it is damaged there")
+
+
+def is_tlog(data: bytes) -> bool:
+    """Return whether a file begins as a .tlog does: eight bytes of time, then a MAVLink packet."""
+    return len(data) > 8 and data[8] in (MAGIC_V1, MAGIC_V2) and data[0] == 0
+
+
+def _read_table(path: str, column_map: Mapping[str, str] | None) -> Recording:
+    columns, notes = read_csv(path, column_map, (("time_s",),))
+    time = columns.pop("time_s")
+    series = [s for name, values in columns.items() for s in series_of(name, "table", time, values)]
+    return on_one_clock(Recording(path, "CSV table", tuple(series), None, notes))
+
+
+def bytes_of(path: str) -> bytes:
+    try:
+        data = read_regular(path)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; give a log that exists and can be read") from error
+    if not data:
+        raise InputError(f"{path}: is empty; a log is needed: {KINDS}.")
+    return data
+
+
+NEEDED = {"rudder_rad": "rudder", "speed_m_s": "speed"}
+
+
+class SeriesInfo(NamedTuple):
+    """One series: median rate [Hz], times [s] of first and last sample, gaps that break the record, range."""
+
+    quantity: str
+    source: str
+    samples: int
+    rate_hz: float
+    begins: float
+    ends: float
+    gaps: int
+    longest_gap: float
+    low: float
+    high: float
+
+
+class LogInfo(NamedTuple):
+    """What a log is, holds, and gives the identification.
+
+    duration [s]; began: Unix time [s] or None; uses: where each column would come from; usable: seconds in runs
+    without gaps, and segments how many those are; missing: why it cannot be used, '' where it can.
+    """
+
+    source: str
+    kind: str
+    duration: float
+    began: float | None
+    series: tuple[SeriesInfo, ...]
+    uses: dict[str, str]
+    usable: float
+    segments: int
+    missing: str
+    notes: tuple[str, ...]
+
+
+def info_of(recording: Recording, settings: RudderSettings) -> LogInfo:
+    """Return what there is to know of a recording; never raises for what is only missing."""
+    uses, usable, segments, missing, left_out = _use(recording, settings)
+    return LogInfo(
+        recording.source,
+        recording.kind,
+        duration(recording),
+        recording.began,
+        tuple(_info(series) for series in recording.series),
+        uses,
+        usable,
+        segments,
+        missing,
+        (*recording.notes, *left_out),
+    )
+
+
+def _use(recording: Recording, settings: RudderSettings) -> tuple[dict[str, str], float, int, str, tuple[str, ...]]:
+    uses: dict[str, str] = {}
+    try:
+        table, uses, _ = table_of(recording, settings)
+        for column, name in NEEDED.items():
+            if column not in table:
+                raise InputError(f"{recording.source}: holds no {name}; merge it in from another log with +FILE.")
+        run = run_from_columns(recording.source, table)
+    except InputError as error:
+        return uses, 0.0, 0, str(error), ()
+    return uses, seconds(run), len(run.segments), "", run.notes
+
+
+def _info(series: Series) -> SeriesInfo:
+    values = np.unwrap(series.values) if series.quantity in ANGLES else series.values
+    apart = np.diff(series.time)
+    limit = gap_limit(series.time) if apart.size else 0.0
+    return SeriesInfo(
+        series.quantity,
+        series.source,
+        int(series.time.size),
+        1.0 / series.spacing,
+        float(series.time[0]),
+        float(series.time[-1]),
+        int(np.count_nonzero(apart > limit)),
+        series.longest_gap,
+        float(np.min(values)),
+        float(np.max(values)),
+    )
+
+
+class LogOptions(NamedTuple):
+    """How to read logs, and where the rudder comes from."""
+
+    reading: ReadOptions = ReadOptions()
+    rudder: RudderSettings = RudderSettings()
+
+
+def load_recording(text: str, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
+    """Return the log `text`, or the logs of one run merged: FILE+FILE@SECONDS. Raises InputError."""
+    sources = sources_of(text)
+    return merged([read_recording(source.path, options) for source in sources], [source.offset for source in sources])
+
+
+def load_run(
+    text: str,
+    column_map: Mapping[str, str] | None = None,
+    reverse_rudder: bool = False,
+    options: LogOptions = LogOptions(),  # noqa: B008 - immutable
+) -> Run:
+    """Return the run in the log `text`, or in several logs of it: FILE+FILE@SECONDS.
+
+    column_map: what CSV tables call their columns. reverse_rudder: the recorded rudder is positive to port. Raises
+    InputError where a file cannot be used.
+    """
+    reading = options.reading._replace(columns=column_map or options.reading.columns)
+    sources = sources_of(text)
+    if len(sources) == 1 and kind_of(text, bytes_of(text)) is Kind.TABLE:
+        columns, notes = read_csv(text, reading.columns, RUN_NEEDS)
+        run = run_from_columns(text, _turned(columns, reverse_rudder))
+        return run._replace(notes=(*notes, *run.notes))
+    recording = load_recording(text, reading)
+    table = _table(text, recording, options.rudder)
+    notes = recording.notes
+    if table.rudder == "ordered":
+        notes = (*notes, f"{text}: the rudder is {table.uses['rudder_rad']}.")
+    run = run_from_columns(text, _turned(table.columns, reverse_rudder))
+    return run._replace(notes=(*notes, *run.notes), rudder=table.rudder, vessel=recording.vessel)
+
+
+def _turned(columns: Mapping[str, FloatArray], reverse_rudder: bool) -> Mapping[str, FloatArray]:
+    return {**columns, "rudder_rad": -columns["rudder_rad"]} if reverse_rudder else columns
+
+
+def _table(text: str, recording: Recording, rudder: RudderSettings) -> Table:
+    table = table_of(recording, rudder)
+    if "rudder_rad" not in table.columns:
+        hint = next((note for note in recording.notes if "servo" in note), "")
+        raise InputError(hint or f"{text}: holds no rudder; the rudder's angle, its servo or its orders are needed.")
+    if "speed_m_s" not in table.columns:
+        raise InputError(f"{text}: holds no two speeds; merge them in from another log of the run with +FILE.")
+    return table

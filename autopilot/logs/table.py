@@ -1,0 +1,342 @@
+"""A recording laid out as columns of one length, its rudder by whatever the log holds of it.
+
+A recording laid out as columns of one length, as identification and measures take it.
+
+Rows are the moments at which heading or yaw rate was measured, whichever comes oftener: those values stay as they were
+recorded. The rarer of the two goes to the row nearest each of its samples. Rudder, speed, position, propeller and wind
+are taken between their samples in straight lines, and are blank where those lie apart by more than a gap.
+
+From the pulses that went to a steering servo to the share of full rudder, by the parameters in the same log.
+
+ArduPilot: the servo whose SERVOn_FUNCTION is 26 (GroundSteering), with SERVOn_MIN, TRIM, MAX and REVERSED; what is
+not in the log has the firmware's default (libraries/SRV_Channel/SRV_Channel.cpp: 1100, 1500, 1900, 0).
+PX4: the output whose PWM_MAIN_FUNCn or PWM_AUX_FUNCn is 201 (Servo 1), with MINn, MAXn and a bit in REV
+(src/lib/mixer_module); amidships is CENTn where newer versions have it between them, else the middle.
+
+The rudder of a recording: measured, or what the steering gear makes of the pulses or commands that it was given.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from autopilot.errors import InputError
+from autopilot.identification.runs import RudderOrigin, gap_limit
+from autopilot.links.steering_pwm import LONGEST_US, SHORTEST_US
+from autopilot.logs.own_log import PILOT
+from autopilot.logs.series import (
+    ANGLES,
+    HEADING,
+    LATITUDE,
+    LONGITUDE,
+    ORDER,
+    PROPELLER,
+    RATE,
+    RUDDER,
+    SHARE,
+    SPEED,
+    WIND_DIRECTION,
+    WIND_SPEED,
+    FloatArray,
+    Recording,
+    Series,
+)
+from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
+
+GROUND_STEERING = 26
+FIRST_SERVO = 201
+SERVOS = range(1, 17)
+SHAPE = "NUMBER:MIN:TRIM:MAX, with :reversed behind it where it turns the other way, such as 1:1100:1500:1900"
+
+
+class Servo(NamedTuple):
+    """The steering servo: its number, and pulses [us] at full port, amidships and full starboard, unless reversed."""
+
+    number: int
+    low: float = 1100.0
+    trim: float = 1500.0
+    high: float = 1900.0
+    reversed: bool = False
+
+    def check(self, source: str) -> None:
+        """Raise InputError where these are no end points of a servo."""
+        if not SHORTEST_US <= self.low < self.trim < self.high <= LONGEST_US or self.number not in SERVOS:
+            raise InputError(
+                f"{source}: the steering servo {self.number} goes from {self.low:g} over {self.trim:g} to "
+                f"{self.high:g} us; numbers 1 to 16 and rising pulses from {SHORTEST_US} to {LONGEST_US} us are "
+                "allowed: give the right ones with --servo."
+            )
+
+    def share(self, pulses: FloatArray) -> FloatArray:
+        """Return shares of full rudder, starboard positive, nan where there was no pulse."""
+        away = pulses - self.trim
+        share = np.clip(np.where(away > 0.0, away / (self.high - self.trim), away / (self.trim - self.low)), -1.0, 1.0)
+        return np.where(pulses > 0.0, -share if self.reversed else share, np.nan)
+
+
+class ServoScale(NamedTuple):
+    """Pulses [us] at full rudder to one side, amidships and to the other, where they are not the servo's end points."""
+
+    low: float
+    trim: float
+    high: float
+
+
+def steering_servo(source: str, values: Mapping[str, float], chosen: Servo | ServoScale | None = None) -> Servo | None:
+    """Return the servo that was chosen, or that of the parameters, on the scale that was chosen; None: not known.
+
+    Raises InputError where the end points in the parameters are impossible.
+    """
+    if isinstance(chosen, Servo):
+        return chosen
+    found = servo_from_parameters(source, values)
+    return found if found is None or chosen is None else found._replace(**chosen._asdict())
+
+
+def servo_from_text(text: str) -> Servo:
+    """Return the servo that `--servo` describes. Raises InputError."""
+    number, *rest = text.split(":")
+    is_reversed = bool(rest) and rest[-1] == "reversed"
+    pulses = rest[:-1] if is_reversed else rest
+    if len(pulses) != 3 or not all(word.isascii() and word.isdecimal() and len(word) < 6 for word in (number, *pulses)):
+        raise InputError(f"--servo {text!r}: write {SHAPE}")
+    low, trim, high = (float(pulse) for pulse in pulses)
+    servo = Servo(int(number), low, trim, high, is_reversed)
+    servo.check(f"--servo {text}")
+    return servo
+
+
+def servo_from_parameters(source: str, values: Mapping[str, float]) -> Servo | None:
+    """Return the steering servo as a flight controller's parameters have it, None where they do not tell.
+
+    Raises InputError where its end points are impossible.
+    """
+    servo = _ardupilot(values) or _px4(values)
+    if servo is not None:
+        servo.check(source)
+    return servo
+
+
+def _ardupilot(values: Mapping[str, float]) -> Servo | None:
+    for number in SERVOS:
+        if values.get(f"SERVO{number}_FUNCTION") == GROUND_STEERING:
+            defaults = Servo(number)
+            return Servo(
+                number,
+                values.get(f"SERVO{number}_MIN", defaults.low),
+                values.get(f"SERVO{number}_TRIM", defaults.trim),
+                values.get(f"SERVO{number}_MAX", defaults.high),
+                bool(values.get(f"SERVO{number}_REVERSED", 0.0)),
+            )
+    return None
+
+
+def _px4(values: Mapping[str, float]) -> Servo | None:
+    for group in ("PWM_MAIN", "PWM_AUX"):
+        for number in SERVOS:
+            if values.get(f"{group}_FUNC{number}") == FIRST_SERVO:
+                low, high = values.get(f"{group}_MIN{number}", 1000.0), values.get(f"{group}_MAX{number}", 2000.0)
+                centre = values.get(f"{group}_CENT{number}", -1.0)
+                trim = centre if low < centre < high else 0.5 * (low + high)
+                bits = int(values.get(f"{group}_REV", 0.0))
+                return Servo(number, low, trim, high, bool(bits >> (number - 1) & 1))
+    return None
+
+
+RudderChoice = Literal["auto", "measured", "servo", "commands"]
+CHOICES: tuple[RudderChoice, ...] = ("auto", "measured", "servo", "commands")
+
+GEAR_STEP_S = 0.02
+LONGEST_HOLD_S = 2.0
+"""An order older than this, with none since, says nothing about where the rudder is."""
+
+
+class RudderSettings(NamedTuple):
+    """Where the rudder comes from.
+
+    choice: see CHOICES. at_full [rad]: rudder at full share, negative where the servo turns the other way, None where
+    not known. gear: the steering gear behind servo or commands, None to take the rudder to stand where it is told.
+    """
+
+    choice: RudderChoice = "auto"
+    at_full: float | None = None
+    gear: SteeringGear | None = None
+
+
+class FoundRudder(NamedTuple):
+    """The rudder [rad] of a recording, where it comes from in words, and what it is."""
+
+    series: Series
+    words: str
+    origin: RudderOrigin
+
+
+def rudder_of(recording: Recording, settings: RudderSettings) -> FoundRudder | None:
+    """Return the rudder that the settings choose; None where the recording has none.
+
+    Raises InputError where what was chosen is not there, or a servo's angle is not known.
+    """
+    choices = ("measured", "commands", "servo") if settings.choice == "auto" else (settings.choice,)
+    for choice in choices:
+        found = _by_choice(recording, settings, choice)
+        if found is not None:
+            return found
+    if settings.choice != "auto":
+        raise InputError(f"{recording.source}: --rudder {settings.choice}: the log holds none; {_offers(recording)}.")
+    return None
+
+
+def _by_choice(recording: Recording, settings: RudderSettings, choice: str) -> FoundRudder | None:
+    if choice == "measured":
+        return _measured(recording, settings.choice == "auto")
+    if choice == "commands":
+        orders = recording.best(ORDER)
+        return None if orders is None else _moved(orders, settings.gear, "commanded")
+    shares = recording.best(SHARE)
+    if shares is None:
+        return None
+    if settings.at_full is None:
+        raise InputError(
+            f"{recording.source}: the rudder is known as a share of its full angle ({shares.source}), not as an angle; "
+            "give --vessel FILE, or the angle at full steering with --rudder-at-full-deg."
+        )
+    angles = shares._replace(values=shares.values * settings.at_full)
+    return _moved(angles if settings.gear is None else _between_reports(angles), settings.gear, "by")
+
+
+def _measured(recording: Recording, with_estimate: bool) -> FoundRudder | None:
+    sensor = recording._replace(series=tuple(s for s in recording.series if not _by_pilot(s))).best(RUDDER)
+    series = recording.best(RUDDER) if with_estimate else sensor
+    if series is None:
+        return None
+    # where there is a sensor, the pilot's estimate follows it
+    origin: RudderOrigin = "estimated" if sensor is None else "measured"
+    if _by_pilot(series):
+        return FoundRudder(series, "the pilot's estimate (sensor or steering gear)", origin)
+    return FoundRudder(series, f"measured ({series.source})", origin)
+
+
+def _by_pilot(series: Series) -> bool:
+    """Return whether the pilot's estimator made the series; merging puts the file's name before the source."""
+    return series.source.rpartition(": ")[2] == PILOT
+
+
+def _moved(orders: Series, gear: SteeringGear | None, word: str) -> FoundRudder:
+    how = f"{word} {orders.source}" if word == "by" else f"as {word}"
+    if gear is None:
+        return FoundRudder(orders._replace(quantity=RUDDER), f"{how}, taken to stand where it was ordered", "ordered")
+    return FoundRudder(through_gear(orders, gear), f"{how}, through the steering gear of the vessel file", "ordered")
+
+
+def _between_reports(orders: Series) -> Series:
+    """Return orders that were looked at now and then, at every GEAR_STEP_S in straight lines between the reports.
+
+    A change is seen at the first report after it, half a spacing late on average; a straight line from the report
+    before is right on average.
+    """
+    pauses = np.flatnonzero(np.diff(orders.time) > max(LONGEST_HOLD_S, 5.0 * orders.spacing)) + 1
+    stretches = np.split(orders.time, pauses)
+    times = np.concatenate(
+        [np.arange(part[0], max(part[-1], part[0] + GEAR_STEP_S), GEAR_STEP_S) for part in stretches]
+    )
+    return orders._replace(time=times, values=np.interp(times + 0.5 * GEAR_STEP_S, orders.time, orders.values))
+
+
+def through_gear(orders: Series, gear: SteeringGear) -> Series:
+    """Return where `gear` takes the rudder under `orders` [rad], each held until the next; it starts at the first.
+
+    Behind an order that nothing follows for LONGEST_HOLD_S (or five spacings) the series has a gap.
+    """
+    hold = max(LONGEST_HOLD_S, 5.0 * orders.spacing)
+    line = DelayLine(gear.delay, float(orders.values[0]))
+    angle, now = float(orders.values[0]), float(orders.time[0])
+    times, angles = [now], [angle]
+    ends = np.minimum(np.append(orders.time[1:], orders.time[-1] + orders.spacing), orders.time + hold)
+    for start, order, end in zip(orders.time, orders.values, ends, strict=True):
+        now = float(start)
+        line.give(now, float(order))
+        steps = max(1, math.ceil((end - now) / GEAR_STEP_S - 1.0e-9))
+        for step in range(1, steps + 1):
+            until = now + (float(end) - now) * step / steps
+            angle = gear_step(gear, angle, line.effective(until - 1.0e-9), until - times[-1])
+            times.append(until)
+            angles.append(angle)
+    return Series(RUDDER, orders.source, *_rising(np.array(times), np.array(angles)))
+
+
+def _rising(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    last = np.append(np.diff(time) > 0.0, True)
+    return time[last], values[last]
+
+
+def _offers(recording: Recording) -> str:
+    kinds = {RUDDER: "measured", ORDER: "commands", SHARE: "servo"}
+    there = [name for quantity, name in kinds.items() if recording.of(quantity)]
+    return f"it has {' and '.join(there)}" if there else "it has no rudder of any kind"
+
+
+BESIDE = (SPEED, LATITUDE, LONGITUDE, PROPELLER, WIND_SPEED, WIND_DIRECTION)
+ALIKE = 1.5
+"""Two series whose spacings differ by less than this factor are sampled alike: one is taken between its samples."""
+
+
+class Table(NamedTuple):
+    """columns: arrays of one length under SI names, nan where blank; uses: where each column comes from, in words;
+    rudder: what the rudder is."""
+
+    columns: dict[str, FloatArray]
+    uses: dict[str, str]
+    rudder: RudderOrigin = "measured"
+
+
+def table_of(recording: Recording, settings: RudderSettings) -> Table:
+    """Return the recording as a table. Raises InputError where it has neither heading nor yaw rate."""
+    heading, rate = recording.best(HEADING), recording.best(RATE)
+    motions = [series for series in (heading, rate) if series is not None]
+    if not motions:
+        raise InputError(f"{recording.source}: holds no two headings or yaw rates; nothing can be made of it.")
+    often = min(motions, key=lambda series: series.spacing)
+    rows = often.time
+    columns, uses = {"time_s": rows}, {}
+    for series in motions:
+        columns[series.quantity] = series.values if series is often else _beside(series, often)
+        uses[series.quantity] = series.source
+    rudder = rudder_of(recording, settings)
+    if rudder is not None:
+        columns[RUDDER], uses[RUDDER] = between(rudder.series, rows), rudder.words
+    for quantity in BESIDE:
+        known = recording.best(quantity)
+        if known is not None:
+            columns[quantity], uses[quantity] = between(known, rows), known.source
+    return Table(columns, uses, "measured" if rudder is None else rudder.origin)
+
+
+def between(series: Series, rows: FloatArray) -> FloatArray:
+    """Return the series at the times `rows` [s], in straight lines between samples; nan in gaps and outside."""
+    time, values = series.time, series.values
+    if time.size < 2:
+        return np.full(rows.size, np.nan)
+    unwrapped = np.unwrap(values) if series.quantity in ANGLES else values
+    found = np.interp(rows, time, unwrapped)
+    right = np.clip(np.searchsorted(time, rows), 1, time.size - 1)
+    inside = (rows >= time[0]) & (rows <= time[-1]) & (time[right] - time[right - 1] <= gap_limit(time))
+    inside |= np.isin(rows, time)
+    found = np.where(inside, found, np.nan)
+    return np.angle(np.exp(1j * found)) if series.quantity in ANGLES else found
+
+
+def _beside(series: Series, often: Series) -> FloatArray:
+    """Return the rarer series at the rows of the other: between samples, or only at the row nearest each sample."""
+    values = between(series, often.time)
+    if series.spacing < ALIKE * often.spacing:
+        return values
+    rows = often.time
+    right = np.clip(np.searchsorted(rows, series.time), 1, rows.size - 1)
+    nearest = np.where(series.time - rows[right - 1] < rows[right] - series.time, right - 1, right)
+    kept = np.zeros(rows.size, dtype=bool)
+    kept[nearest] = True
+    return np.where(kept, values, np.nan)

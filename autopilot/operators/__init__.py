@@ -1,0 +1,1 @@
+"""Who moves the order: the skipper at the terminal, routes, patterns, plotters and trials."""

@@ -1,0 +1,463 @@
+"""Who moves the order at the helm: typed lines, patterns, plotters and routes; every intended action has a new serial.
+
+The skipper at the terminal: typed lines become orders; every line is an intended action with a new serial.
+
+Turn patterns as they are ordered: at the terminal (`p circle + 60`) or by number over MAVLink, checked alike.
+
+The skipper who can hand the course to a chart plotter: `f` follows it, any other order takes the course back.
+
+The skipper who can hand the course to a route or a pattern, or the rudder to a trial; other orders take it back.
+
+The guides move the heading that is ordered, they give no orders of their own: a route never engages the pilot, and an
+override ends the following of it for good.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from autopilot.angles import compass_deg, wrap
+from autopilot.errors import InputError
+from autopilot.files.outside import SHOWN, typed_number
+from autopilot.files.printable import printable
+from autopilot.guidance import patterns
+from autopilot.guidance.patterns import Pattern, PatternGuide
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.trials import TrialLimits
+from autopilot.guidance.wind_vane import WindGuide
+from autopilot.links.ground_station.mission import Mission
+from autopilot.operators.trial_script import Step, TrialScript, turning, zigzag
+from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick, WindSample
+
+HELP = (
+    "e [DEG]: engage (present heading)  +10, -1: change heading  r DEG: hold a rudder angle  s: standby  "
+    "a: silence alarms  q: quit"
+)
+
+
+class Skipper:
+    """Holds the present order. Start with `engage`; `type_line` takes what the skipper types."""
+
+    def __init__(self, rudder_max: float) -> None:
+        self._rudder_max = rudder_max
+        self._order = Order()
+        self._adopt = False
+        self.quit = False
+        self.heard = False
+        """Whether alarms have been acknowledged since `Acknowledgements` looked last."""
+
+    def __call__(self, now: float, tick: Tick | None) -> Order:
+        """Return the order at `now`; a heading adopted on engagement becomes the heading ordered."""
+        if self._adopt and tick is not None and tick.mode is Mode.ENGAGED and tick.order.is_same(self._order):
+            self._adopt = False
+            self._order = self._order._replace(heading=tick.state.heading)
+        return self._order
+
+    def engage(self, heading: float | None) -> None:
+        """Order a `heading` [rad], or the present one."""
+        self._adopt = heading is None
+        self._give(OrderKind.HEADING, heading=math.nan if heading is None else wrap(heading))
+
+    def give(self, order: Order) -> None:
+        """Order something else: a trial, a rudder angle."""
+        self._adopt = False
+        self._order = order._replace(serial=self._order.serial + 1)
+
+    def turn_to(self, heading: float) -> None:
+        """Change the heading [rad] ordered; the same serial: no wish to engage again after an override."""
+        if self._order.kind is OrderKind.HEADING:
+            self._adopt = False
+            self._order = self._order._replace(heading=wrap(heading), is_led=False)
+
+    def stand_by(self) -> None:
+        """Order the rudder to be given back."""
+        self.give(Order())
+
+    def acknowledge(self) -> None:
+        """Silence what sounds."""
+        self.heard = True
+
+    def type_line(self, line: str) -> str:
+        """Act on a typed line and return what to answer. Raises InputError."""
+        word, _, rest = line.strip().partition(" ")
+        if word in ("", "?", "h", "help"):
+            return HELP
+        if word == "q":
+            self.quit = True
+            return "leaving"
+        if word == "a":
+            self.acknowledge()
+            return "alarms are silent; they are shown while they last"
+        if word == "s":
+            self.give(Order())
+            return "standby: the rudder is yours"
+        if word == "e":
+            self.engage(heading_of(rest) if rest else None)
+            return "engaging"
+        if word == "r":
+            angle = math.radians(_number(rest))
+            if abs(angle) > self._rudder_max:
+                raise InputError(f"rudder {rest}: allowed is up to {math.degrees(self._rudder_max):.0f} deg each side")
+            self.give(Order(OrderKind.RUDDER, rudder=angle))
+            return f"rudder {rest} deg"
+        if word[0] in "+-":
+            return self._change(math.radians(_number(line.strip().replace(" ", ""))))
+        raise InputError(f"{printable(repr(word), SHOWN)} is no command; {HELP}")
+
+    def _change(self, turn: float) -> str:
+        if self._order.kind is not OrderKind.HEADING or not math.isfinite(self._order.heading):
+            raise InputError("no heading is being steered yet: engage first with e")
+        heading = wrap(self._order.heading + turn)
+        # the same serial: a change of heading is no wish to engage again after an override
+        self._order = self._order._replace(heading=heading, is_led=False)
+        return f"heading {compass_deg(heading):05.1f} deg"
+
+    def _give(self, kind: OrderKind, heading: float) -> None:
+        self._order = Order(kind, heading, serial=self._order.serial + 1)
+
+
+def heading_of(text: str) -> float:
+    """Return a heading typed in degrees, 0 to 360, in rad. Raises InputError."""
+    degrees = _number(text)
+    if not 0.0 <= degrees <= 360.0:
+        raise InputError(f"heading {text}: allowed is 0 to 360 degrees")
+    return wrap(math.radians(degrees))
+
+
+def _number(text: str) -> float:
+    try:
+        return typed_number(text)
+    except InputError as error:
+        raise InputError(f"{error} of degrees") from None
+
+
+PATTERN_HELP = (
+    "p u +: U turn to starboard (-: port)  p circle + M  p spiral + M M  p zigzag + DEG M  p square + M  p s + DEG M"
+)
+
+
+class Size(NamedTuple):
+    """A number a pattern takes, in metres or degrees."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+RADIUS = Size("radius", "m", 1.0, 10000.0)
+GROWTH = Size("change of radius each turn", "m", -1000.0, 1000.0)
+ANGLE = Size("angle", "deg", 1.0, 90.0)
+LEG = Size("leg", "m", 1.0, 100000.0)
+
+KINDS: dict[str, tuple[tuple[Size, ...], Callable[..., Pattern]]] = {
+    "u": ((), patterns.u_turn),
+    "circle": ((RADIUS,), patterns.circle),
+    "spiral": ((RADIUS, GROWTH), patterns.spiral),
+    "zigzag": ((ANGLE, LEG), patterns.zigzag),
+    "square": ((LEG,), patterns.square),
+    "s": ((ANGLE, RADIUS), patterns.s_curve),
+}
+"""In the order of their numbers over MAVLink, from 0."""
+
+
+def pattern_of(kind: str, side: float, sizes: Sequence[float]) -> Pattern:
+    """Return a pattern to one side (1 starboard, -1 port) with its sizes in metres and degrees. Raises InputError."""
+    if kind not in KINDS:
+        raise InputError(f"pattern {printable(repr(kind), SHOWN)}: allowed are {', '.join(KINDS)}")
+    if side not in (1.0, -1.0):
+        raise InputError(f"pattern {kind}: the side is + (starboard) or - (port)")
+    takes, make = KINDS[kind]
+    if len(sizes) < len(takes):
+        raise InputError(f"pattern {kind}: give {' and '.join(f'{size.name} [{size.unit}]' for size in takes)}")
+    for size, value in zip(takes, sizes, strict=False):
+        if not size.low <= value <= size.high:
+            raise InputError(
+                f"pattern {kind}: {size.name} {value:g}, allowed is {size.low:g} to {size.high:g} {size.unit}"
+            )
+    given = [math.radians(value) if size.unit == "deg" else value for size, value in zip(takes, sizes, strict=False)]
+    return make(int(side), *given)
+
+
+def pattern_typed(text: str) -> Pattern:
+    """Return the pattern of a typed line, like `circle + 60`. Raises InputError."""
+    kind, *rest = text.split() or [""]
+    side = {"+": 1.0, "-": -1.0}.get(rest[0], 0.0) if rest else 0.0
+    try:
+        sizes = [typed_number(word) for word in rest[1:]]
+    except InputError as error:
+        raise InputError(f"pattern: {error}; {PATTERN_HELP}") from None
+    if kind in KINDS and len(sizes) > len(KINDS[kind][0]):
+        raise InputError(f"pattern {kind}: too many numbers; {PATTERN_HELP}")
+    return pattern_of(kind, side, sizes)
+
+
+FOLLOW_HELP = "f: follow the chart plotter"
+
+
+class PlotterSkipper(Skipper):
+    """A `Skipper` whose heading orders come from `guide` while it follows."""
+
+    def __init__(self, rudder_max: float, guide: PlotterGuide) -> None:
+        super().__init__(rudder_max)
+        self._guide = guide
+
+    def __call__(self, now: float, tick: Tick | None) -> Order:
+        """Return the order at `now`; while following, its heading is the course that leads along the track."""
+        order = super().__call__(now, tick)
+        if not self._guide.following or tick is None or order.kind is not OrderKind.HEADING:
+            return order
+        if tick.mode is not Mode.ENGAGED or self._adopt:
+            return order
+        # the same serial: a plotter must not engage the pilot anew after an override
+        course = self._guide.course(now, tick.state.heading, tick.state.speed)
+        self._order = order._replace(heading=course, is_led=True)
+        return self._order
+
+    def engage(self, heading: float | None) -> None:
+        """Order a heading [rad] or the present one; the plotter no longer leads."""
+        self._guide.leave()
+        super().engage(heading)
+
+    def turn_to(self, heading: float) -> None:
+        """Change the heading [rad] ordered; the plotter no longer leads."""
+        self._guide.leave()
+        super().turn_to(heading)
+
+    def stand_by(self) -> None:
+        """Order the rudder to be given back; the plotter no longer leads."""
+        self._guide.leave()
+        super().stand_by()
+
+    def follow(self) -> None:
+        """Follow the plotter, engaging on the present heading where nothing is steered yet."""
+        if self._order.kind is not OrderKind.HEADING:
+            self.engage(None)
+        self._guide.follow()
+
+    def type_line(self, line: str) -> str:
+        """Act on a typed line and return what to answer. Raises InputError."""
+        if line.strip() == "f":
+            self.follow()
+            return "following the chart plotter"
+        answer = super().type_line(line)
+        if line.strip()[:1] in ("e", "s", "r", "+", "-"):
+            self._guide.leave()
+        return answer
+
+
+ROUTE_HELP = "t [N]: follow the route"
+WIND_HELP = "w: hold the wind's angle"
+BEGIN_PATIENCE_S = 5.0
+"""A trial that has not begun after this time [s] is not sailed: the pilot cannot engage."""
+ANGLE_LEAST, CHANGE_MOST = math.radians(1.0), math.radians(90.0)
+DURATION_MOST_S = 3600.0
+NUMBER_DIGITS = 5
+
+
+class RouteSkipper(PlotterSkipper):
+    """A `PlotterSkipper` whose heading orders come from the guides while they lead, and who sails trials.
+
+    Attributes:
+        mission: the route.  track: leads along it.  patterns: leads through turn patterns.  wind: leads by the wind.
+    """
+
+    def __init__(self, rudder_max: float, plotter: PlotterGuide, mission: Mission) -> None:
+        super().__init__(rudder_max, plotter)
+        self.mission = mission
+        self.track = mission.guide
+        self.patterns = PatternGuide()
+        self.wind = WindGuide()
+        self._awaits_wind = False
+        self._tick: Tick | None = None
+        self._has_led = False
+        self._script: TrialScript | None = None
+        self._script_since: float | None = None
+        self._before = Order()
+
+    def __call__(self, now: float, tick: Tick | None) -> Order:
+        """Return the order at `now`."""
+        self._tick = tick
+        if tick is not None:
+            for sample in tick.samples:
+                if isinstance(sample, PositionSample):
+                    self.track.take(sample)
+                elif isinstance(sample, WindSample) and tick.state.valid:
+                    self.wind.hear(sample, tick.state.heading)
+            if self._awaits_wind and self.wind.is_known(tick.now):
+                self.hold_wind()
+        if self._script is not None:
+            return self._sail(now, tick, self._script)
+        order = super().__call__(now, tick)
+        leader = next((guide for guide in (self.track, self.wind) if guide.following), self.patterns)
+        if not leader.following or tick is None:
+            if order.is_led and not self._guide.following:
+                self._order = order = order._replace(is_led=False)
+            return order
+        if tick.mode is Mode.OVERRIDE and self._has_led:
+            # who has taken the helm keeps it: nothing of the route is left when the pilot is engaged again
+            leader.leave()
+        elif tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING and not self._adopt:
+            self._has_led = True
+            # the same serial: a route must not engage the pilot anew after an override
+            course = leader.course(now, tick.state.heading, tick.state.speed)
+            self._order = order._replace(heading=course, is_led=True)
+        return self._order
+
+    def engage(self, heading: float | None) -> None:
+        """Order a heading [rad] or the present one; nobody else leads."""
+        self._take_back()
+        super().engage(heading)
+
+    def give(self, order: Order) -> None:
+        """Order something else; nobody else leads."""
+        self._take_back()
+        super().give(order)
+
+    def turn_to(self, heading: float) -> None:
+        """Change the heading [rad] ordered; nobody else leads."""
+        self.end_trial()
+        self._take_back()
+        super().turn_to(heading)
+
+    def follow(self) -> None:
+        """Follow the plotter."""
+        self._take_back()
+        super().follow()
+
+    def type_line(self, line: str) -> str:
+        """Act on a typed line and return what to answer. Raises InputError."""
+        word, _, rest = line.strip().partition(" ")
+        if word == "p":
+            self.sail_pattern(pattern_typed(rest))
+            return f"pattern {rest}"
+        if word == "w" and not rest:
+            self.hold_wind()
+            return "holding the wind's angle"
+        if word == "t":
+            return self._follow_route(rest)
+        answer = super().type_line(line)
+        if word[:1] in ("+", "-"):
+            self._take_back()
+        return answer
+
+    def _follow_route(self, number: str) -> str:
+        """Follow the route from a waypoint on, or from the current one. Raises InputError."""
+        mission = self.mission
+        if number and not (number.isascii() and number.isdecimal() and len(number) <= NUMBER_DIGITS):
+            raise InputError(f"t {printable(number, SHOWN)}: give the number of a waypoint, from 0")
+        target = int(number) if number else None
+        obstacle = mission.obstacle(self._tick.now if self._tick is not None else math.inf, target)
+        if obstacle:
+            raise InputError(obstacle)
+        if target is not None:
+            mission.set_current(target)
+        self.hand_to_track()
+        mission.follow()
+        return f"following the route to waypoint {mission.current} of 0 to {len(mission.items) - 1}"
+
+    def hand_to_track(self) -> None:
+        """Let the track guide lead, engaging on the present heading where none is steered yet."""
+        tick = self._tick
+        if tick is not None and tick.mode is Mode.ENGAGED and self._order.kind is OrderKind.HEADING:
+            self._take_back()
+            self._guide.leave()
+        else:
+            self.engage(None)
+        self._has_led = False
+
+    def hold_wind(self) -> None:
+        """Hold the present angle of the apparent wind, engaging where no heading is steered yet. Raises InputError."""
+        tick = self._tick
+        if tick is None or not self.wind.is_known(tick.now):
+            raise InputError("no wind is heard that could be held: check the wind vane and its NMEA link (MWV)")
+        self.hand_to_track()
+        self.wind.follow()
+
+    def await_wind(self) -> None:
+        """Hold the angle of the apparent wind as soon as one is heard; until then give no order."""
+        self.give(Order())
+        self.wind.wait()
+        self._awaits_wind = True
+
+    def sail_pattern(self, pattern: Pattern) -> None:
+        """Sail a turn pattern, engaging on the present heading where none is steered yet."""
+        self.hand_to_track()
+        self.patterns.follow(pattern)
+
+    def pattern(self, number: int, side: float, sizes: tuple[float, ...]) -> None:
+        """Sail the turn pattern of a number, with its sizes in metres and degrees. Raises InputError."""
+        kinds = list(KINDS)
+        if not 0 <= number < len(kinds):
+            raise InputError(f"pattern {number}: allowed is 0 to {len(kinds) - 1}")
+        self.sail_pattern(pattern_of(kinds[number], side, sizes))
+
+    def zigzag(self, rudder: float, heading_change: float, duration: float) -> TrialScript:
+        """Begin a zigzag; angles [rad], time [s]. Raises InputError."""
+        _check("rudder", rudder, ANGLE_LEAST, self._rudder_max)
+        _check("change of heading", heading_change, ANGLE_LEAST, CHANGE_MOST)
+        return self._begin(zigzag(rudder, heading_change, duration))
+
+    def turning(self, rudder: float, duration: float) -> TrialScript:
+        """Begin a turn at a held rudder [rad]. Raises InputError."""
+        _check("rudder", rudder, -self._rudder_max, self._rudder_max)
+        return self._begin(turning(rudder, duration))
+
+    def end_trial(self) -> None:
+        """End a trial before its time, and go back to what was steered before."""
+        if self._script is not None:
+            self._script.stop()
+            self._go_back(self._tick)
+
+    def _begin(self, step: Step) -> TrialScript:
+        if not 1.0 <= step.duration <= DURATION_MOST_S:
+            raise InputError(f"a trial of {step.duration:g} s: 1 to {DURATION_MOST_S:g} s are allowed")
+        tick, order = self._tick, self._order
+        steered = tick is not None and tick.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING
+        self.give(step.order)
+        self._before = order if steered else Order()
+        self._script = TrialScript([step], TrialLimits())
+        self._script_since = None
+        return self._script
+
+    def _sail(self, now: float, tick: Tick | None, script: TrialScript) -> Order:
+        order = script(now, tick)
+        if self._script_since is None:
+            self._script_since = now
+        if not script.begun_at and now - self._script_since > BEGIN_PATIENCE_S:
+            script.stop()
+        if script.is_over:
+            self._go_back(tick)
+            return self._order
+        return order._replace(serial=self._order.serial)
+
+    def _go_back(self, tick: Tick | None) -> None:
+        """After a trial: steer what was steered before it, or give the rudder back; the same intended action."""
+        self._script = None
+        back = self._before
+        if (
+            back.kind is OrderKind.STANDBY
+            and tick is not None
+            and tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE, Mode.FAULT)
+        ):
+            # standing by would take back what the skipper has to hear
+            back = Order(OrderKind.HEADING, math.nan)
+        self._order = back._replace(serial=self._order.serial)
+        self._adopt = back.kind is OrderKind.HEADING and not math.isfinite(back.heading)
+
+    def _take_back(self) -> None:
+        self.track.leave()
+        self.patterns.leave()
+        self.wind.leave()
+        self._awaits_wind = False
+        if self._script is not None:
+            self._script.stop()
+            self._script = None
+
+
+def _check(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        limits = f"{math.degrees(low):.0f} to {math.degrees(high):.0f}"
+        raise InputError(f"{name} {math.degrees(value):.3g} deg: {limits} are allowed")

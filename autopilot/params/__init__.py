@@ -1,1 +1,0 @@
-"""Vessel and firmware files, and the MAVLink parameter protocol."""

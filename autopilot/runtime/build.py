@@ -1,0 +1,476 @@
+"""From a vessel file to a Pilot: model, rudder, law and gains chosen by name, degrees made radians.
+
+From a vessel file to a Pilot: here, in build_laws and build_links parts are chosen by name, degrees made radians.
+
+From a vessel file to boat and heading law: model, rudder and gains by name, degrees become radians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple
+from typing import TYPE_CHECKING
+
+from autopilot.control import backstepping, sliding_heading
+from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
+from autopilot.control.design import (
+    LoopGains,
+    Verdict,
+    judge,
+    linear_gains_backstepping,
+    linear_gains_pid,
+    linear_gains_sliding,
+)
+from autopilot.control.limits import RudderLimits
+from autopilot.control.margins import Delays, Observed, refusal_of
+from autopilot.control.met_waves import Corners
+from autopilot.control.pid import PidGains, PidLaw
+from autopilot.control.roll_damping import RollDamping
+from autopilot.control.sliding_heading import SlidingGains, SlidingLaw, SwayYawGains
+from autopilot.errors import RefusedError
+from autopilot.estimation.heading_ekf import RATE_UNKNOWN, FilterNoise
+from autopilot.estimation.steady_filter import steady_filter
+from autopilot.guidance.track import TrackSettings
+from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
+from autopilot.links.rudder_follow import FollowSettings
+from autopilot.models.norrbin import Norrbin, at_speed_ratio, steady_rate
+from autopilot.models.steering_gear import SteeringGear, clip
+from autopilot.pilot import INTEGRATING_LAW, HeadingLaw, Pilot, PilotConfig
+from autopilot.signals import NavState, Reference
+from autopilot.supervision.monitors import AlarmLimits
+from autopilot.supervision.monitors.watched import LATE_PERIODS
+from autopilot.supervision.supervisor import FailsafeAction
+from autopilot.vessel.schema import SlidingRoll, Vessel
+
+if TYPE_CHECKING:
+    from autopilot.control.rudder_roll import RollGains
+    from autopilot.control.sliding_roll import RollShip, SlidingRollLaw
+if TYPE_CHECKING:
+    from autopilot.identification.learning import Learner
+
+ROLL_LAW = "sliding_roll"
+"""It needs a linear model of sway, roll and yaw, and brings numpy along."""
+TRIAL_LAW = "trial"
+"""In place of a law's name: trials order rudder angles and need no gains."""
+
+
+def model_of(vessel: Vessel) -> Norrbin:
+    """Return the identified model of the vessel file."""
+    model = vessel.model
+    return Norrbin(
+        gain=model.K_1_s,
+        time_constant=model.T_s,
+        n3=model.n3_s2_rad2,
+        n2=model.n2_s_rad,
+        n1=model.n1,
+        n0=model.n0_rad_s,
+        reference_speed=model.reference_speed_m_s,
+    )
+
+
+def gain_per_speed_of(vessel: Vessel) -> float:
+    """Return K/U [1/m] of the vessel, which no speed changes."""
+    return vessel.model.K_1_s / vessel.model.reference_speed_m_s
+
+
+def gear_of(vessel: Vessel) -> SteeringGear:
+    """Return the steering gear of the vessel file."""
+    rudder = vessel.rudder
+    return SteeringGear(
+        angle_max=math.radians(rudder.angle_max_deg),
+        rate_max=radians_or_unlimited(rudder.rate_max_deg_s),
+        lag=rudder.lag_s,
+        dead_band=math.radians(rudder.dead_band_deg),
+        delay=rudder.delay_s,
+    )
+
+
+def limits_of(vessel: Vessel) -> RudderLimits:
+    """Return what may be commanded: the file's limits, inside what the rudder can do."""
+    gear = gear_of(vessel)
+    limits = vessel.limits
+    angle = gear.angle_max if limits.angle_max_deg is None else math.radians(limits.angle_max_deg)
+    rate = radians_or_unlimited(limits.rate_max_deg_s)
+    return RudderLimits(min(angle, gear.angle_max), min(rate, gear.rate_max))
+
+
+class HoldRudder:
+    """Stands where a law would, for trials: leaves the rudder where it was told to be."""
+
+    name = TRIAL_LAW
+
+    def reset(self, rudder: float) -> None:
+        """Nothing to forget."""
+
+    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Return `last_rudder` [rad]."""
+        return last_rudder
+
+
+def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
+    """Return the heading law `name` (the file's own choice when None) with the file's gains.
+
+    Raises RefusedError where the file has no gains for it.
+    """
+    control = vessel.control
+    chosen = name or control.law
+    if chosen == TRIAL_LAW:
+        return HoldRudder()
+    if chosen == "backstepping" and control.backstepping is not None:
+        gains = BacksteppingGains(*astuple(control.backstepping))
+        bound = backstepping.error_max_of(model_of(vessel), gains, limits_of(vessel).rate_max)
+        return BacksteppingLaw(gains, vessel.model.reference_speed_m_s, bound, limits_of(vessel).angle_max)
+    if chosen == "pid" and control.pid is not None:
+        gains_pid = PidGains(control.pid.kp, control.pid.ki_1_s, control.pid.kd_s)
+        return PidLaw(gains_pid, gain_per_speed_of(vessel))
+    if chosen == "sliding" and control.sliding is not None:
+        sliding = control.sliding
+        reach, boundary = math.radians(sliding.reach_deg_s2), math.radians(sliding.boundary_deg_s)
+        surface = SlidingGains(sliding.slope_1_s, reach, boundary)
+        return SlidingLaw(surface, vessel.model.reference_speed_m_s, limits_of(vessel).angle_max)
+    if chosen == ROLL_LAW and control.sliding_roll is not None:
+        return sliding_roll_of(vessel, control.sliding_roll)
+    raise RefusedError(_no_gains(vessel, chosen))
+
+
+def _no_gains(vessel: Vessel, law: str) -> str:
+    cure = "docs/liu2017.md says how" if law == ROLL_LAW else "or let `autopilot gains` work them out"
+    return f"vessel {vessel.name!r} has no gains for the law {law!r}: add control.{law} to the file, {cure}"
+
+
+def sliding_roll_of(vessel: Vessel, section: SlidingRoll) -> SlidingRollLaw:
+    """Return the heading and roll law of the vessel. Raises RefusedError where its numbers must not be engaged."""
+    # numpy comes along, which pilots with other laws do without
+    from autopilot.control.sliding_roll import SlidingRollLaw
+
+    if vessel.control.roll is not None:
+        raise RefusedError(
+            f"vessel {vessel.name!r}: the law {ROLL_LAW!r} damps roll itself and excludes the section control.roll; "
+            "leave one of them out"
+        )
+    try:
+        return SlidingRollLaw(*roll_ship_of(vessel, section))
+    except ValueError as error:
+        raise RefusedError(f"vessel {vessel.name!r}: control.{ROLL_LAW}: {error}") from error
+
+
+def roll_ship_of(vessel: Vessel, section: SlidingRoll) -> tuple[RollShip, SwayYawGains, RollGains]:
+    """Return what the heading and roll law knows of the boat, the quiet law's gains and its own."""
+    from autopilot.control.rudder_roll import RollGains
+    from autopilot.control.sliding_roll import RollShip, linear_model
+
+    gear, limits = gear_of(vessel), limits_of(vessel)
+    ship = RollShip(
+        linear_model((section.sway_row, section.roll_row, section.yaw_row)),
+        vessel.model.reference_speed_m_s,
+        gear._replace(angle_max=limits.angle_max, rate_max=limits.rate_max),
+        vessel.sensors.heading_latency_s + vessel.control.loop_delay_s + gear.delay,
+        gain_per_speed_of(vessel),
+    )
+    return (
+        ship,
+        SwayYawGains(*astuple(section.quiet)),
+        RollGains(section.k_v_s_m, section.k_p_s, section.k_r_s, section.k_phi, section.reach, section.boundary),
+    )
+
+
+def gains_in_force(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> tuple[float, ...]:
+    """Return the law's own gains at `ratio` times the speed of the trial; the PID's are the same at every speed.
+
+    Of the heading and roll law: rudder per heading error and per yaw rate [s] of its quiet law.
+    """
+    if (name or vessel.control.law) == ROLL_LAW:
+        quiet = quiet_gains_of(vessel, ratio)
+        return quiet.proportional, quiet.derivative
+    law = law_of(vessel, name)
+    if isinstance(law, BacksteppingLaw):
+        return backstepping.gains_at(law.gains, ratio)
+    if isinstance(law, SlidingLaw):
+        return sliding_heading.gains_at(law.gains, ratio)
+    assert isinstance(law, PidLaw)
+    return law.gains
+
+
+def loop_gains_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> LoopGains:
+    """Return the law's gains on heading error, rate and integral, about straight running.
+
+    ratio: at so many times the speed of the trial.
+    """
+    if (name or vessel.control.law) == ROLL_LAW:
+        return quiet_gains_of(vessel, ratio)
+    model, gains = at_speed_ratio(model_of(vessel), ratio), gains_in_force(vessel, name, ratio)
+    if isinstance(gains, BacksteppingGains):
+        return linear_gains_backstepping(model, gains)
+    if isinstance(gains, SlidingGains):
+        return linear_gains_sliding(model, gains)
+    assert isinstance(gains, PidGains)
+    return linear_gains_pid(gains)
+
+
+def quiet_gains_of(vessel: Vessel, ratio: float) -> LoopGains:
+    """Return what the quiet part of the heading and roll law does about straight running.
+
+    Raises RefusedError where the file has no such law or its numbers are not stable.
+    """
+    from autopilot.control.sliding_roll import laws_at, near_surface_quiet
+
+    section = vessel.control.sliding_roll
+    if section is None:
+        raise RefusedError(_no_gains(vessel, ROLL_LAW))
+    within = clip(ratio, *sliding_heading.SPEED_RANGE)
+    try:
+        at = laws_at(*roll_ship_of(vessel, section), within)
+    except ValueError as error:
+        raise RefusedError(f"vessel {vessel.name!r}: control.{ROLL_LAW}: {error}") from error
+    _, _, rate, _, heading = near_surface_quiet(at.quiet)
+    return LoopGains(float(heading), 0.0, float(rate))
+
+
+def radians_or_unlimited(degrees: float | None) -> float:
+    """Return `degrees` in radians; inf where there is no limit."""
+    return math.inf if degrees is None else math.radians(degrees)
+
+
+UNATTENDED_S = 3.0
+"""A rudder drive without a time-out of its own is left without orders for so long, as ArduPilot's overrides are."""
+SEA = math.radians(2.0)
+GUST = math.radians(0.2)
+DISTURBANCE_TIME = 0.5
+"""What moves the boat like a rudder of this size [rad], correlated over this time [s]: the whole sea, or all but it."""
+MODEL_ERROR = 0.16
+"""The rudder's effect is uncertain by this share of it over the boat's time constant, as white noise. Where much less
+is supposed, a boat that turns 40 % better than its model swings about its course after a push: what its rudder does too
+much is taken for wind. Where more is supposed, a quick boat's filter trusts its model too little to follow the boat."""
+MODEL_ERROR_UNSTABLE = 0.6
+"""The same of a course-unstable boat, whose rudder and own moment nearly cancel, whatever its time constant [s^(1/2)].
+With 0.1 a boat with 30 % less rudder than the model's swings by 12 deg on a straight course in calm water, with 0.6 by
+0.3 deg."""
+WAVE_CORNER_SHARE = 0.4
+"""Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
+lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
+UNDONE_SHARE = 1.2
+"""Waves slower than this share of it are undone where they are to be met, see `met_waves`."""
+GUST_TIME_LEAST = 6.0
+GUST_TIME_SHARE = 0.2
+"""Gusts are what the bias does over so long [s], or over this share of the time in which it changes if that is longer:
+the wind on a boat that turns slowly shows slowly, and waves on it show in the bias."""
+STEERAGE_SHARE = 0.1
+"""Below this share of the model's speed a boat is not steered, where the file says nothing."""
+HEADING_INTERVAL = 0.1
+"""Loops are judged as if headings came so often [s], as most compasses send them."""
+HEADING_NOISE_LEAST_DEG = 0.1
+"""The monitors hold no compass for better than its last digit."""
+BIAS_CHANGE = math.radians(2.0)
+BIAS_CHANGE_IN_WAVES = math.radians(0.3)
+BIAS_CHANGE_PUSHED = math.radians(5.0)
+BIAS_CHANGE_STOPPED = math.radians(9.0)
+BIAS_TIME = 10.0
+"""Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer, where
+the file says nothing. Where waves are filtered it may be slow: how much it is in gusts is learnt, up to what it is
+without the filter, and what is sudden is noticed as more than a wave, and then it is quick. With the rudder at its stop
+it is in BIAS_TIME by any boat: what held the boat there may let go at once, however slow it is, and nothing wears
+by it (docs/gains.md)."""
+
+
+def _integrates(vessel: Vessel, law: str | None) -> bool:
+    """Return whether the law, None: the file's, learns the bias by itself and does not go by the estimated one."""
+    return (law or vessel.control.law) == INTEGRATING_LAW
+
+
+def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
+    """Return the filter's noise: instruments from the file, sea and wind from the constants of this module."""
+    model, sensors = vessel.model, vessel.sensors
+    moment = model.K_1_s / model.T_s
+    filtered = vessel.estimator.wave_filter != "off"
+    bias_time = bias_time_of(vessel)
+    calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if filtered else (SEA, BIAS_CHANGE)
+    return FilterNoise(
+        heading=math.radians(sensors.heading_noise_deg) ** 2,
+        rate=math.radians(sensors.rate_noise_deg_s) ** 2,
+        acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
+        bias=bias * bias / bias_time,
+        model_error=_model_error(vessel) if filtered else 0.0,
+        waves=filtered,
+        gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
+        gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
+        stop=math.inf if _integrates(vessel, law) else HARD_OVER * limits_of(vessel).angle_max,
+        stop_bias=BIAS_CHANGE_STOPPED * BIAS_CHANGE_STOPPED / BIAS_TIME,
+        gusty_bias=BIAS_CHANGE * BIAS_CHANGE / bias_time,
+        gust_time=max(GUST_TIME_LEAST, GUST_TIME_SHARE * bias_time),
+        rate_unknown=min(_quickest_turn(vessel) ** 2, RATE_UNKNOWN),
+    )
+
+
+def _model_error(vessel: Vessel) -> float:
+    """Return by which share the rudder's effect is uncertain, as white noise [s^(1/2)]."""
+    return MODEL_ERROR * math.sqrt(vessel.model.T_s) if vessel.model.n1 > 0.0 else MODEL_ERROR_UNSTABLE
+
+
+def bias_time_of(vessel: Vessel) -> float:
+    """Return the time [s] in which wind, current and trim change: the file's, or the usual one."""
+    return vessel.estimator.bias_time_s or max(BIAS_TIME, 2.0 * vessel.model.T_s)
+
+
+def _quickest_turn(vessel: Vessel) -> float:
+    """Return the steady rate [rad/s] with the rudder hard over, to the quicker side; inf where the model has none."""
+    model, angle = model_of(vessel), gear_of(vessel).angle_max
+    try:
+        return max(abs(steady_rate(model, angle)), abs(steady_rate(model, -angle)))
+    except ValueError:
+        return math.inf
+
+
+def wave_corners_of(vessel: Vessel, law: str | None = None) -> Corners:
+    """Return which waves the law is shown, all of them in trials and where it works against roll in the waves, and
+    which of them are undone."""
+    if (law or vessel.control.law) in (TRIAL_LAW, ROLL_LAW):
+        return Corners(math.inf)
+    natural = math.sqrt(loop_gains_of(vessel, law).proportional * vessel.model.K_1_s / vessel.model.T_s)
+    meets = vessel.estimator.wave_filter == "meet"
+    return Corners(WAVE_CORNER_SHARE * natural, UNDONE_SHARE * natural if meets else 0.0)
+
+
+def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Verdict:
+    """Return the margins of the vessel's law with its rudder, and why it must not engage where it must not.
+
+    ratio: at so many times the speed of the trial.
+    """
+    verdict = judge(
+        at_speed_ratio(model_of(vessel), ratio),
+        gear_of(vessel),
+        limits_of(vessel).rate_max,
+        vessel.control.loop_delay_s,
+        loop_gains_of(vessel, name, ratio),
+    )
+    return verdict if verdict.refusal else verdict._replace(refusal=refusal_of(observed_of(vessel, name, ratio)))
+
+
+def observed_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0, in_gusts: bool = False) -> Observed:
+    """Return the loop of the vessel's law with the heading filter in it, at `ratio` times the speed of the trial.
+
+    in_gusts: with the bias as quick as the filter learns it to be at most; without waves it learns nothing.
+    """
+    model, noise = at_speed_ratio(model_of(vessel), ratio), noise_of(vessel)
+    if in_gusts and noise.waves:
+        noise = noise._replace(bias=noise.gusty_bias)
+    return Observed(
+        model,
+        gear_of(vessel),
+        Delays(vessel.control.loop_delay_s, vessel.sensors.heading_latency_s),
+        loop_gains_of(vessel, name, ratio),
+        not _integrates(vessel, name),
+        steady_filter(model, noise, HEADING_INTERVAL, vessel.sensors.heading_latency_s),
+    )
+
+
+def build_pilot(vessel: Vessel, law: str | None = None, *, learns: bool = False) -> Pilot:
+    """Return the pilot of a vessel, one that learns its model where asked for.
+
+    Raises RefusedError where its gains must not be engaged on its rudder.
+    """
+    if law != TRIAL_LAW and (verdict := verdict_of(vessel, law)).refusal:
+        raise RefusedError(f"vessel {vessel.name!r}: {verdict.refusal}")
+    config = pilot_config(vessel, law)
+    return Pilot(config, law_of(vessel, law), learner_of(vessel) if learns else None)
+
+
+def learner_of(vessel: Vessel) -> Learner:
+    """Return what learns the vessel's model while it sails. Raises RefusedError for a model with n2."""
+    from autopilot.identification.learning import Learner
+
+    if vessel.model.n2_s_rad:
+        raise RefusedError(f"vessel {vessel.name!r}: --learn knows no model.n2_s_rad; set it to 0 or leave --learn out")
+    return Learner(model_of(vessel))
+
+
+def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
+    """Return what the pilot knows of the vessel that `law` (None: the file's own) is to steer."""
+    failsafe, steerage = vessel.failsafe, vessel.control.steerage_m_s
+    return PilotConfig(
+        model=model_of(vessel),
+        gear=gear_of(vessel),
+        noise=noise_of(vessel, law),
+        limits=limits_of(vessel),
+        failsafe=FailsafeAction(
+            failsafe.heading_timeout_s,
+            failsafe.action,
+            failsafe.release_after_s,
+            failsafe.resume,
+            failsafe.reengage_after_reboot,
+            math.radians(failsafe.windward_rudder_deg),
+        ),
+        alarms=alarm_limits_of(vessel),
+        rudder_share=vessel.guidance.rudder_share,
+        turn_rate_max=radians_or_unlimited(vessel.guidance.turn_rate_max_deg_s),
+        turn_curvature_max=curvature_max_of(vessel),
+        rudder_is_ours=vessel.helm.method != "guided",
+        wave_corners=wave_corners_of(vessel, law),
+        steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
+        steerage_over_ground=steerage is not None,
+        roll=roll_damping_of(vessel),
+        dead_band=math.radians(vessel.limits.dead_band_deg),
+    )
+
+
+def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
+    """Return what the monitors of the vessel go by."""
+    alarms, follow = vessel.alarms, follow_of(vessel)
+    return AlarmLimits(
+        radians_or_unlimited(alarms.off_course_deg),
+        alarms.off_course_s,
+        radians_or_unlimited(alarms.roll_deg),
+        alarms.frozen_heading,
+        radians_or_unlimited(alarms.heading_jump_deg),
+        radians_or_unlimited(alarms.rate_disagrees_deg),
+        math.inf if alarms.innovation_sigmas is None else alarms.innovation_sigmas,
+        alarms.reversed_rudder,
+        follow.tolerance,
+        follow.rate,
+        follow.delay,
+        vessel.failsafe.action == "windward",
+        math.radians(max(vessel.sensors.heading_noise_deg, HEADING_NOISE_LEAST_DEG)) ** 2,
+        LATE_PERIODS / vessel.control.rate_hz,
+    )
+
+
+def track_settings_of(vessel: Vessel) -> TrackSettings:
+    """Return how the vessel follows a route.
+
+    The turning circle is that at the model's speed: without a preset rate it hardly depends on it, K grows with it.
+    """
+    guidance, model = vessel.guidance, model_of(vessel)
+    limits = limits_of(vessel)
+    fastest = radians_or_unlimited(guidance.turn_rate_max_deg_s)
+    turn_rate = preset_rate(fastest, curvature_max_of(vessel), model.reference_speed)
+    # the circle between two legs is one that leaves rudder to keep to it
+    turn = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, turn_rate, begins=1.0)
+    onset = model.time_constant + 0.5 * turn.rudder_max / turn.rudder_rate
+    return TrackSettings(
+        lookahead=guidance.lookahead_s,
+        radius=guidance.waypoint_radius_m,
+        turn_radius=model.reference_speed / turn.rate_max,
+        turn_reach=model.reference_speed * onset,
+        alarm_distance=guidance.off_track_alarm_m,
+        magnetic=vessel.sensors.magnetic,
+    )
+
+
+def curvature_max_of(vessel: Vessel) -> float:
+    """Return 1/R [1/m] of the vessel's tightest turn; inf where the file names none."""
+    radius = vessel.guidance.turn_radius_m
+    return math.inf if radius is None else 1.0 / radius
+
+
+def roll_damping_of(vessel: Vessel) -> RollDamping | None:
+    """Return how the vessel's rudder works against roll; None where the file has no section control.roll."""
+    roll = vessel.control.roll
+    return None if roll is None else RollDamping(roll.rate_gain_s, math.radians(roll.rudder_max_deg), roll.lowest_rad_s)
+
+
+def follow_of(vessel: Vessel) -> FollowSettings:
+    """Return how closely the vessel's rudder must follow its orders, and how long it may be left without one."""
+    rudder = vessel.rudder
+    tolerance = math.radians(rudder.follow_tolerance_deg)
+    patience = max(UNATTENDED_S, vessel.failsafe.heading_timeout_s, LATE_PERIODS / vessel.control.rate_hz)
+    rate = radians_or_unlimited(rudder.rate_max_deg_s)
+    return FollowSettings(tolerance, rate, rudder.delay_s + rudder.lag_s, patience)

@@ -1,0 +1,279 @@
+"""What the loop asks of its machine and sees of it: real time, late ticks, clocks that are set, the service manager.
+
+What a service manager is told: ready, alive, why not well, leaving. Without one nothing is sent.
+
+The protocol is sd_notify(3) of systemd: datagrams of VARIABLE=value lines to the socket named in NOTIFY_SOCKET. Signs
+of life come from the tick and from no other place: when it hangs they stop, and after WatchdogSec the manager aborts
+the process and starts another.
+
+What the loop sees of itself: ticks that come late, and a wall clock that somebody has set.
+
+What the machine can do for a loop that must not be late: priority, memory that stays, a core, quiet collections.
+
+Each is asked for, none is needed: what cannot be had is one sentence with the way to get it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import os
+import resource
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from autopilot.errors import InputError
+from autopilot.links.alarm_outputs import SilentLink
+from autopilot.runtime.clock import running_time
+from autopilot.signals import ConditionSample, Sample, Tick
+from autopilot.supervision.monitors.watched import LATE_PERIODS
+from autopilot.supervision.panel import sentences_of
+
+LATE_COUNT = 3
+LATE_WITHIN_S = 10.0
+"""So many late ticks within this time are an alarm, until so long passes without one."""
+STANDSTILL_S = 1.0
+"""One tick later than this is an alarm at once: a stopped process or machine, while the boat went on. As long a vehicle
+has to follow an order before it counts as disobedient."""
+STEP_S = 1.0
+SAID_S = 60.0
+CHECK_S = 1.0
+
+
+class LoopHealth(SilentLink):
+    """A `Link` to nobody: is shown every tick, and brings what is wrong with their times into the next one.
+
+    `wall` and `monotonic` return seconds; `period` [s] is the control period, in the loop's own time.
+    """
+
+    name = "loop"
+
+    def __init__(
+        self,
+        period: float,
+        wall: Callable[[], float] = time.time,
+        monotonic: Callable[[], float] = running_time,
+    ) -> None:
+        self._longest = LATE_PERIODS * period
+        self._wall, self._monotonic = wall, monotonic
+        self._last: float | None = None
+        self._late: deque[float] = deque()
+        self._longest_gap = 0.0
+        self._is_late = False
+        self._offset = wall() - monotonic()
+        self._checked = monotonic()
+        self._stepped_at: float | None = None
+
+    def show(self, tick: Tick) -> None:
+        """Take the time of a tick."""
+        if self._last is not None and tick.now - self._last > self._longest:
+            self._late.append(tick.now)
+            self._longest_gap = max(self._longest_gap, tick.now - self._last)
+        self._last = tick.now
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return what has begun or ended."""
+        return [*self._lateness(now), *self._clock(now)]
+
+    def _lateness(self, now: float) -> list[Sample]:
+        while self._late and now - self._late[0] > LATE_WITHIN_S:
+            self._late.popleft()
+        stood_still = self._longest_gap > max(STANDSTILL_S, self._longest)
+        if not self._is_late and (len(self._late) >= LATE_COUNT or (self._late and stood_still)):
+            self._is_late = True
+            ticks = "tick" if len(self._late) == 1 else "ticks"
+            detail = f"{len(self._late)} {ticks} late by up to {self._longest_gap:.2f} s"
+            return [ConditionSample(now, "deadline_missed", True, detail, self.name)]
+        if self._is_late and not self._late:
+            self._is_late, self._longest_gap = False, 0.0
+            return [ConditionSample(now, "deadline_missed", False, "", self.name)]
+        return []
+
+    def _clock(self, now: float) -> list[Sample]:
+        running = self._monotonic()
+        if running - self._checked < CHECK_S:
+            return []
+        self._checked = running
+        offset = self._wall() - running
+        step, self._offset = offset - self._offset, offset
+        if abs(step) > STEP_S:
+            self._stepped_at = running
+            return [ConditionSample(now, "clock_stepped", True, f"by {step:+.0f} s", self.name)]
+        if self._stepped_at is not None and running - self._stepped_at > SAID_S:
+            self._stepped_at = None
+            return [ConditionSample(now, "clock_stepped", False, "", self.name)]
+        return []
+
+
+MCL_CURRENT, MCL_FUTURE = 1, 2
+YOUNG = 2000
+"""Objects made since the last collection before one is worth its time."""
+OLD_EVERY = 200
+"""Young collections from one look through what has lasted to the next."""
+SAFETY_NET = (100_000, 50, 100)
+"""Thresholds of the automatic collector: only a loop without slack reaches them."""
+
+
+class RealTime(NamedTuple):
+    """priority: of SCHED_FIFO, 1 to 99, None for the usual scheduling.  cpus: cores to keep to, () for any."""
+
+    priority: int | None = None
+    cpus: tuple[int, ...] = ()
+
+
+def make_real_time(wanted: RealTime) -> list[str]:
+    """Ask the system for `wanted`; return a sentence for each thing that it refused.
+
+    The threads that exist by now (the log's) get one priority less: they hold the interpreter for moments, and whoever
+    holds it must not be kept from going on by programs of lower priority.
+    """
+    refused = []
+    if wanted.cpus:
+        refused.append(_keep_to(wanted.cpus))
+    if wanted.priority is not None:
+        refused.append(_lock_memory())
+        refused.append(_schedule(wanted.priority))
+    return [sentence for sentence in refused if sentence]
+
+
+def cpus_of(text: str) -> tuple[int, ...]:
+    """Return the cores named in `text`, such as 3 or 2,3. Raises InputError."""
+    present = os.cpu_count() or 1
+    words = text.split(",")
+    if not {*words} <= {str(core) for core in range(present)}:
+        raise InputError(f"--cpu {text}: numbers of cores from 0 to {present - 1} are allowed, such as {present - 1}")
+    return tuple(int(word) for word in words)
+
+
+def _keep_to(cpus: Sequence[int]) -> str:
+    try:
+        os.sched_setaffinity(0, cpus)
+    except OSError as error:
+        asked, allowed = (",".join(map(str, sorted(some))) for some in (cpus, os.sched_getaffinity(0)))
+        return (
+            f"not kept to CPU {asked} ({error.strerror}): allowed here are {allowed}; see CPUAffinity= of the service"
+        )
+    return ""
+
+
+def _lock_memory() -> str:
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
+    way_out = "set LimitMEMLOCK=infinity in the service, or `- memlock unlimited` in /etc/security/limits.conf"
+    if limit != resource.RLIM_INFINITY and os.geteuid() != 0:
+        # locked within a limit, memory that is asked for later would be refused
+        return f"memory is not locked (at most {limit // 1024} kB are allowed): {way_out}"
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(MCL_CURRENT | MCL_FUTURE) != 0:
+        return f"memory is not locked ({os.strerror(ctypes.get_errno())}): {way_out}"
+    return ""
+
+
+def _schedule(priority: int) -> str:
+    way_out = f"set LimitRTPRIO={priority} in the service, or `- rtprio {priority}` in /etc/security/limits.conf"
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    try:
+        for thread in threading.enumerate():
+            if thread is not threading.main_thread() and thread.native_id is not None:
+                os.sched_setscheduler(thread.native_id, policy, os.sched_param(max(1, priority - 1)))
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except OSError as error:
+        return f"no real-time priority ({error.strerror}): {way_out}"
+    return ""
+
+
+class SlackCollector:
+    """Collects garbage when it is called, in the slack behind a tick, so that no collection falls into one.
+
+    What exists when it is made is never looked through again. `close` gives the collector back as it was.
+    """
+
+    def __init__(self, collect: Callable[[int], int] = gc.collect) -> None:
+        self._collect = collect
+        self._before = gc.get_threshold()
+        self._young = 0
+        gc.collect()
+        gc.freeze()
+        gc.set_threshold(*SAFETY_NET)
+
+    def __call__(self) -> None:
+        """Collect where there is enough to collect."""
+        if gc.get_count()[0] >= YOUNG:
+            self._young += 1
+            self._collect(2 if self._young % OLD_EVERY == 0 else 1)
+
+    def close(self) -> None:
+        """Leave the collector as it was found."""
+        gc.set_threshold(*self._before)
+        gc.unfreeze()
+
+
+FEEDS_A_PERIOD = 4
+"""Signs of life in the time that the manager waits for one: systemd asks for two."""
+
+
+class ServiceManager:
+    """Tells the service manager of `environ` how the loop is. Nothing here raises or waits.
+
+    Args:
+        environ: NOTIFY_SOCKET names the socket; WATCHDOG_USEC how often life must be shown, WATCHDOG_PID by whom.
+        clock: seconds of a clock that never goes backwards.
+    """
+
+    def __init__(self, environ: Mapping[str, str] = os.environ, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._address = _address(environ.get("NOTIFY_SOCKET", ""))
+        period = _microseconds(environ.get("WATCHDOG_USEC", ""))
+        is_for_us = environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        self.feeding_s = period / FEEDS_A_PERIOD if is_for_us else 0.0
+        self._next = 0.0
+        self._status = ""
+        self._socket: socket.socket | None = None
+        if self._address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._socket.setblocking(False)
+
+    def ticked(self, tick: Tick) -> None:
+        """Show that the loop lives, at the first tick that it is ready, and its mode and alarms when they change."""
+        if self._socket is None:
+            return
+        lines = []
+        status = "; ".join((tick.mode.name, *sentences_of(tick.alarms)))
+        if not self._status:
+            lines.append("READY=1")
+        if status != self._status:
+            self._status = status
+            lines.append(f"STATUS={' '.join(status.split())}")
+        now = self._clock()
+        if self.feeding_s and now >= self._next:
+            self._next = now + self.feeding_s
+            lines.append("WATCHDOG=1")
+        self._send(lines)
+
+    def close(self) -> None:
+        """Say that the process ends; further calls do nothing."""
+        self._send(["STOPPING=1"])
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _send(self, lines: list[str]) -> None:
+        if self._socket is not None and lines:
+            # a manager that does not listen will abort us; that is its part
+            with contextlib.suppress(OSError):
+                self._socket.sendto("\n".join(lines).encode(), self._address)
+
+
+def _address(name: str) -> str:
+    """Return the socket's address: a path, or a name in the abstract namespace, which begins with @."""
+    if name.startswith("@"):
+        return "\0" + name[1:]
+    return name if name.startswith("/") else ""
+
+
+def _microseconds(text: str) -> float:
+    return int(text) * 1.0e-6 if text.isascii() and text.isdigit() and len(text) < 19 else 0.0

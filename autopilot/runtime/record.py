@@ -1,0 +1,287 @@
+"""The log: a .tlog that every MAVLink tool reads, with each tick inside it exactly.
+
+A .tlog is a row of (8-byte big-endian time in microseconds since 1970, MAVLink packet). Norrbin writes into it
+what its MAVLink links received and sent, a few NAMED_VALUE_FLOAT and ATTITUDE for plotting, and TUNNEL
+messages that carry the records of `tick_codec` in pieces. One write call a tick, not buffered here: a killed
+process loses at most the tick it was in. Where the log is kept in parts, or ticks could not be written, it goes on
+with a header, so that every part can be read alone; parts with no tick missing between them are read as one log.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.errors import InputError
+from autopilot.files.outside import read_regular
+from autopilot.links.mavlink_codec import MavlinkCodec, frame_length, message_id
+from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
+from autopilot.runtime.log_files import FileSink, Sink
+from autopilot.runtime.tick_codec import HEADER, TICKS, VESSEL, decode_header, decode_tick, encode_header, encode_tick
+from autopilot.signals import AlarmEvent, Tick
+from autopilot.supervision.alarms import VERBATIM
+
+PAYLOAD_TYPE = 0x8E52
+"""TUNNEL payload type of our records: above 32767, where the MAVLink standard leaves them to everybody."""
+PIECE = 124
+PART_HEAD = 4
+"""Bytes before a piece: serial, number and count of pieces."""
+MOST_PIECES = 255
+PLOT_PERIOD = 0.1
+COMPONENT = 191
+FORMAT = 2
+LONGEST_STEP_S = 1.0e6
+"""From tick to tick by the loop's clock, which is never set."""
+SETUP_SIGNING = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
+
+
+class Recorder:
+    """Writes one log into a file or another sink. InputError where the file cannot be written."""
+
+    def __init__(self, place: Path | Sink, header: dict[str, Any], clock_now: float, system: int = 1) -> None:
+        self._sink = FileSink(place) if isinstance(place, Path) else place
+        self._codec = MavlinkCodec(system, COMPONENT)
+        self._offset = time.time() - clock_now
+        self._serial = 0
+        self._next_plot = 0.0
+        self._stopped = ""
+        self._header = {"format": FORMAT, "run": f"{os.getpid()}-{time.time_ns()}", **header}
+        self._part = 0
+        self._written = 0
+        self._lost = 0
+        self._write(self._opening(clock_now, 0))
+
+    @property
+    def failed(self) -> str:
+        """Why nothing is written now and what to do, '' while all is well."""
+        return self._stopped or self._sink.trouble
+
+    @property
+    def alarm(self) -> AlarmEvent | None:
+        """The same, for whoever brings it to the skipper."""
+        return AlarmEvent("disk_full", self.failed, VERBATIM) if self.failed else None
+
+    @property
+    def path(self) -> Path:
+        """The file that is written now, or was last."""
+        return self._sink.path
+
+    @property
+    def dropped(self) -> int:
+        """How many ticks were not written."""
+        return self._sink.dropped
+
+    def record(self, tick: Tick, packets: list[tuple[float, bytes]]) -> None:
+        """Append one tick and the MAVLink packets that went with it. A full disk stops the log, not the boat."""
+        parts = self._stamped(packets)
+        if tick.now >= self._next_plot:
+            self._next_plot = tick.now + PLOT_PERIOD
+            parts.extend(self._plots(tick))
+        try:
+            if self._begins_anew():
+                parts.insert(0, self._opening(tick.now, tick.number))
+            parts.append(self._tunnel(tick.now, encode_tick(tick)))
+        except (struct.error, InputError) as error:
+            self._stopped = f"log stopped: tick {tick.number} cannot be written ({error}); start a new log"
+            return
+        self._write(b"".join(parts), 1)
+
+    def keep_packets(self, packets: list[tuple[float, bytes]]) -> None:
+        """Append MAVLink packets that belong to no tick."""
+        self._write(b"".join(self._stamped(packets)))
+
+    def keep_vessel(self, text: str) -> None:
+        """Append the vessel as it is from the next tick on."""
+        self._header["vessel"] = text
+        self._write(self._tunnel(time.time() - self._offset, bytes([VESSEL]) + text.encode()))
+
+    def close(self) -> None:
+        """Close the file; further calls do nothing."""
+        self._sink.close()
+
+    def _write(self, data: bytes, ticks: int = 0) -> None:
+        if data and not self._stopped:
+            self._sink.write(data, ticks)
+            self._written += len(data)
+
+    def _begins_anew(self) -> bool:
+        """Return whether a header must come first: in a new part, and behind what was lost."""
+        if self._sink.part_bytes is not None and self._written >= self._sink.part_bytes:
+            self._sink.next_part()
+            return True
+        return self._sink.lost != self._lost
+
+    def _opening(self, now: float, tick_number: int) -> bytes:
+        """Return the header; `first` is the tick that follows, by which a reader knows what is missing before it."""
+        self._part += 1
+        self._written = 0
+        self._lost = self._sink.lost
+        return self._tunnel(now, encode_header({**self._header, "part": self._part, "first": tick_number}))
+
+    def _stamped(self, packets: list[tuple[float, bytes]]) -> list[bytes]:
+        """Nothing goes into a log that helps towards a signing key: no signatures, no message that carries one."""
+        return [
+            self._stamp(when) + without_signature(packet)
+            for when, packet in packets
+            if identity_of(packet) != SETUP_SIGNING
+        ]
+
+    def _stamp(self, when: float) -> bytes:
+        return struct.pack(">Q", int((when + self._offset) * 1.0e6))
+
+    def _tunnel(self, when: float, record: bytes) -> bytes:
+        self._serial = (self._serial + 1) & 0xFFFF
+        stamp = self._stamp(when)
+        pieces = [record[at : at + PIECE] for at in range(0, len(record), PIECE)]
+        if len(pieces) > MOST_PIECES:
+            raise InputError(f"log: a record of {len(record)} bytes does not fit; {MOST_PIECES * PIECE} are allowed")
+        out = []
+        for index, piece in enumerate(pieces):
+            payload = struct.pack("<HBB", self._serial, index, len(pieces)) + piece
+            message = dialect.MAVLink_tunnel_message(
+                0, 0, PAYLOAD_TYPE, len(payload), payload + bytes(128 - len(payload))
+            )
+            out.append(stamp + self._codec.encode(message))
+        return b"".join(out)
+
+    def _plots(self, tick: Tick) -> Iterator[bytes]:
+        stamp = self._stamp(tick.now)
+        boot_ms = int(tick.now * 1000.0) & 0xFFFFFFFF
+        state = tick.state
+        # NAMED_VALUE_FLOAT cuts a name after ten characters
+        values = {
+            "psi_deg": math.degrees(state.heading),
+            "psi_d_deg": math.degrees(tick.reference.heading),
+            "rudcmd_deg": math.degrees(tick.command.angle),
+            "rud_deg": math.degrees(state.rudder),
+            "bias_deg": math.degrees(state.bias),
+            "mode": float(tick.mode),
+        }
+        for name, value in values.items():
+            yield stamp + self._codec.encode(dialect.MAVLink_named_value_float_message(boot_ms, name.encode(), value))
+
+
+class Log(NamedTuple):
+    """A log that has been read; `changes` holds the vessel file's text in force from a tick (by its place) on."""
+
+    header: dict[str, Any]
+    ticks: list[Tick]
+    changes: dict[int, str]
+
+
+def read_packets(path: Path) -> Iterator[tuple[float, bytes]]:
+    """Yield (seconds since 1970, packet) of a .tlog; stops at a torn end. Raises InputError."""
+    data = _bytes_of(path)
+    place = 0
+    while place + 10 <= len(data):
+        (stamp,) = struct.unpack_from(">Q", data, place)
+        length = frame_length(data, place + 8)
+        if length < 0:
+            raise InputError(
+                f"{path}: no MAVLink packet at byte {place + 8}: this is not a .tlog, or it is damaged there"
+            )
+        if length == 0 or place + 8 + length > len(data):
+            return
+        yield stamp * 1.0e-6, data[place + 8 : place + 8 + length]
+        place += 8 + length
+
+
+def read_logs(*paths: Path) -> list[Log]:
+    """Return the logs in files, several where one was put together from several; a torn last record is left out.
+
+    Parts that follow one another without a gap are one log. Raises InputError where there is none.
+    """
+    logs: list[Log] = []
+    for path in paths:
+        for record in _records(path):
+            try:
+                _take(logs, record)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from error
+    if not logs:
+        raise InputError(f"{paths[0]}: holds no Norrbin ticks; give a log that `autopilot run --log` wrote")
+    return logs
+
+
+def is_headless(log: Log) -> bool:
+    """Return whether ticks are missing before the first one."""
+    return bool(log.header.get("part", 1) > 1)
+
+
+def _take(logs: list[Log], record: bytes) -> None:
+    if record[0] == HEADER:
+        _take_header(logs, decode_header(record))
+    elif record[0] in TICKS and logs:
+        _take_tick(logs[-1].ticks, decode_tick(record))
+    elif record[0] == VESSEL and logs:
+        logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")
+
+
+def _take_tick(ticks: list[Tick], tick: Tick) -> None:
+    """Append a tick. Raises InputError where the loop's clock cannot have shown its time."""
+    before = ticks[-1].now if ticks else tick.now
+    if not 0.0 <= tick.now - before <= LONGEST_STEP_S:
+        raise InputError(
+            f"a tick in the log is damaged: number {tick.number} at {tick.now:.9g} s comes behind {before:.9g} s; give "
+            "another log."
+        )
+    ticks.append(tick)
+
+
+def _take_header(logs: list[Log], header: dict[str, Any]) -> None:
+    """Begin a log with a header, or go on with the last one where it is the next part and no tick is missing."""
+    last = logs[-1] if logs else None
+    is_next = last is not None and header.get("run") is not None and header["run"] == last.header.get("run")
+    if last is None or not is_next or not last.ticks or header.get("first") != last.ticks[-1].number + 1:
+        logs.append(Log(header, [], {}))
+        return
+    in_force = list(last.changes.values())[-1] if last.changes else last.header.get("vessel")
+    vessel = header.get("vessel", in_force)
+    if vessel != in_force:
+        last.changes[len(last.ticks)] = str(vessel)
+
+
+def read_log(path: Path) -> Log:
+    """Return the first log in a file. Raises InputError where there is none."""
+    return read_logs(path)[0]
+
+
+def _records(path: Path) -> Iterator[bytes]:
+    codec = MavlinkCodec()
+    serial = -1
+    parts: list[bytes] = []
+    for _, packet in read_packets(path):
+        if packet[0] != MAGIC_V2 or int.from_bytes(packet[7:10], "little") != dialect.MAVLINK_MSG_ID_TUNNEL:
+            continue
+        for message in codec.decode(packet):
+            # a damaged packet before may have left bytes that make another message of this one
+            if message_id(message) != dialect.MAVLINK_MSG_ID_TUNNEL or message.payload_type != PAYLOAD_TYPE:
+                continue
+            payload = bytes(message.payload[: message.payload_length])
+            if len(payload) <= PART_HEAD:
+                continue
+            number, index, count = struct.unpack_from("<HBB", payload)
+            if index == 0:
+                serial, parts = number, []
+            if number != serial or index != len(parts):
+                continue
+            parts.append(payload[PART_HEAD:])
+            if len(parts) == count:
+                yield b"".join(parts)
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        data = read_regular(path)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; give a log that exists and can be read") from error
+    if not data:
+        raise InputError(f"{path}: the log is empty")
+    return data

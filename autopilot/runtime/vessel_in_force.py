@@ -1,0 +1,157 @@
+"""The vessel file's numbers while the pilot runs: changed by a ground station, and kept beside the file.
+
+Two vessels, never mixed: `running` is what pilot and links work with, `stored` what the next start will read. A
+parameter that counts at once changes both; one that waits for the next start (`VesselParameter.waits`: what the links
+were opened with, the law, the control rate) changes `stored` alone, and the answer says so. A change is refused with a
+sentence where the file's schema or the gains' margins do not allow it, for what runs or for what the next start finds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from autopilot.errors import InputError, RefusedError
+from autopilot.files.saving import save_text
+from autopilot.pilot import Pilot
+from autopilot.runtime.build import TRIAL_LAW, build_pilot, law_of, pilot_config, verdict_of
+from autopilot.vessel.file import dump_vessel, problems
+from autopilot.vessel.parameters import parameters_of, value_of, with_value
+from autopilot.vessel.schema import Vessel
+
+Section = TypeVar("Section")
+
+
+class ChangeLog(Protocol):
+    """Where a change is written down, so that a replay makes it too."""
+
+    def keep_vessel(self, text: str) -> None:
+        """Append the vessel as it is from the next tick on."""
+
+
+class VesselInForce:
+    """A `ParameterStore` over the running pilot's vessel.
+
+    Args:
+        vessel: as it was read.  law: the law that steers, None for the file's own.
+        saved_as: the file that changes are kept in.
+        save: writes a text to a file; may do so later, from another thread.
+        refuse: raises RefusedError where a vessel could not be started with the links of this run.
+
+    Attributes:
+        running: what pilot and links work with.  stored: what the next start reads; a parameter's value is that of
+        `stored`.  log: where changes of `running` are written down, None without a log.  changed: told of every
+        change of `running`, for what works with the vessel outside of the pilot.
+    """
+
+    def __init__(
+        self,
+        vessel: Vessel,
+        pilot: Pilot,
+        law: str | None,
+        saved_as: Path,
+        save: Callable[[Path, str], None] = save_text,
+        refuse: Callable[[Vessel], None] = lambda _: None,
+    ) -> None:
+        self.running = self.stored = vessel
+        self.saved_as = saved_as
+        self.log: ChangeLog | None = None
+        self.changed: Callable[[Vessel], None] = lambda _: None
+        self._pilot, self._save, self._refuse = pilot, save, refuse
+        # a run with another law than the file's must leave the file's own as startable as it was
+        self._law, self._starts = law, (law, None) if law is not None and _starts(vessel, None) else (law,)
+        self._table = {parameter.name: parameter for parameter in parameters_of(vessel)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, in the order of the file."""
+        return tuple(self._table)
+
+    def get(self, name: str) -> float:
+        """Return the value that is stored: in force, or kept for the next start."""
+        return value_of(self.stored, self._table[name])
+
+    def set(self, name: str, value: float) -> str:
+        """Change a value and keep it; return '' or what people should know: a refusal, or when it counts."""
+        parameter = self._table[name]
+        try:
+            stored = with_value(self.stored, parameter, value)
+            if stored == self.stored:
+                return ""
+            running = self.running if parameter.waits else with_value(self.running, parameter, value)
+            kept = self._change(running, stored)
+        except (ValueError, RefusedError) as error:
+            return f"{name} not changed: {error}"
+        if kept:
+            return f"{name} changed, but not kept: {kept}"
+        return f"{name} counts from the next start on" if parameter.waits else ""
+
+    def adopt(self, vessel: Vessel) -> str:
+        """Put all of `vessel` in force and keep what is new in it; return '' or that it could not be kept.
+
+        Raises RefusedError where its gains must not be engaged, the rudder stands outside its limits, or where the
+        next start would be refused with it.
+        """
+        stored = _carried(self.stored, self.running, vessel)
+        for _, sentence in problems(stored):
+            raise RefusedError(sentence)
+        kept = self._change(vessel, stored)
+        return f"in force, but not kept: {kept}" if kept else ""
+
+    def _change(self, running: Vessel, stored: Vessel) -> str:
+        """Let `running` run and keep `stored`; return why it could not be kept, or ''."""
+        self._refuse(stored)
+        for law in self._starts:
+            build_pilot(stored, law)
+        if running != self.running:
+            self._put_in_force(running)
+        self.stored = stored
+        try:
+            self._save(self.saved_as, dump_vessel(stored))
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def _put_in_force(self, vessel: Vessel) -> None:
+        if self._law != TRIAL_LAW and (verdict := verdict_of(vessel, self._law)).refusal:
+            raise RefusedError(verdict.refusal)
+        config = pilot_config(vessel, self._law)
+        if abs(self._pilot.told.angle) > config.limits.angle_max:
+            raise RefusedError("the rudder stands further over now; try again when it is nearer to amidships")
+        self._pilot.reconfigure(config, law_of(vessel, self._law))
+        self.running = vessel
+        self.changed(vessel)
+        if self.log is not None:
+            self.log.keep_vessel(dump_vessel(vessel))
+
+
+def _starts(vessel: Vessel, law: str | None) -> bool:
+    try:
+        build_pilot(vessel, law)
+    except (ValueError, RefusedError):
+        return False
+    return True
+
+
+def _carried(base: Section, before: Section, after: Section) -> Section:
+    """Return `base` with what differs between `before` and `after`, field by field."""
+    if before == after:
+        return base
+    if not dataclasses.is_dataclass(after) or not (type(base) is type(before) is type(after)):
+        return after
+    changes: dict[str, Any] = {
+        field.name: _carried(*(getattr(section, field.name) for section in (base, before, after)))
+        for field in dataclasses.fields(after)
+    }
+    return dataclasses.replace(base, **changes)  # type: ignore[type-var]
+
+
+def tuned_file(vessel_path: str) -> Path:
+    """Return the file beside the one that was started from, in which changes are kept: boat.yaml, boat.tuned.yaml.
+
+    A boat that ships with the program (`lanxin`) is tuned in the present folder.
+    """
+    path = Path(vessel_path)
+    return path.with_name(f"{path.stem}.tuned.yaml")

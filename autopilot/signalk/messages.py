@@ -1,0 +1,229 @@
+"""Signal K's messages: deltas made of what a helm display knows, PUT requests as orders for the boat. Pure.
+
+Signal K's PUT requests as orders for the boat, and the answers to them. Pure.
+
+A request is one line of JSON, as https://signalk.org/specification/1.7.0/doc/put.html has it, with the token:
+{"requestId": "1", "token": "...", "put": {"path": "steering.autopilot.state", "value": "auto"}}
+Without `put` it is a greeting, which orders nothing. The token is looked at before what is wanted.
+
+What Signal K is told of the boat: deltas made of what a helm display knows. Pure.
+
+Paths and units of the Signal K specification 1.7: radians, radians a second, metres, metres a second.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zlib
+from typing import Any, NamedTuple
+
+from autopilot.errors import InputError
+from autopilot.files.outside import ORDER_MOST, SHOWN, is_same_token, number_from, order_object
+from autopilot.files.printable import printable
+from autopilot.links.ground_station.commands import HEADING, TRACK, TRIAL
+from autopilot.web.station import Station
+
+LABEL = "norrbin"
+FRESH_S = 2.0
+BEAT_FRESH_S = 3.0
+KNOT_M_S = 1852.0 / 3600.0
+RADIAN = math.pi / 180.0
+STATES = {HEADING: "auto", TRACK: "route", TRIAL: "trial"}
+"""Our modes by the names that Signal K programs know; each other one is standby."""
+OFF_LINE, STANDBY = "off-line", "standby"
+MEASURED = (
+    ("attitude", "heading", "navigation.headingTrue", RADIAN),
+    ("attitude", "rate", "navigation.rateOfTurn", RADIAN),
+    ("rudder", "rudder", "steering.rudderAngle", RADIAN),
+    ("rudder", "order", "steering.autopilot.target.headingTrue", RADIAN),
+    ("speed", "speed", "navigation.speedOverGround", KNOT_M_S),
+    ("navigation", "xte", "navigation.courseRhumbline.crossTrackError", 1.0),
+)
+"""Group that ages together, our value, path, and factor to Signal K's unit."""
+NOTIFICATIONS = "notifications.steering.autopilot.norrbin."
+"""Before the name of an alarm: each has a notification of its own."""
+OURS_ALONE = {"acknowledgeSupport": "No", "temporarySilenceSupport": "No"}
+"""signalk-server lets everybody who reaches it acknowledge by its notifications API, and would show an alarm that comes
+again as acknowledged: with this it leaves both to the boat."""
+OVER = {"state": "normal", "method": [], "message": "", **OURS_ALONE}
+
+
+def state_of(station: Station, now: float) -> str:
+    """Return what the pilot does, in Signal K's words."""
+    age = station.view.age("beat", now)
+    if station.target is None or age is None or age > BEAT_FRESH_S:
+        return OFF_LINE
+    return STATES.get(station.view.mode, STANDBY)
+
+
+def values_of(station: Station, now: float) -> dict[str, Any]:
+    """Return what is known at `now` [s], by path; what is stale is None, which Signal K takes for unknown."""
+    view = station.view
+    state = state_of(station, now)
+    values: dict[str, Any] = {"steering.autopilot.state": state}
+    values["steering.autopilot.engaged"] = state not in (OFF_LINE, STANDBY)
+    is_magnetic = bool(view.value("magnetic"))
+    for group, name, true_path, factor in MEASURED:
+        path = true_path.replace("True", "Magnetic") if is_magnetic else true_path
+        age, value = view.age(group, now), view.value(name)
+        is_known = state != OFF_LINE and age is not None and age < FRESH_S and value is not None
+        values[path] = value * factor if is_known and value is not None else None
+    if not values["steering.autopilot.engaged"]:
+        values[f"steering.autopilot.target.heading{'Magnetic' if is_magnetic else 'True'}"] = None
+    if state != "route":
+        values["navigation.courseRhumbline.crossTrackError"] = None
+    return values
+
+
+def notifications_of(station: Station) -> dict[str, Any]:
+    """Return the notification of each alarm that is on, by path: it sounds until somebody has acknowledged it."""
+    told: dict[str, Any] = {}
+    for alarm in station.alarms.shown:
+        path = path_of(alarm)
+        alike = sum(each.startswith(path) for each in told)
+        # two lines may be lost at a time
+        told[f"{path}{alike + 1}" if path in told else path] = {
+            "state": "alarm" if alarm["sounds"] or alarm["acknowledged"] else "alert",
+            "method": ["visual", "sound"] if alarm["sounds"] else ["visual"],
+            "message": alarm["words"],
+            **OURS_ALONE,
+        }
+    return told
+
+
+def path_of(alarm: dict[str, Any]) -> str:
+    """Return the path of an alarm's notification; what is of no kind, as older boats say it, has none but its words."""
+    first, *rest = (alarm["name"] or f"other_{zlib.crc32(alarm['words'].encode()):08x}").split("_")
+    return NOTIFICATIONS + first + "".join(word.capitalize() for word in rest)
+
+
+class Deltas:
+    """Makes deltas: all values at first and every so often, in between what has changed."""
+
+    ALL_S = 5.0
+    OVER_S = 60.0
+    """How long it is repeated that an alarm is over."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, Any] = {}
+        self._over: dict[str, float] = {}
+        self._next = -math.inf
+
+    def due(self, station: Station, now: float) -> dict[str, Any] | None:
+        """Return what to tell at `now` [s], None where nothing has changed."""
+        values = values_of(station, now) | self._notifications(station, now)
+        if now >= self._next:
+            self._next, self._told = now + self.ALL_S, {}
+        changed = {path: value for path, value in values.items() if path not in self._told or self._told[path] != value}
+        self._told = values
+        return delta_of(changed) if changed else None
+
+    def _notifications(self, station: Station, now: float) -> dict[str, Any]:
+        """Return the alarms that are on, and for a while those that were."""
+        on = notifications_of(station)
+        self._over = {path: until for path, until in self._over.items() if now < until}
+        self._over.update(dict.fromkeys(on, now + self.OVER_S))
+        return {path: on.get(path, OVER) for path in self._over}
+
+
+def delta_of(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the delta of values by path, without a time: the server gives it its own, and so is not misled by ours.
+
+    Notifications are an update of their own: signalk-server 2.23 gives all of an update that has one another source.
+    """
+    told = [{"path": path, "value": value} for path, value in values.items()]
+    groups = [
+        [each for each in told if not str(each["path"]).startswith("notifications.")],
+        [each for each in told if str(each["path"]).startswith("notifications.")],
+    ]
+    source = {"label": LABEL, "type": "MAVLink"}
+    return {
+        "context": "vessels.self",
+        "updates": [{"source": source, "values": group} for group in groups if group],
+    }
+
+
+LINE_MOST = ORDER_MOST
+ID_MOST = 64
+STATE = "steering.autopilot.state"
+TARGET = "steering.autopilot.target.headingTrue"
+ADJUST = "steering.autopilot.actions.adjustHeading"
+DODGE = "steering.autopilot.actions.dodge"
+ACKNOWLEDGE = "steering.autopilot.actions.acknowledge"
+PATHS = (STATE, TARGET, ADJUST, DODGE, ACKNOWLEDGE)
+STATE_ORDERS = {"auto": "engage", "standby": "standby", "route": "route"}
+TURN_MOST_DEG = 180.0
+DODGE_MOST_DEG = 90.0
+NOT_ALLOWED = "the request carries no valid token; give the plugin the token that `autopilot signalk` keeps in its file"
+
+
+class Request(NamedTuple):
+    """A request: its id, and what is wanted as a helm display would say it; None: nothing, it is a greeting."""
+
+    id: str
+    wish: dict[str, Any] | None
+
+
+class BadRequestError(InputError):
+    """A request that is none: status code and sentence, and the id where it had one."""
+
+    def __init__(self, id: str, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.id, self.status = id, status
+
+
+def parse(line: bytes, token: str) -> Request:
+    """Return the request on a line that carries the token. Raises BadRequestError: 401 without it, 400, 405."""
+    try:
+        found = order_object(line)
+    except InputError as error:
+        raise BadRequestError("", 400, str(error)) from None
+    id = found.get("requestId")
+    if not isinstance(id, str) or not 0 < len(id) <= ID_MOST:
+        raise BadRequestError("", 400, f"requestId: a text of 1 to {ID_MOST} characters is needed")
+    if not is_same_token(found.get("token"), token):
+        raise BadRequestError(id, 401, NOT_ALLOWED)
+    if "put" not in found:
+        return Request(id, None)
+    put = found["put"]
+    if not isinstance(put, dict):
+        raise BadRequestError(id, 400, "put: an object with path and value is needed")
+    return Request(id, wish_of(id, put.get("path"), put.get("value")))
+
+
+def wish_of(id: str, path: Any, value: Any) -> dict[str, Any]:
+    """Return what a path and its value ask for. Raises BadRequestError."""
+    if path == STATE:
+        if not isinstance(value, str) or value not in STATE_ORDERS:
+            raise BadRequestError(id, 400, f"{path}: {', '.join(STATE_ORDERS)} are allowed")
+        return {"do": STATE_ORDERS[value]}
+    if path == TARGET:
+        return {"do": "heading", "degrees": math.degrees(_number(id, path, value, -2 * math.pi, 2 * math.pi)) % 360.0}
+    if path == ADJUST:
+        return {"do": "turn", "degrees": _number(id, path, value, -TURN_MOST_DEG, TURN_MOST_DEG)}
+    if path == DODGE:
+        if value is None:
+            return {"do": "back"}
+        return {"do": "dodge", "degrees": _number(id, path, value, -DODGE_MOST_DEG, DODGE_MOST_DEG)}
+    if path == ACKNOWLEDGE:
+        return {"do": "acknowledge"}
+    raise BadRequestError(id, 405, f"{printable(repr(path), SHOWN)}: allowed are {', '.join(PATHS)}")
+
+
+def answer(id: str, status: int, message: str = "") -> bytes:
+    """Return the line that answers a request: Signal K's states, and a sentence where it was refused."""
+    state = "COMPLETED" if status == 200 else "FAILED"
+    return line_of({"requestId": id, "state": state, "statusCode": status, **({"message": message} if message else {})})
+
+
+def line_of(content: dict[str, Any]) -> bytes:
+    """Return an object as a line."""
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+
+def _number(id: str, path: str, value: Any, low: float, high: float) -> float:
+    try:
+        return number_from(value, path, low, high)
+    except InputError as error:
+        raise BadRequestError(id, 400, str(error)) from None

@@ -1,0 +1,1 @@
+"""What the pilot may do: states, alarms, monitors, fail-safe steering and the last look at a command."""

@@ -1,0 +1,360 @@
+"""The supervisor at work: notices what happens in a tick, looks it up in the table, and has the last word on commands.
+
+The table is `autopilot.supervision.states`, what the alarms say and lead to `autopilot.supervision.alarms`, and the
+envelope check, which shares no code with the limits that the law obeys, `autopilot.supervision.envelope`. What a
+fail-safe tells the rudder is here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    HelmCause,
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    RudderCommand,
+    SupervisorState,
+    Tick,
+)
+from autopilot.supervision.alarms import CATALOGUE, OVERRIDDEN, Response
+from autopilot.supervision.envelope import NOT_FINITE, CommandCheck, Envelope, Picture
+from autopilot.supervision.states import ENDED, ENGAGED, MODES, TABLE, Action, Event, Says
+
+RESUME_AFTER = 2.0
+REENGAGE_WITHIN = 120.0
+"""A vehicle that is ready this much later [s] than its reboot was noticed has been seen to by people."""
+ORDER_WAITS = 30.0
+"""An order to engage that is blocked for longer [s] is dropped: nobody expects to be obeyed by then."""
+
+HEADING_LOST = "heading_lost"
+LINK_SILENT = "link_silent"
+STEERING_ACTIONS = ("dead_reckoning", "windward")
+"""Fail-safe actions that the law carries out; the others need no more than the rudder's last place."""
+CANNOT_ENGAGE = "cannot_engage"
+
+
+def waits_to_engage(tick: Tick) -> bool:
+    """Return whether an order to engage waits at `tick` for nothing but the helm."""
+    return tick.mode is not Mode.ENGAGED and any(alarm.name == CANNOT_ENGAGE for alarm in tick.alarms)
+
+
+class FailsafeAction(NamedTuple):
+    """heading_timeout [s]; action: release, amidships, hold, dead_reckoning, windward or firmware; release_after [s];
+    resume by itself or not.
+
+    reengage: engage again by itself when the vehicle, having rebooted under us, is ready again. windward_rudder [rad]:
+    the most rudder of the slow turn to windward.
+    """
+
+    heading_timeout: float
+    action: str
+    release_after: float
+    resume: bool
+    reengage: bool = False
+    windward_rudder: float = 0.0
+
+
+class Supervisor:
+    """The state machine of `autopilot.supervision.states`. Memory: state, what moves the rudder, which order is
+    spent."""
+
+    def __init__(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
+        self._failsafe = failsafe
+        self._command_check = CommandCheck(envelope)
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand by, with no order seen."""
+        self.state = SupervisorState.STANDBY
+        self.alarm: AlarmEvent | None = None
+        """What ended the engagement, or keeps one from beginning."""
+        self._command_check.reset()
+        self._cause = ""
+        self._since = -math.inf  # held since ever is released
+        self._rudder = Action.RELEASE
+        self._spent = 0
+        self._blocked: tuple[int, float] | None = None
+        """The order that is blocked, by its serial, and since when [s]."""
+        self._helm: dict[str, HelmSample] = {}
+        self._notes: dict[str, AlarmEvent] = {}
+        self._heading_since: float | None = None
+        self._over_since: float | None = None
+        self.is_over = False
+        """Whether what `alarm` names is no longer the case: headings, or a vehicle that was silent, are back."""
+        self._rebooted = False
+        self._reboot_time = math.nan
+
+    @property
+    def mode(self) -> Mode:
+        """What the state comes to."""
+        return MODES[self.state]
+
+    def reconfigure(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
+        """Go on under other limits; state and memory stay."""
+        self._command_check.envelope, self._failsafe = envelope, failsafe
+
+    def hear(self, sample: HelmSample) -> None:
+        """Take a link's word on whether the helm is free."""
+        self._helm[sample.source] = sample
+        if sample.cause is HelmCause.REBOOTED:
+            self._rebooted = True
+
+    def note(self, sample: AlarmSample) -> None:
+        """Take a link's word on what the skipper should know though steering goes on."""
+        if sample.event is not None:
+            self._notes[sample.source] = sample.event
+        else:
+            self._notes.pop(sample.source, None)
+
+    def decide(
+        self, now: float, order: Order, state: NavState, findings: Mapping[str, AlarmEvent] | None = None
+    ) -> Mode:
+        """Return the mode at `now` [s].
+
+        `findings`: what the monitors have found, by the names of the catalogue.
+        """
+        found = dict(findings or {})
+        lost = self._lost(state)
+        if lost:
+            found = {lost: AlarmEvent(lost), **found}
+        against = self._first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE)
+        self._watch_heading(now, against)
+        self._watch_reboot(now)
+        away = [sample for sample in self._helm.values() if not sample.available]
+        taken = min(away, key=lambda sample: sample.cause is HelmCause.UNPROVEN, default=None)
+        if order.kind is OrderKind.STANDBY:
+            self._fire(now, Event.RELEASE, order)
+        elif taken is not None and self._is_taken(taken):
+            self._fire(now, Event.HELM_TAKEN, order, _alarm_of(taken))
+        elif against and self._is_ended_by(against):
+            self._fire(now, _event_of(against), order, found[against])
+        elif self.state in ENGAGED:
+            self._change(now, order, found)
+        else:
+            self._wait(now, order, state, taken, against, found)
+        self._watch_alarm(now, lost)
+        return self.mode
+
+    def _is_taken(self, away: HelmSample) -> bool:
+        """Return whether a helm that is away was taken from us, and not only has to be proved on engaging: who steers
+        needs the helm, whatever keeps it away."""
+        held = self.state not in (SupervisorState.STANDBY, SupervisorState.OVERRIDE)
+        return self.state in ENGAGED or (held and away.cause is not HelmCause.UNPROVEN)
+
+    def _is_ended_by(self, against: str) -> bool:
+        """A fail-safe that moves the rudder is ended by what is worse than a lost heading, too."""
+        moves = self.state is SupervisorState.FAILSAFE and self._rudder is not Action.RELEASE
+        return self.state in ENGAGED or (moves and CATALOGUE[against].response is not Response.FAILSAFE)
+
+    def _change(self, now: float, order: Order, found: Mapping[str, AlarmEvent]) -> None:
+        """While engaged: what doubts come and go, and what is ordered instead."""
+        if self._first(found, Response.DEGRADE):
+            self._fire(now, Event.DOUBT, order)
+        else:
+            self._fire(now, Event.DOUBT_OVER, order)
+            self._fire(now, _order_event(order), order)
+
+    def _wait(
+        self,
+        now: float,
+        order: Order,
+        state: NavState,
+        taken: HelmSample | None,
+        against: str,
+        found: Mapping[str, AlarmEvent],
+    ) -> None:
+        """While not engaged: whether an order, or what has come back, engages."""
+        back = self._returned(now)
+        if order.serial == self._spent and back is None:
+            self._blocked = None
+            return
+        if taken is not None:
+            self._block(now, order, state, AlarmEvent(CANNOT_ENGAGE, taken.reason))
+        elif against:
+            waits = against == HEADING_LOST
+            self._block(now, order, state, AlarmEvent("waiting_heading") if waits else found[against])
+        else:
+            self._fire(now, _order_event(order) if order.serial != self._spent else back, order)
+            # what came back holds a heading; what it is that was ordered is seen at once
+            self._fire(now, _order_event(order), order)
+
+    def _block(self, now: float, order: Order, state: NavState, alarm: AlarmEvent) -> None:
+        """An order that cannot be carried out yet: said, and dropped when nobody expects it any more."""
+        self._fire(now, Event.ORDER_BLOCKED, order, alarm)
+        if order.serial == self._spent or not state.valid:
+            # what comes back by itself is no order, and a pilot that never had a heading is not ready yet
+            self._blocked = None
+        elif self._blocked is None or self._blocked[0] != order.serial:
+            self._blocked = (order.serial, now)
+        elif now - self._blocked[1] >= ORDER_WAITS:
+            self._fire(now, Event.ORDER_EXPIRED, order, AlarmEvent("order_dropped", because=alarm))
+
+    def _run_out(self, now: float, order: Order) -> None:
+        held = self._rudder is not Action.RELEASE
+        if self.state in ENDED and held and now - self._since >= self._failsafe.release_after:
+            self._fire(now, Event.TIME_UP, order)
+
+    def check(
+        self,
+        now: float,
+        order: Order,
+        previous: float,
+        demand: float,
+        limited: float,
+        dt: float,
+        picture: Picture | None = None,
+    ) -> RudderCommand:
+        """Return the command that leaves: `limited` [rad] while the law steers and it is fit, else the fail-safe's.
+
+        `previous` [rad] is what the rudder was told `dt` [s] before; `demand` [rad] is what the law wanted; `picture`
+        is what it was worked out from.
+        """
+        self._run_out(now, order)
+        if self.law_steers:
+            name, wrong = self._command_check.fault(now, previous, demand, limited, dt, picture)
+            if not name:
+                return RudderCommand(now, limited, True)
+            self._fire(now, Event.UNFIT_COMMAND, order, AlarmEvent(name, wrong))
+        if self._rudder is Action.RELEASE:
+            return RudderCommand(now, 0.0, False)
+        return self._held_command(now, previous, dt)
+
+    @property
+    def law_steers(self) -> bool:
+        """Whether the command is the law's: engaged, or in a fail-safe that steers."""
+        by_law = self._rudder is Action.FAILSAFE and self._failsafe.action in STEERING_ACTIONS
+        return self.state in ENGAGED or (self.state is SupervisorState.FAILSAFE and by_law)
+
+    @property
+    def noted(self) -> dict[str, AlarmEvent]:
+        """What the links want the skipper to know, by who says it."""
+        return {f"note of {source}": event for source, event in self._notes.items()}
+
+    def alarms(self) -> tuple[AlarmEvent, ...]:
+        """Return what the skipper must hear now, with what to do; () when all is well."""
+        notes = tuple(self._notes.values())
+        return (self.alarm, *notes) if self.alarm is not None else notes
+
+    def _lost(self, state: NavState) -> str:
+        if math.isnan(state.heading) or math.isnan(state.rate):
+            return NOT_FINITE
+        if not state.valid or not state.heading_age <= self._failsafe.heading_timeout:
+            return HEADING_LOST
+        return ""
+
+    @staticmethod
+    def _first(found: Mapping[str, AlarmEvent], *responses: Response) -> str:
+        """Return the name of the first finding that calls for one of `responses`, in their order."""
+        for response in responses:
+            for name in found:
+                if CATALOGUE[name].response is response:
+                    return name
+        return ""
+
+    def _watch_heading(self, now: float, against: str) -> None:
+        if against:
+            self._heading_since = None
+        elif self._heading_since is None:
+            self._heading_since = now
+
+    def _watch_alarm(self, now: float, lost: str) -> None:
+        """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
+        is_silent = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
+        name = self.alarm.name if self.alarm is not None else ""
+        # while it is engaged, or stands by, the alarm is neither of them
+        on = {HEADING_LOST: lost == HEADING_LOST, LINK_SILENT: is_silent}.get(name, True)
+        if on:
+            self._over_since = None
+        elif self._over_since is None:
+            self._over_since = now
+        self.is_over = self._over_since is not None and now - self._over_since >= RESUME_AFTER
+
+    def _watch_reboot(self, now: float) -> None:
+        """Note a reboot heard of, unless we stand by; when it ends an engagement, that is still on."""
+        if self._rebooted and self.state is not SupervisorState.STANDBY:
+            self._reboot_time = now
+        self._rebooted = False
+
+    def _ended_by_reboot(self, now: float) -> bool:
+        """Return whether a reboot not long ago, or the silence that went with it, is what ended the engagement."""
+        causes = (HEADING_LOST, LINK_SILENT, "firmware_rebooted")
+        return now - self._reboot_time < REENGAGE_WITHIN and self._cause in causes
+
+    def _returned(self, now: float) -> Event | None:
+        """Only a lost heading and a reboot heal by themselves: what else ended the engagement would end it again."""
+        if self._heading_since is None or now - self._heading_since < RESUME_AFTER:
+            return None
+        if self._failsafe.reengage and self._ended_by_reboot(now):
+            return Event.VEHICLE_BACK
+        failed = self.state is SupervisorState.FAILSAFE
+        return Event.HEADING_BACK if failed and self._failsafe.resume and self._cause == HEADING_LOST else None
+
+    def _fire(self, now: float, event: Event | None, order: Order, alarm: AlarmEvent | None = None) -> None:
+        """Carry out the row of the table for the present state and `event`; `alarm` is what is said of it."""
+        if event is None:
+            return
+        row = TABLE[self.state, event]
+        for action in row.actions:
+            if action is Action.SPEND:
+                self._spent = order.serial
+            elif action is Action.FORGET:
+                self._reboot_time = math.nan
+            else:
+                self._rudder = self._told_by(action)
+        if row.next is not self.state:
+            self._since = now
+            self._command_check.reset()
+            self._cause = alarm.name if alarm is not None else ""
+        self.state = row.next
+        if row.says is not Says.NOTHING:
+            self.alarm = alarm
+
+    def _told_by(self, action: Action) -> Action:
+        """Return what moves the rudder from now on: a file that says release, or firmware, leaves it nothing."""
+        lets_go = self._failsafe.action in ("release", "firmware") or self._failsafe.release_after <= 0.0
+        return Action.RELEASE if lets_go and action in (Action.FAILSAFE, Action.HOLD) else action
+
+    def _held_command(self, now: float, previous: float, dt: float) -> RudderCommand:
+        most = self._command_check.envelope.angle_max
+        safe = max(-most, min(previous, most)) if math.isfinite(previous) else 0.0
+        if self._rudder is Action.HOLD or self._failsafe.action == "hold":
+            return RudderCommand(now, safe, True)
+        rate = self._command_check.envelope.rate_max
+        reach = rate * dt if math.isfinite(rate) else math.inf
+        return RudderCommand(now, math.copysign(max(abs(safe) - reach, 0.0), safe), True)
+
+
+def _event_of(name: str) -> Event:
+    """Return the event that an alarm of the catalogue is, which ends an engagement."""
+    events = {Response.FAULT: Event.UNFIT_COMMAND, Response.LET_GO: Event.RUDDER_TROUBLE}
+    return events.get(CATALOGUE[name].response, Event.TROUBLE)
+
+
+def _order_event(order: Order) -> Event:
+    if order.kind is not OrderKind.HEADING:
+        return Event.ORDER_TRIAL
+    return Event.ORDER_TRACK if order.is_led else Event.ORDER_HEADING
+
+
+TAKEN_BY = {
+    HelmCause.TAKEN: "human_override",
+    HelmCause.REBOOTED: "firmware_rebooted",
+    HelmCause.SILENT: LINK_SILENT,
+    HelmCause.RADIO_LOST: "radio_lost",
+    HelmCause.UNPROVEN: "human_override",
+    HelmCause.STOOD_STILL: "stood_still",
+}
+"""The alarm that each cause of a lost helm is."""
+
+
+def _alarm_of(taken: HelmSample) -> AlarmEvent:
+    """Return the alarm where a link gives a cause and a reason for the lost helm."""
+    return AlarmEvent(TAKEN_BY[taken.cause], taken.reason, OVERRIDDEN)

@@ -1,0 +1,334 @@
+"""Vessel files: found by path or shipped name, read strictly, checked across fields, written back, edited in place.
+
+In a file that is edited, comments, order and everything else stay as they were. This needs ruamel.yaml (the extra
+`edit`). Where a file is exactly what Norrbin writes, nothing would be lost, and it is simply written anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import io
+import re
+import typing
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from ipaddress import ip_network
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from autopilot.errors import InputError, SeveralInputError
+from autopilot.files import typed
+from autopilot.files.strict_yaml import (
+    FIRMWARE_STEPS,
+    VESSEL_STEPS,
+    Node,
+    migrated,
+    parse_document,
+    plain,
+    read_document,
+    resolve_plain,
+)
+from autopilot.files.typed import Bounds, nearest
+from autopilot.models.norrbin import Norrbin, folds
+from autopilot.vessel.schema import Vessel
+
+_BARE_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+
+
+def load_vessel(path_or_name: str | Path) -> Vessel:
+    """Return the vessel of a YAML file, or of the shipped file of that name (`lanxin`).
+
+    Anything with a folder or a suffix in it is a path, and so is what exists. Raises InputError.
+    """
+    return vessel_from(vessel_document(path_or_name))
+
+
+def vessel_document(path_or_name: str | Path, also_shipped: tuple[str, ...] = ()) -> Node:
+    """Return the root node of a file, or of the shipped vessel of that name. Raises InputError.
+
+    `also_shipped` are names that the sentence about an unknown name offers too.
+    """
+    path = Path(path_or_name)
+    name = str(path_or_name)
+    shipped = shipped_vessels()
+    if path.exists() or path.suffix or path.name != name:
+        if not path.exists() and path.name == name and path.stem in (*shipped, *also_shipped):
+            raise InputError(f"{path}: no such file here; the shipped file is named {path.stem}, without the suffix.")
+        return read_document(path)
+    if name not in shipped:
+        near = nearest(name, [*shipped, *also_shipped])
+        hint = f"did you mean {near}?" if near else f"shipped are {', '.join([*shipped, *also_shipped])}."
+        raise InputError(f"{name}: neither a file nor shipped; {hint}")
+    text = (resources.files("firmware_params") / "vessels" / f"{name}.yaml").read_text(encoding="utf-8")
+    return parse_document(text, f"{name}.yaml (shipped)")
+
+
+def refuse_bare_name(out: str | Path) -> None:
+    """Raise InputError where a vessel file would be written under the mere name by which a shipped one is called."""
+    path = Path(out)
+    if path.suffix not in (".yaml", ".yml") and path.name == str(out):
+        raise InputError(
+            f"--out {out}: a mere name is that of a shipped vessel; write {out}.yaml, or ./{out} for a file without "
+            "the suffix"
+        )
+
+
+def parse_vessel(text: str, file: str = "<text>") -> Vessel:
+    """Return the vessel described by YAML `text`; `file` is the name used in messages. Raises InputError."""
+    return vessel_from(parse_document(text, file))
+
+
+def shipped_vessels() -> list[str]:
+    """Return the names of the vessel files that come with the product."""
+    folder = resources.files("firmware_params") / "vessels"
+    names = (entry.name for entry in folder.iterdir())
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+
+
+def vessel_from(root: Node) -> Vessel:
+    """Return the vessel that a document holds, checked across its fields. Raises InputError."""
+    root = migrated(root, VESSEL_STEPS)
+    vessel = typed.read(root, Vessel)
+    faults = [root.at(*path.split(".")).fault(sentence) for path, sentence in problems(vessel)]
+    if faults:
+        raise faults[0] if len(faults) == 1 else SeveralInputError(faults)
+    return vessel
+
+
+def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
+    """Yield (path of the key, sentence) for every value that fits its own range but not the others."""
+    if not vessel.name.strip():
+        yield "name", "name is empty; give the boat a name."
+    yield from _model_problems(vessel)
+    yield from _limit_problems(vessel)
+    if vessel.control.law == "sliding_roll" and vessel.control.roll is not None:
+        yield (
+            "control.roll",
+            "control.roll stands beside control.law sliding_roll, which damps roll itself; leave one of them out.",
+        )
+    if vessel.failsafe.heading_timeout_s <= vessel.sensors.heading_latency_s:
+        yield (
+            "failsafe.heading_timeout_s",
+            f"failsafe.heading_timeout_s is {vessel.failsafe.heading_timeout_s:g}, it must be larger than "
+            f"sensors.heading_latency_s ({vessel.sensors.heading_latency_s:g}), or every heading is stale on arrival.",
+        )
+    pulses = vessel.helm.servo_us
+    if pulses is not None and not pulses[0] < pulses[1] < pulses[2]:
+        yield (
+            "helm.servo_us",
+            f"helm.servo_us is [{pulses[0]:g}, {pulses[1]:g}, {pulses[2]:g}]; the three pulses must rise, such as "
+            "[1000, 1500, 2000].",
+        )
+    yield from _deviation_problems(vessel.sensors.deviation_deg)
+    yield from _address_problems(vessel.security.allow_addresses)
+    for pattern, stale_s in vessel.sensors.priority:
+        if not pattern.strip() or not 0.1 <= stale_s <= 60.0:
+            yield (
+                "sensors.priority",
+                f"sensors.priority has [{pattern}, {stale_s:g}]; needed are the name of an instrument, "
+                'such as HEHDT or "HC*", and the age from 0.1 to 60 s at which it is stale.',
+            )
+
+
+def _address_problems(addresses: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    for text in addresses:
+        try:
+            ip_network(text)
+        except ValueError as error:
+            yield (
+                "security.allow_addresses",
+                f"security.allow_addresses has '{text}', which is no network ({error}); write 192.168.1.20 or "
+                "10.0.0.0/24.",
+            )
+
+
+def _model_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
+    model = vessel.model
+    if model.n1 not in (-1.0, 1.0):
+        yield "model.n1", f"model.n1 is {model.n1:g}, allowed are 1 (course-stable) and -1 (course-unstable)."
+    if model.n1 == -1.0 and model.n3_s2_rad2 <= 0.0:
+        yield (
+            "model.n1",
+            "model.n1 is -1 with model.n3_s2_rad2 0: a course-unstable boat needs n3 above 0, or its turns never end.",
+        )
+    if folds(Norrbin(1.0, 1.0, n3=model.n3_s2_rad2, n2=model.n2_s_rad, n1=model.n1)):
+        least = model.n2_s_rad**2 / 3.0
+        yield (
+            "model.n2_s_rad",
+            f"model.n2_s_rad is {model.n2_s_rad:g} with model.n3_s2_rad2 {model.n3_s2_rad2:g}: the boat would turn "
+            f"without end to one side; n2 0, or n3 above n2^2/3 ({least:.3g}), is allowed.",
+        )
+
+
+def _limit_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
+    limits, rudder = vessel.limits, vessel.rudder
+    if limits.angle_max_deg is not None and limits.angle_max_deg > rudder.angle_max_deg:
+        yield (
+            "limits.angle_max_deg",
+            f"limits.angle_max_deg is {limits.angle_max_deg:g}, allowed is at most rudder.angle_max_deg "
+            f"({rudder.angle_max_deg:g}).",
+        )
+    if limits.rate_max_deg_s is None or rudder.rate_max_deg_s is None:
+        return
+    if limits.rate_max_deg_s > rudder.rate_max_deg_s:
+        yield (
+            "limits.rate_max_deg_s",
+            f"limits.rate_max_deg_s is {limits.rate_max_deg_s:g}, allowed is at most rudder.rate_max_deg_s "
+            f"({rudder.rate_max_deg_s:g}).",
+        )
+
+
+def _deviation_problems(table: tuple[tuple[float, float], ...]) -> Iterator[tuple[str, str]]:
+    previous = -1.0
+    for heading, deviation in table:
+        if not 0.0 <= heading < 360.0 or heading <= previous:
+            yield (
+                "sensors.deviation_deg",
+                f"sensors.deviation_deg has the compass heading {heading:g} after {previous:g}; headings rise "
+                "from 0 to below 360.",
+            )
+        if abs(deviation) > 90.0:
+            yield (
+                "sensors.deviation_deg",
+                f"sensors.deviation_deg has a deviation of {deviation:g} at {heading:g}, allowed are -90 to 90.",
+            )
+        previous = heading
+
+
+def dump_vessel(vessel: Vessel, comment: str = "") -> str:
+    """Return the vessel as YAML text with the meaning of each number beside it; reading it gives `vessel` again.
+
+    `comment` becomes the head of the file. Values that are absent (null by default) are left out.
+    """
+    head = [f"# {line}".rstrip() for line in comment.splitlines()]
+    return "\n".join([*head, *_section_lines(vessel, 0)]) + "\n"
+
+
+def _section_lines(section: Any, depth: int) -> list[str]:
+    hints = typing.get_type_hints(type(section), include_extras=True)
+    lines: list[str] = []
+    for field in dataclasses.fields(section):
+        value = getattr(section, field.name)
+        start = f"{'  ' * depth}{field.name}:"
+        if dataclasses.is_dataclass(value):
+            inner = _section_lines(value, depth + 1)
+            lines += [start, *inner] if inner else []
+        elif value != field.default or value not in (None, "", ()):
+            doc = _doc(hints[field.name])
+            lines.append(f"{start} {_value_text(value)}{f'  # {doc}' if doc else ''}")
+    return lines
+
+
+def _doc(hint: Any) -> str:
+    if typing.get_origin(hint) is typing.Annotated:
+        return next((extra.doc for extra in typing.get_args(hint) if isinstance(extra, Bounds)), "")
+    return next((doc for member in typing.get_args(hint) if (doc := _doc(member))), "")
+
+
+def _value_text(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return number_text(value)
+    if isinstance(value, tuple):
+        return f"[{', '.join(_value_text(item) for item in value)}]"
+    if isinstance(value, str):
+        return string_text(value)
+    return str(value)
+
+
+def number_text(value: float) -> str:
+    """Return the shortest text that reads back as `value`, with a point where YAML 1.1 readers need one."""
+    text = repr(value)
+    mantissa, exponent, power = text.partition("e")
+    return f"{mantissa}.0e{power}" if exponent and "." not in mantissa else text
+
+
+def string_text(value: str) -> str:
+    """Return `value` as a bare word where that is safe, else in double quotes on one line."""
+    if _BARE_WORD.fullmatch(value) and isinstance(resolve_plain(value), str):
+        return value
+    return yaml.safe_dump(value, default_style='"', allow_unicode=True, width=10**9).removesuffix("\n")
+
+
+def rounded(value: float) -> float:
+    """Return `value` as a vessel file states it: six digits."""
+    return float(f"{value:.6g}")
+
+
+NULL_TAG = "tag:yaml.org,2002:null"
+EXTRA = "pip install '.[edit]'"
+
+
+def updated_vessel_text(text: str, vessel: Vessel, file: str) -> str:
+    """Return the vessel file `text` with the values of `vessel`; comments and order stay.
+
+    A file whose only comments are those that Norrbin writes beside its values is written anew. Raises InputError where
+    the text cannot be read, or where it has comments of its own and ruamel.yaml is not installed.
+    """
+    before = parse_vessel(text, file)
+    if not _comments(text) - _comments(dump_vessel(before)):
+        return dump_vessel(vessel)
+    old, new = (plain(parse_document(dump_vessel(each))) for each in (before, vessel))
+    return _checked(edited_text(text, old, new, file), vessel, file)
+
+
+def _comments(text: str) -> Counter[str]:
+    """Return what stands behind a # on each line: comments, and at worst some quoted text, which is kept as well."""
+    return Counter(line.partition("#")[2].strip() for line in text.splitlines() if "#" in line)
+
+
+def _checked(text: str, vessel: Vessel, file: str) -> str:
+    if parse_vessel(text, file) != vessel:
+        raise InputError(
+            f"{file}: cannot be changed in place without losing something; give another name for the result."
+        )
+    return text
+
+
+def migrated_text(text: str, file: str, *, is_vessel: bool) -> str:
+    """Return a vessel or firmware file `text` as the newest schema version has it. Raises InputError."""
+    root = parse_document(text, file)
+    newer = migrated(root, VESSEL_STEPS if is_vessel else FIRMWARE_STEPS)
+    return text if newer == root else edited_text(text, plain(root), plain(newer), file)
+
+
+def edited_text(text: str, old: Mapping[str, Any], new: Mapping[str, Any], file: str) -> str:
+    """Return `text` with every value changed that differs between `old` and `new`. Raises InputError."""
+    if old == new:
+        return text
+    try:
+        ruamel = importlib.import_module("ruamel.yaml")
+    except ModuleNotFoundError:
+        raise InputError(
+            f"{file}: has comments of its own, and keeping them needs ruamel.yaml; install it with "
+            f"{EXTRA}, or give another name for the result."
+        ) from None
+    yaml = ruamel.YAML()  # round trip
+    yaml.preserve_quotes = True
+    yaml.width = 10**6
+    # a null that was written out is not left out
+    yaml.representer.add_representer(type(None), lambda dumper, _: dumper.represent_scalar(NULL_TAG, "null"))
+    document = yaml.load(text)
+    _apply(document, old, new)
+    result = io.StringIO()
+    yaml.dump(document, result)
+    return result.getvalue()
+
+
+def _apply(document: Any, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
+    for key, value in new.items():
+        before = old.get(key)
+        if isinstance(value, dict) and isinstance(before, dict) and key in document:
+            _apply(document[key], before, value)
+        elif key not in old or before != value:
+            document[key] = value
+    for key in old:
+        if key not in new and key in document:
+            del document[key]

@@ -1,0 +1,221 @@
+"""The numbers of a vessel file as MAVLink parameters: one name, range, unit and meaning for file and ground station.
+
+The table follows from the typed schema: each number, switch and choice that the vessel has a value for, in the order
+of the file. Names are the section's prefix and the key without its unit, shortened to MAVLink's 16 characters.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import struct
+import types
+import typing
+from typing import Any, Literal, NamedTuple, Union
+
+from autopilot.files.typed import UNIT_SUFFIXES, Bounds
+from autopilot.vessel.file import problems
+from autopilot.vessel.schema import Vessel
+
+NAME_LENGTH_MAX = 16
+PREFIXES = {
+    "model": "MDL",
+    "rudder": "RUD",
+    "sensors": "SNS",
+    "control": "CTL",
+    "control.backstepping": "BS",
+    "control.pid": "PID",
+    "control.sliding": "SLD",
+    "control.sliding_roll": "SLR",
+    "control.sliding_roll.quiet": "SLRQ",
+    "guidance": "GUI",
+    "estimator": "EST",
+    "limits": "LIM",
+    "failsafe": "FS",
+    "helm": "HELM",
+    "drive": "DRV",
+}
+"""Sections that are parameters; the model's standard errors are not."""
+
+NAMES = {
+    "model.reference_speed_m_s": "MDL_REF_SPEED",
+    "rudder.follow_tolerance_deg": "RUD_FOLLOW_TOL",
+    "sensors.heading_noise_deg": "SNS_HDG_NOISE",
+    "sensors.heading_latency_s": "SNS_HDG_LATENCY",
+    "control.backstepping.gamma_1_s2": "BS_GAMMA",
+    "guidance.waypoint_radius_m": "GUI_WP_RADIUS",
+    "guidance.off_track_alarm_m": "GUI_XTRACK_ALARM",
+    "failsafe.heading_timeout_s": "FS_HDG_TIMEOUT",
+    "failsafe.reengage_after_reboot": "FS_REENGAGE",
+    "failsafe.reengage_after_restart_s": "FS_RESTART_HOLD",
+    "helm.guided_speed_share": "HELM_GUIDED_SPD",
+}
+"""Names that the rule would spoil."""
+
+AT_NEXT_START = (
+    "rudder.",
+    "sensors.heading_latency_s",
+    "sensors.variation_deg",
+    "sensors.magnetic",
+    "sensors.source_timeout_s",
+    "sensors.heading_monitor_deg",
+    "control.law",
+    "control.rate_hz",
+    "failsafe.heading_timeout_s",
+    "failsafe.action",
+    "failsafe.firmware_mode",
+    "failsafe.reengage_after_restart_s",
+    "helm.",
+    "drive.",
+)
+"""Beginnings of the keys that count from the next start on: what the links were opened with and the loop was begun
+with. All the others count from the next tick on."""
+
+
+class VesselParameter(NamedTuple):
+    """One parameter: its name, the key it stands for (`control.pid.kp`), what is allowed, and its meaning.
+
+    `choices` are the words that the whole numbers from 0 stand for, empty for plain numbers.
+    """
+
+    name: str
+    path: str
+    low: float | None
+    high: float | None
+    unit: str
+    doc: str
+    is_whole: bool = False
+    choices: tuple[str, ...] = ()
+
+    @property
+    def waits(self) -> bool:
+        """Whether a change counts from the next start on, not at once."""
+        return self.path.startswith(AT_NEXT_START)
+
+    @property
+    def allowed(self) -> str:
+        """What may be set, in words."""
+        if self.choices:
+            return ", ".join(f"{number} ({word})" for number, word in enumerate(self.choices))
+        low, high = (None if bound is None else f"{bound:g}" for bound in (self.low, self.high))
+        if low and high:
+            return f"{low} to {high} {self.unit}".rstrip()
+        return f"at least {low} {self.unit}".rstrip() if low else "any number"
+
+
+def parameters_of(vessel: Vessel) -> list[VesselParameter]:
+    """Return the parameters of a vessel: all that it has a value for; what is null in its file is not among them."""
+    return list(_of_section(vessel, ""))
+
+
+def value_of(vessel: Vessel, parameter: VesselParameter) -> float:
+    """Return the value of a parameter as the 32-bit float that travels."""
+    value: Any = vessel
+    for key in parameter.path.split("."):
+        value = getattr(value, key)
+    number = parameter.choices.index(value) if parameter.choices and not isinstance(value, bool) else value
+    return _single(float(number))
+
+
+def with_value(vessel: Vessel, parameter: VesselParameter, value: float) -> Vessel:
+    """Return the vessel with a parameter set; ValueError with one sentence where that is not allowed.
+
+    A value is taken with the fewest digits that give its 32-bit float, so that a file gets 0.7, not 0.69999998807.
+    """
+    if not math.isfinite(value) or not _is_allowed(parameter, value):
+        raise ValueError(f"{parameter.name} is {value:.7g}, allowed: {parameter.allowed}.")
+    section, _, key = parameter.path.rpartition(".")
+    changed: Any = _replaced(vessel, section.split("."), key, _typed(parameter, value))
+    for _, sentence in problems(changed):
+        raise ValueError(sentence)
+    return typing.cast(Vessel, changed)
+
+
+def _is_allowed(parameter: VesselParameter, value: float) -> bool:
+    if (parameter.is_whole or parameter.choices) and value != int(value):
+        return False
+    low, high = (None if bound is None else _single(bound) for bound in (parameter.low, parameter.high))
+    return (low is None or _single(value) >= low) and (high is None or _single(value) <= high)
+
+
+def _typed(parameter: VesselParameter, value: float) -> bool | int | float | str:
+    if parameter.choices == ("false", "true"):
+        return bool(value)
+    if parameter.choices:
+        return parameter.choices[int(value)]
+    if parameter.is_whole:
+        return int(value)
+    near = _shortest(value)
+    low, high = parameter.low, parameter.high
+    return min(max(near, -math.inf if low is None else low), math.inf if high is None else high)
+
+
+def _shortest(value: float) -> float:
+    wanted = _single(value)
+    return next(near for digits in (6, 7, 8, 9) if _single(near := float(f"{wanted:.{digits}g}")) == wanted)
+
+
+def _single(value: float) -> float:
+    return float(struct.unpack("<f", struct.pack("<f", value))[0])
+
+
+def _replaced(section: Any, keys: list[str], key: str, value: Any) -> Any:
+    if not keys:
+        return dataclasses.replace(section, **{key: value})
+    inner = _replaced(getattr(section, keys[0]), keys[1:], key, value)
+    return dataclasses.replace(section, **{keys[0]: inner})
+
+
+def _of_section(section: Any, path: str) -> typing.Iterator[VesselParameter]:
+    hints = typing.get_type_hints(type(section), include_extras=True)
+    for field in dataclasses.fields(section):
+        value = getattr(section, field.name)
+        where = f"{path}.{field.name}" if path else field.name
+        if dataclasses.is_dataclass(value):
+            if where in PREFIXES:
+                yield from _of_section(value, where)
+        elif path in PREFIXES and value is not None:
+            yield from _of_field(path, field.name, hints[field.name])
+
+
+def _of_field(path: str, key: str, hint: Any) -> typing.Iterator[VesselParameter]:
+    kind, bounds = _kind_and_bounds(hint)
+    where = f"{path}.{key}"
+    name, unit = _name(path, key), _unit(key)
+    if kind is bool:
+        yield VesselParameter(name, where, 0.0, 1.0, "", key.replace("_", " "), choices=("false", "true"))
+    elif typing.get_origin(kind) is Literal:
+        words = tuple(str(word) for word in typing.get_args(kind))
+        yield VesselParameter(name, where, 0.0, len(words) - 1.0, "", key.replace("_", " "), choices=words)
+    elif kind in (int, float):
+        low, high, doc = bounds or Bounds(None, None, key)
+        yield VesselParameter(name, where, low, high, unit, doc, is_whole=kind is int)
+
+
+def _kind_and_bounds(hint: Any) -> tuple[Any, Bounds | None]:
+    if typing.get_origin(hint) in (Union, types.UnionType):
+        hint = next(member for member in typing.get_args(hint) if member is not type(None))
+    if typing.get_origin(hint) is typing.Annotated:
+        kind, *extras = typing.get_args(hint)
+        return kind, next((extra for extra in extras if isinstance(extra, Bounds)), None)
+    return hint, None
+
+
+def _suffix(key: str) -> str:
+    found = [suffix for suffix in UNIT_SUFFIXES if key.casefold().endswith(suffix) and len(key) > len(suffix)]
+    return max(found, key=len, default="")
+
+
+def _name(path: str, key: str) -> str:
+    if chosen := NAMES.get(f"{path}.{key}"):
+        return chosen
+    words = key.removesuffix(key[len(key) - len(_suffix(key)) :] or "\0").upper().split("_")
+    name = "_".join([PREFIXES[path], *words])
+    if len(name) > NAME_LENGTH_MAX:
+        name = "_".join([PREFIXES[path], *(word[:4] for word in words)])
+    return name[:NAME_LENGTH_MAX]
+
+
+def _unit(key: str) -> str:
+    top, _, bottom = _suffix(key).removeprefix("_").partition("_")
+    return f"{top}/{bottom.replace('_', ' ')}" if bottom else top
