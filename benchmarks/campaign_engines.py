@@ -1,4 +1,4 @@
-"""Wall time of the same study by the local pool, dask and ray, two workers each, one after the other in turns.
+"""Wall time of the same study by the local pool and dask, two workers each, one after the other in turns.
 
     python benchmarks/campaign_engines.py [--runs 400] [--turns 3] [--workers 2]
 
@@ -20,7 +20,7 @@ from sitl.campaign.study import Job, load_study, number_of_runs, steps_of
 from sitl.campaign.work import Row, batches_of
 from sitl.world import STEP
 
-ENGINES = ("local", "dask", "ray")
+ENGINES = ("local", "dask")
 
 
 def timed(name: str, job: Job, workers: int) -> tuple[float, float, list[Row]]:

@@ -28,7 +28,7 @@ PAGES = [
 ]
 PROGRAMS = ("autopilot", "sitl")
 SHELLS = ("sh", "bash", "console")
-CALLS = (*PROGRAMS, "python", "python3", "pip", "sudo", "cd", "dask", "ray", "npm", "git")
+CALLS = (*PROGRAMS, "python", "python3", "pip", "sudo", "cd", "dask", "npm", "git")
 """First words by which a block without a language is taken for one of commands."""
 MEASURES = ("python benchmarks/", "python -m pytest ")
 INSTALLS = re.compile(r"^(?:\S*python -m )?pip install ")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sitl.campaign.results import Tally
     from sitl.campaign.study import Job
 
-ENGINES = ("local", "ray", "dask")
+ENGINES = ("local", "dask")
 SAME = 1.0e-9
 COUNT = whole_number(1, 2**31 - 1)
 WORKERS = whole_number(1, 1024)
@@ -40,7 +40,7 @@ def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument("--seed", metavar="N", action=COUNT, help="seed of the first run (default: the study's)")
     parser.add_argument("--engine", choices=ENGINES, default="local", help="who does the runs (default local)")
     parser.add_argument("--workers", metavar="N", action=WORKERS, help="processes (default: one for each core)")
-    parser.add_argument("--address", metavar="HOST:PORT", help="of a running ray or dask cluster (default: one here)")
+    parser.add_argument("--address", metavar="HOST:PORT", help="of a running dask cluster (default: one here)")
     parser.add_argument("--plain", action="store_true", help="nothing compiled: every run in the full simulator")
     parser.add_argument(
         "--replay",
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the study, or replay one of its runs."""
     job = _job(arguments)
     if arguments.address and arguments.engine == "local":
-        raise InputError("--address goes with --engine ray or --engine dask")
+        raise InputError("--address goes with --engine dask")
     if arguments.replay is not None:
         return _replay(job, arguments)
     return _campaign(job, arguments)

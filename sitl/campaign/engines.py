@@ -119,14 +119,8 @@ def end_with_parent() -> None:
 
 
 def engine_of(name: str, address: str | None = None) -> Engine:
-    """Return the engine `name`: local, ray or dask. Raises InputError where it is not installed."""
-    if name == "local":
-        return local
-    if name == "dask":
-        return dask_engine(address)
-    from sitl.campaign.engine_ray import ray_engine
-
-    return ray_engine(address)
+    """Return the engine `name`: local or dask. Raises InputError where it is not installed."""
+    return local if name == "local" else dask_engine(address)
 
 
 def default_workers() -> int:

@@ -31,7 +31,7 @@ numpy.ones((400, 400)) @ numpy.ones((400, 400))
 print(len(os.listdir("/proc/self/task")))
 """
 PLOT_AND_PAGE = {"matplotlib", "jinja2", "starlette", "uvicorn"}
-ENGINES_AND_READERS = {"numba", "ray", "distributed", "can", "pyulog", "mcap", "pyarrow", "ruamel"}
+ENGINES_AND_READERS = {"numba", "distributed", "can", "pyulog", "mcap", "pyarrow", "ruamel"}
 HEAVY = {"numpy", "scipy", *PLOT_AND_PAGE, *ENGINES_AND_READERS}
 
 

@@ -20,9 +20,9 @@ from sitl.cli import main
 
 JOB = Job(replace(Study(1, "short", {"boat": BoatSection("lanxin")}, runs=6), seconds=3.0, measured_from_s=1.0), ".")
 BATCHES = [(run, run + 1) for run in range(6)]
-LIBRARY = {"dask": "distributed", "ray": "ray"}
+LIBRARY = {"dask": "distributed"}
 pytestmark = [
-    # both libraries leave sockets and loops to the garbage collector
+    # the library leaves sockets and loops to the garbage collector
     pytest.mark.filterwarnings("ignore"),
     pytest.mark.slow,
     pytest.mark.xdist_group("compiled"),
@@ -49,8 +49,7 @@ def dying(job: Job, first: int, last: int, is_compiled: bool = True) -> list[Row
 def test_two_workers_give_the_local_results_and_a_lost_one_changes_nothing(
     engine: Engine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    for module in ("engines", "engine_ray"):
-        monkeypatch.setattr(f"sitl.campaign.{module}.do_runs", dying)
+    monkeypatch.setattr("sitl.campaign.engines.do_runs", dying)
     here = [row for batch in engine_of("local")(JOB, BATCHES, 1, False) for row in batch]
     job = JOB._replace(folder=str(tmp_path))
     there = [row for batch in in_order(engine(job, BATCHES, 2, False)) for row in batch]
