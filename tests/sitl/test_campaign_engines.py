@@ -49,8 +49,8 @@ def dying(job: Job, first: int, last: int, is_compiled: bool = True) -> list[Row
 def test_two_workers_give_the_local_results_and_a_lost_one_changes_nothing(
     engine: Engine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("sitl.campaign.engines.do_runs", dying)
     here = [row for batch in engine_of("local")(JOB, BATCHES, 1, False) for row in batch]
+    monkeypatch.setattr("sitl.campaign.engines.do_runs", dying)
     job = JOB._replace(folder=str(tmp_path))
     there = [row for batch in in_order(engine(job, BATCHES, 2, False)) for row in batch]
     assert (tmp_path / "mark").exists()
