@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from autopilot.cli.serving import load_mission, serving_of
-    from autopilot.cli.steering import steer
+    from autopilot.cli.steering import Voyage, steer
     from autopilot.cli.terminal import TypedLines
     from autopilot.cli.tuning_desk import LEARN_HELP, LearningDesk
     from autopilot.files.printable import rewrite_line
@@ -136,16 +136,18 @@ def run(arguments: argparse.Namespace) -> int:
     return steer(
         vessel,
         arguments,
-        skipper,
-        watch,
-        duration=math.inf if arguments.duration is None else arguments.duration,
-        law=law,
-        must_engage=must_engage,
-        guide=guide,
-        serving=serving_of(arguments, skipper, mission, armed=must_engage)._replace(wind=skipper.wind),
-        desk=desk,
-        resumes=skipper.engage,
-        typed=typed,
+        Voyage(
+            skipper,
+            watch,
+            duration=math.inf if arguments.duration is None else arguments.duration,
+            law=law,
+            must_engage=must_engage,
+            guide=guide,
+            serving=serving_of(arguments, skipper, mission, armed=must_engage)._replace(wind=skipper.wind),
+            desk=desk,
+            resumes=skipper.engage,
+            typed=typed,
+        ),
     )
 
 

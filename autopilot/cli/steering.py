@@ -7,6 +7,7 @@ import contextlib
 import sys
 from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 from autopilot.angles import compass_deg
 from autopilot.cli.ending import Ending, Held, add_log_options, alarm_links, last_line, open_log
@@ -88,86 +89,95 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
     )
 
 
+class Voyage(NamedTuple):
+    """What a session is for: who gives the `orders`, `watch`, which is asked after every tick whether all is done, and
+    the `duration` [s] at most.
+
+    law: that of the file where None. must_engage: steering is wanted by itself, not by a later order. guide: the chart
+    plotter that may be followed. serving: the ground stations that may look and order. desk: learns the boat on the
+    way. describe: a tick in words, for the status line. resumes: is told the heading [rad] that a process which died
+    has held, where the vessel file lets it be held again. typed: the lines that are typed at the terminal.
+    """
+
+    orders: Orders
+    watch: Callable[[Tick], bool]
+    duration: float
+    law: str | None = None
+    must_engage: bool = True
+    guide: PlotterGuide | None = None
+    serving: Serving | None = None
+    desk: LearningDesk | None = None
+    describe: Callable[[Tick], str] | None = None
+    resumes: Callable[[float], None] | None = None
+    typed: TypedLines | None = None
+
+
 @steady_output()
-def steer(
-    vessel: Vessel,
-    arguments: argparse.Namespace,
-    orders: Orders,
-    watch: Callable[[Tick], bool],
-    duration: float,
-    law: str | None = None,
-    must_engage: bool = True,
-    guide: PlotterGuide | None = None,
-    serving: Serving | None = None,
-    desk: LearningDesk | None = None,
-    describe: Callable[[Tick], str] | None = None,
-    resumes: Callable[[float], None] | None = None,
-    typed: TypedLines | None = None,
-) -> int:
+def steer(vessel: Vessel, arguments: argparse.Namespace, voyage: Voyage) -> int:
     """Run a session to its end and return the exit code; a signal ends it with the rudder released.
 
     The last line printed says what became of rudder, course and log.
-
-    `resumes` is told the heading [rad] that a process which died has held, where the vessel file lets it be held again.
     """
     wanted = real_time_of(arguments)
-    pilot = build_pilot(vessel, law, learns=desk is not None)
+    pilot = build_pilot(vessel, voyage.law, learns=voyage.desk is not None)
     clock = MonotonicClock(arguments.speedup)
     signing = signing_of(arguments)
     doors = Doors(_admission(vessel, arguments))
-    ending = Ending(arguments.link, arguments.wait, must_engage, vessel.failsafe.heading_timeout_s, signing)
-    options = LinkOptions(arguments.as_gcs, arguments.vehicle_system, guide, signing, tuple(arguments.forward), doors)
+    ending = Ending(arguments.link, arguments.wait, voyage.must_engage, vessel.failsafe.heading_timeout_s, signing)
+    options = LinkOptions(
+        arguments.as_gcs, arguments.vehicle_system, voyage.guide, signing, tuple(arguments.forward), doors
+    )
     options = options._replace(with_other_pilot=arguments.with_other_pilot)
     options = options._replace(reconnect=arguments.reconnect, opened=patience_of(arguments), heard=ending.heard)
     saver = BackgroundSaver()
-    resumption = resumption_of(arguments, vessel, saver) if resumes is not None else None
+    resumption = resumption_of(arguments, vessel, saver) if voyage.resumes is not None else None
     upkeep = Upkeep(wanted, resumption)
     refuse = partial(refuse_failsafe, urls=arguments.link)
-    in_force = VesselInForce(vessel, pilot, law, tuned_file(arguments.vessel), saver, refuse)
-    tuner = TuningDesk(in_force, desk)
-    is_tuned = desk is not None or (serving is not None and bool(serving.urls))
+    in_force = VesselInForce(vessel, pilot, voyage.law, tuned_file(arguments.vessel), saver, refuse)
+    tuner = TuningDesk(in_force, voyage.desk)
+    is_tuned = voyage.desk is not None or (voyage.serving is not None and bool(voyage.serving.urls))
     # closes what is open until the session has taken it over, whatever happens in between
     with contextlib.ExitStack() as opened:
         links = build_links(vessel, arguments.link, options)
         opened.callback(close_all, links)
-        if serving is not None:
-            links += open_boat_links(serving, in_force, arguments.vessel, saver, signing, doors, tuner)
+        if voyage.serving is not None:
+            links += open_boat_links(voyage.serving, in_force, arguments.vessel, saver, signing, doors, tuner)
         if is_tuned:
             print(_which_file(arguments.vessel, in_force))
-        if desk is not None:
-            desk.attach(pilot, in_force)
-        in_force.log = recorder = open_log(arguments, vessel, law, clock.now())
+        if voyage.desk is not None:
+            voyage.desk.attach(pilot, in_force)
+        in_force.log = recorder = open_log(arguments, vessel, voyage.law, clock.now())
         if recorder is not None:
             opened.callback(recorder.close)
         outputs, _ = alarm_outputs_of(vessel, terminal_of(sys.stderr) if sys.stderr.isatty() else None)
         links += [*alarm_links(recorder), *outputs, LoopHealth(1.0 / vessel.control.rate_hz)]
-        if isinstance(orders, Skipper):
-            links.append(Acknowledgements(orders))
-        if resumes is not None and resumption is not None and (heading := resumption.left()) is not None:
+        if isinstance(voyage.orders, Skipper):
+            links.append(Acknowledgements(voyage.orders))
+        if voyage.resumes is not None and resumption is not None and (heading := resumption.left()) is not None:
             held_before = f"{compass_deg(heading):.0f} deg"
             print(f"the process before this one ended while it held {held_before}: engaging on it again")
-            resumes(heading)
+            voyage.resumes(heading)
         _say_north(vessel, arguments.link)
-        status, held = StatusLine(describe, typed, vessel.sensors.magnetic), Held()
+        status, held = StatusLine(voyage.describe, voyage.typed, vessel.sensors.magnetic), Held()
 
         def after(tick: Tick) -> bool:
-            is_over = watch(tick)  # takes the keys before the first status line, into which they would be echoed
+            is_over = voyage.watch(tick)  # takes the keys before the first status line, into which they would be echoed
             status.show(tick)
             held(tick)
             tuner.turn()
-            if desk is not None and (news := desk.news(tick)):
+            if voyage.desk is not None and (news := voyage.desk.news(tick)):
                 status.say(news)
             if said := ending.news():
                 status.say(said)
             upkeep.ticked(tick)
             return ending(tick) or (is_over and ending.is_wanted())
 
-        session = Session(pilot, links, clock, vessel.control.rate_hz, orders, recorder)
+        session = Session(pilot, links, clock, vessel.control.rate_hz, voyage.orders, recorder)
         try:
             # leaving the session, which comes first, gives the rudder back whatever happened
             with ending.at_signals(), upkeep, session:
                 opened.pop_all()
-                session.run(clock.now() + duration, after)
+                session.run(clock.now() + voyage.duration, after)
             ending.final(session.tick)
         except Exception as error:
             ending.failed(error)

@@ -99,7 +99,7 @@ def _number(
 
 def run(arguments: argparse.Namespace) -> int:
     """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
-    from autopilot.cli.steering import steer
+    from autopilot.cli.steering import Voyage, steer
     from autopilot.runtime.build import TRIAL_LAW
     from autopilot.vessel.file import load_vessel
 
@@ -117,11 +117,13 @@ def run(arguments: argparse.Namespace) -> int:
     code = steer(
         vessel,
         arguments,
-        script,
-        lambda tick: script.is_over,
-        math.inf,
-        law=TRIAL_LAW,
-        describe=script.describe,
+        Voyage(
+            script,
+            lambda tick: script.is_over,
+            math.inf,
+            law=TRIAL_LAW,
+            describe=script.describe,
+        ),
     )
     if script.reason and code == ExitCode.OK:
         raise RefusedError(f"the trial ended before its time: {script.reason}")
