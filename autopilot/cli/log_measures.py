@@ -1,10 +1,7 @@
 """What `autopilot log` makes of logs: their options, the export, and the manoeuvres in them, measured.
 
-`autopilot log measures`: the manoeuvres in a log and what a ship is measured by in them, beside IMO's criteria.
-
-The options of every command that reads logs, and what they make of the vessel file.
-
-`autopilot log export`: a log of any kind as MCAP, Parquet or CSV, by the ending of the file.
+The options are those of every command that reads logs. A manoeuvre's measures stand beside IMO's criteria; the export
+is MCAP, Parquet or CSV, by the ending of the file.
 """
 
 from __future__ import annotations
@@ -27,12 +24,10 @@ from autopilot.identification.trial_measures import Measures
 from autopilot.report.trials import blocks_of
 
 if TYPE_CHECKING:
-    from autopilot.logs.reading import LogOptions
-    from autopilot.vessel.schema import Vessel
-if TYPE_CHECKING:
     from autopilot.logs.export import Entry
     from autopilot.logs.reading import LogOptions
     from autopilot.logs.series import Recording
+    from autopilot.vessel.schema import Vessel
 
 KINDS_HELP = """\
 a LOG is a .tlog (any MAVLink vehicle, or our own), an ArduPilot .BIN, a PX4 .ulg (extra `ulog`), NMEA 0183 sentences in

@@ -1,16 +1,12 @@
 """Texts from outside, read strictly: whole files, JSON, and what an order may hold.
 
-What an order from outside may hold, read strictly: one object of JSON, numbers in their range, the right token.
+A file is never a pipe or a device, whose end may never come, nor read without a limit. JSON is of a limited size and
+depth, its numbers finite, its characters whole; an order is one object of it, its numbers in their range, its token the
+right one. What reads JSON raises nothing but InputError.
 
-For the helm page, the terminal's helm and skipper, and Signal K. Nothing here raises anything but InputError. Pure.
-
-Reading whole files that somebody else has made: never a pipe or a device, whose end may never come, nor without a
-limit.
-
-JSON from outside, read strictly: of a limited size and depth, its numbers finite, its characters whole. Pure.
-
-For orders, for the files that a boat sends, and for the headers of logs, which anybody may have written. Python's own
-reader takes NaN and halves of characters, with which no answer can be written, and fails with a RecursionError.
+For orders over the page, the terminals and Signal K, for the files that a boat sends, and for the headers of logs,
+which anybody may have written. Python's own reader takes NaN and halves of characters, with which no answer can be
+written, and fails with a RecursionError.
 """
 
 from __future__ import annotations

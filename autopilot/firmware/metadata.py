@@ -499,7 +499,7 @@ def _marks(content: bytes, crc: int | None) -> Marks:
 
 def _document(content: bytes, crc: int | None) -> dict[str, Any]:
     """Return the object of JSON in a file, which may be packed; `crc` is that of the file as it is, or unpacked."""
-    text = _expanded(content) if content.startswith(XZ) else content
+    text = expanded(content, "its file", EXPANDED_MOST, MEMORY_MOST) if content.startswith(XZ) else content
     if crc not in (None, checksum(content), checksum(text)):
         raise InputError(f"its file is damaged: the checksum is {checksum(content)} and was to be {crc}")
     document = parse_json(text, "its file", EXPANDED_MOST)
@@ -511,14 +511,18 @@ def _document(content: bytes, crc: int | None) -> dict[str, Any]:
     return document
 
 
-def _expanded(content: bytes) -> bytes:
-    decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, MEMORY_MOST)
+def expanded(content: bytes, origin: str, most: int, memory: int) -> bytes:
+    """Return what a vehicle has packed (xz): at most so many bytes of it, in at most so many bytes of memory.
+
+    Raises InputError, which calls the file `origin`.
+    """
+    decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, memory)
     try:
-        text = decompressor.decompress(content, EXPANDED_MOST)
-    except (lzma.LZMAError, EOFError) as error:
-        raise InputError(f"its file is damaged ({error})") from None
+        text = decompressor.decompress(content, most)
+    except lzma.LZMAError as error:
+        raise InputError(f"{origin} is damaged ({error})") from None
     if not decompressor.eof:
-        raise InputError(f"its file is cut off, or more than {EXPANDED_MOST} bytes when expanded")
+        raise InputError(f"{origin} is cut off, or more than {most} bytes when expanded")
     return text
 
 

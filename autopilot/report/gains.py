@@ -26,13 +26,9 @@ from autopilot.report.page import FloatArray, Line, Panel, Section, render, time
 from autopilot.runtime.build import gear_of, law_of, loop_gains_of, model_of
 
 if TYPE_CHECKING:
-    from autopilot.vessel.schema import Vessel
-if TYPE_CHECKING:
     from autopilot.control.design import Margins, Spread, Verdict
     from autopilot.control.margins import Loop, ObservedMargins, Recovery
     from autopilot.vessel.schema import Vessel
-if TYPE_CHECKING:
-    from autopilot.control.design import Verdict
 
 TURN = math.radians(90.0)
 STRAIGHT_S = 10.0

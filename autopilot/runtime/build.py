@@ -1,9 +1,4 @@
-"""From a vessel file to a Pilot: model, rudder, law and gains chosen by name, degrees made radians.
-
-From a vessel file to a Pilot: here, in build_laws and build_links parts are chosen by name, degrees made radians.
-
-From a vessel file to boat and heading law: model, rudder and gains by name, degrees become radians.
-"""
+"""From a vessel file to a Pilot: model, rudder, law and gains chosen by name, degrees made radians."""
 
 from __future__ import annotations
 
@@ -45,7 +40,6 @@ from autopilot.vessel.schema import SlidingRoll, Vessel
 if TYPE_CHECKING:
     from autopilot.control.rudder_roll import RollGains
     from autopilot.control.sliding_roll import RollShip, SlidingRollLaw
-if TYPE_CHECKING:
     from autopilot.identification.learning import Learner
 
 ROLL_LAW = "sliding_roll"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import lzma
 import math
 from collections import deque
 from collections.abc import Callable
@@ -15,7 +14,7 @@ from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, parse_json
 from autopilot.files.printable import printable
 from autopilot.firmware.download import Download
-from autopilot.firmware.metadata import FtpClient
+from autopilot.firmware.metadata import FtpClient, expanded
 from autopilot.firmware.protocol import Target, parameter_value, set_value
 from autopilot.links.ground_station.file_server import PARAMETERS
 from autopilot.links.mavlink_codec import Message
@@ -123,13 +122,7 @@ class ParameterDesk:
 def descriptions_from(content: bytes) -> dict[str, dict[str, Any]]:
     """Return what a boat's packed component metadata says of each parameter, by name. Raises InputError."""
     origin = "the boat's description of parameters"
-    unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ, UNPACKING_MOST)
-    try:
-        text = unpacker.decompress(content, EXPANDED_MOST)
-    except lzma.LZMAError as error:
-        raise InputError(f"{origin}: cannot be unpacked ({error})") from None
-    if not unpacker.eof:
-        raise InputError(f"{origin}: cut off, or longer than {EXPANDED_MOST} bytes")
+    text = expanded(content, origin, EXPANDED_MOST, UNPACKING_MOST)
     found = parse_json(text, origin, EXPANDED_MOST)
     entries = found.get("parameters") if isinstance(found, dict) else None
     if not isinstance(entries, list):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from typing import Any
 import pytest
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 from served_vehicle import ServedVehicle
+from two_processes import free_port
 
 from autopilot.cli import params as command
 from autopilot.errors import InputError, RefusedError
@@ -67,9 +67,7 @@ def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def served() -> Iterator[ServedVehicle]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        vehicle = ServedVehicle(int(probe.getsockname()[1]))
+    vehicle = ServedVehicle(free_port())
     vehicle.vehicle = MovingVehicle()
     vehicle.start()
     yield vehicle
@@ -324,9 +322,7 @@ def test_shipped_files_hold_settings_alone() -> None:
 
 @pytest.mark.slow
 def test_the_simulated_firmware_is_backed_up_and_restored(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
+    port = free_port()
     words = ["serve", "lanxin", "--disarmed", "--mavlink", f"udpout:127.0.0.1:{port}", "--duration", "120"]
     simulator = subprocess.Popen([sys.executable, "-m", "sitl", *words], stdout=subprocess.DEVNULL)
     link = f"udpin:127.0.0.1:{port}"

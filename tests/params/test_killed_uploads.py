@@ -7,7 +7,6 @@ import json
 import os
 import random
 import signal
-import socket
 import struct
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import pytest
 from served_vehicle import ServedVehicle
+from two_processes import free_port
 
 
 class Zygote:
@@ -59,9 +59,7 @@ def zygote(tmp_path: Path) -> Iterator[Zygote]:
 
 @pytest.fixture
 def served() -> Iterator[ServedVehicle]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        vehicle = ServedVehicle(int(probe.getsockname()[1]))
+    vehicle = ServedVehicle(free_port())
     vehicle.start()
     yield vehicle
     vehicle.stop.set()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from served_vehicle import ServedVehicle
+from two_processes import free_port
 
 from autopilot.cli import params as command
 from autopilot.errors import InputError, RefusedError
@@ -32,9 +32,7 @@ groups:
 
 @pytest.fixture
 def port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    return free_port()
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import socket
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 from parameter_vehicle import ParameterVehicle
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from served_vehicle import ServedVehicle
+from two_processes import free_port
 
 from autopilot.cli import params as command
 from autopilot.errors import InputError, RefusedError
@@ -39,9 +39,7 @@ def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def served() -> Iterator[ServedVehicle]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        vehicle = ServedVehicle(int(probe.getsockname()[1]))
+    vehicle = ServedVehicle(free_port())
     vehicle.start()
     yield vehicle
     vehicle.stop.set()
@@ -168,9 +166,7 @@ def test_backup_and_download_formats(served: ServedVehicle, capsys: pytest.Captu
 
 def test_upload_to_px4_by_its_own_encoding(capsys: pytest.CaptureFixture[str]) -> None:
     """Whole numbers beyond 2^24 keep every bit, and the checksum of the table is compared."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        vehicle = ServedVehicle(int(probe.getsockname()[1]), dialect.MAV_AUTOPILOT_PX4)
+    vehicle = ServedVehicle(free_port(), dialect.MAV_AUTOPILOT_PX4)
     wanted = wanted_parameters(load_firmware("px4-rover-boat"))
     table = {each.name: (0.0, 9) if isinstance(each.value, float) else (0, 6) for each in wanted}
     vehicle.vehicle = ParameterVehicle({"P0000": (0, 6), **table, "BIG": (0, 6)}, bytewise=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from served_vehicle import ServedVehicle
+from two_processes import free_port
 
 from autopilot.cli import params as command
 from autopilot.cli import params_upload
@@ -34,9 +34,7 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedVe
     monkeypatch.setattr(session, "IDENTITY_WAIT_S", 0.05)
     monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
     monkeypatch.chdir(tmp_path)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        vehicle = ServedVehicle(int(probe.getsockname()[1]))
+    vehicle = ServedVehicle(free_port())
     vehicle.vehicle.table = {f"P{number}": [float(number), REAL32] for number in range(9)}
     vehicle.start()
     yield vehicle

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import lzma
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from hypothesis import strategies as st
 from parameter_vehicle import FTP, GENERAL_URI, PARAMETERS_URI, BadLink, ParameterVehicle, converse
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from served_vehicle import ServedVehicle
+from two_processes import free_port
 
 from autopilot.cli import params as command
 from autopilot.firmware import session
@@ -354,9 +354,7 @@ def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def px4() -> Iterator[ServedVehicle]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        served = ServedVehicle(int(probe.getsockname()[1]), dialect.MAV_AUTOPILOT_PX4)
+    served = ServedVehicle(free_port(), dialect.MAV_AUTOPILOT_PX4)
     served.vehicle = Moving()
     served.vehicle.describe(DESCRIBED)
     served.start()

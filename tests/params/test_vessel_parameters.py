@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import socket
 import struct
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from hypothesis import strategies as st
 from parameter_vehicle import ParameterVehicle
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from served_vehicle import ServedVehicle
+from two_processes import free_port
 
 from autopilot.cli import params as command
 from autopilot.firmware import session
@@ -108,9 +108,7 @@ def test_a_vessel_file_is_uploaded_to_a_running_norrbin_and_taken_back(
     monkeypatch.setattr(session, "IDENTITY_WAIT_S", 0.05)
     monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
     monkeypatch.chdir(tmp_path)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        running = ServedVehicle(int(probe.getsockname()[1]), dialect.MAV_AUTOPILOT_GENERIC)
+    running = ServedVehicle(free_port(), dialect.MAV_AUTOPILOT_GENERIC)
     running.vehicle = ParameterVehicle({each.name: (value_of(LANXIN, each), 9) for each in parameters_of(LANXIN)})
     assert LANXIN.control.backstepping is not None
     gains = dataclasses.replace(LANXIN.control.backstepping, k1_1_s=0.7)
