@@ -534,7 +534,7 @@ def _shipped(folder: str, pattern: str) -> list[bytes]:
 
 def _recordings() -> dict[str, list[bytes]]:
     """Return short sound logs of every kind."""
-    sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "loop")]
+    sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "logs")]
     from boat_recordings import dataflash, tlog, tlog_events, zigzag_boat
     from test_px4_and_nmea_logs import ulog
 

@@ -56,14 +56,19 @@ ROOMS = {
 }
 """What is changed, in `autopilot`."""
 TESTS = (
-    "core",
+    "supervision",
+    "estimation",
+    "control",
+    "guidance",
+    "pilot",
     "properties",
     "links",
     "contract",
     "closed_loop",
     "models",
-    "loop",
-    "replay",
+    "runtime",
+    "logs",
+    "operators",
     "filters",
     "signalk",
     "cli",

@@ -11,7 +11,7 @@ from autopilot.identification.runs import FloatArray, Run, run_from_columns
 
 LANXIN = {"K": 0.701, "T": 0.332, "n3": 3.2828}
 
-RECORDINGS = Path(os.environ.get("NORRBIN_DATA", Path(__file__).resolve().parents[2] / ".." / "shared" / "data"))
+RECORDINGS = Path(os.environ.get("NORRBIN_DATA", Path(__file__).resolve().parents[1] / ".." / "shared" / "data"))
 
 
 def zigzag(

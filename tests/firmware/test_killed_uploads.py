@@ -25,7 +25,7 @@ class Zygote:
 
     def __init__(self, folder: Path) -> None:
         environment = {**os.environ, "NORRBIN_STATE": str(folder / "state")}
-        script = Path(__file__).parent / "zygote.py"
+        script = Path(__file__).parents[1] / "zygote.py"
         self.output = folder / "output.txt"
         self._process = subprocess.Popen(
             [sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True
