@@ -97,6 +97,11 @@ class HearsRoll(Protocol):
         """Take a roll sample; without fresh ones the law steers by heading alone."""
 
 
+def _hearing(law: HeadingLaw) -> HearsRoll | None:
+    # a protocol is a look at every attribute: asked once, not for every sample
+    return law if isinstance(law, HearsRoll) else None
+
+
 class PilotConfig(NamedTuple):
     """Everything the pilot knows of the boat; `build` makes it from a vessel file.
 
@@ -135,6 +140,7 @@ class Pilot:
         self.estimator = Estimator(config.model, config.gear, config.noise, config.steerage)
         self.supervisor = Supervisor(_envelope_of(config), config.failsafe)
         self.damper = RollDamper(config.roll) if config.roll is not None else None
+        self._hears_roll = _hearing(law)
         self.monitors = Monitors(config.alarms)
         self._failsafe = FailsafeSteering()
         self._panel = AlarmPanel()
@@ -181,6 +187,7 @@ class Pilot:
             self._roll_rudder = 0.0
         # who moves the rudder is settled when the links are opened
         self.config, self.law = config._replace(rudder_is_ours=self.config.rudder_is_ours), law
+        self._hears_roll = _hearing(law)
         law.reset(self._told.angle)
         self.estimator.reconfigure(config.model, config.gear, config.noise, config.steerage)
         self.supervisor.reconfigure(_envelope_of(config), config.failsafe)
@@ -351,11 +358,11 @@ class Pilot:
         if self.monitors.softer > 1.0 or self.monitors.rests_roll:
             # neither boat nor rudder is what the damping was worked out for
             return
-        self._damps_roll = self.damper is not None or isinstance(self.law, HearsRoll)
+        self._damps_roll = self.damper is not None or self._hears_roll is not None
         if self.damper is not None:
             self.damper.hear(sample)
-        if isinstance(self.law, HearsRoll):
-            self.law.hear(sample)
+        if self._hears_roll is not None:
+            self._hears_roll.hear(sample)
 
     def _moved_by_others(self, sample: RudderSample) -> bool:
         ours = self._told.engaged and self.config.rudder_is_ours
