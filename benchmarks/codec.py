@@ -21,8 +21,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.signing import CountingTimestamps, Signing
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.signing import CountingTimestamps, Signing
 from autopilot.links.transports import UdpInTransport
 
 BLOCKS = 60

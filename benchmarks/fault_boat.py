@@ -15,18 +15,18 @@ import numpy as np
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
-from autopilot.estimation.sensor_selection import SourcePriority
+from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.base import Link
 from autopilot.links.ground_station.mission import Mission
-from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
-from autopilot.links.nmea_link import NmeaLink, NmeaSettings
+from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.nmea.link import NmeaLink, NmeaSettings
+from autopilot.links.reconnect import GuideAlarms, SelectingLink
 from autopilot.links.transports import LoopbackTransport, loopback_pair
-from autopilot.links.wrapped import BelievedLink, GuideAlarms
 from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.build import build_pilot, follow_of, limits_of, track_settings_of
-from autopilot.runtime.build_links import priority_of
+from autopilot.runtime.build_links import selection_of
 from autopilot.runtime.session import Session
 from autopilot.signals import Mode, Order, OrderKind, SupervisorState, Tick
 from autopilot.vessel.file import load_vessel
@@ -108,8 +108,8 @@ class FaultBoat:
         if method in ("instruments", "both"):
             links.append(self._instruments(vessel, steers=method == "instruments"))
         if method != "companion":
-            priority = SourcePriority(priority_of(vessel))
-            links = [BelievedLink(link, priority) for link in links]
+            priority = SensorSelection(selection_of(vessel))
+            links = [SelectingLink(link, priority) for link in links]
         links.append(GuideAlarms(track, "track"))
         self.track = track
         pilot = build_pilot(vessel)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from fault_boat import FaultBoat, Injected
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, Reference
 from sitl.fault_kinds import FaultKind, Source

@@ -22,13 +22,13 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide
-from autopilot.links.admission import Admission, Doors
+from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.signing import MINUTE, CountingTimestamps, Signing
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.signing import MINUTE, CountingTimestamps, Signing
 from autopilot.links.transports import loopback_pair
 
 KEY = bytes(range(32))
@@ -115,9 +115,9 @@ def main() -> int:
     near, far = loopback_pair()
     store, hand = Store(), Nobody()
     commands = Commands(hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
-    door = Doors(Admission(systems=frozenset({255, 200}))).link()
+    access = AccessPolicy(AccessRules(systems=frozenset({255, 200}))).link()
     server, signing = ParameterServer(store), Signing(KEY, CountingTimestamps(NOW)).link()
-    boat = BoatLink(near, commands, server, signing=signing, door=door)
+    boat = BoatLink(near, commands, server, signing=signing, access=access)
     true = station(KEY, NOW)
     recorded = [true.encode(message) for message in MESSAGES * 20]
     for frame in recorded:

@@ -46,12 +46,12 @@ from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.file_server import ACK, HEADER, OPEN, PARAMETERS, READ, metadata_files
 from autopilot.links.ground_station.mission import Mission, parse_items
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.nmea0183 import NmeaFramer
-from autopilot.links.nmea0183 import checksum as nmea_checksum
-from autopilot.links.nmea_samples import NmeaReader
-from autopilot.links.signing import checksum
-from autopilot.links.signing_key import key_of
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.signing import checksum
+from autopilot.links.mavlink.signing_key import key_of
+from autopilot.links.nmea.samples import NmeaReader
+from autopilot.links.nmea.sentences import NmeaFramer
+from autopilot.links.nmea.sentences import checksum as nmea_checksum
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.logs.csv_log import load_column_map
@@ -635,7 +635,7 @@ def _own_log(header: bytes | None = None) -> bytes:
 
 
 def _nmea() -> bytes:
-    from autopilot.links import nmea0183 as encode
+    from autopilot.links.nmea import sentences as encode
 
     lines = []
     for step in range(40):

@@ -19,14 +19,14 @@ from typing import Any
 from fuzz_table import Fuzzer, Result, print_table
 
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links import nmea0183 as encode
 from autopilot.links.drives.base import Drive, DriveSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
 from autopilot.links.n2k import READ, Compass, sample_of
-from autopilot.links.nmea0183 import NmeaFramer, format_sentence
-from autopilot.links.nmea_samples import NmeaReader
+from autopilot.links.nmea import sentences as encode
+from autopilot.links.nmea.samples import NmeaReader
+from autopilot.links.nmea.sentences import NmeaFramer, format_sentence
 from autopilot.signals import HeadingSample
 from autopilot.vessel.file import load_vessel
 from sitl.scenario import load_scenario

@@ -27,12 +27,12 @@ from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.helm_watch import GUIDED_MODE, MANUAL_MODE
-from autopilot.links.mavlink_codec import MavlinkCodec, message_id
-from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
-from autopilot.links.signing import CountingTimestamps, Signing
+from autopilot.links.mavlink.authority import GUIDED_MODE, MANUAL_MODE
+from autopilot.links.mavlink.codec import MavlinkCodec, message_id
+from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.requests import RELEVANT
+from autopilot.links.mavlink.signing import CountingTimestamps, Signing
 from autopilot.links.transports import LoopbackTransport, loopback_pair
-from autopilot.links.vehicle_requests import RELEVANT
 from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.vessel_in_force import VesselInForce

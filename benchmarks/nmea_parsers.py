@@ -22,8 +22,8 @@ from operator import xor
 import pynmea2
 
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterLeg, PlotterMessage
-from autopilot.links.nmea0183 import NmeaFramer
-from autopilot.links.nmea_samples import NmeaReader
+from autopilot.links.nmea.samples import NmeaReader
+from autopilot.links.nmea.sentences import NmeaFramer
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Sample, SpeedSample
 
 BODIES = {

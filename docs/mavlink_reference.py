@@ -12,19 +12,21 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links import mavlink_layouts
+from autopilot.links.mavlink.messages import EXTRA_MESSAGES
 
 AUTOPILOT = Path(__file__).parent.parent / "autopilot"
 ROOMS = ("links", "firmware", "vessel", "web", "runtime", "logs")
-EXTRA = {kind.__name__: kind for kind in mavlink_layouts.EXTRA_MESSAGES.values()}
+EXTRA = {kind.__name__: kind for kind in EXTRA_MESSAGES.values()}
 """Messages younger than pymavlink's release, by the name of their class."""
-NAMED_ONLY = frozenset({"links/ground_station/telemetry", "links/router", "links/signing", "web/station"})
+NAMED_ONLY = frozenset(
+    {"links/ground_station/telemetry", "links/mavlink/router", "links/mavlink/signing", "web/station"}
+)
 """Numbers of messages stand here to send, ask for or pass them on, not to read them."""
-TOLD_ONLY = frozenset({"links/guided"})
+TOLD_ONLY = frozenset({"links/mavlink/guided"})
 """Names of messages stand here in sentences for people."""
 LOGS = ("logs/", "runtime/record")
 """What reads logs obeys nobody and is documented with the logs; what writes them sends."""
-OBEYING = ("links/ground_station/", "links/admission")
+OBEYING = ("links/ground_station/", "links/ground_station/access")
 ANSWERS = frozenset({"web/view"})
 """Reads what was answered to commands."""
 STANDARD_MODE = "MAV_CMD_DO_SET_STANDARD_MODE"
@@ -98,7 +100,7 @@ def _trees() -> list[tuple[str, ast.Module]]:
     return [
         (module, ast.parse(path.read_text(encoding="utf-8")))
         for module, path in named
-        if module != "links/mavlink_layouts"
+        if module != "links/mavlink/messages"
     ]
 
 

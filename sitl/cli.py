@@ -215,7 +215,7 @@ def run_wave_glider(arguments: argparse.Namespace) -> int:
 
 def run_serve(arguments: argparse.Namespace) -> int:
     """Serve until told to stop."""
-    from autopilot.links.signing_key import open_signing
+    from autopilot.links.mavlink.signing_key import open_signing
     from sitl.fault_desk import FaultDesk
     from sitl.serve import Pace, TruthFile, open_ports, serve, world_from
 

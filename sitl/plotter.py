@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from autopilot.links.nmea0183 import format_sentence
+from autopilot.links.nmea.sentences import format_sentence
 from sitl.scenario import Scenario
 from sitl.sensors import EARTH_RADIUS, Reading
 

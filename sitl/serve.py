@@ -27,7 +27,7 @@ from autopilot.errors import InputError
 from autopilot.files.outside import typed_number
 from autopilot.files.saving import create_unused
 from autopilot.links.base import Transport
-from autopilot.links.signing import LinkSigning, Signing
+from autopilot.links.mavlink.signing import LinkSigning, Signing
 from autopilot.links.transports import TcpServerTransport
 from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
 from autopilot.links.url_options import UrlOptions

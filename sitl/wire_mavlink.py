@@ -15,8 +15,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.signing import LinkSigning
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.signing import LinkSigning
 from sitl import firmware_setup
 from sitl.fault_kinds import FaultKind
 from sitl.firmware import Firmware

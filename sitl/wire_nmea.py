@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.files.outside import typed_number
-from autopilot.links import nmea0183 as encode
-from autopilot.links.nmea0183 import NmeaFramer, Sentence
+from autopilot.links.nmea import sentences as encode
+from autopilot.links.nmea.sentences import NmeaFramer, Sentence
 from sitl.drives import UartLine
 from sitl.fault_kinds import FaultKind
 from sitl.plotter import ChartPlotter

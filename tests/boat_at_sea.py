@@ -16,9 +16,9 @@ from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.reconnect import GuideAlarms
 from autopilot.links.transports import loopback_pair
-from autopilot.links.wrapped import GuideAlarms
 from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
 from autopilot.signals import HelmSample, PositionSample, Sample, SpeedSample, Tick

@@ -14,7 +14,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_layouts import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
 
 INTEGER_FORMATS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 
@@ -238,7 +238,7 @@ def converse(
     client: Any, vehicle: ParameterVehicle, up: BadLink, down: BadLink, limit_s: float, rate: int = 20
 ) -> float:
     """Let both talk on a manual clock of 20 ms ticks until the client is finished; returns the seconds it took."""
-    from autopilot.links.mavlink_codec import MavlinkCodec
+    from autopilot.links.mavlink.codec import MavlinkCodec
 
     ground, aboard = MavlinkCodec(255, 190), MavlinkCodec(1, 1)
     tick = 0

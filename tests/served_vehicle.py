@@ -9,7 +9,7 @@ import threading
 from parameter_vehicle import ParameterVehicle
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 
 
 class ServedVehicle(threading.Thread):

@@ -22,9 +22,9 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.interruption import NAMES, ended_by
 from autopilot.links.arrivals import HeardTransport, came
 from autopilot.links.base import Link, LinkError
+from autopilot.links.mavlink.signing import Signing, hint_of
+from autopilot.links.reconnect import GuideAlarms
 from autopilot.links.release import Release, release_sentence
-from autopilot.links.signing import Signing, hint_of
-from autopilot.links.wrapped import GuideAlarms
 from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, ThreadedSink
 from autopilot.runtime.record import Recorder
 from autopilot.signals import Mode, OrderKind, Tick

@@ -16,16 +16,16 @@ from autopilot.files.outside import read_regular
 from autopilot.files.saving import save_text
 from autopilot.guidance.track import TrackGuide
 from autopilot.guidance.wind_vane import WindGuide
-from autopilot.links.admission import LOOKING_ONLY, Doors
 from autopilot.links.base import Link
+from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands, Helmsman, Tuner
 from autopilot.links.ground_station.file_server import metadata_files
 from autopilot.links.ground_station.mission import Mission, MissionItem, dump_items, parse_items
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.signing import Signing
+from autopilot.links.mavlink.signing import Signing
+from autopilot.links.reconnect import GuideAlarms, ReconnectingLink
 from autopilot.links.url import open_transport, parse_url
-from autopilot.links.wrapped import GuideAlarms, KeptLink
 from autopilot.runtime.build import track_settings_of
 from autopilot.runtime.build_links import networks_of
 from autopilot.runtime.vessel_in_force import VesselInForce
@@ -101,7 +101,7 @@ def open_boat_links(
     vessel_path: str,
     saver: BackgroundSaver,
     signing: Signing | None = None,
-    doors: Doors | None = None,
+    policy: AccessPolicy | None = None,
     tuner: Tuner | None = None,
 ) -> list[Link]:
     """Return the opened links to ground stations, over which the vessel in force is tuned. Raises LinkError.
@@ -109,7 +109,7 @@ def open_boat_links(
     The first are to nobody: they bring the alarms of those who lead.
     """
     mission, path = serving.mission, mission_file(vessel_path)
-    networks, doors = networks_of(in_force.running), doors or Doors()
+    networks, policy = networks_of(in_force.running), policy or AccessPolicy()
 
     def keep_course_settings(vessel: Vessel) -> None:
         mission.guide.settings = track_settings_of(vessel)
@@ -127,7 +127,7 @@ def open_boat_links(
         transport = open_transport(url, networks)
         ours = signing.link() if signing is not None else None
         server = ParameterServer(in_force)
-        served = BoatLink(transport, commands, server, serving.system, ours, files, doors.link())
+        served = BoatLink(transport, commands, server, serving.system, ours, files, policy.link())
         if not served.takes_orders:
             print(f"--serve {url}: {LOOKING_ONLY}", file=sys.stderr)
         return served
@@ -135,7 +135,7 @@ def open_boat_links(
     try:
         for url in serving.urls:
             opener = partial(opened, url)
-            links.append(KeptLink(url, False, opener) if serving.reconnect else opener())
+            links.append(ReconnectingLink(url, False, opener) if serving.reconnect else opener())
     except BaseException:
         for link in links:
             link.close()

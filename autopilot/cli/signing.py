@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from autopilot.links.signing import Signing
+from autopilot.links.mavlink.signing import Signing
 
 HELP = "sign MAVLink messages with the key in FILE (mode 0600: 64 hex digits or a passphrase), and refuse unsigned ones"
 
@@ -18,6 +18,6 @@ def signing_of(arguments: argparse.Namespace) -> Signing | None:
     """Return signing with the key that was given, None without one. Raises InputError."""
     if arguments.signing_key is None:
         return None
-    from autopilot.links.signing_key import open_signing
+    from autopilot.links.mavlink.signing_key import open_signing
 
     return open_signing(arguments.signing_key)

@@ -21,14 +21,14 @@ from autopilot.cli.waiting import add_waiting_option, patience_of
 from autopilot.errors import ExitCode
 from autopilot.files.printable import terminal_of
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.admission import Admission, Doors
 from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import close_all
-from autopilot.links.signing import Signing
+from autopilot.links.ground_station.access import AccessPolicy, AccessRules
+from autopilot.links.mavlink.signing import Signing
 from autopilot.links.url import parse_url
 from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot
-from autopilot.runtime.build_links import LinkOptions, admission_of, alarm_outputs_of, build_links, refuse_failsafe
+from autopilot.runtime.build_links import LinkOptions, access_rules_of, alarm_outputs_of, build_links, refuse_failsafe
 from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.machine import LoopHealth
 from autopilot.runtime.session import Orders, Session
@@ -122,10 +122,10 @@ def steer(vessel: Vessel, arguments: argparse.Namespace, voyage: Voyage) -> int:
     pilot = build_pilot(vessel, voyage.law, learns=voyage.desk is not None)
     clock = MonotonicClock(arguments.speedup)
     signing = signing_of(arguments)
-    doors = Doors(_admission(vessel, arguments))
+    policy = AccessPolicy(_access_rules(vessel, arguments))
     ending = Ending(arguments.link, arguments.wait, voyage.must_engage, vessel.failsafe.heading_timeout_s, signing)
     options = LinkOptions(
-        arguments.as_gcs, arguments.vehicle_system, voyage.guide, signing, tuple(arguments.forward), doors
+        arguments.as_gcs, arguments.vehicle_system, voyage.guide, signing, tuple(arguments.forward), policy
     )
     options = options._replace(with_other_pilot=arguments.with_other_pilot)
     options = options._replace(reconnect=arguments.reconnect, opened=patience_of(arguments), heard=ending.heard)
@@ -141,7 +141,7 @@ def steer(vessel: Vessel, arguments: argparse.Namespace, voyage: Voyage) -> int:
         links = build_links(vessel, arguments.link, options)
         opened.callback(close_all, links)
         if voyage.serving is not None:
-            links += open_boat_links(voyage.serving, in_force, arguments.vessel, saver, signing, doors, tuner)
+            links += open_boat_links(voyage.serving, in_force, arguments.vessel, saver, signing, policy, tuner)
         if is_tuned:
             print(_which_file(arguments.vessel, in_force))
         if voyage.desk is not None:
@@ -186,7 +186,7 @@ def steer(vessel: Vessel, arguments: argparse.Namespace, voyage: Voyage) -> int:
             status.end()
             tuner.close()
             saver.close()
-            _print_refusals(signing, doors)
+            _print_refusals(signing, policy)
             print(last_line(ending, held, recorder, session.releases), flush=True)
     last = session.tick
     if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):
@@ -196,13 +196,13 @@ def steer(vessel: Vessel, arguments: argparse.Namespace, voyage: Voyage) -> int:
     return int(ExitCode.OK)
 
 
-def _admission(vessel: Vessel, arguments: argparse.Namespace) -> Admission:
-    admission = admission_of(vessel)
-    return admission._replace(orders_without_key=admission.orders_without_key or arguments.orders_without_key)
+def _access_rules(vessel: Vessel, arguments: argparse.Namespace) -> AccessRules:
+    rules = access_rules_of(vessel)
+    return rules._replace(orders_without_key=rules.orders_without_key or arguments.orders_without_key)
 
 
-def _print_refusals(signing: Signing | None, doors: Doors) -> None:
-    for summary in (signing.summary if signing is not None else "", doors.summary):
+def _print_refusals(signing: Signing | None, policy: AccessPolicy) -> None:
+    for summary in (signing.summary if signing is not None else "", policy.summary):
         if summary:
             print(summary)
 

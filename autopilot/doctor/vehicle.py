@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 from autopilot.doctor.machine import Finding, Verdict, share_below
 from autopilot.links.base import Link, LinkError, parted
-from autopilot.links.companion_output import REACH_TOLERANCE_DEG
-from autopilot.links.mavlink_companion import CompanionLink
-from autopilot.links.steering_pwm import share_from_servo
-from autopilot.links.vehicle_requests import VehicleParameters
+from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.mavlink.requests import VehicleParameters
+from autopilot.links.mavlink.steering import REACH_TOLERANCE_DEG
+from autopilot.links.mavlink.steering_pwm import share_from_servo
 from autopilot.runtime.clock import Clock
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample
 from autopilot.supervision.panel import sentences_of

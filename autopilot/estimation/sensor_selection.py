@@ -217,7 +217,7 @@ class SourceRule(NamedTuple):
     stale: float
 
 
-class PrioritySettings(NamedTuple):
+class SelectionSettings(NamedTuple):
     """rules: best first, for every kind of value alike.  stale [s] where no rule matches.
 
     heading_stale [s]: a heading is stale at this age at the latest, so that another compass takes over before the
@@ -246,10 +246,10 @@ class _Heard:
         self.heading: float | None = None
 
 
-class SourcePriority:
+class SensorSelection:
     """Drops the samples of sources that are not the one to believe. Memory: who was heard when, whom we believe."""
 
-    def __init__(self, settings: PrioritySettings = PrioritySettings()) -> None:  # noqa: B008 - immutable
+    def __init__(self, settings: SelectionSettings = SelectionSettings()) -> None:  # noqa: B008 - immutable
         self._settings = settings
         self._compasses = CompassWatch(settings.jump, frozen=settings.frozen)
         self.reset()

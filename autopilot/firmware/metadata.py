@@ -56,8 +56,8 @@ from autopilot.links.ground_station.file_server import (
     TERMINATE,
     checksum,
 )
-from autopilot.links.mavlink_codec import Message
-from autopilot.links.mavlink_layouts import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
 
 NUMBER = re.compile(r"([0-9]+)")
 

@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.errors import InputError
 from autopilot.firmware.protocol import BYTEWISE_AUTOPILOTS, Target, is_from
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.signing import Signing, hint_of
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.signing import Signing, hint_of
 from autopilot.links.url import believe_signed, open_transport, parse_url
 
 GROUND_STATION_SYSTEM = 255

@@ -12,8 +12,8 @@ from typing import Protocol, TextIO
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.companion_output import AUTOPILOT_COMPONENT
-from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.steering import AUTOPILOT_COMPONENT
 from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmSample, Mode, RudderCommand, Sample, Siren, Tick
 
 BELL_S = {Siren.SOUNDING: 2.0, Siren.ESCALATED: 0.5}

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from autopilot.links.base import Transport
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import UdpInTransport
 from autopilot.links.transports.sockets import peer_of
 from autopilot.links.url import SCHEMES

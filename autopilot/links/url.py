@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.mavlink_codec import MavlinkCodec, Message, is_mavlink
-from autopilot.links.nmea0183 import is_nmea
-from autopilot.links.signing import LinkSigning
+from autopilot.links.mavlink.codec import MavlinkCodec, Message, is_mavlink
+from autopilot.links.mavlink.signing import LinkSigning
+from autopilot.links.nmea.sentences import is_nmea
 from autopilot.links.transports import (
     SerialTransport,
     TcpClientTransport,

@@ -23,7 +23,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.files.saving import write_new
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.logs.series import FloatArray, Recording
 from autopilot.logs.table import Table
 from autopilot.logs.tlog import TlogPackets

@@ -21,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.links.nmea0183 import (
+from autopilot.links.nmea.samples import NmeaReader
+from autopilot.links.nmea.sentences import (
     KMH_M_S,
     KNOT_M_S,
     SPEED_LIMIT,
@@ -33,7 +34,6 @@ from autopilot.links.nmea0183 import (
     number,
     status,
 )
-from autopilot.links.nmea_samples import NmeaReader
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,

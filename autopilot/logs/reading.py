@@ -17,8 +17,8 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 from autopilot.identification.runs import Run, gap_limit, run_from_columns, seconds
-from autopilot.links.mavlink_codec import MAGIC_V1
-from autopilot.links.signing import MAGIC_V2
+from autopilot.links.mavlink.codec import MAGIC_V1
+from autopilot.links.mavlink.signing import MAGIC_V2
 from autopilot.logs.csv_log import RUN_NEEDS, read_csv
 from autopilot.logs.dataflash import HEAD, read_dataflash
 from autopilot.logs.merge import merged, sources_of

@@ -10,27 +10,27 @@ from pathlib import Path
 from typing import NamedTuple, TextIO
 
 from autopilot.errors import InputError, RefusedError
-from autopilot.estimation.sensor_selection import PrioritySettings, SourcePriority, SourceRule
+from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.admission import LOOKING_ONLY, Admission, Budget, Door, Doors
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
 from autopilot.links.arrivals import HeardTransport
 from autopilot.links.base import Link
-from autopilot.links.companion_output import MODES
 from autopilot.links.drives.base import Drive, DriveSettings
 from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.jrk import JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor
-from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules, Budget, LinkAccess
+from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for
+from autopilot.links.mavlink.signing import LinkSigning, Signing
+from autopilot.links.mavlink.steering import MODES
 from autopilot.links.n2k import N2kLink, N2kSettings, open_bus
-from autopilot.links.nmea_link import NmeaLink, NmeaSettings
-from autopilot.links.router import ForwardLink, RoutedTransport, Router, budget_for
+from autopilot.links.nmea.link import NmeaLink, NmeaSettings
+from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.rudder_follow import FollowSettings
-from autopilot.links.signing import LinkSigning, Signing
 from autopilot.links.transports.sockets import Network, network_of
 from autopilot.links.url import LinkUrl, open_transport, parse_url
-from autopilot.links.wrapped import BelievedLink, KeptLink
 from autopilot.runtime.build import follow_of, radians_or_unlimited
 from autopilot.supervision.supervisor import STEERING_ACTIONS
 from autopilot.vessel.schema import Vessel
@@ -39,11 +39,11 @@ HEADING_STALE_SHARE = 0.6
 """Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
 
 
-def priority_of(vessel: Vessel) -> PrioritySettings:
+def selection_of(vessel: Vessel) -> SelectionSettings:
     """Return which of the vessel's instruments are believed."""
     sensors = vessel.sensors
     limit = sensors.heading_monitor_deg
-    return PrioritySettings(
+    return SelectionSettings(
         rules=tuple(SourceRule(*rule) for rule in sensors.priority),
         stale=sensors.source_timeout_s,
         heading_stale=HEADING_STALE_SHARE * vessel.failsafe.heading_timeout_s,
@@ -105,10 +105,10 @@ def drive_settings_of(vessel: Vessel) -> DriveSettings:
     )
 
 
-def admission_of(vessel: Vessel) -> Admission:
+def access_rules_of(vessel: Vessel) -> AccessRules:
     """Return which ground stations are heard, and how much of them."""
     security = vessel.security
-    return Admission(
+    return AccessRules(
         frozenset(security.allow_systems),
         security.commands_per_s,
         security.writes_per_s,
@@ -130,7 +130,7 @@ class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
     `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
-    `forward`: URLs of ground stations that see the flight controller through us; `doors`: which of them are heard.
+    `forward`: URLs of ground stations that see the flight controller through us; `policy`: which of them are heard.
     `with_other_pilot`: engage though another pilot steers the boat.
     `reconnect`: lines that are lost, or not there yet, are opened again.
     `opened`: returns what an opener opens, in its own time.  `heard`: takes the lines, to say what came over them.
@@ -142,7 +142,7 @@ class LinkOptions(NamedTuple):
     guide: PlotterGuide | None = None
     signing: Signing | None = None
     forward: tuple[str, ...] = ()
-    doors: Doors | None = None
+    policy: AccessPolicy | None = None
     reconnect: bool = False
     with_other_pilot: bool = False
     opened: Callable[[Callable[[], Link]], Link] = opened_now
@@ -178,7 +178,7 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
         as_gcs=options.as_gcs,
         with_other_pilot=options.with_other_pilot,
         guided_speed_share=helm.guided_speed_share,
-        hand_back_mode=MODES[vessel.failsafe.firmware_mode] if vessel.failsafe.action == "firmware" else None,
+        handover_mode=MODES[vessel.failsafe.firmware_mode] if vessel.failsafe.action == "firmware" else None,
         servo_us=helm.servo_us,
         angle_max=math.radians(vessel.rudder.angle_max_deg),
         battery_percent=-math.inf if vessel.alarms.battery_percent is None else vessel.alarms.battery_percent,
@@ -210,9 +210,9 @@ def build_forward_links(
                     f"--forward {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550"
                 )
             signing = options.signing.link() if options.signing else None
-            door = options.doors.link() if options.doors else None
-            opener = partial(_forward_link, url, allow, router, budget, signing, door)
-            links.append(KeptLink(url, False, opener) if options.reconnect else options.opened(opener))
+            access = options.policy.link() if options.policy else None
+            opener = partial(_forward_link, url, allow, router, budget, signing, access)
+            links.append(ReconnectingLink(url, False, opener) if options.reconnect else options.opened(opener))
     except BaseException:
         for link in links:
             link.close()
@@ -226,9 +226,9 @@ def _forward_link(
     router: Router,
     budget: Budget,
     signing: LinkSigning | None,
-    door: Door | None,
+    access: LinkAccess | None,
 ) -> Link:
-    link = ForwardLink(open_transport(url, allow), router, budget, signing, door)
+    link = ForwardLink(open_transport(url, allow), router, budget, signing, access)
     if not link.takes_orders:
         print(f"--forward {url}: {LOOKING_ONLY}", file=sys.stderr)
     return link
@@ -260,9 +260,9 @@ def refuse_wind_hold(urls: Sequence[str]) -> None:
         raise RefusedError("--engage wind needs a wind vane on an nmea: link (MWV); add that --link")
 
 
-def _kept(url: LinkUrl, opener: Callable[[], Link]) -> KeptLink:
+def _kept(url: LinkUrl, opener: Callable[[], Link]) -> ReconnectingLink:
     steers = url.options.steers or url.protocol not in ("nmea", "n2k")
-    return KeptLink(url.text, steers, opener)
+    return ReconnectingLink(url.text, steers, opener)
 
 
 def alarm_outputs_of(vessel: Vessel, terminal: TextIO | None = None) -> tuple[list[Link], VehicleSounder]:
@@ -307,5 +307,5 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
         raise
     if len(urls) == 1 and parse_url(urls[0]).protocol == "mavlink" and not vessel.sensors.priority:
         return [*links, *behind]  # one vehicle with one compass: nothing to choose
-    priority = SourcePriority(priority_of(vessel))
-    return [*(BelievedLink(link, priority) for link in links), *behind]
+    priority = SensorSelection(selection_of(vessel))
+    return [*(SelectingLink(link, priority) for link in links), *behind]

@@ -21,8 +21,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
-from autopilot.links.mavlink_codec import MavlinkCodec, frame_length, message_id
-from autopilot.links.signing import MAGIC_V2, identity_of, without_signature
+from autopilot.links.mavlink.codec import MavlinkCodec, frame_length, message_id
+from autopilot.links.mavlink.signing import MAGIC_V2, identity_of, without_signature
 from autopilot.runtime.log_files import FileSink, Sink
 from autopilot.runtime.tick_codec import HEADER, TICKS, VESSEL, decode_header, decode_tick, encode_header, encode_tick
 from autopilot.signals import AlarmEvent, Tick

@@ -62,14 +62,14 @@ class Access:
         return hmac.new(self.token.encode(), f"{until}\n{name}".encode(), hashlib.sha256).hexdigest()
 
 
-def makes_room(strangers: Mapping[Client, str]) -> Client | None:
+def makes_room(unauthenticated: Mapping[Client, str]) -> Client | None:
     """Return which client goes where the places are full and another comes; None: the newcomer has to.
 
-    strangers: the address of each client that has not shown the token, the oldest first. The oldest of the address from
-    which most come goes; who has shown the token keeps its place.
+    unauthenticated: the address of each client that has not shown the token, the oldest first. The oldest of the
+    address from which most come goes; who has shown the token keeps its place.
     """
-    crowd = Counter(strangers.values())
-    return max(strangers, key=lambda client: crowd[strangers[client]], default=None)
+    crowd = Counter(unauthenticated.values())
+    return max(unauthenticated, key=lambda client: crowd[unauthenticated[client]], default=None)
 
 
 def token_of(path: Path | None) -> str:

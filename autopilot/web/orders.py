@@ -30,8 +30,8 @@ from autopilot.links.ground_station.commands import (
     ZIGZAG,
 )
 from autopilot.links.ground_station.commands import REVERT as REVERTING
-from autopilot.links.mavlink_codec import Message
-from autopilot.links.mavlink_layouts import CommandCancel
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.messages import CommandCancel
 from autopilot.web.view import BoatView
 
 AGAIN_S = 0.5

@@ -17,7 +17,7 @@ from autopilot.firmware.download import Download
 from autopilot.firmware.metadata import FtpClient, expanded
 from autopilot.firmware.protocol import Target, parameter_value, set_value
 from autopilot.links.ground_station.file_server import PARAMETERS
-from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink.codec import Message
 from autopilot.web.orders import NO_ANSWER, Answer, Told
 
 AGAIN_S, TRIES = 0.5, 4

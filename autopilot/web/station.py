@@ -15,8 +15,8 @@ from autopilot.firmware.metadata import FtpClient
 from autopilot.firmware.protocol import Target
 from autopilot.firmware.session import GROUND_STATION_COMPONENT, GROUND_STATION_SYSTEM
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.mavlink_codec import MavlinkCodec, Message
-from autopilot.links.signing import Signing
+from autopilot.links.mavlink.codec import MavlinkCodec, Message
+from autopilot.links.mavlink.signing import Signing
 from autopilot.links.url import believe_signed, open_transport, parse_url
 from autopilot.web.orders import Course, Orders
 from autopilot.web.parameter_desk import ParameterDesk

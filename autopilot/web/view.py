@@ -25,8 +25,8 @@ from autopilot.firmware.metadata import FtpClient
 from autopilot.firmware.session import NORRBIN, Vehicle, vehicle_of
 from autopilot.links.ground_station.commands import HEADING, MANUAL, TRACK, TRIAL
 from autopilot.links.ground_station.file_server import ALARMS
-from autopilot.links.mavlink_codec import Message
-from autopilot.links.status_text import PIECE
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.status_text import PIECE
 from autopilot.signals import AlarmState
 
 KEPT = 50

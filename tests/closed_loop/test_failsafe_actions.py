@@ -14,7 +14,7 @@ from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.errors import RefusedError
-from autopilot.links.companion_output import MODES
+from autopilot.links.mavlink.steering import MODES
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.runtime.build_links import build_links
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample, Sample, Tick, WindSample
@@ -156,7 +156,7 @@ def test_windward_without_wind_is_amidships_and_that_is_said_beforehand() -> Non
 
 
 def afloat(mode: str) -> Lockstep:
-    boat = Lockstep(vessel("firmware", firmware_mode=mode), settings={"hand_back_mode": MODES[mode]})
+    boat = Lockstep(vessel("firmware", firmware_mode=mode), settings={"handover_mode": MODES[mode]})
     boat.engage(40.0)
     assert boat.run(20.0, until=boat.engaged)
     boat.run(3.0)

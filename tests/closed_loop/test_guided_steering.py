@@ -13,7 +13,7 @@ from lockstep import BadLine, Lockstep, goes_guided
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.runtime.build import TRIAL_LAW
 from autopilot.signals import Mode, Order, OrderKind, RudderSample
 from autopilot.vessel.file import load_vessel

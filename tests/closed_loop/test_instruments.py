@@ -9,13 +9,13 @@ import pytest
 from alarm_texts import words_of
 
 from autopilot.angles import wrap
-from autopilot.estimation.sensor_selection import SourcePriority
-from autopilot.links.nmea_link import NmeaLink
+from autopilot.estimation.sensor_selection import SensorSelection
+from autopilot.links.nmea.link import NmeaLink
+from autopilot.links.reconnect import SelectingLink
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.links.wrapped import BelievedLink
 from autopilot.runtime.build import build_pilot
-from autopilot.runtime.build_links import nmea_settings_of, priority_of
+from autopilot.runtime.build_links import nmea_settings_of, selection_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Tick
 from autopilot.vessel.file import load_vessel
 from sitl.scenario import SensorsSection, load_scenario
@@ -40,14 +40,14 @@ class Voyage:
         self.gyro = NmeaInstruments(world, {"HDT": 10.0, "RSA": 5.0}, 38400)
         self.compass = NmeaInstruments(other, {"HDM": 5.0}, 38400)
         self.other = other
-        priority = SourcePriority(priority_of(self.vessel))
+        priority = SensorSelection(selection_of(self.vessel))
         settings = nmea_settings_of(self.vessel, parse_url("nmea:/dev/x:38400"))
         self.ends = []
         self.links = []
         for _ in range(2):
             near, far = loopback_pair()
             self.ends.append(far)
-            self.links.append(BelievedLink(NmeaLink(near, settings), priority))
+            self.links.append(SelectingLink(NmeaLink(near, settings), priority))
         self.pilot = build_pilot(self.vessel)
         self.now = 0.0
 

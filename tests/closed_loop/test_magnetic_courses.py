@@ -14,8 +14,8 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.ground_station.mission import Mission, parse_items
-from autopilot.links.nmea0183 import format_sentence
-from autopilot.links.nmea_link import NmeaLink
+from autopilot.links.nmea.link import NmeaLink
+from autopilot.links.nmea.sentences import format_sentence
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.operators.skipper import RouteSkipper

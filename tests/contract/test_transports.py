@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import pytest
 
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.mavlink_codec import MavlinkCodec, dialect
+from autopilot.links.mavlink.codec import MavlinkCodec, dialect
 from autopilot.links.transports import (
     ReplayTransport,
     SerialTransport,

@@ -11,7 +11,7 @@ import pytest
 from watched_boat import Watched
 
 from autopilot.errors import ExitCode
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import LoopbackTransport
 
 ROOT = Path(__file__).parents[2]

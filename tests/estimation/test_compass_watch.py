@@ -10,11 +10,11 @@ import pytest
 from alarm_texts import words
 
 from autopilot.angles import wrap
-from autopilot.estimation.sensor_selection import MONITOR, CompassWatch, PrioritySettings, SourcePriority, SourceRule
+from autopilot.estimation.sensor_selection import MONITOR, CompassWatch, SelectionSettings, SensorSelection, SourceRule
 from autopilot.signals import AlarmSample, HeadingSample, Sample
 
 GYRO, FLUXGATE = "HEHDT", "HCHDG"
-SETTINGS = PrioritySettings(
+SETTINGS = SelectionSettings(
     rules=(SourceRule(GYRO, 2.0), SourceRule("*", 2.0)),
     heading_stale=0.5,
     disagree=math.radians(15.0),
@@ -34,8 +34,8 @@ Compass = Callable[[float], float | None]
 class Heard:
     """What passes of two compasses, ten headings a second each."""
 
-    def __init__(self, priority: SourcePriority | None = None) -> None:
-        self.priority = priority or SourcePriority(SETTINGS)
+    def __init__(self, priority: SensorSelection | None = None) -> None:
+        self.priority = priority or SensorSelection(SETTINGS)
         self.now = 0.0
         self.passed: list[HeadingSample] = []
         self.said: list[str] = []

@@ -14,7 +14,7 @@ from autopilot.firmware.journal import Holds, Journal, carry_out, holds_side, lo
 from autopilot.firmware.protocol import ParameterValue
 from autopilot.firmware.session import ParameterSession, Vehicle
 from autopilot.firmware.upload import Change, Upload
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 
 INT8, REAL32 = 2, 9
 Table = dict[str, tuple[float, int]]

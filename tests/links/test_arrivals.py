@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.main import main
 from autopilot.links.arrivals import HeardTransport, sentence_names
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import open_transport
 

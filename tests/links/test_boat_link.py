@@ -18,7 +18,7 @@ from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
 from autopilot.operators.trial_script import TrialScript, turning, zigzag
 from autopilot.signals import (

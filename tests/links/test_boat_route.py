@@ -14,7 +14,7 @@ from boats import BOATS, vessel_of
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.ground_station.mission import from_message
-from autopilot.links.mavlink_layouts import CommandCancel
+from autopilot.links.mavlink.messages import CommandCancel
 from autopilot.runtime.record import Recorder
 from autopilot.runtime.replay import replay
 from autopilot.signals import AlarmSample, HelmSample, Mode, OrderKind

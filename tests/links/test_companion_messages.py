@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.companion_output import (
+from autopilot.links.mavlink.requests import VehicleParameters
+from autopilot.links.mavlink.steering import (
     companion_heartbeat,
     interval_request,
     obstacle_of,
     parameter_request,
     station_heartbeat,
 )
-from autopilot.links.vehicle_requests import VehicleParameters
 
 BURST = 8
 RETRY_S = 0.5

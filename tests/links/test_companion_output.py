@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.steering_pwm import (
+from autopilot.links.mavlink.requests import VehicleParameters
+from autopilot.links.mavlink.steering import SteeringOutput
+from autopilot.links.mavlink.steering_pwm import (
     SteeringChannel,
     manual_table,
     pulse_from_manual,
@@ -19,7 +20,6 @@ from autopilot.links.steering_pwm import (
     share_from_servo,
     steering_from_pulse,
 )
-from autopilot.links.vehicle_requests import VehicleParameters
 
 FULL = math.radians(30.0)
 EVEN = {"MIN": 1000.0, "TRIM": 1500.0, "MAX": 2000.0, "REVERSED": 0.0}

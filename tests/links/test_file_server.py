@@ -25,8 +25,8 @@ from autopilot.links.ground_station.file_server import (
     metadata_files,
     metadata_messages,
 )
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.mavlink_layouts import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.parameters import parameters_of, value_of
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.links.guided import GuidedProof, GuidedTargets, Shown, Verdict, stray_bearing
-from autopilot.links.helm_watch import HelmWatch
+from autopilot.links.mavlink.authority import ControlAuthority
+from autopilot.links.mavlink.guided import GuidedProof, GuidedTargets, Shown, Verdict, stray_bearing
 from autopilot.links.release import ReleaseState
 from autopilot.signals import AlarmEvent, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
@@ -29,7 +29,7 @@ def tick(now: float, mode: Mode, reference: float, heading: float = 0.0, kind: O
 
 def at_rest(share: float = 0.25) -> GuidedTargets:
     """Targets for a boat at rest whose throttle stick is neutral."""
-    targets = GuidedTargets(HelmWatch(guided=True), share)
+    targets = GuidedTargets(ControlAuthority(guided=True), share)
     targets.target = 7
     targets.outputs(True)
     targets.stick(False)
@@ -37,7 +37,7 @@ def at_rest(share: float = 0.25) -> GuidedTargets:
     return targets
 
 
-def proven(heading: float = 0.3, echoes: bool = False) -> tuple[GuidedTargets, HelmWatch]:
+def proven(heading: float = 0.3, echoes: bool = False) -> tuple[GuidedTargets, ControlAuthority]:
     """Targets of a vehicle whose rudder goes to the side of each, and that may repeat them."""
     targets = at_rest()
     sent = heading
@@ -69,7 +69,7 @@ def test_what_kept_the_proof_from_beginning_is_not_said_once_it_has_begun() -> N
 @pytest.mark.parametrize(("answers", "passes"), [(1.0, True), (0.0, False), (-1.0, False)])
 def test_without_a_steering_servo_the_rate_of_turn_is_the_proof(answers: float, passes: bool) -> None:
     """Two motors: the boat makes way, and turns to the side of each heading."""
-    targets, sent, passed = GuidedTargets(HelmWatch(guided=True), 0.25), 0.3, False
+    targets, sent, passed = GuidedTargets(ControlAuthority(guided=True), 0.25), 0.3, False
     targets.target = 7
     targets.outputs(False)
     targets.stick(False)
@@ -88,7 +88,7 @@ def test_without_a_steering_servo_the_rate_of_turn_is_the_proof(answers: float, 
 @pytest.mark.parametrize("share", [-0.1, 1.1, math.nan, math.inf])
 def test_a_share_of_speed_that_is_none_is_refused(share: float) -> None:
     with pytest.raises(ValueError, match="allowed is 0 to 1"):
-        GuidedTargets(HelmWatch(guided=True), share)
+        GuidedTargets(ControlAuthority(guided=True), share)
 
 
 @given(st.floats(-math.pi, math.pi))
@@ -206,7 +206,7 @@ def test_a_stick_that_is_pushed_ahead_during_the_proof_at_rest_ends_it() -> None
 
 
 def test_nothing_leaves_without_leave_to_prove_without_an_order_or_without_reports() -> None:
-    targets = GuidedTargets(HelmWatch(guided=True), 0.0)
+    targets = GuidedTargets(ControlAuthority(guided=True), 0.0)
     assert targets.show(tick(0.0, Mode.STANDBY, 0.3), True) is None, "nothing known yet"
     targets = at_rest()
     assert targets.show(tick(0.1, Mode.STANDBY, 0.3), False) is None
@@ -336,7 +336,7 @@ def test_a_place_of_its_own_shows_in_bearing_or_distance(
     assert said in found if said else found == ""
 
 
-def turned(**steps: Any) -> tuple[GuidedTargets, HelmWatch]:
+def turned(**steps: Any) -> tuple[GuidedTargets, ControlAuthority]:
     """A boat engaged on heading 0.0, for `seconds`, its heading and rate [deg, deg/s] and rudder's share as given."""
     targets, watch = proven()
     for step in range(round(steps["seconds"] * 10) + 1):

@@ -8,7 +8,7 @@ import pytest
 
 from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
 from autopilot.links.drives.pypilot_motor import PypilotMotor
-from autopilot.links.nmea_link import NmeaLink
+from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url

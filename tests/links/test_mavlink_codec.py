@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links import mavlink_layouts
-from autopilot.links.mavlink_codec import MavlinkCodec, frame_length, is_mavlink, message_id
-from autopilot.links.mavlink_layouts import EXTRA_MESSAGES, CommandCancel, ComponentMetadata
+from autopilot.links.mavlink import messages as mavlink_layouts
+from autopilot.links.mavlink.codec import MavlinkCodec, frame_length, is_mavlink, message_id
+from autopilot.links.mavlink.messages import EXTRA_MESSAGES, CommandCancel, ComponentMetadata
 
 FRAME_MAX = 280
 
@@ -347,7 +347,7 @@ def test_messages_beyond_the_dialect_are_those_of_the_standard() -> None:
 
 def test_messages_beyond_the_dialect_are_packed_byte_for_byte() -> None:
     """Little-endian, the wide fields first; zeros at the end are left out."""
-    from autopilot.links.mavlink_layouts import AvailableModes, CurrentMode
+    from autopilot.links.mavlink.messages import AvailableModes, CurrentMode
 
     for message, payload in (
         (CommandCancel(1, 2, 0x7922), "22 79 01 02"),

@@ -10,8 +10,8 @@ import pytest
 from alarm_texts import other, words
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
-from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
+from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
 from autopilot.links.release import ReleaseState
 from autopilot.links.transports import UdpInTransport, UdpOutTransport, loopback_pair
 from autopilot.signals import (

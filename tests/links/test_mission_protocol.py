@@ -25,7 +25,7 @@ from autopilot.links.ground_station.mission import (
     parse_items,
     problem,
 )
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.url import open_transport
 from autopilot.signals import PositionSample
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links import nmea0183 as encoders
-from autopilot.links.nmea0183 import NmeaFramer, checksum, format_sentence, is_nmea
-from autopilot.links.nmea_samples import Deviation, NmeaReader
+from autopilot.links.nmea import sentences as encoders
+from autopilot.links.nmea.samples import Deviation, NmeaReader
+from autopilot.links.nmea.sentences import NmeaFramer, checksum, format_sentence, is_nmea
 from autopilot.signals import HeadingSample, RateSample, RudderSample, SpeedSample, WindSample
 
 LENGTH_MAX = 102

@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import pytest
 
-from autopilot.links import nmea0183 as encode
 from autopilot.links.base import LinkError, Shows
-from autopilot.links.nmea_link import NmeaLink
+from autopilot.links.nmea import sentences as encode
+from autopilot.links.nmea.link import NmeaLink
 from autopilot.runtime.build_links import LinkOptions, build_link
 from autopilot.signals import HeadingSample, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Sample, Tick
 from autopilot.vessel.file import load_vessel

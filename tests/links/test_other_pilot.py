@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.vehicle_health import LISTENING, STEERED, OtherPilot
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.conditions import LISTENING, STEERED, OtherPilot
 from autopilot.signals import AlarmEvent, Mode
 
 BOTH, WAITS = AlarmEvent("other_pilot"), AlarmEvent("other_pilot_waits")

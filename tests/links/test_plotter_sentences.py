@@ -7,8 +7,8 @@ import math
 import pytest
 
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
-from autopilot.links.nmea0183 import NmeaFramer, format_sentence
-from autopilot.links.nmea_samples import NmeaReader
+from autopilot.links.nmea.samples import NmeaReader
+from autopilot.links.nmea.sentences import NmeaFramer, format_sentence
 from autopilot.signals import SpeedSample
 
 

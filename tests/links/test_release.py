@@ -10,8 +10,8 @@ import pytest
 from alarm_texts import words_of
 from lockstep import BadLine, Lockstep
 
+from autopilot.links.reconnect import ReconnectingLink
 from autopilot.links.release import LONGEST_S, OverrideRelease, Release, ReleaseState, UnshownRelease, release_sentence
-from autopilot.links.wrapped import KeptLink
 from autopilot.signals import Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from sitl.faults import Fault
@@ -134,7 +134,7 @@ def test_a_lost_heading_gives_the_rudder_back_and_says_so_at_the_end() -> None:
 
 def test_a_link_that_was_kept_remembers_that_its_line_broke_under_an_order() -> None:
     boat = steering(20.0)
-    kept = KeptLink("line", True, lambda: boat.link, lambda work: None)
+    kept = ReconnectingLink("line", True, lambda: boat.link, lambda work: None)
     boat.far.close()
     kept.receive(boat.now)
     kept.release(boat.now)

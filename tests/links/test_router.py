@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.admission import Admission, Budget, Doors
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
-from autopilot.links.router import (
+from autopilot.links.ground_station.access import AccessPolicy, AccessRules, Budget
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.router import (
     EVERYBODY,
     Address,
     ForwardLink,
@@ -26,7 +26,7 @@ from autopilot.links.router import (
     source_of,
     target_of,
 )
-from autopilot.links.signing import CountingTimestamps, Signing
+from autopilot.links.mavlink.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpServerTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.runtime.build_links import LinkOptions, build_links
@@ -363,7 +363,7 @@ def test_a_flood_takes_no_more_of_a_serial_line_than_its_share() -> None:
         station.send(unknown(255, 190, identity=60000 + number))
     forward.receive(0.0)
     assert len(vehicle.receive()) == FRAMES_PER_TURN and forward.dropped == 2 * FRAMES_PER_TURN
-    assert forward._door.crowded
+    assert forward._access.crowded
 
 
 def test_with_a_key_nothing_unsigned_passes_either_way_and_what_is_signed_passes_unchanged() -> None:
@@ -437,7 +437,7 @@ def test_a_station_that_floods_us_is_looked_away_from_until_the_next_tick() -> N
     _, _, forward, _ = rig()
     forward._transport.fileno = lambda: 17
     assert forward.fileno() == 17
-    forward._door.crowded = True
+    forward._access.crowded = True
     assert forward.fileno() == -1 and forward.receive(0.1) == []
     forward.tell(0.2, Mode.STANDBY, ())
     assert forward.fileno() == 17
@@ -524,14 +524,14 @@ class Lan:
         return getattr(self._near, name)
 
 
-def forwarded(message: Any, *, is_local: bool = False, admission: Admission | None = None, key: bool = False) -> bool:
+def forwarded(message: Any, *, is_local: bool = False, rules: AccessRules | None = None, key: bool = False) -> bool:
     """Return whether the vehicle gets what a station behind us says."""
     signing = Signing(bytes(range(32)), CountingTimestamps(10**12)) if key else None
     router, (near, vehicle), (behind, station) = Router(), loopback_pair(), loopback_pair()
     ours = RoutedTransport(near, router)
     transport = behind if is_local else Lan(behind)
-    door = Doors(admission or Admission()).link()
-    link = ForwardLink(transport, router, budget_for(0), signing and signing.link(), door)
+    access = AccessPolicy(rules or AccessRules()).link()
+    link = ForwardLink(transport, router, budget_for(0), signing and signing.link(), access)
     vehicle.send(packed(BEAT, speaker(1, 1)))
     ours.receive()
     other = Signing(bytes(range(32)), CountingTimestamps(2 * 10**12)) if key else None
@@ -563,7 +563,7 @@ INTERVAL = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_SET_MESSAG
 def test_without_a_key_another_machine_gives_the_flight_controller_no_order(message: Any) -> None:
     assert not forwarded(message)
     assert forwarded(message, is_local=True)
-    assert forwarded(message, admission=Admission(orders_without_key=True))
+    assert forwarded(message, rules=AccessRules(orders_without_key=True))
     assert forwarded(message, key=True)
 
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links import nmea0183 as encoders
 from autopilot.links.base import LinkError
-from autopilot.links.nmea_link import NmeaLink, NmeaSettings
+from autopilot.links.nmea import sentences as encoders
+from autopilot.links.nmea.link import NmeaLink, NmeaSettings
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec, is_mavlink
-from autopilot.links.signing import (
+from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
+from autopilot.links.mavlink.signing import (
     OLD,
     UNSIGNED,
     WRONG_KEY,
@@ -215,7 +215,7 @@ print(heard.yaw, heard.get_signed(), link.mav.signing.goodsig_count > 0)
 
 
 def test_mavutil_with_its_own_setup_signing_hears_us_and_is_heard(tmp_path: Path) -> None:
-    from autopilot.links.signing_key import open_signing
+    from autopilot.links.mavlink.signing_key import open_signing
     from autopilot.links.transports import UdpInTransport
     from autopilot.links.url import believe_signed
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.links import signing_key
-from autopilot.links.signing_key import TimestampBlocks, clock_timestamp, open_signing, read_key
+from autopilot.links.mavlink import signing_key
+from autopilot.links.mavlink.signing_key import TimestampBlocks, clock_timestamp, open_signing, read_key
 
 MINUTE = 6_000_000
 BLOCK = 100_000

@@ -12,17 +12,17 @@ from alarm_texts import other, text_of, words
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide
-from autopilot.links.admission import Admission, Doors
 from autopilot.links.base import LinkError
+from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import LongCommand, ProgressReports
 from autopilot.links.ground_station.file_server import alarm_list
 from autopilot.links.ground_station.mission import Mission, MissionItem
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.mavlink_layouts import CommandCancel
-from autopilot.links.status_text import StatusTexts
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.messages import CommandCancel
+from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import (
     AlarmEvent,
@@ -390,7 +390,7 @@ def test_the_alarms_are_a_list_with_names_words_and_states() -> None:
 class Linked:
     """The link over a loopback, with a carrier that writes down."""
 
-    def __init__(self, doors: Doors | None = None, key: bool = True) -> None:
+    def __init__(self, policy: AccessPolicy | None = None, key: bool = True) -> None:
         self.near, self.far = loopback_pair()
         self.mission = Mission(TrackGuide(), ITEMS)
         self.carrier = Carrier(self.mission)
@@ -401,7 +401,7 @@ class Linked:
             self.carrier,  # type: ignore[arg-type]
             ParameterServer(Store()),
             system=7,
-            door=doors.link() if doors else None,
+            access=policy.link() if policy else None,
         )
         self.station = MavlinkCodec(255, 190)
 
@@ -469,7 +469,7 @@ def test_an_alarm_is_said_when_it_is_new_by_how_bad_it_is(mode: Mode, severity: 
 
 
 def test_a_stranger_is_refused_and_told_so_once_a_minute() -> None:
-    bench = Linked(Doors(Admission(systems=frozenset({255}))))
+    bench = Linked(AccessPolicy(AccessRules(systems=frozenset({255}))))
     texts = []
     for now in (0.0, 0.5, 59.9, 60.0, 60.5):
         bench.say(now, long(400, 1.0, system=7), system=254)
@@ -536,7 +536,7 @@ def test_a_flood_is_told_when_it_begins_and_five_seconds_after_it() -> None:
 
 def test_a_crowded_link_is_left_alone_until_the_command_has_left() -> None:
     bench = Linked()
-    bench.link._door.crowded = True
+    bench.link._access.crowded = True
     assert bench.link.fileno() == -1
     bench.far.send(bench.station.encode(long(400, 1.0, system=7)))
     assert bench.link.receive(1.0) == [] and bench.carrier.given == []

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.links.base import LinkError
-from autopilot.links.mavlink_codec import MavlinkCodec, dialect, is_mavlink
+from autopilot.links.mavlink.codec import MavlinkCodec, dialect, is_mavlink
 from autopilot.links.transports import TcpServerTransport, UdpInTransport, UdpOutTransport
 from autopilot.links.url import EXAMPLES, SCHEMES, open_transport, parse_url
 
@@ -113,12 +113,12 @@ def test_udpin_latches_on_to_the_first_valid_peer_and_hears_no_stranger() -> Non
     vehicle.send(HEARTBEAT)
     stranger.send(HEARTBEAT)
     assert link.receive() == [HEARTBEAT]
-    assert link.strangers == 2
+    assert link.refused_senders == 2
     assert link.send(b"to the vehicle")
     assert vehicle.receive() == [b"to the vehicle"]
     assert stranger.receive() == []
     stranger.send(HEARTBEAT)  # dropped by the kernel: no stranger wakes the loop or fills the buffer
-    assert link.receive() == [] and link.strangers == 2
+    assert link.receive() == [] and link.refused_senders == 2
     vehicle.send(HEARTBEAT)
     assert link.receive() == [HEARTBEAT]
     link.forget_peer()

@@ -180,12 +180,12 @@ def test_twenty_strangers_are_looked_into_at_once_and_the_beginning_of_what_they
 
     link, wire = udp_in(*((bytes(1600), OTHER) for _ in range(25)), accepts=accepts)
     assert link.receive() == []
-    assert seen == [1500] * 20 and link.strangers == 25
+    assert seen == [1500] * 20 and link.refused_senders == 25
     assert link.refused == (bytes(1500), "192.0.2.2:14550")
     assert link.peer is None and link.send(b"x") is False
     wire.arriving = [*((b"bad", OTHER) for _ in range(19)), (b"good", PEER), (b"bad", PEER), (b"good", OTHER)]
     assert link.receive() == [b"good", b"bad"], "who is latched on to is not looked into again"
-    assert link.peer == PEER and link.strangers == 25 + 19 + 1
+    assert link.peer == PEER and link.refused_senders == 25 + 19 + 1
     assert link.refused == (b"bad", "192.0.2.2:14550")
     wire.arriving = [(b"worse", OTHER)]
     assert link.receive() == [] and link.refused[0] == b"bad", "once there is a peer, nobody is to blame"
@@ -203,7 +203,7 @@ def test_who_is_not_allowed_is_not_looked_into() -> None:
     wire: Any = Wire((b"a", OTHER), (b"b", PEER))
     link._socket = wire
     assert link.receive() == [b"b"] and looked == [b"b"]
-    assert link.strangers == 1 and link.refused is None
+    assert link.refused_senders == 1 and link.refused is None
 
 
 def test_an_empty_datagram_makes_nobody_the_peer() -> None:
@@ -229,13 +229,13 @@ def test_only_who_listens_at_one_address_lets_the_kernel_drop_strangers(host: st
     link = UdpInTransport("udpin:x", host, 0)
     assert link.is_local is connects
     far = UdpOutTransport("far", "127.0.0.1", link.port)
-    assert far.is_local and far.strangers == link.strangers == 0 and not link.is_stream
+    assert far.is_local and far.refused_senders == link.refused_senders == 0 and not link.is_stream
     far.send(b"a")
     assert heard_at(link) == [b"a"]
     stranger = UdpOutTransport("stranger", "127.0.0.1", link.port)
     stranger.send(b"b")
     link.receive()
-    assert link.strangers == (0 if connects else 1)
+    assert link.refused_senders == (0 if connects else 1)
     port = link.port
     link.forget_peer()
     assert link.port == port, "the kernel chose it, and would forget it"
@@ -399,14 +399,14 @@ def test_who_speaks_after_it_was_let_go_of_stays(server: TcpServerTransport) -> 
 
 def test_strangers_are_hung_up_on_and_counted() -> None:
     server = TcpServerTransport("tcpin:x", "127.0.0.1", 0, lambda address: address != "127.0.0.1")
-    assert server.strangers == 0
+    assert server.refused_senders == 0
     client = client_of(server)
     for _ in range(PATIENCE):
         server.receive()
-        if server.strangers:
+        if server.refused_senders:
             break
         time.sleep(0.001)
-    assert server.strangers == 1 and not server.connected
+    assert server.refused_senders == 1 and not server.connected
     with pytest.raises(LinkError):
         for _ in range(PATIENCE):
             client.receive()

@@ -12,10 +12,10 @@ from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.mavlink_companion import CompanionLink, CompanionSettings
-from autopilot.links.router import ForwardLink, RoutedTransport, Router, budget_for
-from autopilot.links.signing import UNSIGNED, UNSIGNED_IDS, WRONG_KEY, CountingTimestamps, Signing
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for
+from autopilot.links.mavlink.signing import UNSIGNED, UNSIGNED_IDS, WRONG_KEY, CountingTimestamps, Signing
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.signals import HelmSample
 

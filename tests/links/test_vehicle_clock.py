@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.vehicle_reader import VehicleClock
+from autopilot.links.mavlink.vehicle import VehicleClock
 
 WINDOW_S = 10.0
 WRAP_S = 2.0**32 / 1000.0

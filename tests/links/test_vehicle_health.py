@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.vehicle_health import RadioWatch, VehicleHealth
-from autopilot.links.vehicle_requests import VehicleParameters
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.conditions import RadioWatch, VehicleHealth
+from autopilot.links.mavlink.requests import VehicleParameters
 from autopilot.signals import ConditionSample
 from autopilot.supervision.alarms import CATALOGUE
 

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import pytest
 
-from autopilot.links.steering_pwm import SteeringChannel
-from autopilot.links.vehicle_requests import VehicleParameters
+from autopilot.links.mavlink.requests import VehicleParameters
+from autopilot.links.mavlink.steering_pwm import SteeringChannel
 
 NEEDED = ["RCMAP_ROLL", "MANUAL_STR_EXPO", "RC_OVERRIDE_TIME", "MAV_GCS_SYSID_HI"]
 

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.guided import GuidedTargets
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.vehicle_reader import VehicleReader
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.guided import GuidedTargets
+from autopilot.links.mavlink.steering import SteeringOutput
+from autopilot.links.mavlink.vehicle import VehicleReader
 from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
 
 CHANNEL = {"MIN": 1100.0, "TRIM": 1500.0, "MAX": 1900.0, "REVERSED": 0.0}

@@ -11,7 +11,7 @@ from boat_recordings import dataflash, tlog, tlog_events, zigzag_boat
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.logs.dataflash import read_dataflash
 from autopilot.logs.reading import read_recording
 from autopilot.logs.tlog import read_tlog

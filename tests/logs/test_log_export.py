@@ -22,8 +22,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.signing import CountingTimestamps, LinkSigning, Signing
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.signing import CountingTimestamps, LinkSigning, Signing
 from autopilot.logs.export import message_entries
 from autopilot.logs.replay_onto import replay_onto
 from autopilot.runtime.clock import ManualClock

@@ -21,7 +21,7 @@ from pyulog import ULog
 
 from autopilot.errors import InputError
 from autopilot.identification.identify import identify
-from autopilot.links.nmea0183 import checksum
+from autopilot.links.nmea.sentences import checksum
 from autopilot.logs.nmea_text import stamp_of
 from autopilot.logs.reading import LogOptions, ReadOptions, load_run, read_recording
 from autopilot.logs.series import HEADING, LATITUDE, PROPELLER, RATE, RUDDER, SHARE, SPEED, WIND_DIRECTION, WIND_SPEED

@@ -29,8 +29,8 @@ MAKERS = ("sentence_of", "sentences_of")
 EDGES = {
     "supervision/panel.py": "makes the sentences",
     "runtime/tick_codec.py": "reads older logs, which hold sentences alone",
-    "links/vehicle_health.py": "reads the vehicle's STATUSTEXT",
-    "links/vehicle_reader.py": "reads the vehicle's STATUSTEXT",
+    "links/mavlink/conditions.py": "reads the vehicle's STATUSTEXT",
+    "links/mavlink/vehicle.py": "reads the vehicle's STATUSTEXT",
     "links/transports/serial_line.py": "reads the system's errors",
     "doctor/machine.py": "reads what other programs print",
     "links/base.py": "parts what a link says into what happened and what to do, both of them shown",

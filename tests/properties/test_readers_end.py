@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from autopilot.cli.main import main
 from autopilot.files.outside import read_regular
-from autopilot.links.nmea0183 import checksum
+from autopilot.links.nmea.sentences import checksum
 from autopilot.logs.nmea_text import MILLISECONDS_FROM, stamp_of
 
 ROOT = Path(__file__).parents[2]

@@ -19,7 +19,7 @@ from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.file_server import alarm_list
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.status_text import StatusTexts
+from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, HelmSample, Sample, Tick
 from autopilot.supervision import alarms, panel

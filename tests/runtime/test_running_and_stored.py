@@ -108,7 +108,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Any:
             link: Any = build_links.build_link(vessel, url, build_links.LinkOptions())
             # sounders are their own: what they are made of counts
             with_links.append([vars(each) if hasattr(each, "__dict__") else each for each in link])
-        return [with_links, build_links.priority_of(vessel), vessel.control.rate_hz]
+        return [with_links, build_links.selection_of(vessel), vessel.control.rate_hz]
 
     return of
 

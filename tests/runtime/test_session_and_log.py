@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.logs.own_log import read_own
 from autopilot.logs.table import RudderSettings, table_of
 from autopilot.runtime import record

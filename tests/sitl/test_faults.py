@@ -19,7 +19,7 @@ from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.files.strict_yaml import parse_document
 from autopilot.links.base import LinkError
-from autopilot.links.mavlink_codec import MavlinkCodec
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.vessel.file import load_vessel
 from sitl.cli import main
 from sitl.fault_desk import FaultDesk, kinds_table, obey

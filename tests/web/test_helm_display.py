@@ -21,8 +21,8 @@ from autopilot.firmware.metadata import FtpClient
 from autopilot.firmware.protocol import Target
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.file_server import ALARMS, PARAMETERS
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.status_text import StatusTexts
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.signalk.messages import Deltas, line_of
 from autopilot.signals import AlarmSample, HelmSample, Siren
 from autopilot.web.orders import Command, Orders

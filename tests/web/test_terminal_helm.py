@@ -22,7 +22,7 @@ from autopilot.cli.helm import show
 from autopilot.cli.helm_keys import ESCAPE, HelmKeys, wish_of
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.links.mavlink_codec import MavlinkCodec, dialect
+from autopilot.links.mavlink.codec import MavlinkCodec, dialect
 from autopilot.signals import AlarmSample
 from autopilot.web.screen import screen
 from autopilot.web.station import Station

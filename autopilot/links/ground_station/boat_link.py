@@ -8,15 +8,23 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.admission import Door, Doors, Presence, disarms, is_order, stands_by, strangers_of
 from autopilot.links.base import LinkError, Transport
+from autopilot.links.ground_station.access import (
+    AccessPolicy,
+    LinkAccess,
+    Presence,
+    disarms,
+    is_order,
+    refused_senders_of,
+    stands_by,
+)
 from autopilot.links.ground_station.commands import ACCEPTED, DENIED, Commands
 from autopilot.links.ground_station.file_server import ALARMS, NO_FILES, alarm_list
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
-from autopilot.links.mavlink_codec import MavlinkCodec, Message
-from autopilot.links.signing import LinkSigning
-from autopilot.links.status_text import StatusTexts, severity_of
+from autopilot.links.mavlink.codec import MavlinkCodec, Message
+from autopilot.links.mavlink.signing import LinkSigning
+from autopilot.links.mavlink.status_text import StatusTexts, severity_of
 from autopilot.links.transports.sockets import peer_of
 from autopilot.links.url import believe_signed
 from autopilot.signals import (
@@ -48,7 +56,7 @@ STATES = {
 SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL, Mode.FAULT: dialect.MAV_SEVERITY_ALERT}
 REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"
-STRANGERS = "refused: a system id that is not allowed"
+NOT_ALLOWED = "refused: a system id that is not allowed"
 STOPPED_S = 30.0
 LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
@@ -86,12 +94,12 @@ class BoatLink:
     """One ground station's side: heartbeat, telemetry, parameters, commands, texts, under system `system`.
 
     `signing`: everything sent is signed, and nothing is obeyed that is not.
-    `door`: which system ids are heard, and how much; None: all of them, at the usual rates.
+    `access`: which system ids are heard, and how much; None: all of them, at the usual rates.
     `files`: what is served over MAVLink FTP, by path; the file GENERAL is announced as metadata of our parameters.
 
     Attributes:
         takes_orders: whether orders are carried out; else a station on this link only looks, and may let the pilot
-            stand by: taking the helm away needs no leave, the first time (`admission.Stops`).
+            stand by: taking the helm away needs no leave, the first time (`rules.Stops`).
         lost: why the line is gone, None while it is there; steering goes on without it.
         dropped: packets that the transport could not take, and messages beyond what a turn heeds.
     """
@@ -104,16 +112,16 @@ class BoatLink:
         system: int = 1,
         signing: LinkSigning | None = None,
         files: Mapping[str, bytes] = NO_FILES,
-        door: Door | None = None,
+        access: LinkAccess | None = None,
     ) -> None:
         self.name = transport.name
         self.dropped = 0
         self._transport = transport
         self._commands = commands
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
-        self._door = door or Doors().link()
+        self._access = access or AccessPolicy().link()
         self._presence = Presence(transport)
-        self.takes_orders = self._door.takes_orders(transport, signing is not None)
+        self.takes_orders = self._access.takes_orders(transport, signing is not None)
         believe_signed(transport, signing, self._hears)
         self._telemetry = Telemetry(commands.mission, commands.tuner)
         self._texts = StatusTexts()
@@ -131,35 +139,35 @@ class BoatLink:
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
-        return -1 if self.lost or self._door.crowded else self._transport.fileno()
+        return -1 if self.lost or self._access.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Answer what has arrived by `now` [s]. Nothing comes from a station but word of its loss, and of a flood."""
         heeded = 0
         refused = self._codec.refused
-        if self._door.crowded:
+        if self._access.crowded:
             self._flooded = now
             return []  # looked at after the next command has left
-        strangers = strangers_of(self._transport)
+        dropped = refused_senders_of(self._transport)
         try:
             chunks = self._transport.receive() if not self.lost else []
         except LinkError as error:
             chunks, self.lost = [], AlarmEvent("station_lost", str(error))
             return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
-        for data in self._door.taken(now, chunks):
+        for data in self._access.taken(now, chunks):
             for message in self._codec.decode(data):
                 heeded += 1
                 if heeded > MESSAGES_PER_TURN:
                     self.dropped += 1
                     self._flooded = now
-                elif self._door.lets_in_system(message.get_srcSystem()):
+                elif self._access.lets_in_system(message.get_srcSystem()):
                     if self._hears(message):
                         self._presence.heard(now, message.get_type() == "HEARTBEAT")
                     self._packets.append((now, bytes(message._msgbuf)))
                     self._heed(now, message)
                 else:
-                    self._refuse(now, STRANGERS)
-        self._door.count_strangers(strangers_of(self._transport) - strangers)
+                    self._refuse(now, NOT_ALLOWED)
+        self._access.count_refused_senders(refused_senders_of(self._transport) - dropped)
         if self._codec.refused > refused:
             self._refuse(now, REFUSAL)
         tick = self._telemetry.tick
@@ -181,7 +189,7 @@ class BoatLink:
     def _heed(self, now: float, message: Message) -> None:
         if not self._is_for_us(message):
             return
-        refusal = self._door.refusal(now, message)
+        refusal = self._access.refusal(now, message)
         if refusal:
             self._refuse(now, refusal)
         elif self.takes_orders or not is_order(message):
@@ -193,7 +201,10 @@ class BoatLink:
 
     def _stop(self, now: float, message: Message) -> list[Message]:
         """Let the pilot stand by for a station that only looks, where it may, and say who it was; return the answer."""
-        stops, sender = self._door.stops, f"system {message.get_srcSystem()} at {peer_of(self._transport) or self.name}"
+        stops, sender = (
+            self._access.stops,
+            f"system {message.get_srcSystem()} at {peer_of(self._transport) or self.name}",
+        )
         if stops.obeys(now):
             self._stopped.happened(now, sender)
             return self._service.take(now, message)
@@ -225,13 +236,13 @@ class BoatLink:
 
     def show(self, tick: Tick) -> None:
         """Send the telemetry that falls due with `tick`."""
-        self._door.stops.ticked(tick.now, tick.order.kind is not OrderKind.STANDBY)
+        self._access.stops.ticked(tick.now, tick.order.kind is not OrderKind.STANDBY)
         self._telemetry.take(tick)
         self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
 
     def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Say every new alarm as STATUSTEXT. A flood that was looked away from may wake the loop again."""
-        self._door.crowded = False
+        self._access.crowded = False
         for alarm in alarms:
             if alarm not in self._alarms:
                 severity = severity_of(alarm, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING))
@@ -276,7 +287,7 @@ class BoatLink:
     def _hears(self, message: Message) -> bool:
         """Return whether a ground station may have sent it; our own identity is nobody else's."""
         ours = (self._codec.system, COMPONENT)
-        return self._door.hears(message) and (message.get_srcSystem(), message.get_srcComponent()) != ours
+        return self._access.hears(message) and (message.get_srcSystem(), message.get_srcComponent()) != ours
 
     def _is_for_us(self, message: Message) -> bool:
         system = getattr(message, "target_system", 0)

@@ -24,8 +24,8 @@ from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.guidance.track import Waypoint
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
-from autopilot.links.mavlink_codec import Message
-from autopilot.links.mavlink_layouts import AvailableModes, CurrentMode
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.messages import AvailableModes, CurrentMode
 from autopilot.links.north import MAGNETIC_LEADS
 from autopilot.signals import Mode, OrderKind, Tick
 

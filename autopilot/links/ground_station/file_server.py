@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import Message
-from autopilot.links.mavlink_layouts import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
 from autopilot.signals import AlarmEvent, AlarmState
 from autopilot.supervision.alarms import OTHER
 from autopilot.supervision.panel import sentence_of

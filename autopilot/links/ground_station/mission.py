@@ -26,7 +26,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide, Waypoint
-from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink.codec import Message
 from autopilot.links.north import MAGNETIC_LEADS
 
 MOST_ITEMS = 500

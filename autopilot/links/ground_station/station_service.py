@@ -32,9 +32,9 @@ from autopilot.links.ground_station.commands import (
 from autopilot.links.ground_station.file_server import GENERAL, NO_FILES, Content, FileServer, metadata_messages
 from autopilot.links.ground_station.mission import FRAMES, MissionServer
 from autopilot.links.ground_station.telemetry import Telemetry, version
-from autopilot.links.mavlink_codec import Message, message_id
-from autopilot.links.mavlink_layouts import AvailableModes, ComponentInformation, ComponentMetadata
-from autopilot.links.status_text import StatusTexts
+from autopilot.links.mavlink.codec import Message, message_id
+from autopilot.links.mavlink.messages import AvailableModes, ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.status_text import StatusTexts
 
 PER_TURN = 4
 """Parameters of a list that leave in one turn of the loop."""

@@ -16,8 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import compass_deg
 from autopilot.links.ground_station.commands import Tuner, current_mode, mode_of
 from autopilot.links.ground_station.mission import Mission
-from autopilot.links.mavlink_codec import Message
-from autopilot.links.mavlink_layouts import CurrentMode
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.messages import CurrentMode
 from autopilot.signals import AlarmState, Mode, OrderKind, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0

@@ -117,14 +117,14 @@ class TcpClientTransport:
 class TcpServerTransport:
     """Listens for one client at a time. When it leaves or is let go of, the next may come; that is no error.
 
-    allows: says of an address whether it may connect; others are hung up on, and counted as `strangers`.
+    allows: says of an address whether it may connect; others are hung up on, and counted as `refused_senders`.
     """
 
     is_stream = True
 
     def __init__(self, name: str, host: str, port: int, allows: Allows = everyone) -> None:
         self.name = name
-        self.strangers = 0
+        self.refused_senders = 0
         self._allows = allows
         family, address = resolve(name, host, port, socket.SOCK_STREAM, passive=True)
         self.is_local = is_loopback(str(address[0]))
@@ -209,7 +209,7 @@ class TcpServerTransport:
         except OSError as error:
             raise LinkError(f"{self.name}: the link is closed; open it again") from error
         if not self._allows(sender[0]):
-            self.strangers += 1
+            self.refused_senders += 1
             sock.close()
             return None
         self.peer = sender

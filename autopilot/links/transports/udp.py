@@ -1,6 +1,6 @@
 """UDP: `udpin` waits for a peer and latches on to it, `udpout` speaks to the one it was given.
 
-Both know one peer at a time and drop what strangers send.
+Both know one peer at a time and drop what others send.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ DATAGRAM_LIMIT = 65536
 RECEIVE_LIMIT = 500
 """Datagrams taken in one `receive`, so that a flood cannot hold the loop."""
 JUDGE_LIMIT = 20
-"""Datagrams of strangers looked into in one `receive`: checking a signature costs more than dropping a datagram."""
-STRANGER_LIMIT = 1500
-"""Bytes of a stranger's datagram that may be looked into: a heartbeat, with what a router packs around it."""
+"""Datagrams of others looked into in one `receive`: checking a signature costs more than dropping a datagram."""
+UNKNOWN_SENDER_LIMIT = 1500
+"""Bytes of such a datagram that may be looked into: a heartbeat, with what a router packs around it."""
 WOULD_BLOCK = (errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS)
 TRANSIENT = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EINTR)
 """Errors that pass by themselves: the peer has not started yet, or the network is away for a while."""
@@ -45,7 +45,7 @@ class _UdpTransport:
     def __init__(self, name: str, sock: socket.socket, address: str) -> None:
         self.name = name
         self.is_local = is_loopback(address)
-        self.strangers = 0
+        self.refused_senders = 0
         """Datagrams dropped because they came from somebody else than the peer."""
         self._socket = sock
         self._closed = False
@@ -131,15 +131,15 @@ class UdpInTransport(_UdpTransport):
             if sender == self._peer and self._is_held:
                 chunks.append(bytes(room[:length]))
                 continue
-            self.strangers += 1
+            self.refused_senders += 1
             if not self._is_held and judged < JUDGE_LIMIT and self._allows(sender[0]):
                 judged += 1
-                if self.accepts(bytes(room[: min(length, STRANGER_LIMIT)])):
+                if self.accepts(bytes(room[: min(length, UNKNOWN_SENDER_LIMIT)])):
                     self._latch(sender)
-                    self.strangers -= 1
+                    self.refused_senders -= 1
                     chunks.append(bytes(room[:length]))
                 elif self._peer is None:
-                    self.refused = bytes(room[: min(length, STRANGER_LIMIT)]), f"{sender[0]}:{sender[1]}"
+                    self.refused = bytes(room[: min(length, UNKNOWN_SENDER_LIMIT)]), f"{sender[0]}:{sender[1]}"
         return chunks
 
     def send(self, data: bytes) -> bool:

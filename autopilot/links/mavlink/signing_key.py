@@ -21,7 +21,7 @@ from pathlib import Path
 from autopilot.errors import InputError
 from autopilot.files.outside import open_regular, read_regular
 from autopilot.files.saving import replace_file
-from autopilot.links.signing import FIRST_LINK, KEY_SIZE, MINUTE, OUR_LINKS, TIMESTAMP_MAX, Signing
+from autopilot.links.mavlink.signing import FIRST_LINK, KEY_SIZE, MINUTE, OUR_LINKS, TIMESTAMP_MAX, Signing
 
 EPOCH_S = 1_420_070_400
 """2015-01-01 in seconds since 1970."""

@@ -14,14 +14,14 @@ import math
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.guided import GuidedTargets
-from autopilot.links.helm_watch import GUIDED_MODE, HelmProbe, HelmWatch
-from autopilot.links.mavlink_codec import Message, message_id
+from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, OverrideProbe
+from autopilot.links.mavlink.codec import Message, message_id
+from autopilot.links.mavlink.conditions import HEARD, SYSTEM, TEXT, RadioWatch, VehicleHealth
+from autopilot.links.mavlink.guided import GuidedTargets
+from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters
+from autopilot.links.mavlink.steering import SteeringOutput
+from autopilot.links.mavlink.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
 from autopilot.links.release import OverrideRelease
-from autopilot.links.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
-from autopilot.links.vehicle_health import HEARD, SYSTEM, TEXT, RadioWatch, VehicleHealth
-from autopilot.links.vehicle_requests import MessageStreams, VehicleParameters
 from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
 
 WINDOW_S = 10.0
@@ -141,8 +141,8 @@ class VehicleReader:
         may_share: bool = False,
         heading_timeout: float = math.inf,
     ) -> None:
-        self.watch = HelmWatch(steers_itself)
-        self.probe = HelmProbe(output, may_share)
+        self.watch = ControlAuthority(steers_itself)
+        self.probe = OverrideProbe(output, may_share)
         self.guided: GuidedTargets | None = None
         self.health = VehicleHealth()
         self.radio = RadioWatch()

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from autopilot.links.companion_output import SteeringOutput
-from autopilot.links.helm_watch import HelmProbe, HelmWatch
-from autopilot.links.steering_pwm import SteeringChannel
-from autopilot.links.vehicle_requests import TOO_SLOW, WAITING, MessageStreams, VehicleParameters
+from autopilot.links.mavlink.authority import ControlAuthority, OverrideProbe
+from autopilot.links.mavlink.requests import TOO_SLOW, WAITING, MessageStreams, VehicleParameters
+from autopilot.links.mavlink.steering import SteeringOutput
+from autopilot.links.mavlink.steering_pwm import SteeringChannel
 from autopilot.signals import AlarmEvent
 
 KNOWN = {
@@ -30,9 +30,9 @@ def parameters(*, without: str = "", **values: float) -> VehicleParameters:
     return known
 
 
-def watch(guided: bool = False) -> HelmWatch:
+def watch(guided: bool = False) -> ControlAuthority:
     """A boat that may be steered at 0 s."""
-    found = HelmWatch(guided)
+    found = ControlAuthority(guided)
     found.obstacle = ""
     found.heartbeat(0.0, 15 if guided else 0, True, 4)
     found.heard_time = 0.0
@@ -40,7 +40,7 @@ def watch(guided: bool = False) -> HelmWatch:
 
 
 def test_before_a_heartbeat_there_is_nobody_to_steer() -> None:
-    fresh = HelmWatch()
+    fresh = ControlAuthority()
     assert fresh.reason(0.0, parameters(), 255) == "waiting for the heartbeat of a vehicle"
     assert (fresh.booted, fresh.armed, fresh.steering, fresh.steers_by_hand, fresh.mode) == (False,) * 4 + (-1,)
     fresh.obstacle = ""
@@ -251,10 +251,10 @@ def test_a_stick_moved_by_more_than_150_microseconds_takes_the_helm(sign: int) -
     assert found.reason(0.0, parameters(), 255) == "the stick on RC channel 2 was moved: the helm is yours"
 
 
-def probe(may_share: bool = False) -> HelmProbe:
+def probe(may_share: bool = False) -> OverrideProbe:
     output = SteeringOutput("rc_override", 0.5, False)
     output._number, output.channel = 1, SteeringChannel()
-    found = HelmProbe(output, may_share)
+    found = OverrideProbe(output, may_share)
     found.report(0.0, 1, 1500)
     return found
 
@@ -298,7 +298,7 @@ def test_a_proof_that_was_not_passed_yet_does_not_grow_old() -> None:
     assert not proof.passed and proof.reason != "checking the steering input"
 
 
-def paused() -> HelmProbe:
+def paused() -> OverrideProbe:
     proof = probe()
     proof.due(0.0)
     for now in (0.1, 0.2, 0.3):
@@ -384,7 +384,7 @@ def test_without_reports_for_three_seconds_no_proof_goes_on() -> None:
     assert proof.due(3.0) is not None
     assert proof.due(3.11) is None
     assert not proof.under_way
-    assert HelmProbe(SteeringOutput("rc_override", 0.5, False)).due(0.0) is None
+    assert OverrideProbe(SteeringOutput("rc_override", 0.5, False)).due(0.0) is None
 
 
 def test_times_of_the_proof_to_the_bit() -> None:

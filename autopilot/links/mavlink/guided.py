@@ -33,8 +33,8 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import compass_deg, shortest_turn
-from autopilot.links.helm_watch import HelmWatch
-from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink.authority import ControlAuthority
+from autopilot.links.mavlink.codec import Message
 from autopilot.links.release import Release, ReleaseState, not_held
 from autopilot.signals import AlarmEvent, Mode, OrderKind, Tick
 from autopilot.supervision.supervisor import waits_to_engage
@@ -244,7 +244,7 @@ class GuidedTargets:
         target: the vehicle's system id.  alarm: what the skipper should know though steering goes on.
     """
 
-    def __init__(self, watch: HelmWatch, speed_share: float) -> None:
+    def __init__(self, watch: ControlAuthority, speed_share: float) -> None:
         if not 0.0 <= speed_share <= 1.0:
             raise ValueError(f"guided speed share: allowed is 0 to 1, got {speed_share}")
         self.target = 0

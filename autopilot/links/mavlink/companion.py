@@ -14,9 +14,16 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import VehicleSounder
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.companion_output import (
+from autopilot.links.mavlink.authority import Stage
+from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
+from autopilot.links.mavlink.conditions import OtherPilot, VehicleHealth
+from autopilot.links.mavlink.guided import TIMEOUT_S, GuidedTargets
+from autopilot.links.mavlink.requests import OVERRIDE_TIME, VehicleParameters
+from autopilot.links.mavlink.signing import LinkSigning
+from autopilot.links.mavlink.status_text import StatusTexts, severity_of
+from autopilot.links.mavlink.steering import (
     AUTOPILOT_COMPONENT,
-    HandBack,
+    ModeHandover,
     SteeringOutput,
     companion_heartbeat,
     interval_request,
@@ -24,16 +31,9 @@ from autopilot.links.companion_output import (
     parameter_request,
     station_heartbeat,
 )
-from autopilot.links.guided import TIMEOUT_S, GuidedTargets
-from autopilot.links.helm_watch import Stage
-from autopilot.links.mavlink_codec import MavlinkCodec, Message, message_id
+from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, VehicleReader
 from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
-from autopilot.links.signing import LinkSigning
-from autopilot.links.status_text import StatusTexts, severity_of
 from autopilot.links.url import let_in
-from autopilot.links.vehicle_health import OtherPilot, VehicleHealth
-from autopilot.links.vehicle_reader import ATTITUDE, HEARTBEAT, VehicleReader
-from autopilot.links.vehicle_requests import OVERRIDE_TIME, VehicleParameters
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
 from autopilot.supervision.panel import sentence_of
 from autopilot.supervision.supervisor import waits_to_engage
@@ -83,7 +83,7 @@ class CompanionSettings(NamedTuple):
     vehicle_system: the system id to latch on to, None for the first autopilot heard.
     as_gcs: send steering from the ground station's id; gcs_system: that id, None for what the vehicle's
     parameter says (255 until it is known).
-    hand_back_mode: the vehicle's mode number that a fail-safe orders it into; None: none. battery_percent: a charge
+    handover_mode: the vehicle's mode number that a fail-safe orders it into; None: none. battery_percent: a charge
     below it is an alarm.
     servo_us: servo pulses at full rudder to one side, amidships, to the other, where they are not the vehicle's end
     points and trim.  angle_max [rad]: what the rudder can do.
@@ -101,7 +101,7 @@ class CompanionSettings(NamedTuple):
     as_gcs: bool = False
     gcs_system: int | None = None
     guided_speed_share: float = 0.0
-    hand_back_mode: int | None = None
+    handover_mode: int | None = None
     battery_percent: float = -math.inf
     servo_us: tuple[float, float, float] | None = None
     angle_max: float = 0.0
@@ -157,7 +157,7 @@ class CompanionLink:
         # A ground station that also sends here must not take the vehicle's place.
         let_in(transport, self._holds_our_vehicle)
         self._texts = StatusTexts()
-        self._hand_back = HandBack(settings.hand_back_mode) if settings.hand_back_mode is not None else None
+        self._handover = ModeHandover(settings.handover_mode) if settings.handover_mode is not None else None
         self._vehicle = 0
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._next_heartbeat = -math.inf
@@ -235,8 +235,8 @@ class CompanionLink:
             if self._guided is not None:
                 self._note(now, "guided", self._guided.alarm, samples)
         samples.extend(self._reader.health.pass_time(now))
-        if self._hand_back is not None:
-            samples.extend(self._hand_back.seen(now, self._watch.mode, self.name))
+        if self._handover is not None:
+            samples.extend(self._handover.seen(now, self._watch.mode, self.name))
         return samples
 
     def send(self, now: float, command: RudderCommand) -> None:
@@ -400,8 +400,8 @@ class CompanionLink:
         """Keep the state in our heartbeat honest, and say every new alarm as STATUSTEXT."""
         self.state = STATES[mode]
         self._other.tell(now, mode, alarms)
-        if self._hand_back is not None:
-            self._hand_back.tell(now, mode)
+        if self._handover is not None:
+            self._handover.tell(now, mode)
         if alarms != self._alarms:
             for alarm in alarms:
                 if alarm not in self._alarms:
@@ -477,7 +477,7 @@ class CompanionLink:
 
     def _send_asides(self, now: float) -> None:
         """Ask the vehicle for what is no steering: the mode of a fail-safe, the sound of an alarm."""
-        for aside in (self._hand_back, self._sounder):
+        for aside in (self._handover, self._sounder):
             if aside is not None:
                 for message in aside.due(now, self._vehicle):
                     self._transmit(now, message, self._steering_codec)

@@ -20,11 +20,11 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_HEARTBEAT
 
-from autopilot.links.admission import Budget, Door, Doors, Presence, strangers_of
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.mavlink_codec import MAGIC_V1, TRIES, is_mavlink, next_magic
-from autopilot.links.mavlink_layouts import EXTRA_MESSAGES
-from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum, identity_of
+from autopilot.links.ground_station.access import AccessPolicy, Budget, LinkAccess, Presence, refused_senders_of
+from autopilot.links.mavlink.codec import MAGIC_V1, TRIES, is_mavlink, next_magic
+from autopilot.links.mavlink.messages import EXTRA_MESSAGES
+from autopilot.links.mavlink.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum, identity_of
 from autopilot.links.url import believe_signed
 from autopilot.signals import AlarmEvent, AlarmSample, Mode, RudderCommand, Sample
 
@@ -344,7 +344,7 @@ class RoutedTransport:
 class ForwardLink:
     """A `Link` to a ground station that sees the flight controller through us. It brings no samples, moves no rudder.
 
-    budget: shared by all such links of a flight controller.  door: which system ids are heard; None: all.
+    budget: shared by all such links of a flight controller.  access: which system ids are heard; None: all.
 
     Attributes:
         takes_orders: whether all that a station says is passed on; else it only looks.
@@ -358,7 +358,7 @@ class ForwardLink:
         router: Router,
         budget: Budget,
         signing: LinkSigning | None = None,
-        door: Door | None = None,
+        access: LinkAccess | None = None,
     ) -> None:
         self.name = transport.name
         self.dropped = 0
@@ -366,25 +366,25 @@ class ForwardLink:
         self._router = router
         self._budget = budget
         self._signing = signing
-        self._door = door or Doors().link()
-        self.takes_orders = self._door.takes_orders(transport, signing is not None)
+        self._access = access or AccessPolicy().link()
+        self.takes_orders = self._access.takes_orders(transport, signing is not None)
         self._framer = Framer(transport.is_stream)
         self._number = router.join(self._sent)
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self.lost: AlarmEvent | None = None
         self._presence = Presence(transport)
-        believe_signed(transport, signing, self._door.hears)
+        believe_signed(transport, signing, self._access.hears)
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
-        return -1 if self.lost or self._door.crowded else self._transport.fileno()
+        return -1 if self.lost or self._access.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a station that is lost or silent."""
         self._router.now = now
-        if self.lost or self._door.crowded:
+        if self.lost or self._access.crowded:
             return []
-        strangers = strangers_of(self._transport)
+        dropped = refused_senders_of(self._transport)
         try:
             chunks = self._transport.receive()
         except LinkError as error:
@@ -398,17 +398,17 @@ class ForwardLink:
                 taken += 1
                 if taken > FRAMES_PER_TURN or not self._budget.spend(now, len(frame)):
                     self.dropped += 1
-                elif not self._door.lets_in_system(source_of(frame).system):
+                elif not self._access.lets_in_system(source_of(frame).system):
                     continue
                 elif (self._signing is None or not self._signing.refuses(frame)) and (
-                    self.takes_orders or self._door.passes_on(frame)
+                    self.takes_orders or self._access.passes_on(frame)
                 ):
                     self._presence.heard(now, identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT)
                     if is_mavlink(frame):  # the log's readers know no other messages
                         self._packets.append((now, frame))
                     self._router.take(self._number, frame)
-        self._door.count_strangers(strangers_of(self._transport) - strangers)
-        self._door.crowded = self._door.crowded or taken > FRAMES_PER_TURN or not room
+        self._access.count_refused_senders(refused_senders_of(self._transport) - dropped)
+        self._access.crowded = self._access.crowded or taken > FRAMES_PER_TURN or not room
         return self._presence.update(now)
 
     def send(self, now: float, command: RudderCommand) -> None:
@@ -419,7 +419,7 @@ class ForwardLink:
 
         A station that floods us has been looked away from since; a tick has passed, it may wake the loop again.
         """
-        self._door.crowded = False
+        self._access.crowded = False
 
     def keep(self, now: float) -> None:
         """Do nothing: what we say goes out over the flight controller's link."""

@@ -15,7 +15,7 @@ from alarm_texts import other, words, words_of
 from lockstep import Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.estimation.sensor_selection import SourcePriority
+from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import Link, LinkError, close_all
 from autopilot.links.drives.base import DriveSettings
@@ -25,12 +25,12 @@ from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.mavlink_companion import CompanionLink
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.release import Release, ReleaseState
 from autopilot.links.transports import SerialTransport, loopback_pair
 from autopilot.links.transports.serial_line import device_of
-from autopilot.links.wrapped import BelievedLink, KeptLink
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import LinkOptions, build_links
 from autopilot.runtime.clock import ManualClock
@@ -56,7 +56,7 @@ class Plugged:
         self.is_in = True
         self.opened = 0
         self.run.near.close()
-        self.kept = KeptLink("line", True, self.open, at_once)
+        self.kept = ReconnectingLink("line", True, self.open, at_once)
         self.run.session._links = (self.kept,)
         self.run.session._showing = [self.kept]
 
@@ -137,7 +137,7 @@ def test_opening_is_tried_once_a_second_and_one_at_a_time() -> None:
         tried.append(now)
         raise LinkError("line: nobody there; look")
 
-    kept = KeptLink("line", False, opener, waiting.append)
+    kept = ReconnectingLink("line", False, opener, waiting.append)
     assert len(tried) == 1
     for step in range(100):
         now = 0.1 * step
@@ -160,7 +160,7 @@ def test_a_link_that_is_opened_after_the_end_is_closed() -> None:
         opened.append(near)
         return CompanionLink(near, Lockstep(VESSEL).link._settings)
 
-    kept = KeptLink("line", True, opener, waiting.append)
+    kept = ReconnectingLink("line", True, opener, waiting.append)
     kept.receive(1.0)
     kept.close()
     waiting[0]()
@@ -190,7 +190,7 @@ def test_without_its_rudder_drive_nothing_is_engaged() -> None:
             raise LinkError("drive: there is no device; plug it in")
         return drive
 
-    kept = KeptLink(drive.name, True, opener, at_once)
+    kept = ReconnectingLink(drive.name, True, opener, at_once)
     order = Order(OrderKind.HEADING, 0.1, serial=1)
     session = Session(build_pilot(VESSEL), [Compass(), kept], ManualClock(), 20.0, lambda *_: order)
     session.run(5.0)
@@ -213,7 +213,7 @@ def test_a_line_away_for_an_hour_is_asked_for_every_second_and_is_there_at_once(
             raise LinkError("line: there is no device; plug it in")
         return CompanionLink(loopback_pair("line")[0], Lockstep(VESSEL).link._settings)
 
-    kept = KeptLink("line", True, opener, at_once)
+    kept = ReconnectingLink("line", True, opener, at_once)
     for second in range(3600):
         kept.receive(float(second))
         kept.keep(float(second))
@@ -241,7 +241,7 @@ def test_what_the_lost_link_had_said_is_taken_back() -> None:
             raise LinkError("line: gone, really")
 
     talking = Talking()
-    kept = KeptLink("line", True, lambda: talking, at_once)  # type: ignore[arg-type, return-value]
+    kept = ReconnectingLink("line", True, lambda: talking, at_once)  # type: ignore[arg-type, return-value]
     kept.receive(1.0)
     talking.is_lost = True
     said = kept.receive(2.0)
@@ -318,7 +318,7 @@ def test_a_ground_station_s_line_that_is_lost_is_opened_again_and_steering_goes_
         mission = Mission(TrackGuide())
         return BoatLink(near, Commands(Silent(), False, mission), ParameterServer(Silent()))  # type: ignore[arg-type]
 
-    kept, station, samples = KeptLink("radio", False, open_it, at_once), MavlinkCodec(255, 190), []
+    kept, station, samples = ReconnectingLink("radio", False, open_it, at_once), MavlinkCodec(255, 190), []
     beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     for step in range(400):
         now = 0.05 * step
@@ -346,7 +346,7 @@ def test_whatever_goes_wrong_while_opening_the_line_is_opened_again(wrong: Excep
             raise error
         return loopback_link()
 
-    kept = KeptLink("line", True, opener, at_once)
+    kept = ReconnectingLink("line", True, opener, at_once)
     for turn in range(1, 6):
         kept.receive(turn * (RETRY_S + 0.1))
     assert not tries
@@ -370,7 +370,7 @@ def test_a_machine_without_a_thread_to_spare_is_asked_again() -> None:
             raise tries.pop()
         return loopback_link()
 
-    kept = KeptLink("line", True, opener, start)
+    kept = ReconnectingLink("line", True, opener, start)
     for turn in range(1, 6):
         kept.receive(turn * (RETRY_S + 0.1))
     assert starts == 3
@@ -386,7 +386,7 @@ def test_a_line_that_is_not_there_at_first_is_said_at_the_time_of_the_first_look
     def opener() -> Link:
         raise LinkError("line: not there; plug it in and start again")
 
-    kept = KeptLink("line", True, opener, lambda work: None)
+    kept = ReconnectingLink("line", True, opener, lambda work: None)
     said = "line: not there; it is opened again as soon as it is there"
     assert kept.receive(7.5) == [
         HelmSample(7.5, False, "line lost: line: not there", "line"),
@@ -395,7 +395,7 @@ def test_a_line_that_is_not_there_at_first_is_said_at_the_time_of_the_first_look
     assert kept.receive(8.0) == [] and (kept.fileno(), kept.take_packets()) == (-1, [])
     found = kept.release_result(8.0)
     assert found is not None and found.sentence == "rudder not held"
-    listening = KeptLink("line", False, opener, lambda work: None)
+    listening = ReconnectingLink("line", False, opener, lambda work: None)
     assert [type(sample) for sample in listening.receive(1.0)] == [AlarmSample]
 
 
@@ -473,8 +473,8 @@ class Mover(Recorded):
 
 
 WRAPPERS: dict[str, Callable[[Any], Any]] = {
-    "kept": lambda link: KeptLink("line", True, lambda: link, at_once),
-    "believed": lambda link: BelievedLink(link, SourcePriority()),
+    "kept": lambda link: ReconnectingLink("line", True, lambda: link, at_once),
+    "believed": lambda link: SelectingLink(link, SensorSelection()),
 }
 
 
@@ -510,12 +510,12 @@ def test_a_link_round_another_passes_on_every_word(wrapper: str, kind: type[Reco
 
 
 def test_of_two_links_only_the_believed_instrument_passes() -> None:
-    priority = SourcePriority()
+    priority = SensorSelection()
     first, second = Recorded(), Recorded()
     second.name = "other"
     first.brings = [HeadingSample(1.0, 0.5, None, "HEHDT")]
     second.brings = [HeadingSample(1.0, 0.6, None, "HEHDT"), HelmSample(1.0, True, "", "other")]
-    links = [BelievedLink(link, priority) for link in (first, second)]  # type: ignore[arg-type]
+    links = [SelectingLink(link, priority) for link in (first, second)]  # type: ignore[arg-type]
     assert links[0].receive(1.0) == first.brings
     assert links[1].receive(1.0) == second.brings[1:]
 
@@ -530,7 +530,7 @@ def test_a_line_that_breaks_in_any_call_is_left_released_and_said_once(call: str
             raise LinkError("line: still gone; look")
         return ends.pop()
 
-    kept = KeptLink("line", True, opener, at_once)
+    kept = ReconnectingLink("line", True, opener, at_once)
     inside.packets = [(0.5, b"before")]
     inside.fails = LinkError("line: pulled; plug it in and start again")
     arguments = {"send": (2.0, None), "tell": (2.0, Mode.ENGAGED, ()), "show": (SimpleNamespace(now=2.0),)}
@@ -549,7 +549,7 @@ def test_a_line_that_breaks_in_any_call_is_left_released_and_said_once(call: str
 def test_what_became_of_the_rudder_is_remembered_where_the_link_knew_it() -> None:
     inside = Mover()
     inside.result = Release("line", ReleaseState.CONFIRMED, "a report")
-    kept = KeptLink("line", True, lambda: inside, lambda work: None)  # type: ignore[arg-type, return-value]
+    kept = ReconnectingLink("line", True, lambda: inside, lambda work: None)  # type: ignore[arg-type, return-value]
     inside.fails = LinkError("gone")
     kept.keep(1.0)
     assert kept.release_result(2.0) == inside.result
@@ -560,7 +560,7 @@ def test_a_line_is_asked_for_a_second_after_it_broke_and_speaks_for_itself_when_
     inside, tried = Recorded(), []
     link: Any = inside
     waiting: list[Callable[[], None]] = []
-    kept = KeptLink("radio", True, lambda: link, lambda work: (tried.append(now), waiting.append(work))[0])
+    kept = ReconnectingLink("radio", True, lambda: link, lambda work: (tried.append(now), waiting.append(work))[0])
     now = 10.0
     inside.brings = [HelmSample(9.0, True, "", "line"), AlarmSample(9.0, other("low"), "battery")]
     kept.receive(now)
@@ -582,7 +582,7 @@ def test_a_line_is_asked_for_a_second_after_it_broke_and_speaks_for_itself_when_
 def test_both_links_are_closed_at_the_end_that_in_use_and_the_one_just_opened() -> None:
     first, second = Recorded(), Recorded()
     ends: list[Any] = [second, first]
-    kept = KeptLink("line", True, lambda: ends.pop(), at_once)
+    kept = ReconnectingLink("line", True, lambda: ends.pop(), at_once)
     first.fails = LinkError("gone")
     kept.keep(1.0)
     assert kept.receive(2.5) == [

@@ -1,4 +1,4 @@
-"""Who of a ground station's side is heard, and how much of it: allowed system ids, and rates. Pure.
+"""The access policy: which ground stations are heard, and how much of them: allowed system ids, and rates. Pure.
 
 Behind the signature, which says who holds the key: a station that does, or a boat without a key, is held to this. What
 gives the rudder back is never held to a rate. Over a link that others than this machine's programs can reach, a serial
@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import Transport
 from autopilot.links.ground_station.commands import MANUAL
-from autopilot.links.mavlink_codec import MavlinkCodec, Message
+from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.signals import ConditionSample, Sample
 
 STATION_SILENT_S = 5.0
@@ -53,7 +53,7 @@ COMMANDS = frozenset(
         *("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST"),
     }
 )
-STRANGERS_AT_ONCE = 20
+REFUSED_AT_ONCE = 20
 STOP_LASTS_S = 2.0
 """What follows an order to stand by within this belongs to it: a station sets mode MANUAL, then disarms."""
 KEPT_FIRST_S, KEPT_MOST_S = 60.0, 3600.0
@@ -66,7 +66,7 @@ LOOKING_ONLY = (
 )
 NOT_THE_PEER = "datagrams from others than the station that is heard"
 NO_KEY = "orders without a key over a link that others can reach"
-STRANGER, TOO_MANY_COMMANDS, TOO_MANY_WRITES = "from system ids not allowed", "commands too many", "writes too many"
+NOT_ALLOWED, TOO_MANY_COMMANDS, TOO_MANY_WRITES = "from system ids not allowed", "commands too many", "writes too many"
 
 
 class Budget:
@@ -136,7 +136,7 @@ class Stops:
         return self._is_stopped and now - self._stopped < STOP_LASTS_S
 
 
-class Admission(NamedTuple):
+class AccessRules(NamedTuple):
     """What is let in. systems: MAVLink system ids of ground stations, all where empty.
 
     commands_hz, writes_hz: commands and parameter writes a second over one link, four seconds' worth at once.
@@ -149,21 +149,21 @@ class Admission(NamedTuple):
     orders_without_key: bool = False
 
 
-class Doors:
-    """One rule for all links to ground stations of this process.
+class AccessPolicy:
+    """The one access policy of all links to ground stations of this process.
 
     Attributes:
         refused: counts what was not let in, by reason.  stops: which orders to stand by are obeyed without a key.
     """
 
-    def __init__(self, admission: Admission = Admission()) -> None:  # noqa: B008 - a tuple that nobody can change
-        self.admission = admission
+    def __init__(self, rules: AccessRules = AccessRules()) -> None:  # noqa: B008 - a tuple that nobody can change
+        self.rules = rules
         self.refused: Counter[str] = Counter()
         self.stops = Stops()
 
-    def link(self) -> Door:
-        """Return the door of one more link."""
-        return Door(self)
+    def link(self) -> LinkAccess:
+        """Return what is let in over one more link."""
+        return LinkAccess(self)
 
     @property
     def summary(self) -> str:
@@ -172,18 +172,18 @@ class Doors:
         return f"{self.refused.total()} MAVLink messages were not let in: " + ", ".join(counts) if self.refused else ""
 
 
-class Door:
-    """The door of one link.
+class LinkAccess:
+    """What is let in over one link.
 
     Attributes:
         crowded: more came than is looked at since it was last set to False.  stops: those of all links.
     """
 
-    def __init__(self, doors: Doors) -> None:
+    def __init__(self, policy: AccessPolicy) -> None:
         self.crowded = False
-        self.stops = doors.stops
-        self._doors = doors
-        rules = doors.admission
+        self.stops = policy.stops
+        self._policy = policy
+        rules = policy.rules
         self._bytes = Budget(BYTES_S, BYTES_AT_ONCE)
         self._commands = Budget(rules.commands_hz, max(1.0, BURST_S * rules.commands_hz))
         self._writes = Budget(rules.writes_hz, max(1.0, BURST_S * rules.writes_hz))
@@ -195,51 +195,51 @@ class Door:
             part = self._bytes.part(now, len(chunk))
             if part < len(chunk):
                 self.crowded = True
-                self._doors.refused["in chunks beyond what one link may bring"] += 1
+                self._policy.refused["in chunks beyond what one link may bring"] += 1
             if part:
                 taken.append(chunk[:part])
         return taken
 
-    def count_strangers(self, datagrams: int) -> None:
+    def count_refused_senders(self, datagrams: int) -> None:
         """Count datagrams of others than the peer; many at a time crowd the link."""
         if datagrams:
-            self._doors.refused[NOT_THE_PEER] += datagrams
-            self.crowded = self.crowded or datagrams > STRANGERS_AT_ONCE
+            self._policy.refused[NOT_THE_PEER] += datagrams
+            self.crowded = self.crowded or datagrams > REFUSED_AT_ONCE
 
     def hears(self, message: Message) -> bool:
         """Return whether a ground station that is heard may have sent `message`; counts nothing."""
-        systems = self._doors.admission.systems
+        systems = self._policy.rules.systems
         return is_from_station(message) and (not systems or message.get_srcSystem() in systems)
 
     def lets_in_system(self, system: int) -> bool:
         """Return whether a sender's system id is heard; counts it where it is not."""
-        systems = self._doors.admission.systems
+        systems = self._policy.rules.systems
         if not systems or system in systems:
             return True
-        self._doors.refused[STRANGER] += 1
+        self._policy.refused[NOT_ALLOWED] += 1
         return False
 
     def takes_orders(self, transport: Transport, has_key: bool) -> bool:
         """Return whether what comes over `transport` may be an order, and not only a question."""
-        return has_key or transport.is_local or self._doors.admission.orders_without_key
+        return has_key or transport.is_local or self._policy.rules.orders_without_key
 
     def passes_on(self, frame: bytes) -> bool:
         """Return whether a frame for a flight controller is passed on over a link that takes no orders; counts it."""
         messages = MavlinkCodec().decode(frame)
         if messages and all(map(only_looks, messages)):
             return True
-        self._doors.refused[NO_KEY] += 1
+        self._policy.refused[NO_KEY] += 1
         return False
 
     def refusal(self, now: float, message: Message) -> str:
         """Return '' where `message`, of a system that is heard, is let in at `now` [s]; else the sentence why not."""
         kind = message.get_type()
-        rules = self._doors.admission
+        rules = self._policy.rules
         if kind == "PARAM_SET" and not self._writes.spend(now, 1.0):
-            self._doors.refused[TOO_MANY_WRITES] += 1
+            self._policy.refused[TOO_MANY_WRITES] += 1
             return f"dropped: parameter writes beyond {rules.writes_hz:g} a second"
         if kind in COMMANDS and not gives_rudder_back(message) and not self._commands.spend(now, 1.0):
-            self._doors.refused[TOO_MANY_COMMANDS] += 1
+            self._policy.refused[TOO_MANY_COMMANDS] += 1
             return f"dropped: commands beyond {rules.commands_hz:g} a second"
         return ""
 
@@ -302,9 +302,9 @@ def only_looks(message: Message) -> bool:
     return kind in LOOKS
 
 
-def strangers_of(transport: Transport) -> int:
-    """Return how many datagrams or connections of strangers a transport has dropped so far."""
-    found: int = getattr(transport, "strangers", 0)
+def refused_senders_of(transport: Transport) -> int:
+    """Return how many datagrams or connections of others than the peer a transport has dropped so far."""
+    found: int = getattr(transport, "refused_senders", 0)
     return found
 
 

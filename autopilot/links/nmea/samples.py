@@ -44,7 +44,7 @@ from autopilot.guidance.plotter import (
     PlotterLeg,
     PlotterMessage,
 )
-from autopilot.links.nmea0183 import (
+from autopilot.links.nmea.sentences import (
     KMH_M_S,
     KNOT_M_S,
     SPEED_LIMIT,

@@ -31,8 +31,8 @@ from enum import IntEnum
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import Message, message_id
-from autopilot.links.vehicle_requests import VehicleParameters
+from autopilot.links.mavlink.codec import Message, message_id
+from autopilot.links.mavlink.requests import VehicleParameters
 from autopilot.signals import AlarmEvent, ConditionSample, Mode, Sample
 from autopilot.supervision.supervisor import CANNOT_ENGAGE
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 
 from autopilot.angles import compass_deg, shortest_turn
-from autopilot.links.nmea0183 import encode_hdg, encode_hdt, encode_rot, encode_rsa, format_sentence
+from autopilot.links.nmea.sentences import encode_hdg, encode_hdt, encode_rot, encode_rsa, format_sentence
 from autopilot.links.north import steered
 from autopilot.signals import Mode, OrderKind, RollSample, RudderSample, Tick
 

@@ -16,9 +16,9 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import Message
-from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
-from autopilot.links.steering_pwm import (
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.requests import VehicleParameters
+from autopilot.links.mavlink.steering_pwm import (
     InputTable,
     SteeringChannel,
     manual_table,
@@ -28,7 +28,7 @@ from autopilot.links.steering_pwm import (
     servo_from_steering,
     steering_from_pulse,
 )
-from autopilot.links.vehicle_requests import VehicleParameters
+from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 from autopilot.signals import ConditionSample, Mode
 
 AUTOPILOT_COMPONENT = 1
@@ -83,12 +83,12 @@ def obstacle_of(autopilot: int, kind: int) -> str:
 MODES = {"HOLD": 4, "LOITER": 5, "RTL": 11}
 """ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
 REPEAT_S = 0.5
-HAND_BACK_PATIENCE_S = 3.0
+HANDOVER_PATIENCE_S = 3.0
 """A vehicle that is not in the mode after this does not take it; it is asked on, but people must know."""
 GIVE_UP_S = 30.0
 
 
-class HandBack:
+class ModeHandover:
     """`tell` it the pilot's mode; `due` has what to send; `seen` tells of a vehicle that does not obey."""
 
     def __init__(self, mode: int) -> None:
@@ -120,7 +120,7 @@ class HandBack:
     def seen(self, now: float, mode: int, link: str) -> list[ConditionSample]:
         """Take the vehicle's mode; return what has changed in whether it refuses."""
         self._is_done = self._is_done or (self._since is not None and mode == self._mode)
-        refuses = self._since is not None and not self._is_done and now - self._since > HAND_BACK_PATIENCE_S
+        refuses = self._since is not None and not self._is_done and now - self._since > HANDOVER_PATIENCE_S
         if refuses == self._is_told:
             return []
         self._is_told = refuses

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from autopilot.links.companion_output import HandBack
+from autopilot.links.mavlink.steering import ModeHandover
 from autopilot.signals import Mode
 
 GIVE_UP_S = 30.0
@@ -14,15 +14,15 @@ REPEAT_S = 0.5
 HOLD = 4
 
 
-def begun() -> HandBack:
-    hand_back = HandBack(HOLD)
+def begun() -> ModeHandover:
+    hand_back = ModeHandover(HOLD)
     hand_back.tell(10.0, Mode.FAILSAFE)
     return hand_back
 
 
 @pytest.mark.parametrize("mode", [Mode.STANDBY, Mode.ENGAGED, Mode.OVERRIDE])
 def test_nothing_is_ordered_while_nothing_is_wrong(mode: Mode) -> None:
-    hand_back = HandBack(HOLD)
+    hand_back = ModeHandover(HOLD)
     hand_back.tell(10.0, mode)
     assert hand_back.due(10.0, 1) == []
     assert hand_back.seen(99.0, 0, "link") == []
@@ -30,7 +30,7 @@ def test_nothing_is_ordered_while_nothing_is_wrong(mode: Mode) -> None:
 
 @pytest.mark.parametrize("mode", [Mode.FAILSAFE, Mode.FAULT])
 def test_the_mode_is_ordered_again_until_the_vehicle_is_in_it(mode: Mode) -> None:
-    hand_back = HandBack(HOLD)
+    hand_back = ModeHandover(HOLD)
     hand_back.tell(10.0, mode)
     (command,) = hand_back.due(10.0, 7)
     assert (command.target_system, command.param1, command.param2) == (7, 1, HOLD)

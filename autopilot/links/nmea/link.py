@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.nmea0183 import Counts, NmeaFramer, Sentence, encode_ror
-from autopilot.links.nmea_repeater import NmeaRepeater
-from autopilot.links.nmea_samples import OWN_TALKER, Deviation, NmeaReader
+from autopilot.links.nmea.repeater import NmeaRepeater
+from autopilot.links.nmea.samples import OWN_TALKER, Deviation, NmeaReader
+from autopilot.links.nmea.sentences import Counts, NmeaFramer, Sentence, encode_ror
 from autopilot.links.north import UnusableHeadings
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES, FollowSettings, RudderFollow

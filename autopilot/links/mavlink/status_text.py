@@ -7,7 +7,7 @@ from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_codec import Message
+from autopilot.links.mavlink.codec import Message
 from autopilot.signals import AlarmEvent
 from autopilot.supervision.alarms import kind_of
 

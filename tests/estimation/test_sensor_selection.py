@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
-from autopilot.estimation.sensor_selection import PrioritySettings, SourcePriority, SourceRule
-from autopilot.links.mavlink_companion import CompanionLink
-from autopilot.links.wrapped import BelievedLink
-from autopilot.runtime.build_links import build_links, priority_of
+from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
+from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.reconnect import SelectingLink
+from autopilot.runtime.build_links import build_links, selection_of
 from autopilot.signals import AlarmSample, HeadingSample, HelmSample, RudderSample, Sample, SpeedSample
 from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
 
@@ -24,12 +24,12 @@ def heading(now: float, source: str, value: float = 0.0) -> list[Sample]:
     return [HeadingSample(now, value, None, source)]
 
 
-def believed(priority: SourcePriority, now: float, source: str, value: float = 0.0) -> bool:
+def believed(priority: SensorSelection, now: float, source: str, value: float = 0.0) -> bool:
     return bool([s for s in priority.admit(now, heading(now, source, value), LINK) if isinstance(s, HeadingSample)])
 
 
 def test_without_a_list_the_first_heard_stays_until_it_is_stale() -> None:
-    priority = SourcePriority()
+    priority = SensorSelection()
     assert believed(priority, 0.0, "HCHDG")
     assert not believed(priority, 0.1, "HEHDT")
     assert believed(priority, 1.0, "HCHDG")
@@ -42,7 +42,7 @@ def test_without_a_list_the_first_heard_stays_until_it_is_stale() -> None:
 
 def test_the_first_of_the_list_is_believed_and_takes_over_once_it_has_settled() -> None:
     rules = (SourceRule("HEHDT", 1.0), SourceRule("HC*", 3.0))
-    priority = SourcePriority(PrioritySettings(rules))
+    priority = SensorSelection(SelectionSettings(rules))
     assert believed(priority, 0.0, "HCHDG")
     assert believed(priority, 0.5, "HEHDT"), "at the start the better one need not wait"
     assert not believed(priority, 0.6, "HCHDG")
@@ -63,7 +63,7 @@ def test_the_first_of_the_list_is_believed_and_takes_over_once_it_has_settled() 
 
 
 def test_a_pattern_may_name_the_link() -> None:
-    priority = SourcePriority(PrioritySettings((SourceRule("*@nmea-udp:*", 2.0),)))
+    priority = SensorSelection(SelectionSettings((SourceRule("*@nmea-udp:*", 2.0),)))
     assert priority.admit(0.0, heading(0.0, "HCHDG"), LINK)
     assert priority.admit(0.1, heading(0.1, "HCHDG"), "nmea-udp:0.0.0.0:10110")
     assert not priority.admit(0.2, heading(0.2, "HCHDG"), LINK)
@@ -71,7 +71,7 @@ def test_a_pattern_may_name_the_link() -> None:
 
 def test_kinds_are_chosen_apart_and_the_helm_always_passes() -> None:
     """Speed through the water and over the ground are two kinds: each is compared with the other, neither hides it."""
-    priority = SourcePriority()
+    priority = SensorSelection()
     samples: list[Sample] = [
         HeadingSample(0.0, 0.0, None, "HCHDG"),
         SpeedSample(0.0, 3.0, False, "VWVHW"),
@@ -86,7 +86,7 @@ def test_kinds_are_chosen_apart_and_the_helm_always_passes() -> None:
 
 
 def test_two_compasses_that_disagree_for_long_are_one_alarm_and_it_is_taken_back() -> None:
-    priority = SourcePriority(PrioritySettings(disagree=math.radians(15.0)))
+    priority = SensorSelection(SelectionSettings(disagree=math.radians(15.0)))
     alarms = []
     for step in range(600):
         now = step * 0.1
@@ -103,7 +103,7 @@ def test_two_compasses_that_disagree_for_long_are_one_alarm_and_it_is_taken_back
 
 
 def test_a_difference_in_a_turn_or_a_swing_or_of_a_compass_that_is_gone_is_no_alarm() -> None:
-    priority = SourcePriority(PrioritySettings(disagree=math.radians(15.0)))
+    priority = SensorSelection(SelectionSettings(disagree=math.radians(15.0)))
 
     def turned(time: float) -> float:
         """A turn of 120 deg at 20 deg/s in every 20 s."""
@@ -120,7 +120,7 @@ def test_a_difference_in_a_turn_or_a_swing_or_of_a_compass_that_is_gone_is_no_al
 
 
 def test_a_compass_that_drifts_from_the_other_is_told_before_it_is_20_deg_off() -> None:
-    priority = SourcePriority(PrioritySettings(disagree=math.radians(15.0)))
+    priority = SensorSelection(SelectionSettings(disagree=math.radians(15.0)))
     for step in range(200):
         now = step * 0.1
         kept = priority.admit(now, heading(now, "HEHDT", 1.0), LINK)
@@ -134,7 +134,7 @@ def test_a_compass_that_drifts_from_the_other_is_told_before_it_is_20_deg_off() 
     st.lists(st.tuples(st.floats(0.0, 5.0), st.text(max_size=8), st.floats(-10.0, 10.0)), max_size=80),
 )
 def test_never_two_at_a_time_and_memory_stays_small(heard: list[tuple[float, str, float]]) -> None:
-    priority = SourcePriority(PrioritySettings(disagree=0.2))
+    priority = SensorSelection(SelectionSettings(disagree=0.2))
     now = 0.0
     for gap, source, value in heard:
         now += gap
@@ -151,7 +151,7 @@ def test_the_vessel_file_says_it() -> None:
     vessel = parse_vessel(text)
     assert vessel.sensors.priority == (("HEHDT", 1.0), ("HC*", 3.0))
     assert parse_vessel(dump_vessel(vessel)) == vessel
-    settings = priority_of(vessel)
+    settings = selection_of(vessel)
     assert settings.rules[1] == SourceRule("HC*", 3.0)
     assert settings.disagree == pytest.approx(math.radians(15.0))
     with pytest.raises(InputError, match=r"sensors\.priority has \[HEHDT, 0\]; needed are the name"):
@@ -161,8 +161,8 @@ def test_the_vessel_file_says_it() -> None:
 def test_links_share_one_choice_and_a_lone_vehicle_none() -> None:
     vessel = load_vessel("lanxin")
     links = build_links(vessel, ["nmea-udp:127.0.0.1:0", "udpin:127.0.0.1:0"])
-    assert all(isinstance(link, BelievedLink) for link in links)
-    assert len({id(link._priority) for link in links if isinstance(link, BelievedLink)}) == 1
+    assert all(isinstance(link, SelectingLink) for link in links)
+    assert len({id(link._priority) for link in links if isinstance(link, SelectingLink)}) == 1
     for link in links:
         link.close()
     (link,) = build_links(vessel, ["udpin:127.0.0.1:0"])
@@ -171,8 +171,8 @@ def test_links_share_one_choice_and_a_lone_vehicle_none() -> None:
 
 
 def test_a_compass_that_jumped_and_is_well_again_is_not_said_to_jump_any_more() -> None:
-    settings = PrioritySettings(disagree=math.radians(5.0), jump=math.radians(15.0))
-    priority, said = SourcePriority(settings), {}
+    settings = SelectionSettings(disagree=math.radians(5.0), jump=math.radians(15.0))
+    priority, said = SensorSelection(settings), {}
     for step in range(600):
         now = step * 0.1
         # 8 deg off is near enough to be well and too far to agree; for a while it jumps to 30
@@ -188,7 +188,7 @@ def test_a_compass_that_jumped_and_is_well_again_is_not_said_to_jump_any_more() 
 
 def test_the_speeds_through_the_water_and_over_the_ground_are_two_things() -> None:
     """A log and a GPS are no rivals; two logs are, and two GPS are."""
-    priority = SourcePriority()
+    priority = SensorSelection()
     for kept, sample in (
         (True, SpeedSample(0.0, 2.0, False, "VWVHW")),
         (True, SpeedSample(0.0, 3.0, True, "GPVTG")),
@@ -203,7 +203,7 @@ def test_the_speeds_through_the_water_and_over_the_ground_are_two_things() -> No
 
 
 def test_compasses_that_part_anew_do_so_for_three_seconds_and_are_said_with_what_they_say_now() -> None:
-    priority, said = SourcePriority(PrioritySettings(disagree=math.radians(15.0))), []
+    priority, said = SensorSelection(SelectionSettings(disagree=math.radians(15.0))), []
     for step in range(200):
         now = 0.125 * step
         off = 0.0 if step in (60, 61) else 20.0 if step < 60 else 30.0
@@ -216,7 +216,7 @@ def test_compasses_that_part_anew_do_so_for_three_seconds_and_are_said_with_what
 
 @pytest.mark.parametrize(("gap", "alarmed_at"), [(0.5, 3.0), (1.0, 3.0), (1.5, 4.5)])
 def test_between_two_headings_no_more_than_a_second_counts_as_apart(gap: float, alarmed_at: float) -> None:
-    priority, now, alarmed = SourcePriority(PrioritySettings(disagree=0.2)), 0.0, math.nan
+    priority, now, alarmed = SensorSelection(SelectionSettings(disagree=0.2)), 0.0, math.nan
     while math.isnan(alarmed):
         samples = [*heading(now, "HEHDT", 0.0), *heading(now, "HCHDG", 1.0)]
         if any(isinstance(sample, AlarmSample) for sample in priority.admit(now, samples, LINK)):
@@ -231,7 +231,7 @@ def test_in_a_turn_compasses_may_be_apart_by_what_the_boat_turns_in_a_second(
     side: float, apart_deg: float, is_alarm: bool
 ) -> None:
     """15 degrees of the file, and a turn of 10 deg/s as it was over the last 3 s."""
-    priority, alarmed = SourcePriority(PrioritySettings(disagree=math.radians(15.0))), False
+    priority, alarmed = SensorSelection(SelectionSettings(disagree=math.radians(15.0))), False
     for step in range(120):
         now = 0.125 * step
         turned = side * math.radians(10.0) * now
@@ -243,20 +243,20 @@ def test_in_a_turn_compasses_may_be_apart_by_what_the_boat_turns_in_a_second(
 
 @pytest.mark.parametrize(("silence", "taken"), [(2.0, False), (2.125, True)], ids=["just not stale", "stale"])
 def test_a_source_is_stale_when_it_is_older_than_its_rule_says(silence: float, taken: bool) -> None:
-    priority = SourcePriority()
+    priority = SensorSelection()
     assert believed(priority, 0.0, "HEHDT")
     assert believed(priority, silence, "HCHDG") is taken
-    ruled = SourcePriority(PrioritySettings((SourceRule("HE*", 9.0),), heading_stale=2.0))
+    ruled = SensorSelection(SelectionSettings((SourceRule("HE*", 9.0),), heading_stale=2.0))
     assert believed(ruled, 0.0, "HEHDT"), "a heading's own limit counts where it is the narrower"
     assert believed(ruled, silence, "HCHDG") is taken
-    speeds = SourcePriority(PrioritySettings((SourceRule("V*", 2.0),), heading_stale=0.5))
+    speeds = SensorSelection(SelectionSettings((SourceRule("V*", 2.0),), heading_stale=0.5))
     assert speeds.admit(0.0, [SpeedSample(0.0, 1.0, False, "VWVHW")], LINK)
     assert bool(speeds.admit(silence, [SpeedSample(silence, 1.0, False, "IIVHW")], LINK)) is taken
 
 
 @pytest.mark.parametrize(("heard_for", "takes_over"), [(2.875, False), (3.0, True)])
 def test_a_better_source_settles_for_three_seconds(heard_for: float, takes_over: bool) -> None:
-    priority = SourcePriority(PrioritySettings((SourceRule("HEHDT", 2.0),)))
+    priority = SensorSelection(SelectionSettings((SourceRule("HEHDT", 2.0),)))
     for step in range(80):
         assert believed(priority, 0.125 * step, "HCHDG")
     for step in range(round(heard_for / 0.125)):
@@ -267,14 +267,14 @@ def test_a_better_source_settles_for_three_seconds(heard_for: float, takes_over:
 
 @pytest.mark.parametrize(("after", "takes_over"), [(2.875, True), (3.0, False)])
 def test_in_the_first_three_seconds_of_the_worse_one_the_better_need_not_settle(after: float, takes_over: bool) -> None:
-    priority = SourcePriority(PrioritySettings((SourceRule("HEHDT", 2.0),)))
+    priority = SensorSelection(SelectionSettings((SourceRule("HEHDT", 2.0),)))
     for step in range(round(after / 0.125)):
         assert believed(priority, 0.125 * step, "HCHDG")
     assert believed(priority, after, "HEHDT") is takes_over
 
 
 def test_it_is_said_for_a_minute_that_a_compass_is_silent() -> None:
-    priority, said = SourcePriority(PrioritySettings(disagree=0.2)), []
+    priority, said = SensorSelection(SelectionSettings(disagree=0.2)), []
     for step in range(600):
         now = 0.125 * step
         kept = priority.admit(now, heading(now, "HEHDT") if now < 4.0 else [], LINK)
@@ -286,11 +286,11 @@ def test_it_is_said_for_a_minute_that_a_compass_is_silent() -> None:
 
 
 def test_of_one_kind_thirty_two_sources_are_known_and_no_more() -> None:
-    priority = SourcePriority(PrioritySettings((SourceRule("LAST", 2.0),)))
+    priority = SensorSelection(SelectionSettings((SourceRule("LAST", 2.0),)))
     for number in range(31):
         believed(priority, 0.0, f"A{number}")
     assert believed(priority, 0.0, "LAST"), "the thirty-second is heard, and the best"
-    full = SourcePriority(PrioritySettings((SourceRule("LAST", 2.0),)))
+    full = SensorSelection(SelectionSettings((SourceRule("LAST", 2.0),)))
     for number in range(32):
         believed(full, 0.0, f"A{number}")
     assert not believed(full, 0.0, "LAST")

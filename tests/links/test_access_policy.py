@@ -22,23 +22,23 @@ from watched_boat import Watched
 from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.files.strict_yaml import parse_document
 from autopilot.guidance.track import TrackGuide
-from autopilot.links import mavlink_layouts
-from autopilot.links.admission import Admission, Budget, Doors, Presence, Stops, gives_rudder_back
 from autopilot.links.base import LinkError
+from autopilot.links.ground_station.access import AccessPolicy, AccessRules, Budget, Presence, Stops, gives_rudder_back
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink_codec import MavlinkCodec
-from autopilot.links.router import ForwardLink, Router, budget_for
-from autopilot.links.signing import CountingTimestamps, Signing
+from autopilot.links.mavlink import messages as mavlink_layouts
+from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.router import ForwardLink, Router, budget_for
+from autopilot.links.mavlink.signing import CountingTimestamps, Signing
 from autopilot.links.transports import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.transports.serial_line import SerialTransport
 from autopilot.links.transports.sockets import interface_address, is_everywhere, only_from
 from autopilot.links.url import open_transport, parse_url
 from autopilot.runtime.build import build_pilot
-from autopilot.runtime.build_links import admission_of
+from autopilot.runtime.build_links import access_rules_of
 from autopilot.runtime.vessel_in_force import VesselInForce
 from autopilot.signals import (
     AlarmEvent,
@@ -87,12 +87,12 @@ class Hand:
 
 
 class Bench:
-    def __init__(self, admission: Admission) -> None:
+    def __init__(self, rules: AccessRules) -> None:
         self.near, self.far = loopback_pair()
-        self.store, self.hand, self.doors = Store(), Hand(), Doors(admission)
+        self.store, self.hand, self.policy = Store(), Hand(), AccessPolicy(rules)
         self.commands = Commands(self.hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
         server = ParameterServer(self.store)
-        self.boat = BoatLink(self.near, self.commands, server, door=self.doors.link())
+        self.boat = BoatLink(self.near, self.commands, server, access=self.policy.link())
 
     def say(self, now: float, *messages: Any, system: int = 255) -> None:
         codec = MavlinkCodec(system, 190)
@@ -108,26 +108,26 @@ class Bench:
 
 
 def test_only_the_systems_that_are_allowed_are_obeyed() -> None:
-    bench = Bench(Admission(systems=frozenset({255, 254})))
+    bench = Bench(AccessRules(systems=frozenset({255, 254})))
     bench.say(0.0, ARM, TUNE, system=77)
     assert not bench.commands.armed and not bench.store.written
-    assert bench.doors.refused == {"from system ids not allowed": 2}
+    assert bench.policy.refused == {"from system ids not allowed": 2}
     assert [text for text in bench.texts(0.1) if "system id that is not allowed" in text]
-    assert "2 from system ids not allowed" in bench.doors.summary
+    assert "2 from system ids not allowed" in bench.policy.summary
     bench.say(1.0, ARM, TUNE, system=254)
     assert bench.commands.armed and bench.store.written == 1
 
 
 def test_writes_and_commands_have_a_rate_and_what_frees_the_rudder_has_none() -> None:
-    bench = Bench(Admission(commands_hz=2.0, writes_hz=5.0))
+    bench = Bench(AccessRules(commands_hz=2.0, writes_hz=5.0))
     bench.say(0.0, *[TUNE] * 90)
     assert bench.store.written == 20  # four seconds' worth at once
     bench.say(1.0, *[TUNE] * 90)
     assert bench.store.written == 25
-    assert bench.doors.refused["writes too many"] == 70 + 85
+    assert bench.policy.refused["writes too many"] == 70 + 85
     assert any("parameter writes beyond 5 a second" in text for text in bench.texts(1.1))
     bench.say(10.0, *[ARM] * 50)
-    assert bench.doors.refused["commands too many"] == 42
+    assert bench.policy.refused["commands too many"] == 42
     released = bench.hand.released
     bench.say(10.0, DISARM)
     assert not bench.commands.armed and bench.hand.released == released + 1
@@ -138,7 +138,7 @@ def test_writes_and_commands_have_a_rate_and_what_frees_the_rudder_has_none() ->
 
 
 def test_a_flood_is_cut_off_unseen_and_wakes_nobody_until_the_next_tick(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(Admission())
+    bench = Bench(AccessRules())
     monkeypatch.setattr(bench.near, "fileno", lambda: 7)
     assert bench.boat.fileno() == 7
     flood = MavlinkCodec(255, 190).encode(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)) * 4000
@@ -148,7 +148,7 @@ def test_a_flood_is_cut_off_unseen_and_wakes_nobody_until_the_next_tick(monkeypa
     assert bench.boat.fileno() == -1
     bench.boat.tell(0.05, Mode.STANDBY, ())
     assert bench.boat.fileno() == 7
-    assert any("beyond what one link may bring" in reason for reason in bench.doors.refused)
+    assert any("beyond what one link may bring" in reason for reason in bench.policy.refused)
 
 
 def test_forwarding_passes_on_the_systems_that_are_allowed() -> None:
@@ -156,7 +156,7 @@ def test_forwarding_passes_on_the_systems_that_are_allowed() -> None:
     seen: list[bytes] = []
     router = Router()
     router.join(lambda frame: bool(seen.append(frame)) or True, has_vehicle=True)
-    link = ForwardLink(to_station, router, budget_for(0), door=Doors(Admission(frozenset({255}))).link())
+    link = ForwardLink(to_station, router, budget_for(0), access=AccessPolicy(AccessRules(frozenset({255}))).link())
     beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
     frames = [MavlinkCodec(system, 190).encode(beat) for system in (9, 255)]
     for frame in frames:
@@ -216,7 +216,7 @@ def test_an_address_that_is_not_allowed_never_becomes_the_peer() -> None:
         got: list[bytes] = []
         while not got:
             got = link.receive()
-        assert got == [hello] and link.peer == friend.getsockname() and link.strangers == 1
+        assert got == [hello] and link.peer == friend.getsockname() and link.refused_senders == 1
     for each in (stranger, link):
         each.close()
 
@@ -229,7 +229,7 @@ def test_a_connection_from_elsewhere_is_hung_up_on() -> None:
         while True:
             assert link.receive() == [] and not link.send(b"$")
             client.receive()
-    assert link.strangers == 1
+    assert link.refused_senders == 1
     client.close()
     link.close()
 
@@ -289,8 +289,8 @@ def test_what_the_file_allows_holds_for_the_links_of_a_run(tmp_path: Path) -> No
     pilot, saver = build_pilot(vessel), BackgroundSaver()
     in_force = VesselInForce(vessel, pilot, None, tmp_path / "boat.tuned.yaml", saver)
     serving = Serving(("udpin:127.0.0.1:0",), 1, Hand(), Mission(TrackGuide()), armed=False)  # type: ignore[arg-type]
-    doors = Doors(admission_of(vessel))
-    links = open_boat_links(serving, in_force, str(tmp_path / "boat.yaml"), saver, doors=doors)
+    policy = AccessPolicy(access_rules_of(vessel))
+    links = open_boat_links(serving, in_force, str(tmp_path / "boat.yaml"), saver, policy=policy)
     served = links[-1]
     assert isinstance(served, BoatLink) and isinstance(served._transport, UdpInTransport)
     with (
@@ -304,9 +304,9 @@ def test_what_the_file_allows_holds_for_the_links_of_a_run(tmp_path: Path) -> No
         ok.sendto(MavlinkCodec(77, 190).encode(ARM), goal)
         for _ in range(100):
             served.receive(0.0)
-            if served._transport.strangers == 2:
+            if served._transport.refused_senders == 2:
                 break
-        assert not served._commands.armed and served._transport.peer is None and served._transport.strangers == 2
+        assert not served._commands.armed and served._transport.peer is None and served._transport.refused_senders == 2
         ok.sendto(MavlinkCodec(255, 190).encode(ARM), goal)
         for _ in range(100):
             served.receive(0.1)
@@ -316,18 +316,20 @@ def test_what_the_file_allows_holds_for_the_links_of_a_run(tmp_path: Path) -> No
     saver.close()
 
 
-EVERYBODY = Admission()
+EVERYBODY = AccessRules()
 
 
 class Wired:
     """A boat served at a port of its own to stations with sockets of their own, on a clock moved by hand."""
 
-    def __init__(self, host: str = "127.0.0.1", admission: Admission = EVERYBODY, tcp: bool = False) -> None:
+    def __init__(self, host: str = "127.0.0.1", rules: AccessRules = EVERYBODY, tcp: bool = False) -> None:
         kind = TcpServerTransport if tcp else UdpInTransport
         self.transport = kind("served", host, 0)
         self.hand, self.store, self.now = Hand(), Store(), 0.0
         self.commands = Commands(self.hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
-        self.boat = BoatLink(self.transport, self.commands, ParameterServer(self.store), door=Doors(admission).link())
+        self.boat = BoatLink(
+            self.transport, self.commands, ParameterServer(self.store), access=AccessPolicy(rules).link()
+        )
         self.samples: list[Any] = []
         self.ends: list[Any] = []
 
@@ -439,7 +441,7 @@ def test_of_two_stations_one_is_heard_until_it_is_silent_and_then_the_other() ->
 def test_a_forwarding_link_lets_go_of_a_silent_station_too() -> None:
     transport, router, seen = UdpInTransport("behind", "127.0.0.1", 0), Router(), []  # type: ignore[var-annotated]
     router.join(lambda frame: bool(seen.append(frame)) or True, has_vehicle=True)
-    link = ForwardLink(transport, router, budget_for(0), door=Doors(Admission()).link())
+    link = ForwardLink(transport, router, budget_for(0), access=AccessPolicy(AccessRules()).link())
     first, again = (UdpOutTransport("station", "127.0.0.1", transport.port) for _ in range(2))
     samples = []
     for turn in range(200):
@@ -506,12 +508,12 @@ def acknowledged(far: Any) -> list[Any]:
 
 
 def lan_boat(
-    admission: Admission = EVERYBODY, is_local: bool = False, signing: Any = None
+    rules: AccessRules = EVERYBODY, is_local: bool = False, signing: Any = None
 ) -> tuple[BoatLink, Any, Commands, Store]:
     lan, store = Lan(is_local), Store()
     commands = Commands(Hand(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
-    door = Doors(admission).link()
-    return BoatLink(lan, commands, ParameterServer(store), signing=signing, door=door), lan.far, commands, store
+    access = AccessPolicy(rules).link()
+    return BoatLink(lan, commands, ParameterServer(store), signing=signing, access=access), lan.far, commands, store
 
 
 def test_without_a_key_another_machine_gives_no_order_and_hears_why_once() -> None:
@@ -586,7 +588,7 @@ def test_where_nothing_is_steered_there_is_nothing_that_another_machine_may_end(
 
 def test_a_release_in_two_orders_disarms_too_and_sounds_until_it_is_acknowledged(tmp_path: Path) -> None:
     sea, lan, station = Watched(tmp_path), Lan(is_local=False), MavlinkCodec(255, 190)
-    sea.links.append(BoatLink(lan, sea.commands, ParameterServer(Store()), door=Doors(EVERYBODY).link()))
+    sea.links.append(BoatLink(lan, sea.commands, ParameterServer(Store()), access=AccessPolicy(EVERYBODY).link()))
     assert sea.order(do="engage") == (True, "")
     for message in (MANUAL, DISARM):
         acknowledged(lan.far)
@@ -665,9 +667,9 @@ def test_after_two_hours_without_one_a_stop_is_the_first_again() -> None:
 
 def test_strangers_who_order_a_stop_in_every_turn_do_not_keep_the_skipper_from_steering(tmp_path: Path) -> None:
     sea = Watched(tmp_path)
-    doors = Doors(EVERYBODY)
+    policy = AccessPolicy(EVERYBODY)
     strangers = [Lan(is_local=False) for _ in range(2)]
-    served = [BoatLink(lan, sea.commands, ParameterServer(Store()), door=doors.link()) for lan in strangers]
+    served = [BoatLink(lan, sea.commands, ParameterServer(Store()), access=policy.link()) for lan in strangers]
     sea.links += served
     engaged, named = 0, set()
     for turn in range(round(100.0 / STEP)):
@@ -718,8 +720,8 @@ def test_without_a_key_another_machine_sees_everything() -> None:
 @pytest.mark.parametrize("how", ["same machine", "said so", "key"])
 def test_orders_are_taken_from_this_machine_or_with_a_key_or_where_the_skipper_says_so(how: str) -> None:
     ours = signing_of_two() if how == "key" else (None, None)
-    admission = Admission(orders_without_key=how == "said so")
-    boat, far, commands, _ = lan_boat(admission, is_local=how == "same machine", signing=ours[0])
+    rules = AccessRules(orders_without_key=how == "said so")
+    boat, far, commands, _ = lan_boat(rules, is_local=how == "same machine", signing=ours[0])
     far.send(MavlinkCodec(255, 190, signing=ours[1]).encode(ARM))
     boat.receive(0.1)
     assert commands.armed
@@ -778,20 +780,20 @@ def test_the_terminal_says_that_a_served_link_takes_no_order(
 
 
 def test_a_radio_on_a_serial_line_gives_no_order_until_the_skipper_says_so() -> None:
-    for admission, signing, takes in (
-        (Admission(), None, False),
-        (Admission(orders_without_key=True), None, True),
-        (Admission(), signing_of_two()[0], True),
+    for rules, signing, takes in (
+        (AccessRules(), None, False),
+        (AccessRules(orders_without_key=True), None, True),
+        (AccessRules(), signing_of_two()[0], True),
     ):
         master, slave = pty.openpty()
         tty.setraw(master)
         path = os.ttyname(slave)
         transport = SerialTransport(f"serial:{path}:57600", path, 57600)
         commands = Commands(Hand(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
-        door = Doors(admission).link()
-        boat = BoatLink(transport, commands, ParameterServer(Store()), signing=signing, door=door)
+        access = AccessPolicy(rules).link()
+        boat = BoatLink(transport, commands, ParameterServer(Store()), signing=signing, access=access)
         router = Router()
-        assert boat.takes_orders is ForwardLink(transport, router, budget_for(0), signing, door).takes_orders is takes
+        assert boat.takes_orders is ForwardLink(transport, router, budget_for(0), signing, access).takes_orders is takes
         if signing is None:
             os.write(master, MavlinkCodec(255, 190).encode(ARM))
             boat.receive(0.1)
@@ -816,10 +818,10 @@ def test_a_radio_on_a_serial_line_gives_no_order_until_the_skipper_says_so() -> 
 )
 def test_what_gives_the_rudder_back(message: Any, gives: bool) -> None:
     assert gives_rudder_back(message) is gives
-    door = Doors(Admission(commands_hz=1.0, writes_hz=1.0)).link()
-    refused = [bool(door.refusal(0.0, message)) for _ in range(6)]
+    access = AccessPolicy(AccessRules(commands_hz=1.0, writes_hz=1.0)).link()
+    refused = [bool(access.refusal(0.0, message)) for _ in range(6)]
     assert refused == ([False] * 6 if gives else [False] * 4 + [True] * 2), "four seconds' worth at once"
-    assert bool(door.refusal(1.0, message)) is False
+    assert bool(access.refusal(1.0, message)) is False
 
 
 def test_a_budget_by_hand() -> None:
@@ -833,22 +835,22 @@ def test_a_budget_by_hand() -> None:
 
 @pytest.mark.parametrize(("datagrams", "crowded"), [(0, False), (20, False), (21, True)])
 def test_more_than_twenty_strangers_at_a_time_crowd_a_link(datagrams: int, crowded: bool) -> None:
-    doors = Doors()
-    door = doors.link()
-    door.count_strangers(datagrams)
-    assert (door.crowded, doors.refused.total()) == (crowded, datagrams)
+    policy = AccessPolicy()
+    access = policy.link()
+    access.count_refused_senders(datagrams)
+    assert (access.crowded, policy.refused.total()) == (crowded, datagrams)
     expected = f"{datagrams} MAVLink messages were not let in: {datagrams} datagrams from others than the station"
-    assert doors.summary.startswith(expected) if datagrams else doors.summary == ""
+    assert policy.summary.startswith(expected) if datagrams else policy.summary == ""
 
 
 def test_eight_kilobytes_at_once_and_fifty_a_second_are_looked_at() -> None:
-    doors = Doors()
-    door = doors.link()
-    assert [len(chunk) for chunk in door.taken(0.0, [bytes(5000), bytes(5000), bytes(5000)])] == [5000, 3000]
-    assert door.crowded and doors.refused.total() == 2
-    assert [len(chunk) for chunk in door.taken(0.1, [bytes(9000)])] == [5000]
-    assert [len(chunk) for chunk in door.taken(9.0, [bytes(8000)])] == [8000]
-    assert doors.refused.total() == 3
+    policy = AccessPolicy()
+    access = policy.link()
+    assert [len(chunk) for chunk in access.taken(0.0, [bytes(5000), bytes(5000), bytes(5000)])] == [5000, 3000]
+    assert access.crowded and policy.refused.total() == 2
+    assert [len(chunk) for chunk in access.taken(0.1, [bytes(9000)])] == [5000]
+    assert [len(chunk) for chunk in access.taken(9.0, [bytes(8000)])] == [8000]
+    assert policy.refused.total() == 3
 
 
 def test_a_station_is_silent_after_more_than_five_seconds() -> None:

@@ -12,8 +12,8 @@ from typing import Any, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_layouts import KNOWN, Layout, Writer, layout_of, writer_of
-from autopilot.links.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum
+from autopilot.links.mavlink.messages import KNOWN, Layout, Writer, layout_of, writer_of
+from autopilot.links.mavlink.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum
 
 Message: TypeAlias = Any
 """A pymavlink message; `get_msgbuf()` gives its raw packet, `get_srcSystem()` its sender."""

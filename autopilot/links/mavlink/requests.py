@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from autopilot.links.steering_pwm import SteeringChannel
+from autopilot.links.mavlink.steering_pwm import SteeringChannel
 from autopilot.signals import AlarmEvent
 
 FIRST_CHECK_S = 0.7

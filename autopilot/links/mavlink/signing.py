@@ -13,7 +13,7 @@ from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink_layouts import EXTRA_MESSAGES
+from autopilot.links.mavlink.messages import EXTRA_MESSAGES
 
 MAGIC_V2 = 0xFD
 SIGNED = 0x01

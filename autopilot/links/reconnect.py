@@ -19,7 +19,7 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-from autopilot.estimation.sensor_selection import SourcePriority
+from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.links.base import ConfirmsRelease, Link, LinkError, Shows, parted
 from autopilot.links.release import Release, ReleaseState, not_held
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
@@ -34,7 +34,7 @@ def in_thread(work: Callable[[], None]) -> None:
     threading.Thread(target=work, name="open", daemon=True).start()
 
 
-class KeptLink:
+class ReconnectingLink:
     """A `Link` round the one that `opener` opens, again and again.
 
     What goes wrong at the first opening is waited for, too: at power-on adapters come when they come.
@@ -196,10 +196,10 @@ class KeptLink:
             self._opening = False
 
 
-class BelievedLink:
+class SelectingLink:
     """A `Link` round another. All links of a run share one `priority`, which sees the samples of all of them."""
 
-    def __init__(self, link: Link, priority: SourcePriority) -> None:
+    def __init__(self, link: Link, priority: SensorSelection) -> None:
         self.name = link.name
         self.inside = link
         self._priority = priority

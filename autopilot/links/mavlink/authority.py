@@ -20,9 +20,9 @@ import math
 from collections import deque
 from enum import Enum
 
-from autopilot.links.companion_output import TOLD_APART_US, SteeringOutput
-from autopilot.links.mavlink_codec import Message
-from autopilot.links.vehicle_requests import OVERRIDE_TIME, VehicleParameters
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.requests import OVERRIDE_TIME, VehicleParameters
+from autopilot.links.mavlink.steering import TOLD_APART_US, SteeringOutput
 from autopilot.signals import HelmCause
 
 MANUAL_MODE = 0
@@ -69,7 +69,7 @@ STICK_MOVED_US = 150
 """A stick that is moved this far is meant."""
 
 
-class HelmWatch:
+class ControlAuthority:
     """Collects what the vehicle shows; `reason` gives the sentence, or nothing where the helm is ours.
 
     Args:
@@ -338,7 +338,7 @@ class Stage(Enum):
     PASSED = "the vehicle takes our steering"
 
 
-class HelmProbe:
+class OverrideProbe:
     """One proof when the vehicle starts and one for each engagement. `may_share`: others may override the input too.
 
     Attributes:

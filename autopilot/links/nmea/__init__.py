@@ -1,0 +1,1 @@
+"""Instruments, plotter and rudder drive over NMEA 0183."""
