@@ -35,7 +35,7 @@ from autopilot.links.mavlink.signing import CountingTimestamps, Signing
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot
-from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
     AlarmEvent,
     HeadingSample,
@@ -311,7 +311,7 @@ def fuzz_boat(rng: random.Random, count: int) -> Result:
     near, far = loopback_pair()
     vessel = load_vessel("lanxin")
     skipper = Skipper(FULL)
-    store = VesselInForce(vessel, build_pilot(vessel), None, Path("never-written.yaml"), lambda _path, _text: None)
+    store = VesselStore(vessel, build_pilot(vessel), None, Path("never-written.yaml"), lambda _path, _text: None)
     mission = Mission(TrackGuide())
     server = ParameterServer(store)
     link = BoatLink(near, Commands(skipper, True, mission), server, 1)

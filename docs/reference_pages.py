@@ -66,7 +66,10 @@ def vessel_file() -> str:
     page.write(
         "# The vessel file\n\nEvery key, with what is allowed. `firmware_params/schemas/vessel.schema.json` is the "
     )
-    page.write("same for editors; `autopilot params check FILE` reads a file by it.\n")
+    page.write(
+        "same for editors; `autopilot params check FILE` reads a file by it. The last column is for a number that "
+    )
+    page.write("changed while the pilot runs, by a ground station or on the helm page.\n")
     top: list[str] = []
     sections: list[tuple[str, dict[str, Any], list[str]]] = [("top level", schema, top)]
     _sections("", schema, sections)
@@ -75,7 +78,7 @@ def vessel_file() -> str:
         if section is not schema and "description" in section:
             page.write(section["description"] + "\n\n")
         required = section.get("required", [])
-        page.write("| key | what | allowed | default |\n|---|---|---|---|\n")
+        page.write("| key | what | allowed | default | a change counts |\n|---|---|---|---|---|\n")
         rows.extend(_row(key, value, key in required) for key, value in section["properties"].items())
         page.write("\n".join(rows) + "\n")
     return page.getvalue()
@@ -92,7 +95,8 @@ def _sections(path: str, schema: dict[str, Any], found: list[tuple[str, dict[str
 def _row(key: str, value: dict[str, Any], required: bool) -> str:
     default = "required" if required else _inline(value["default"]) if "default" in value else ""
     what = value.get("description", "").replace("|", "\\|").replace("\n", " ")
-    return f"| `{key}` | {what} | {_allowed(value)} | {default} |"
+    counts = {"now": "at once", "restart": "from the next start on"}.get(value.get("x-counts", ""), "")
+    return f"| `{key}` | {what} | {_allowed(value)} | {default} | {counts} |"
 
 
 def _inline(value: object) -> str:

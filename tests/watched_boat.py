@@ -18,7 +18,7 @@ from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.file_server import metadata_files
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.transports import loopback_pair
-from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import Sample
 from autopilot.vessel.parameters import parameters_of
 from autopilot.vessel.schema import Vessel
@@ -54,12 +54,12 @@ class Watched(Sea):
     def __init__(self, folder: Path, learns: bool = False, vessel: Vessel | None = None) -> None:
         super().__init__(learns, vessel)
         vessel = vessel or vessel_of(BOATS["lanxin"])
-        self.in_force = VesselInForce(vessel, self.pilot, None, folder / "boat.tuned.yaml")
+        self.store = VesselStore(vessel, self.pilot, None, folder / "boat.tuned.yaml")
         self.desk = LearningDesk() if learns else None
         if self.desk is not None:
-            self.desk.attach(self.pilot, self.in_force)
-        self.tuner = TuningDesk(self.in_force, self.desk, AtOnce())
-        self.files = metadata_files(parameters_of(self.in_force.running), "0.2.0")
+            self.desk.attach(self.pilot, self.store)
+        self.tuner = TuningDesk(self.store, self.desk, AtOnce())
+        self.files = metadata_files(parameters_of(self.store.running), "0.2.0")
         self.alarms = BothAlarms(self.alarms, Acknowledgements(self.skipper))
         self.commands = Commands(self.skipper, False, self.mission, self.tuner)
         self.is_cut = False
@@ -71,7 +71,7 @@ class Watched(Sea):
         if self.is_cut:
             raise LinkError(f"link {url!r}: cannot be opened")
         near, self.far = loopback_pair("boat")
-        self.links = [BoatLink(near, self.commands, ParameterServer(self.in_force), files=self.files)]
+        self.links = [BoatLink(near, self.commands, ParameterServer(self.store), files=self.files)]
         return self.far
 
     @property

@@ -28,7 +28,7 @@ from autopilot.links.reconnect import GuideAlarms, ReconnectingLink
 from autopilot.links.url import open_transport, parse_url
 from autopilot.runtime.build import track_settings_of
 from autopilot.runtime.build_links import networks_of
-from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.vessel.parameters import parameters_of
 from autopilot.vessel.schema import Vessel
 
@@ -97,7 +97,7 @@ def _complain(done: Future[None]) -> None:
 
 def open_boat_links(
     serving: Serving,
-    in_force: VesselInForce,
+    store: VesselStore,
     vessel_path: str,
     saver: BackgroundSaver,
     signing: Signing | None = None,
@@ -109,15 +109,15 @@ def open_boat_links(
     The first are to nobody: they bring the alarms of those who lead.
     """
     mission, path = serving.mission, mission_file(vessel_path)
-    networks, policy = networks_of(in_force.running), policy or AccessPolicy()
+    networks, policy = networks_of(store.running), policy or AccessPolicy()
 
     def keep_course_settings(vessel: Vessel) -> None:
         mission.guide.settings = track_settings_of(vessel)
 
-    in_force.changed = keep_course_settings
-    keep_course_settings(in_force.running)
+    store.changed = keep_course_settings
+    keep_course_settings(store.running)
     mission.keep = lambda items: saver(path, dump_items(items))
-    files = metadata_files(parameters_of(in_force.stored), __version__)
+    files = metadata_files(parameters_of(store.stored), __version__)
     commands = Commands(serving.helmsman, serving.armed, mission, tuner)
     links: list[Link] = [GuideAlarms(mission.guide, "track")]
     if serving.wind is not None:
@@ -126,7 +126,7 @@ def open_boat_links(
     def opened(url: str) -> BoatLink:
         transport = open_transport(url, networks)
         ours = signing.link() if signing is not None else None
-        server = ParameterServer(in_force)
+        server = ParameterServer(store)
         served = BoatLink(transport, commands, server, serving.system, ours, files, policy.link())
         if not served.takes_orders:
             print(f"--serve {url}: {LOOKING_ONLY}", file=sys.stderr)

@@ -32,7 +32,7 @@ from autopilot.runtime.build_links import LinkOptions, access_rules_of, alarm_ou
 from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.machine import LoopHealth
 from autopilot.runtime.session import Orders, Session
-from autopilot.runtime.vessel_in_force import VesselInForce, tuned_file
+from autopilot.runtime.vessel_store import VesselStore, tuned_file
 from autopilot.signals import Mode, Tick
 from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.schema import Vessel
@@ -133,20 +133,20 @@ def steer(vessel: Vessel, arguments: argparse.Namespace, voyage: Voyage) -> int:
     resumption = resumption_of(arguments, vessel, saver) if voyage.resumes is not None else None
     upkeep = Upkeep(wanted, resumption)
     refuse = partial(refuse_failsafe, urls=arguments.link)
-    in_force = VesselInForce(vessel, pilot, voyage.law, tuned_file(arguments.vessel), saver, refuse)
-    tuner = TuningDesk(in_force, voyage.desk)
+    store = VesselStore(vessel, pilot, voyage.law, tuned_file(arguments.vessel), saver, refuse)
+    tuner = TuningDesk(store, voyage.desk)
     is_tuned = voyage.desk is not None or (voyage.serving is not None and bool(voyage.serving.urls))
     # closes what is open until the session has taken it over, whatever happens in between
     with contextlib.ExitStack() as opened:
         links = build_links(vessel, arguments.link, options)
         opened.callback(close_all, links)
         if voyage.serving is not None:
-            links += open_boat_links(voyage.serving, in_force, arguments.vessel, saver, signing, policy, tuner)
+            links += open_boat_links(voyage.serving, store, arguments.vessel, saver, signing, policy, tuner)
         if is_tuned:
-            print(_which_file(arguments.vessel, in_force))
+            print(_which_file(arguments.vessel, store))
         if voyage.desk is not None:
-            voyage.desk.attach(pilot, in_force)
-        in_force.log = recorder = open_log(arguments, vessel, voyage.law, clock.now())
+            voyage.desk.attach(pilot, store)
+        store.log = recorder = open_log(arguments, vessel, voyage.law, clock.now())
         if recorder is not None:
             opened.callback(recorder.close)
         outputs, _ = alarm_outputs_of(vessel, terminal_of(sys.stderr) if sys.stderr.isatty() else None)
@@ -207,9 +207,9 @@ def _print_refusals(signing: Signing | None, policy: AccessPolicy) -> None:
             print(summary)
 
 
-def _which_file(vessel_path: str, in_force: VesselInForce) -> str:
+def _which_file(vessel_path: str, store: VesselStore) -> str:
     """Say which file is in force, and where changes go."""
-    kept = in_force.saved_as
+    kept = store.saved_as
     older = f"; changes of an earlier run are in {kept}: start with that file to use them" if kept.exists() else ""
     return f"in force: {vessel_path}; what is changed while it runs is kept in {kept}{older}"
 

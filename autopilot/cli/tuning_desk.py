@@ -19,7 +19,7 @@ from autopilot.cli.gains import Wish, designed
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import Norrbin
 from autopilot.pilot import Pilot
-from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import Tick
 from autopilot.vessel.file import rounded
 from autopilot.vessel.schema import StandardErrors, Vessel
@@ -38,14 +38,14 @@ class LearningDesk:
 
     def __init__(self) -> None:
         self._learner: Learner | None = None
-        self._in_force: VesselInForce | None = None
+        self._store: VesselStore | None = None
         self._before: list[Vessel] = []
         self._looked = -math.inf
         self._told: tuple[Norrbin, bool] | None = None
 
-    def attach(self, pilot: Pilot, in_force: VesselInForce) -> None:
-        """Serve this pilot and its vessel in force."""
-        self._learner, self._in_force = pilot.learner, in_force
+    def attach(self, pilot: Pilot, store: VesselStore) -> None:
+        """Serve this pilot and its vessel."""
+        self._learner, self._store = pilot.learner, store
 
     def news(self, tick: Tick) -> str:
         """Return what the skipper should know unasked: a model put forward, or one that has proved itself; else ''."""
@@ -87,36 +87,35 @@ class LearningDesk:
 
         Raises InputError where there is nothing to adopt, or it has not proved itself.
         """
-        learner, in_force = self._attached()
+        learner, store = self._attached()
         proposal = learner.proposal()
         if proposal is None:
             raise InputError(f"nothing to adopt yet: {_progress(learner)}")
         if not proposal.is_proved:
             raise InputError(f"not adopted: it must foretell better than the present model first; {_check(proposal)}")
-        return in_force.running, with_learnt(in_force.running, proposal)
+        return store.running, with_learnt(store.running, proposal)
 
     def put(self, before: Vessel, after: Vessel) -> str:
         """Put an adopted vessel in force, `before` being what `revert` goes back to. Raises RefusedError."""
-        _, in_force = self._attached()
-        kept = in_force.adopt(after)
+        _, store = self._attached()
+        kept = store.put(steered_as(store.stored, after))
         self._before.append(before)
         self._told = None
         return "; ".join(filter(None, ["adopted", _changes(before, after), kept]))
 
     def revert(self) -> str:
         """Put back in force what was before the latest adoption. Raises InputError where there is none."""
-        _, in_force = self._attached()
+        _, store = self._attached()
         if not self._before:
             raise InputError("nothing to revert: no model has been adopted in this run")
-        present, before = in_force.running, self._before[-1]
-        # what was tuned since stays tuned; model and gains go back
-        after = replace(present, model=before.model, control=before.control)
+        present = store.running
         try:
-            kept = in_force.adopt(after)
+            # what was tuned since stays tuned; model and gains go back
+            kept = store.put(steered_as(store.stored, self._before[-1]))
         except RefusedError as error:
             raise InputError(f"not reverted: {error}") from error
         self._before.pop()
-        return "; ".join(filter(None, ["reverted", _changes(present, after), kept]))
+        return "; ".join(filter(None, ["reverted", _changes(present, store.running), kept]))
 
     def values(self) -> dict[str, float]:
         """Return model in force, learnt so far and proposed (`lrn_p`, `lrn_s`: standard errors), and how it did.
@@ -138,10 +137,10 @@ class LearningDesk:
         values |= {"lrn_old": math.degrees(proposal.present_error), "lrn_new": math.degrees(proposal.proposed_error)}
         return values | {"lrn_state": 2.0 if proposal.is_proved else 1.0}
 
-    def _attached(self) -> tuple[Learner, VesselInForce]:
-        if self._learner is None or self._in_force is None:
+    def _attached(self) -> tuple[Learner, VesselStore]:
+        if self._learner is None or self._store is None:
             raise InputError("nothing is learnt in this run: start with --learn")
-        return self._learner, self._in_force
+        return self._learner, self._store
 
     def _report(self) -> str:
         learner, _ = self._attached()
@@ -155,6 +154,13 @@ class LearningDesk:
         ):
             lines.append(f"  {name:24} K {model.gain:.4g} 1/s  T {model.time_constant:.4g} s  n3 {model.n3:.4g}")
         return "\n".join(lines)
+
+
+def steered_as(vessel: Vessel, other: Vessel) -> Vessel:
+    """Return the vessel with the model and the designed gains of the other."""
+    new = other.control
+    gains = replace(vessel.control, backstepping=new.backstepping, pid=new.pid, sliding=new.sliding)
+    return replace(vessel, model=other.model, control=gains)
 
 
 def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:
@@ -254,9 +260,9 @@ class TuningDesk:
     Call `turn` after every tick, `close` at the end.
     """
 
-    def __init__(self, in_force: VesselInForce, learning: LearningDesk | None, pool: Executor | None = None) -> None:
+    def __init__(self, store: VesselStore, learning: LearningDesk | None, pool: Executor | None = None) -> None:
         self.level = math.nan
-        self._in_force, self._learning = in_force, learning
+        self._store, self._learning = store, learning
         self._pool = pool or ThreadPoolExecutor(1, thread_name_prefix="design")
         self._change: Change | None = None
 
@@ -264,17 +270,15 @@ class TuningDesk:
         """Begin to put a response level in force. Raises InputError."""
         if not 1 <= level <= 9:
             raise InputError(f"response level {level}: allowed is 1 (calm) to 9 (quick)")
-        before = self._in_force.running
+        before = self._store.running
 
         def finish(vessel: Vessel) -> str:
-            present = self._in_force.running
+            present = self._store.running
             if present.model != before.model or present.rudder != before.rudder:
                 raise InputError("model or rudder were changed meanwhile; try again")
-            ours, new = present.control, vessel.control
-            gains = replace(ours, backstepping=new.backstepping, pid=new.pid, sliding=new.sliding)
-            kept = self._in_force.adopt(replace(present, control=gains))
+            kept = self._store.put(steered_as(self._store.stored, replace(vessel, model=present.model)))
             self.level = float(level)
-            return f"response level {level}{'; ' if kept else ''}{kept}"
+            return "; ".join(filter(None, [f"response level {level}", kept]))
 
         return self._begin(before, Wish(level), finish)
 
@@ -285,7 +289,7 @@ class TuningDesk:
         wish = Wish(int(self.level)) if math.isfinite(self.level) else Wish()
 
         def finish(vessel: Vessel) -> str:
-            if self._in_force.running != before:
+            if self._store.running != before:
                 raise InputError("the vessel was changed meanwhile; try again")
             return desk.put(before, vessel)
 

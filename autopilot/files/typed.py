@@ -36,6 +36,16 @@ UNIT_SUFFIXES = (
 """Ends of key names that say a unit, so that a wrong unit is told from an unknown key."""
 
 
+_HINTS: dict[type[Any], dict[str, Any]] = {}
+
+
+def hints_of(section: type[Any]) -> dict[str, Any]:
+    """Return the type hints of a dataclass's fields, by name, with what is annotated; evaluated once."""
+    if section not in _HINTS:
+        _HINTS[section] = typing.get_type_hints(section, include_extras=True)
+    return _HINTS[section]
+
+
 def read(node: Node, schema: type[T]) -> T:
     """Return the dataclass `schema` filled from `node`; raises InputError with one sentence."""
     return typing.cast(T, _convert(node, schema, None))
@@ -152,7 +162,7 @@ def _convert_dict(node: Node, hint: Any, bounds: Bounds | None) -> dict[str, Any
 def _convert_dataclass(node: Node, schema: type[Any]) -> Any:
     if not isinstance(node.value, dict):
         raise _wrong(node, schema, None)
-    hints = typing.get_type_hints(schema, include_extras=True)
+    hints = hints_of(schema)
     fields = {field.name: field for field in dataclasses.fields(schema) if field.init}
     mistakes = _Mistakes()
     for key, child in node.value.items():

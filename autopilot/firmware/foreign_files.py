@@ -35,7 +35,7 @@ from autopilot.firmware.protocol import as_float32, encode, is_integer_type, kin
 from autopilot.firmware.session import NORRBIN
 from autopilot.vessel.file import vessel_document, vessel_from
 from autopilot.vessel.parameters import parameters_of, value_of
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.schema import RESTART, Vessel
 
 SIZE_MAX_BYTES = 4_000_000
 SUFFIXES = (".param", ".parm", ".params")
@@ -280,7 +280,7 @@ def load_parameters(path_or_name: str | Path, *, vessel_too: bool = False) -> Pa
 def _of_vessel(vessel: Vessel) -> ParameterFile:
     table = [(parameter, value_of(vessel, parameter)) for parameter in parameters_of(vessel)]
     wanted = [
-        Wanted((each.name,), value, reboot=each.waits, allowed=f"; documented are {each.allowed}")
+        Wanted((each.name,), value, reboot=each.counts is RESTART, allowed=f"; documented are {each.allowed}")
         for each, value in table
     ]
     return ParameterFile(wanted, [TypedValue(each.name, value, REAL32) for each, value in table], NORRBIN)

@@ -14,9 +14,10 @@ import typing
 from typing import Any, Literal, Union
 
 from autopilot.files.strict_yaml import FIRMWARE_STEPS, VESSEL_STEPS, newest
-from autopilot.files.typed import Bounds
+from autopilot.files.typed import Bounds, hints_of
 from autopilot.firmware.file import FirmwareFile
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.running import counts_of
+from autopilot.vessel.schema import Counts, Vessel
 
 Schema = dict[str, Any]
 
@@ -38,14 +39,18 @@ def schema_text(kind: str) -> str:
 
 
 def _object(section: type[Any]) -> Schema:
-    hints = typing.get_type_hints(section, include_extras=True)
+    hints = hints_of(section)
     fields = [field for field in dataclasses.fields(section) if field.init]
     required = [
         field.name
         for field in fields
         if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
     ]
-    properties = {field.name: _with_default(_of(hints[field.name], None), field) for field in fields}
+    counts = counts_of(section)
+    properties = {
+        field.name: _with_counts(_with_default(_of(hints[field.name], None), field), counts[field.name])
+        for field in fields
+    }
     described = (inspect.getdoc(section) or "").partition("\n\n")[0].replace("\n", " ")
     schema: Schema = {"type": "object", "description": described, "properties": properties}
     if required:
@@ -56,6 +61,11 @@ def _object(section: type[Any]) -> Schema:
 def _with_default(schema: Schema, field: dataclasses.Field[Any]) -> Schema:
     is_scalar = isinstance(field.default, bool | int | float | str) and field.default != ""
     return {**schema, "default": field.default} if is_scalar else schema
+
+
+def _with_counts(schema: Schema, counts: Counts | None) -> Schema:
+    """Say beside a field from when on a change counts while the pilot runs."""
+    return schema if counts is None else {**schema, "x-counts": counts.value}
 
 
 def _of(hint: Any, bounds: Bounds | None) -> Schema:

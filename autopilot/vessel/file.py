@@ -32,7 +32,7 @@ from autopilot.files.strict_yaml import (
     read_document,
     resolve_plain,
 )
-from autopilot.files.typed import Bounds, nearest
+from autopilot.files.typed import Bounds, hints_of, nearest
 from autopilot.models.norrbin import Norrbin, folds
 from autopilot.vessel.schema import Vessel
 
@@ -209,7 +209,7 @@ def dump_vessel(vessel: Vessel, comment: str = "") -> str:
 
 
 def _section_lines(section: Any, depth: int) -> list[str]:
-    hints = typing.get_type_hints(type(section), include_extras=True)
+    hints = hints_of(type(section))
     lines: list[str] = []
     for field in dataclasses.fields(section):
         value = getattr(section, field.name)

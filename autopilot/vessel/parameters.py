@@ -13,29 +13,31 @@ import types
 import typing
 from typing import Any, Literal, NamedTuple, Union
 
-from autopilot.files.typed import UNIT_SUFFIXES, Bounds
+from autopilot.files.typed import UNIT_SUFFIXES, Bounds, hints_of
 from autopilot.vessel.file import problems
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.running import counts_of
+from autopilot.vessel.schema import Counts, Vessel
 
 NAME_LENGTH_MAX = 16
-PREFIXES = {
-    "model": "MDL",
-    "rudder": "RUD",
-    "sensors": "SNS",
-    "control": "CTL",
-    "control.backstepping": "BS",
-    "control.pid": "PID",
-    "control.sliding": "SLD",
-    "control.sliding_roll": "SLR",
-    "control.sliding_roll.quiet": "SLRQ",
-    "guidance": "GUI",
-    "estimator": "EST",
-    "limits": "LIM",
-    "failsafe": "FS",
-    "helm": "HELM",
-    "drive": "DRV",
+SECTIONS = {
+    "model": ("MDL", "Model"),
+    "rudder": ("RUD", "Rudder"),
+    "sensors": ("SNS", "Sensors"),
+    "control": ("CTL", "Control"),
+    "control.backstepping": ("BS", "Backstepping law"),
+    "control.pid": ("PID", "PID law"),
+    "control.sliding": ("SLD", "Sliding law"),
+    "control.sliding_roll": ("SLR", "Sliding law for heading and roll"),
+    "control.sliding_roll.quiet": ("SLRQ", "Sliding law for heading and roll: quiet"),
+    "guidance": ("GUI", "Guidance"),
+    "estimator": ("EST", "Estimator"),
+    "limits": ("LIM", "Limits"),
+    "failsafe": ("FS", "Fail-safe"),
+    "helm": ("HELM", "Helm"),
+    "drive": ("DRV", "Rudder drive"),
 }
-"""Sections that are parameters; the model's standard errors are not."""
+"""Sections that are parameters, each with the beginning of their names and the title of their group. Those that are
+not here, such as the model's standard errors, are none."""
 
 NAMES = {
     "model.reference_speed_m_s": "MDL_REF_SPEED",
@@ -52,28 +54,10 @@ NAMES = {
 }
 """Names that the rule would spoil."""
 
-AT_NEXT_START = (
-    "rudder.",
-    "sensors.heading_latency_s",
-    "sensors.variation_deg",
-    "sensors.magnetic",
-    "sensors.source_timeout_s",
-    "sensors.heading_monitor_deg",
-    "control.law",
-    "control.rate_hz",
-    "failsafe.heading_timeout_s",
-    "failsafe.action",
-    "failsafe.firmware_mode",
-    "failsafe.reengage_after_restart_s",
-    "helm.",
-    "drive.",
-)
-"""Beginnings of the keys that count from the next start on: what the links were opened with and the loop was begun
-with. All the others count from the next tick on."""
-
 
 class VesselParameter(NamedTuple):
-    """One parameter: its name, the key it stands for (`control.pid.kp`), what is allowed, and its meaning.
+    """One parameter: its name, the key it stands for (`control.pid.kp`), what is allowed, its meaning, and from when
+    on a change counts.
 
     `choices` are the words that the whole numbers from 0 stand for, empty for plain numbers.
     """
@@ -84,13 +68,14 @@ class VesselParameter(NamedTuple):
     high: float | None
     unit: str
     doc: str
+    counts: Counts
     is_whole: bool = False
     choices: tuple[str, ...] = ()
 
     @property
-    def waits(self) -> bool:
-        """Whether a change counts from the next start on, not at once."""
-        return self.path.startswith(AT_NEXT_START)
+    def group(self) -> str:
+        """The title of the section that it belongs to."""
+        return SECTIONS[self.path.rpartition(".")[0]][1]
 
     @property
     def allowed(self) -> str:
@@ -167,29 +152,30 @@ def _replaced(section: Any, keys: list[str], key: str, value: Any) -> Any:
 
 
 def _of_section(section: Any, path: str) -> typing.Iterator[VesselParameter]:
-    hints = typing.get_type_hints(type(section), include_extras=True)
-    for field in dataclasses.fields(section):
-        value = getattr(section, field.name)
-        where = f"{path}.{field.name}" if path else field.name
-        if dataclasses.is_dataclass(value):
-            if where in PREFIXES:
+    hints = hints_of(type(section))
+    for key, counts in counts_of(type(section)).items():
+        value, where = getattr(section, key), f"{path}.{key}" if path else key
+        if value is None:
+            continue
+        if counts is None:
+            if where in SECTIONS:
                 yield from _of_section(value, where)
-        elif path in PREFIXES and value is not None:
-            yield from _of_field(path, field.name, hints[field.name])
+        elif path in SECTIONS:
+            yield from _of_field(path, key, hints[key], counts)
 
 
-def _of_field(path: str, key: str, hint: Any) -> typing.Iterator[VesselParameter]:
+def _of_field(path: str, key: str, hint: Any, counts: Counts) -> typing.Iterator[VesselParameter]:
     kind, bounds = _kind_and_bounds(hint)
     where = f"{path}.{key}"
     name, unit = _name(path, key), _unit(key)
     if kind is bool:
-        yield VesselParameter(name, where, 0.0, 1.0, "", key.replace("_", " "), choices=("false", "true"))
+        yield VesselParameter(name, where, 0.0, 1.0, "", key.replace("_", " "), counts, choices=("false", "true"))
     elif typing.get_origin(kind) is Literal:
         words = tuple(str(word) for word in typing.get_args(kind))
-        yield VesselParameter(name, where, 0.0, len(words) - 1.0, "", key.replace("_", " "), choices=words)
+        yield VesselParameter(name, where, 0.0, len(words) - 1.0, "", key.replace("_", " "), counts, choices=words)
     elif kind in (int, float):
         low, high, doc = bounds or Bounds(None, None, key)
-        yield VesselParameter(name, where, low, high, unit, doc, is_whole=kind is int)
+        yield VesselParameter(name, where, low, high, unit, doc, counts, is_whole=kind is int)
 
 
 def _kind_and_bounds(hint: Any) -> tuple[Any, Bounds | None]:
@@ -210,9 +196,9 @@ def _name(path: str, key: str) -> str:
     if chosen := NAMES.get(f"{path}.{key}"):
         return chosen
     words = key.removesuffix(key[len(key) - len(_suffix(key)) :] or "\0").upper().split("_")
-    name = "_".join([PREFIXES[path], *words])
+    name = "_".join([SECTIONS[path][0], *words])
     if len(name) > NAME_LENGTH_MAX:
-        name = "_".join([PREFIXES[path], *(word[:4] for word in words)])
+        name = "_".join([SECTIONS[path][0], *(word[:4] for word in words)])
     return name[:NAME_LENGTH_MAX]
 
 

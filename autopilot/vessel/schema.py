@@ -1,15 +1,28 @@
 """The vessel file's schema: typed, frozen, one unit in every key name.
 
-Degrees and knots appear here because people write these files; `build` turns them into radians. Each field
-carries its range and its purpose, from which reading, checking and the JSON Schema all work.
+Degrees and knots appear here because people write these files; `build` turns them into radians. Each field carries its
+range, its purpose, and from when on a change of it counts: reading, checking, the JSON Schema, the parameters of ground
+stations and the reference page all work from these declarations.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Annotated, Literal
 
 from autopilot.files.typed import Bounds as Bounds
+
+
+class Counts(Enum):
+    """From when on a field that is changed while the pilot runs counts: the next tick, or the next start of the
+    process, because links were opened or the loop was begun with it. A section counts as its fields do."""
+
+    NOW = "now"
+    RESTART = "restart"
+
+
+NOW, RESTART = Counts.NOW, Counts.RESTART
 
 SCHEMA_VERSION = 2
 """What this version writes; older ones are read too (see `migration`)."""
@@ -22,27 +35,27 @@ Positive = 1.0e-9
 class StandardErrors:
     """Standard errors of the identified parameters, in the parameters' units; absent: not determined."""
 
-    K_1_s: Annotated[float, Bounds(0.0, None, "standard error of K")] | None = None
-    T_s: Annotated[float, Bounds(0.0, None, "standard error of T")] | None = None
-    n3_s2_rad2: Annotated[float, Bounds(0.0, None, "standard error of n3")] | None = None
-    n0_rad_s: Annotated[float, Bounds(0.0, None, "standard error of n0")] | None = None
+    K_1_s: Annotated[float, NOW, Bounds(0.0, None, "standard error of K")] | None = None
+    T_s: Annotated[float, NOW, Bounds(0.0, None, "standard error of T")] | None = None
+    n3_s2_rad2: Annotated[float, NOW, Bounds(0.0, None, "standard error of n3")] | None = None
+    n0_rad_s: Annotated[float, NOW, Bounds(0.0, None, "standard error of n0")] | None = None
 
 
 @dataclass(frozen=True)
 class Model:
     """Norrbin model T r' + n3 r^3 + n2 r^2 + n1 r + n0 = K delta at the reference speed."""
 
-    K_1_s: Annotated[float, Bounds(1.0e-5, 100.0, "rudder gain K: steady yaw rate per rudder angle")]
-    T_s: Annotated[float, Bounds(1.0e-3, 10000.0, "time constant T")]
-    reference_speed_m_s: Annotated[float, Bounds(1.0e-3, 100.0, "speed at which K, T and n0..n3 hold")]
-    n1: Annotated[float, Bounds(-1.0, 1.0, "+1 course-stable, -1 course-unstable")] = 1.0
-    n3_s2_rad2: Annotated[float, Bounds(0.0, 1.0e9, "cubic damping")] = 0.0
-    n2_s_rad: Annotated[float, Bounds(-1.0e6, 1.0e6, "quadratic damping (asymmetry)")] = 0.0
-    n0_rad_s: Annotated[float, Bounds(-10.0, 10.0, "trim or wind bias")] = 0.0
+    K_1_s: Annotated[float, NOW, Bounds(1.0e-5, 100.0, "rudder gain K: steady yaw rate per rudder angle")]
+    T_s: Annotated[float, NOW, Bounds(1.0e-3, 10000.0, "time constant T")]
+    reference_speed_m_s: Annotated[float, NOW, Bounds(1.0e-3, 100.0, "speed at which K, T and n0..n3 hold")]
+    n1: Annotated[float, NOW, Bounds(-1.0, 1.0, "+1 course-stable, -1 course-unstable")] = 1.0
+    n3_s2_rad2: Annotated[float, NOW, Bounds(0.0, 1.0e9, "cubic damping")] = 0.0
+    n2_s_rad: Annotated[float, NOW, Bounds(-1.0e6, 1.0e6, "quadratic damping (asymmetry)")] = 0.0
+    n0_rad_s: Annotated[float, NOW, Bounds(-10.0, 10.0, "trim or wind bias")] = 0.0
     standard_errors: StandardErrors = field(default_factory=StandardErrors)
-    source: str = ""
-    date: str = ""
-    log: tuple[str, ...] = ()
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
+    log: Annotated[tuple[str, ...], NOW] = ()
     """The recordings that the model was identified from."""
 
 
@@ -50,62 +63,70 @@ class Model:
 class Rudder:
     """What the steering gear can do. rate_max_deg_s: null means a rudder of unlimited rate (simulation only)."""
 
-    angle_max_deg: Annotated[float, Bounds(1.0, 90.0, "end stop of the rudder, each side")]
-    rate_max_deg_s: Annotated[float, Bounds(0.1, 1000.0, "slewing rate; null: unlimited")] | None
-    lag_s: Annotated[float, Bounds(0.0, 60.0, "first-order lag of the steering gear")] = 0.0
-    delay_s: Annotated[float, Bounds(0.0, 10.0, "dead time from order to first movement")] = 0.0
-    dead_band_deg: Annotated[float, Bounds(0.0, 10.0, "smallest error the gear moves for")] = 0.0
-    follow_tolerance_deg: Annotated[float, Bounds(0.5, 90.0, "rudder this far off its order does not obey")] = 5.0
-    source: str = ""
-    date: str = ""
+    angle_max_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "end stop of the rudder, each side")]
+    rate_max_deg_s: Annotated[float, RESTART, Bounds(0.1, 1000.0, "slewing rate; null: unlimited")] | None
+    lag_s: Annotated[float, RESTART, Bounds(0.0, 60.0, "first-order lag of the steering gear")] = 0.0
+    delay_s: Annotated[float, RESTART, Bounds(0.0, 10.0, "dead time from order to first movement")] = 0.0
+    dead_band_deg: Annotated[float, RESTART, Bounds(0.0, 10.0, "smallest error the gear moves for")] = 0.0
+    follow_tolerance_deg: Annotated[
+        float, RESTART, Bounds(0.5, 90.0, "rudder this far off its order does not obey")
+    ] = 5.0
+    source: Annotated[str, RESTART] = ""
+    date: Annotated[str, RESTART] = ""
 
 
 @dataclass(frozen=True)
 class Sensors:
     """What the instruments are like: noise as standard deviation, latency from measurement to arrival."""
 
-    heading_noise_deg: Annotated[float, Bounds(0.001, 30.0, "standard deviation of the heading")] = 0.3
-    heading_latency_s: Annotated[float, Bounds(0.0, 5.0, "age of a heading when it arrives")] = 0.0
-    rate_noise_deg_s: Annotated[float, Bounds(0.001, 30.0, "standard deviation of the yaw rate")] = 0.2
-    variation_deg: Annotated[float, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
-    magnetic: bool = False
+    heading_noise_deg: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the heading")] = 0.3
+    heading_latency_s: Annotated[float, RESTART, Bounds(0.0, 5.0, "age of a heading when it arrives")] = 0.0
+    rate_noise_deg_s: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the yaw rate")] = 0.2
+    variation_deg: Annotated[float, RESTART, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
+    magnetic: Annotated[bool, RESTART] = False
     """Headings and courses are magnetic: a compass course is held, and no variation is needed; no routes then."""
-    deviation_deg: tuple[tuple[float, float], ...] = ()
+    deviation_deg: Annotated[tuple[tuple[float, float], ...], RESTART] = ()
     """Compass deviation table: [compass heading deg, deviation deg, east positive], interpolated round the card."""
-    priority: tuple[tuple[str, float], ...] = ()
+    priority: Annotated[tuple[tuple[str, float], ...], RESTART] = ()
     """Instruments, the one to believe first: [name or pattern such as HEHDT, "HC*", attitude, age in s when stale]."""
-    source_timeout_s: Annotated[float, Bounds(0.1, 60.0, "age at which an instrument not listed is stale")] = 2.0
-    heading_monitor_deg: Annotated[float, Bounds(1.0, 180.0, "two compasses this far apart are an alarm")] | None = 15.0
-    source: str = ""
-    date: str = ""
+    source_timeout_s: Annotated[float, RESTART, Bounds(0.1, 60.0, "age at which an instrument not listed is stale")] = (
+        2.0
+    )
+    heading_monitor_deg: (
+        Annotated[float, RESTART, Bounds(1.0, 180.0, "two compasses this far apart are an alarm")] | None
+    ) = 15.0
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
 
 
 @dataclass(frozen=True)
 class Backstepping:
     """Gains of the corrected backstepping law: z1'' + (k1+k2) z1' + (gamma + k1 k2) z1 = 0."""
 
-    k1_1_s: Annotated[float, Bounds(Positive, 1000.0, "heading gain k1")]
-    k2_1_s: Annotated[float, Bounds(Positive, 1000.0, "rate gain k2")]
-    gamma_1_s2: Annotated[float, Bounds(Positive, 1.0e6, "weight of the heading error; 1 in the paper")] = 1.0
-    smoothing_s: Annotated[float, Bounds(0.0, 1000.0, "time in which the rudder follows the law; 0: at once")] = 0.0
+    k1_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "heading gain k1")]
+    k2_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "rate gain k2")]
+    gamma_1_s2: Annotated[float, NOW, Bounds(Positive, 1.0e6, "weight of the heading error; 1 in the paper")] = 1.0
+    smoothing_s: Annotated[float, NOW, Bounds(0.0, 1000.0, "time in which the rudder follows the law; 0: at once")] = (
+        0.0
+    )
 
 
 @dataclass(frozen=True)
 class Pid:
     """Gains of the PID heading law: rudder = kp e + ki * integral of e + kd e'."""
 
-    kp: Annotated[float, Bounds(0.0, 1000.0, "rudder angle per heading error")]
-    ki_1_s: Annotated[float, Bounds(0.0, 1000.0, "rudder angle per integral of the heading error")] = 0.0
-    kd_s: Annotated[float, Bounds(0.0, 1.0e5, "rudder angle per rate error")] = 0.0
+    kp: Annotated[float, NOW, Bounds(0.0, 1000.0, "rudder angle per heading error")]
+    ki_1_s: Annotated[float, NOW, Bounds(0.0, 1000.0, "rudder angle per integral of the heading error")] = 0.0
+    kd_s: Annotated[float, NOW, Bounds(0.0, 1.0e5, "rudder angle per rate error")] = 0.0
 
 
 @dataclass(frozen=True)
 class Sliding:
     """Gains of the sliding mode law: s = rate error + slope * heading error, s' = -reach * tanh(s/boundary)."""
 
-    slope_1_s: Annotated[float, Bounds(Positive, 1000.0, "rate wanted per heading error, on the surface")]
-    reach_deg_s2: Annotated[float, Bounds(Positive, 1.0e6, "yaw acceleration towards the surface, at most")]
-    boundary_deg_s: Annotated[float, Bounds(Positive, 1.0e5, "width of the layer where the law is linear")]
+    slope_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "rate wanted per heading error, on the surface")]
+    reach_deg_s2: Annotated[float, NOW, Bounds(Positive, 1.0e6, "yaw acceleration towards the surface, at most")]
+    boundary_deg_s: Annotated[float, NOW, Bounds(Positive, 1.0e5, "width of the layer where the law is linear")]
 
 
 Row = tuple[float, float, float, float, float]
@@ -116,10 +137,10 @@ Row = tuple[float, float, float, float, float]
 class QuietHeading:
     """The law of sway and yaw that steers where roll is not to be damped; reach and boundary hold for |h| = 1."""
 
-    k_v_s_m: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed")]
-    k_r_s: Annotated[float, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
-    reach: Annotated[float, Bounds(Positive, 1.0e6, "eta: speed towards the surface")]
-    boundary: Annotated[float, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
+    k_v_s_m: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed")]
+    k_r_s: Annotated[float, NOW, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
+    reach: Annotated[float, NOW, Bounds(Positive, 1.0e6, "eta: speed towards the surface")]
+    boundary: Annotated[float, NOW, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
 
 
 @dataclass(frozen=True)
@@ -129,38 +150,40 @@ class SlidingRoll:
     Rows: v' [m/s^2], p' and r' [rad/s^2] over v [m/s], p, r [rad/s], phi and the rudder [rad], starboard positive.
     """
 
-    sway_row: Row
-    roll_row: Row
-    yaw_row: Row
-    k_v_s_m: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed; shapes the surface")]
-    k_p_s: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per roll rate")]
-    k_r_s: Annotated[float, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
-    k_phi: Annotated[float, Bounds(-1.0e3, 1.0e3, "rudder angle per roll angle")]
-    reach: Annotated[float, Bounds(Positive, 1.0e6, "eta: speed towards the surface, for |h| = 1")]
-    boundary: Annotated[float, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
+    sway_row: Annotated[Row, NOW]
+    roll_row: Annotated[Row, NOW]
+    yaw_row: Annotated[Row, NOW]
+    k_v_s_m: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed; shapes the surface")]
+    k_p_s: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per roll rate")]
+    k_r_s: Annotated[float, NOW, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
+    k_phi: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per roll angle")]
+    reach: Annotated[float, NOW, Bounds(Positive, 1.0e6, "eta: speed towards the surface, for |h| = 1")]
+    boundary: Annotated[float, NOW, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
     quiet: QuietHeading
-    source: str = ""
-    date: str = ""
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
 
 
 @dataclass(frozen=True)
 class Roll:
     """Rudder against roll rate beside the heading law, where the link brings roll; kept on only while it helps."""
 
-    rate_gain_s: Annotated[float, Bounds(-100.0, 100.0, "rudder angle per roll rate; above 0 for displacement hulls")]
-    rudder_max_deg: Annotated[float, Bounds(0.1, 45.0, "most rudder it may add")] = 5.0
-    lowest_rad_s: Annotated[float, Bounds(0.0, 10.0, "off where the boat rolls at lower frequencies")] = 0.0
+    rate_gain_s: Annotated[
+        float, NOW, Bounds(-100.0, 100.0, "rudder angle per roll rate; above 0 for displacement hulls")
+    ]
+    rudder_max_deg: Annotated[float, NOW, Bounds(0.1, 45.0, "most rudder it may add")] = 5.0
+    lowest_rad_s: Annotated[float, NOW, Bounds(0.0, 10.0, "off where the boat rolls at lower frequencies")] = 0.0
 
 
 @dataclass(frozen=True)
 class Control:
     """Which law steers, how often, and its gains."""
 
-    law: Literal["backstepping", "pid", "sliding", "sliding_roll"] = "backstepping"
-    rate_hz: Annotated[float, Bounds(1.0, 200.0, "control rate")] = 20.0
-    loop_delay_s: Annotated[float, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
+    law: Annotated[Literal["backstepping", "pid", "sliding", "sliding_roll"], RESTART] = "backstepping"
+    rate_hz: Annotated[float, RESTART, Bounds(1.0, 200.0, "control rate")] = 20.0
+    loop_delay_s: Annotated[float, NOW, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
     steerage_m_s: (
-        Annotated[float, Bounds(0.0, 50.0, "slower than this the rudder waits amidships; 0: never")] | None
+        Annotated[float, NOW, Bounds(0.0, 50.0, "slower than this the rudder waits amidships; 0: never")] | None
     ) = None
     """null: a tenth of the model's reference speed, through the water; a number counts over the ground too."""
     backstepping: Backstepping | None = None
@@ -168,94 +191,107 @@ class Control:
     sliding: Sliding | None = None
     sliding_roll: SlidingRoll | None = None
     roll: Roll | None = None
-    source: str = ""
-    date: str = ""
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
 
 
 @dataclass(frozen=True)
 class Guidance:
     """How the boat is taken through a change of heading, and along a track."""
 
-    rudder_share: Annotated[float, Bounds(0.1, 1.0, "share of rudder angle and rate a turn may plan with")] = 0.7
-    turn_rate_max_deg_s: Annotated[float, Bounds(0.01, 360.0, "fastest turn")] | None = None
-    turn_radius_m: Annotated[float, Bounds(0.5, 20000.0, "tightest turn, through the water")] | None = None
+    rudder_share: Annotated[float, NOW, Bounds(0.1, 1.0, "share of rudder angle and rate a turn may plan with")] = 0.7
+    turn_rate_max_deg_s: Annotated[float, NOW, Bounds(0.01, 360.0, "fastest turn")] | None = None
+    turn_radius_m: Annotated[float, NOW, Bounds(0.5, 20000.0, "tightest turn, through the water")] | None = None
     """null, both: as quick as the rudder allows; the slower of two holds."""
-    lookahead_s: Annotated[float, Bounds(2.0, 120.0, "a track is met this much way ahead: short is sharp")] = 10.0
-    waypoint_radius_m: Annotated[float, Bounds(0.5, 5000.0, "a waypoint is reached within")] = 10.0
-    off_track_alarm_m: Annotated[float, Bounds(1.0, 20000.0, "alarm further than this off the track")] = 50.0
-    source: str = ""
-    date: str = ""
+    lookahead_s: Annotated[float, NOW, Bounds(2.0, 120.0, "a track is met this much way ahead: short is sharp")] = 10.0
+    waypoint_radius_m: Annotated[float, NOW, Bounds(0.5, 5000.0, "a waypoint is reached within")] = 10.0
+    off_track_alarm_m: Annotated[float, NOW, Bounds(1.0, 20000.0, "alarm further than this off the track")] = 50.0
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
 
 
 @dataclass(frozen=True)
 class Estimator:
     """What is made of heading and rate before the law sees them."""
 
-    wave_filter: Literal["auto", "meet", "off"] = "auto"
+    wave_filter: Annotated[Literal["auto", "meet", "off"], NOW] = "auto"
     """auto: wave motion is learnt and kept from the rudder where the rudder could only wear itself out on it; meet:
     what the rudder can undo of the waves it undoes, before it shows, for a steadier course and more rudder travel."""
-    bias_time_s: Annotated[float, Bounds(1.0, 100000.0, "wind, current and trim change in so long")] | None = None
+    bias_time_s: Annotated[float, NOW, Bounds(1.0, 100000.0, "wind, current and trim change in so long")] | None = None
     """null: 10 s, or two time constants if that is longer. A longer time keeps the rudder quieter in following seas,
     a shorter one follows a change of wind sooner."""
-    source: str = ""
-    date: str = ""
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
 
 
 @dataclass(frozen=True)
 class Limits:
     """What may be commanded; null: what the rudder can do."""
 
-    angle_max_deg: Annotated[float, Bounds(1.0, 90.0, "largest rudder angle commanded")] | None = None
-    rate_max_deg_s: Annotated[float, Bounds(0.1, 1000.0, "fastest change of the command")] | None = None
-    dead_band_deg: Annotated[float, Bounds(0.0, 5.0, "on a course the rudder rests until it is wrong by more")] = 0.0
-    source: str = ""
-    date: str = ""
+    angle_max_deg: Annotated[float, NOW, Bounds(1.0, 90.0, "largest rudder angle commanded")] | None = None
+    rate_max_deg_s: Annotated[float, NOW, Bounds(0.1, 1000.0, "fastest change of the command")] | None = None
+    dead_band_deg: Annotated[float, NOW, Bounds(0.0, 5.0, "on a course the rudder rests until it is wrong by more")] = (
+        0.0
+    )
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
 
 
 @dataclass(frozen=True)
 class Failsafe:
     """What happens when the heading is lost: the action at once, the release after `release_after_s`."""
 
-    heading_timeout_s: Annotated[float, Bounds(0.1, 60.0, "age at which a heading is stale")] = 1.0
-    action: Literal["release", "amidships", "hold", "dead_reckoning", "windward", "firmware"] = "amidships"
+    heading_timeout_s: Annotated[float, RESTART, Bounds(0.1, 60.0, "age at which a heading is stale")] = 1.0
+    action: Annotated[Literal["release", "amidships", "hold", "dead_reckoning", "windward", "firmware"], RESTART] = (
+        "amidships"
+    )
     """dead_reckoning: hold the last heading by model and rate of turn; windward: turn slowly into the wind; firmware:
     release, and order the flight controller into firmware_mode."""
-    firmware_mode: Literal["HOLD", "LOITER", "RTL"] = "HOLD"
-    windward_rudder_deg: Annotated[float, Bounds(1.0, 45.0, "rudder of the slow turn to windward")] = 10.0
-    release_after_s: Annotated[float, Bounds(0.0, 600.0, "action held this long, then the rudder is released")] = 10.0
-    resume: bool = False
+    firmware_mode: Annotated[Literal["HOLD", "LOITER", "RTL"], RESTART] = "HOLD"
+    windward_rudder_deg: Annotated[float, NOW, Bounds(1.0, 45.0, "rudder of the slow turn to windward")] = 10.0
+    release_after_s: Annotated[float, NOW, Bounds(0.0, 600.0, "action held this long, then the rudder is released")] = (
+        10.0
+    )
+    resume: Annotated[bool, NOW] = False
     """Engage again by itself when the heading is back: only where the skipper has said so."""
-    reengage_after_reboot: bool = False
+    reengage_after_reboot: Annotated[bool, NOW] = False
     """Engage again by itself when a flight controller that rebooted is ready again, armed and in the mode to steer."""
     reengage_after_restart_s: Annotated[
-        float, Bounds(0.0, 600.0, "hold the heading again when our own process died and is back within this; 0: never")
+        float,
+        RESTART,
+        Bounds(0.0, 600.0, "hold the heading again when our own process died and is back within this; 0: never"),
     ] = 0.0
-    source: str = ""
-    date: str = ""
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
 
 
 @dataclass(frozen=True)
 class Alarms:
     """What is watched while a course is held; null: not watched."""
 
-    off_course_deg: Annotated[float, Bounds(3.0, 180.0, "alarm this far off the course ordered")] | None = 20.0
-    off_course_s: Annotated[float, Bounds(1.0, 600.0, "for this long, turns apart")] = 10.0
-    roll_deg: Annotated[float, Bounds(5.0, 180.0, "alarm at this heel")] | None = None
-    frozen_heading: bool = True
+    off_course_deg: Annotated[float, NOW, Bounds(3.0, 180.0, "alarm this far off the course ordered")] | None = 20.0
+    off_course_s: Annotated[float, NOW, Bounds(1.0, 600.0, "for this long, turns apart")] = 10.0
+    roll_deg: Annotated[float, NOW, Bounds(5.0, 180.0, "alarm at this heel")] | None = None
+    frozen_heading: Annotated[bool, RESTART] = True
     """A compass that stands still to the last digit while the boat turns ends steering, as a silent one does."""
-    heading_jump_deg: Annotated[float, Bounds(5.0, 180.0, "no boat turns this far between two headings")] | None = 25.0
+    heading_jump_deg: (
+        Annotated[float, RESTART, Bounds(5.0, 180.0, "no boat turns this far between two headings")] | None
+    ) = 25.0
     rate_disagrees_deg: (
-        Annotated[float, Bounds(3.0, 180.0, "turns by heading and by rate this far apart in 5 s are an alarm")] | None
+        Annotated[float, NOW, Bounds(3.0, 180.0, "turns by heading and by rate this far apart in 5 s are an alarm")]
+        | None
     ) = 15.0
     innovation_sigmas: (
-        Annotated[float, Bounds(1.0, 5.0, "alarm where measurements lie this far to one side for 20 s")] | None
+        Annotated[float, NOW, Bounds(1.0, 5.0, "alarm where measurements lie this far to one side for 20 s")] | None
     ) = 3.0
-    reversed_rudder: bool = True
+    reversed_rudder: Annotated[bool, NOW] = True
     """A boat that does not answer to its rudder, or to its opposite, ends steering, rudder sensor or not."""
-    outputs: tuple[str, ...] = ("bell",)
+    outputs: Annotated[tuple[str, ...], RESTART] = ("bell",)
     """Where alarms are heard: bell (the terminal's), tune (the vehicle's buzzer), relay:N (the vehicle's relay N),
     file:PATH (1 is written while an alarm sounds, else 0: a GPIO's value)."""
-    battery_percent: Annotated[float, Bounds(1.0, 90.0, "alarm below this charge of the vehicle")] | None = 20.0
+    battery_percent: Annotated[float, RESTART, Bounds(1.0, 90.0, "alarm below this charge of the vehicle")] | None = (
+        20.0
+    )
 
 
 Pulse = Annotated[float, Bounds(500.0, 2500.0, "pulse of the steering servo in us")]
@@ -265,45 +301,57 @@ Pulse = Annotated[float, Bounds(500.0, 2500.0, "pulse of the steering servo in u
 class Helm:
     """How rudder commands reach a MAVLink flight controller."""
 
-    method: Literal["rc_override", "manual_control", "guided"] = "rc_override"
+    method: Annotated[Literal["rc_override", "manual_control", "guided"], RESTART] = "rc_override"
     """guided: the firmware steers by itself to the headings it is given; the other two move the rudder."""
-    rate_hz: Annotated[float, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
-    rudder_at_full_pwm_deg: Annotated[float, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None = None
-    servo_us: tuple[Pulse, Pulse, Pulse] | None = None
+    rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
+    rudder_at_full_pwm_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None = (
+        None
+    )
+    servo_us: Annotated[tuple[Pulse, Pulse, Pulse], RESTART] | None = None
     """Pulses at full rudder to one side, amidships and to the other, for which that angle was measured; null: whatever
     SERVOn_MIN, _TRIM and _MAX of the flight controller are."""
-    reversed: bool = False
-    guided_speed_share: Annotated[float, Bounds(0.0, 1.0, "guided: thrust as a share of WP_SPEED; 0: the stick's")] = (
-        0.0
-    )
-    source: str = ""
-    date: str = ""
+    reversed: Annotated[bool, RESTART] = False
+    guided_speed_share: Annotated[
+        float, RESTART, Bounds(0.0, 1.0, "guided: thrust as a share of WP_SPEED; 0: the stick's")
+    ] = 0.0
+    source: Annotated[str, RESTART] = ""
+    date: Annotated[str, RESTART] = ""
 
 
 @dataclass(frozen=True)
 class Drive:
     """A rudder drive on a line of its own (pypilot, Jrk, Maestro): what its scale from -1 to 1 means."""
 
-    angle_at_full_deg: Annotated[float, Bounds(1.0, 180.0, "rudder angle at each end of the scale")] | None = None
-    amidships: Annotated[float, Bounds(-0.9, 0.9, "where amidships is on the scale from -1 to 1")] = 0.0
-    reversed: bool = False
-    current_max_a: Annotated[float, Bounds(0.1, 60.0, "motor current of a stall")] | None = None
-    channel: Annotated[int, Bounds(0, 23, "servo channel of a Maestro")] = 0
-    device: Annotated[int, Bounds(0, 127, "number in the Pololu protocol; null: compact protocol")] | None = None
-    rate_hz: Annotated[float, Bounds(5.0, 100.0, "how often orders leave")] = 20.0
+    angle_at_full_deg: Annotated[float, RESTART, Bounds(1.0, 180.0, "rudder angle at each end of the scale")] | None = (
+        None
+    )
+    amidships: Annotated[float, RESTART, Bounds(-0.9, 0.9, "where amidships is on the scale from -1 to 1")] = 0.0
+    reversed: Annotated[bool, RESTART] = False
+    current_max_a: Annotated[float, RESTART, Bounds(0.1, 60.0, "motor current of a stall")] | None = None
+    channel: Annotated[int, RESTART, Bounds(0, 23, "servo channel of a Maestro")] = 0
+    device: Annotated[int, RESTART, Bounds(0, 127, "number in the Pololu protocol; null: compact protocol")] | None = (
+        None
+    )
+    rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "how often orders leave")] = 20.0
 
 
 @dataclass(frozen=True)
 class Security:
     """Whom ground stations' links hear, and how much. No parameter: it is not tuned from afar."""
 
-    allow_systems: tuple[Annotated[int, Bounds(1, 255, "MAVLink system id of a ground station")], ...] = ()
+    allow_systems: Annotated[
+        tuple[Annotated[int, Bounds(1, 255, "MAVLink system id of a ground station")], ...], RESTART
+    ] = ()
     """Ground stations that are heard over --serve and --forward; empty: all."""
-    allow_addresses: tuple[str, ...] = ()
+    allow_addresses: Annotated[tuple[str, ...], RESTART] = ()
     """Addresses and networks that may come to listening links (192.168.1.20, 10.0.0.0/24); empty: all."""
-    commands_per_s: Annotated[float, Bounds(0.1, 1000.0, "commands heeded, four seconds' worth at once")] = 10.0
-    writes_per_s: Annotated[float, Bounds(0.1, 1000.0, "parameter writes heeded, four seconds' worth at once")] = 25.0
-    orders_without_key: bool = False
+    commands_per_s: Annotated[float, RESTART, Bounds(0.1, 1000.0, "commands heeded, four seconds' worth at once")] = (
+        10.0
+    )
+    writes_per_s: Annotated[
+        float, RESTART, Bounds(0.1, 1000.0, "parameter writes heeded, four seconds' worth at once")
+    ] = 25.0
+    orders_without_key: Annotated[bool, RESTART] = False
     """Whether orders are taken over --serve from other machines and serial lines where no signing key is set."""
 
 
@@ -311,11 +359,11 @@ class Security:
 class Vessel:
     """One boat: identity, identified model, rudder, sensors, gains, limits and fail-safes."""
 
-    schema_version: int
-    name: str
+    schema_version: Annotated[int, NOW]
+    name: Annotated[str, NOW]
     model: Model
     rudder: Rudder
-    description: str = ""
+    description: Annotated[str, NOW] = ""
     sensors: Sensors = field(default_factory=Sensors)
     control: Control = field(default_factory=Control)
     guidance: Guidance = field(default_factory=Guidance)

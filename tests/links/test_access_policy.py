@@ -39,7 +39,7 @@ from autopilot.links.transports.sockets import interface_address, is_everywhere,
 from autopilot.links.url import open_transport, parse_url
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import access_rules_of
-from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -287,7 +287,7 @@ def test_what_the_file_allows_holds_for_the_links_of_a_run(tmp_path: Path) -> No
     security = Security((255,), ("127.0.0.2",), 10.0, 25.0)
     vessel = dataclasses.replace(boat, security=security)
     pilot, saver = build_pilot(vessel), BackgroundSaver()
-    in_force = VesselInForce(vessel, pilot, None, tmp_path / "boat.tuned.yaml", saver)
+    in_force = VesselStore(vessel, pilot, None, tmp_path / "boat.tuned.yaml", saver)
     serving = Serving(("udpin:127.0.0.1:0",), 1, Hand(), Mission(TrackGuide()), armed=False)  # type: ignore[arg-type]
     policy = AccessPolicy(access_rules_of(vessel))
     links = open_boat_links(serving, in_force, str(tmp_path / "boat.yaml"), saver, policy=policy)
@@ -764,7 +764,7 @@ def test_the_terminal_says_that_a_served_link_takes_no_order(
 ) -> None:
     vessel = load_vessel("lanxin")
     saver = BackgroundSaver()
-    in_force = VesselInForce(vessel, build_pilot(vessel), None, tmp_path / "boat.tuned.yaml", saver)
+    in_force = VesselStore(vessel, build_pilot(vessel), None, tmp_path / "boat.tuned.yaml", saver)
     master, slave = pty.openpty()
     serial = f"serial:{os.ttyname(slave)}:57600"
     urls = ("udpin:0.0.0.0:0", "udpin:127.0.0.1:0", serial)

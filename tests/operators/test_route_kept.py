@@ -16,7 +16,7 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.ground_station.mission import dump_items, from_message
 from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.build import build_pilot, limits_of
-from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
@@ -30,7 +30,7 @@ class Start:
         self.track = self.mission.guide
         self.skipper = RouteSkipper(limits_of(VESSEL).angle_max, PlotterGuide(), self.mission)
         self.saver = BackgroundSaver()
-        self.store = VesselInForce(VESSEL, build_pilot(VESSEL), None, folder / "boat.tuned.yaml", self.saver)
+        self.store = VesselStore(VESSEL, build_pilot(VESSEL), None, folder / "boat.tuned.yaml", self.saver)
         serving = Serving((f"udpout:127.0.0.1:{free_port()}",), 1, self.skipper, self.mission, False)
         self.links = open_boat_links(serving, self.store, str(folder / "boat.yaml"), self.saver)
 

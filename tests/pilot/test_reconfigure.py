@@ -14,7 +14,7 @@ from autopilot.errors import InputError
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, law_of, pilot_config
 from autopilot.runtime.build_links import refuse_failsafe
-from autopilot.runtime.vessel_in_force import VesselInForce, tuned_file
+from autopilot.runtime.vessel_store import VesselStore, tuned_file
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderCommand, RudderSample
 from autopilot.vessel.file import load_vessel, parse_vessel
 from autopilot.vessel.schema import Limits, Vessel
@@ -78,18 +78,16 @@ class Kept:
         self.texts.append(text)
 
 
-def in_force(
-    pilot: Pilot, vessel: Vessel = LANXIN, law: str | None = None
-) -> tuple[VesselInForce, list[tuple[Path, str]]]:
+def stored(pilot: Pilot, vessel: Vessel = LANXIN, law: str | None = None) -> tuple[VesselStore, list[tuple[Path, str]]]:
     saved: list[tuple[Path, str]] = []
-    store = VesselInForce(vessel, pilot, law, Path("x.tuned.yaml"), lambda path, text: saved.append((path, text)))
+    store = VesselStore(vessel, pilot, law, Path("x.tuned.yaml"), lambda path, text: saved.append((path, text)))
     store.log = Kept()
     return store, saved
 
 
 def test_a_change_is_in_force_kept_and_logged() -> None:
     pilot = build_pilot(LANXIN)
-    store, saved = in_force(pilot)
+    store, saved = stored(pilot)
     assert store.set("BS_K1", 1.5) == ""
     assert store.get("BS_K1") == 1.5 and pilot.law.gains.k1 == 1.5
     assert len(saved) == 1 and "k1_1_s: 1.5" in saved[0][1]
@@ -110,7 +108,7 @@ def test_a_change_is_in_force_kept_and_logged() -> None:
 )
 def test_what_is_not_allowed_or_would_make_the_loop_unstable_is_refused(name: str, value: float, words: str) -> None:
     pilot = build_pilot(LANXIN)
-    store, saved = in_force(pilot)
+    store, saved = stored(pilot)
     law = pilot.law
     old = store.get(name)
     assert words in store.set(name, value)
@@ -120,7 +118,7 @@ def test_what_is_not_allowed_or_would_make_the_loop_unstable_is_refused(name: st
 def test_limits_do_not_close_on_a_rudder_that_is_over() -> None:
     pilot = steered("backstepping", 3.0)
     assert abs(pilot.told.angle) > math.radians(10.0)
-    store, saved = in_force(pilot, replace(LANXIN, limits=Limits(angle_max_deg=25.0)))
+    store, saved = stored(pilot, replace(LANXIN, limits=Limits(angle_max_deg=25.0)))
     assert "the rudder stands further over now" in store.set("LIM_ANGLE_MAX", 5.0)
     assert not saved
     with pytest.raises(ValueError, match="outside the new limits"):
@@ -129,7 +127,7 @@ def test_limits_do_not_close_on_a_rudder_that_is_over() -> None:
 
 
 def test_what_links_were_opened_with_counts_from_the_next_start() -> None:
-    store, saved = in_force(build_pilot(LANXIN))
+    store, saved = stored(build_pilot(LANXIN))
     assert store.set("CTL_RATE", 10.0) == "CTL_RATE counts from the next start on"
     assert store.get("CTL_RATE") == 10.0 and len(saved) == 1
     assert isinstance(store.log, Kept) and not store.log.texts
@@ -137,7 +135,7 @@ def test_what_links_were_opened_with_counts_from_the_next_start() -> None:
 
 def test_the_law_that_waits_for_the_next_start_is_not_switched_by_the_next_change() -> None:
     pilot = steered("backstepping", 3.0)
-    store, saved = in_force(pilot)
+    store, saved = stored(pilot)
     assert store.set("CTL_LAW", 1.0) == "CTL_LAW counts from the next start on"
     assert store.set("GUI_RUDDER_SHARE", 0.5) == ""
     assert pilot.law.name == "backstepping" and pilot.config.rudder_share == 0.5
@@ -147,14 +145,14 @@ def test_the_law_that_waits_for_the_next_start_is_not_switched_by_the_next_chang
 
 
 def test_a_law_without_gains_is_refused_at_once_and_not_at_the_next_start() -> None:
-    store, saved = in_force(build_pilot(LANXIN))
+    store, saved = stored(build_pilot(LANXIN))
     assert "CTL_LAW not changed: vessel 'Lanxin" in store.set("CTL_LAW", 3.0)
     assert "no gains for the law 'sliding_roll'" in store.set("CTL_LAW", 3.0)
     assert store.get("CTL_LAW") == 0.0 and not saved
 
 
 def test_a_run_with_another_law_leaves_the_file_s_own_startable() -> None:
-    store, saved = in_force(build_pilot(LANXIN, "pid"), law="pid")
+    store, saved = stored(build_pilot(LANXIN, "pid"), law="pid")
     assert "BS_K1 not changed" in store.set("BS_K1", 500.0)
     assert not saved
 
@@ -163,19 +161,19 @@ def test_what_no_link_can_do_is_refused_at_once_and_not_at_the_next_start() -> N
     def refuse(vessel: Vessel) -> None:
         refuse_failsafe(vessel, ["udpin:127.0.0.1:14550"])
 
-    store = VesselInForce(LANXIN, build_pilot(LANXIN), None, Path("x.tuned.yaml"), lambda *_: None, refuse)
+    store = VesselStore(LANXIN, build_pilot(LANXIN), None, Path("x.tuned.yaml"), lambda *_: None, refuse)
     assert "failsafe.action windward needs a wind vane" in store.set("FS_ACTION", 4.0)
     assert store.set("FS_ACTION", 0.0) == "FS_ACTION counts from the next start on"
 
 
 def test_gains_that_are_adopted_leave_what_waits_for_the_next_start() -> None:
     pilot = build_pilot(LANXIN)
-    store, saved = in_force(pilot)
+    store, saved = stored(pilot)
     store.set("CTL_RATE", 10.0)
-    control = store.running.control
+    control = store.stored.control
     assert control.backstepping is not None
     gains = replace(control.backstepping, k1_1_s=1.25)
-    assert store.adopt(replace(store.running, control=replace(control, backstepping=gains))) == ""
+    assert store.put(replace(store.stored, control=replace(control, backstepping=gains))) == ""
     assert pilot.law.gains.k1 == 1.25 and store.running.control.rate_hz == LANXIN.control.rate_hz
     again = parse_vessel(saved[-1][1])
     assert again.control.rate_hz == 10.0 and again.control.backstepping == gains
@@ -199,7 +197,7 @@ def test_a_change_that_cannot_be_kept_is_said() -> None:
     def full(path: Path, text: str) -> None:
         raise InputError("x.tuned.yaml: cannot be written (No space left on device)")
 
-    store = VesselInForce(LANXIN, build_pilot(LANXIN), None, Path("x.tuned.yaml"), full)
+    store = VesselStore(LANXIN, build_pilot(LANXIN), None, Path("x.tuned.yaml"), full)
     assert "changed, but not kept: x.tuned.yaml" in store.set("BS_K1", 1.5)
     assert store.get("BS_K1") == 1.5
 

@@ -26,7 +26,7 @@ from autopilot.runtime.clock import ManualClock
 from autopilot.runtime.record import Recorder, read_log
 from autopilot.runtime.replay import replay
 from autopilot.runtime.session import Session
-from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
     AlarmEvent,
     HeadingSample,
@@ -106,7 +106,7 @@ class Sailed:
     pilot: Pilot
     boat: Boat
     desk: LearningDesk
-    store: VesselInForce
+    store: VesselStore
     saved: list[str]
     answers: list[str]
 
@@ -116,7 +116,7 @@ def sail(
 ) -> Sailed:
     """Sail a vessel file that is off; `typed` are the lines that the skipper types at these times."""
     pilot, boat, saved = build_pilot(OFF, learns=learns), Boat(), []
-    store = VesselInForce(OFF, pilot, None, Path("x.tuned.yaml"), lambda path, text: saved.append(text))
+    store = VesselStore(OFF, pilot, None, Path("x.tuned.yaml"), lambda path, text: saved.append(text))
     desk, answers, left = LearningDesk(), [], sorted((typed or {}).items())
     desk.attach(pilot, store)
     recorder = None

@@ -1,24 +1,34 @@
-"""Every parameter counts at once or says that it waits: what runs is what was said to run, and can start again."""
+"""Every field counts at once or says that it waits: what runs is what was said to run, and can start again."""
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import json
+import lzma
 import math
+import typing
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from autopilot.errors import InputError, RefusedError
+from autopilot.files.typed import hints_of
+from autopilot.firmware.json_schema import schema_text
 from autopilot.links.ground_station.file_server import PARAMETERS, metadata_files
 from autopilot.runtime import build_links
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, track_settings_of
-from autopilot.runtime.vessel_in_force import VesselInForce
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind
-from autopilot.vessel.file import load_vessel, parse_vessel
-from autopilot.vessel.parameters import VesselParameter, parameters_of, value_of, with_value
-from autopilot.vessel.schema import Drive, Guidance, Limits, Vessel
+from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
+from autopilot.vessel.parameters import VesselParameter, parameters_of, value_of
+from autopilot.vessel.running import counts_of
+from autopilot.vessel.schema import NOW, RESTART, Counts, Drive, Guidance, Limits, Roll, Vessel
 
 LANXIN = load_vessel("lanxin")
 FULL: Vessel = replace(
@@ -64,17 +74,17 @@ def test_what_runs_is_what_was_said_to_run(sequence: list[tuple[str, float]], la
     assert pilot.supervisor.mode is Mode.ENGAGED
     texts: list[str] = []
     told: list[Vessel] = []
-    store = VesselInForce(FULL, pilot, law, Path("x"), lambda _, text: texts.append(text))
+    store = VesselStore(FULL, pilot, law, Path("x"), lambda _, text: texts.append(text))
     store.changed = told.append
     law_at_start, expected, stored = type(pilot.law), dict(FULL_VALUES), dict(FULL_VALUES)
     for name, value in sequence:
         said = store.set(name, value)
         if "not changed" not in said and not math.isclose(value, stored[name], rel_tol=1e-6):
-            assert (said == f"{name} counts from the next start on") is TABLE[name].waits
             stored[name] = store.get(name)
             assert stored[name] == pytest.approx(value, rel=1e-6, abs=1e-9)
-            if not TABLE[name].waits:
+            if TABLE[name].counts is NOW:
                 expected[name] = stored[name]
+            assert (said == f"{name} counts from the next start on") is (stored[name] != expected[name])
         assert {each: value_of(store.running, TABLE[each]) for each in TABLE} == expected
         assert {each: store.get(each) for each in TABLE} == stored
         assert type(pilot.law) is law_at_start
@@ -108,60 +118,162 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Any:
             link: Any = build_links.build_link(vessel, url, build_links.LinkOptions())
             # sounders are their own: what they are made of counts
             with_links.append([vars(each) if hasattr(each, "__dict__") else each for each in link])
-        return [with_links, build_links.selection_of(vessel), vessel.control.rate_hz]
+        around = build_links.access_rules_of(vessel), build_links.networks_of(vessel)
+        return [with_links, build_links.selection_of(vessel), *around, vessel.control.rate_hz]
 
     return of
 
 
-def changed_value(parameter: VesselParameter) -> Vessel:
-    """FULL with another value of the parameter that its file may have."""
-    now = value_of(FULL, parameter)
-    choices = [float(number) for number in range(len(parameter.choices))]
-    for value in (*choices, 0.9 * now, 1.1 * now, now + 1.0, now - 1.0, 0.5 * now, now + 0.1, -now):
-        try:
-            changed = with_value(FULL, parameter, value)
-        except ValueError:
-            continue
-        if changed != FULL:
-            return changed
-    raise AssertionError(parameter)
+class Field(NamedTuple):
+    """A key of the vessel file by its path, with another value of it that its file may have."""
+
+    path: str
+    counts: Counts
+    before: Vessel
+    after: Vessel
+
+    @property
+    def parameter(self) -> VesselParameter | None:
+        """The same as a parameter, where it is one."""
+        return next((each for each in parameters_of(self.before) if each.path == self.path), None)
 
 
-@pytest.mark.parametrize("parameter", list(TABLE.values()), ids=list(TABLE))
-def test_what_counts_at_once_is_nothing_that_a_link_was_opened_with(parameter: VesselParameter, opened: Any) -> None:
-    if not parameter.waits:
-        assert opened(changed_value(parameter)) == opened(FULL)
+OTHERS: dict[str, Any] = {
+    "model.log": ("trial.tlog",),
+    "sensors.deviation_deg": ((0.0, 1.5), (90.0, -1.0)),
+    "sensors.priority": (("HEHDT", 2.0),),
+    "alarms.outputs": ("tune",),
+    "helm.servo_us": (1100.0, 1510.0, 1900.0),
+    "security.allow_systems": (255,),
+    "security.allow_addresses": ("10.0.0.0/24",),
+}
+"""Values of fields that are no single value."""
 
 
-@pytest.mark.parametrize("parameter", list(TABLE.values()), ids=list(TABLE))
-def test_what_counts_at_once_reaches_the_pilot_and_what_waits_some_part(
-    parameter: VesselParameter, opened: Any
-) -> None:
-    """No parameter is answered and does nothing: it is the pilot's, the course's, or a link's."""
-    changed = changed_value(parameter)
-    laws = ("backstepping", "pid", "sliding")
-    configs = [[pilot_config(each, law) for law in laws] for each in (FULL, changed)]
-    gains = [[vars(law_of(each, law)) for law in laws] for each in (FULL, changed)]
-    differs = configs[0] != configs[1] or gains[0] != gains[1] or track_settings_of(FULL) != track_settings_of(changed)
-    elsewhere = {"control.loop_delay_s", "control.law", "failsafe.reengage_after_restart_s"}
-    assert differs or (parameter.waits and opened(changed) != opened(FULL)) or parameter.path in elsewhere
+def others_of(path: str, value: Any, hint: Any) -> list[Any]:
+    """Values that might be allowed in place of `value`."""
+    if path in OTHERS:
+        return [OTHERS[path]]
+    if isinstance(value, bool):
+        return [not value]
+    if isinstance(value, str):
+        return [*(word for each in typing.get_args(hint) for word in typing.get_args(each)), "said by somebody"]
+    if isinstance(value, tuple):
+        return [(0.99 * value[0], *value[1:])]
+    if isinstance(value, int):
+        return [value + 1]
+    now = 0.0 if value is None else value
+    return [*(share * now for share in (0.95, 1.05, 0.5, -1.0)), now + 0.1, now + 1.0, now - 1.0, 5.0, 15.0, 30.0, 5]
 
 
-def test_metadata_says_the_same() -> None:
-    import json
-    import lzma
+def fields_of(vessel: Vessel, section: Any, path: str = "") -> Iterator[Field]:
+    hints = hints_of(type(section))
+    for name, counts in counts_of(type(section)).items():
+        where, value = f"{path}{name}", getattr(section, name)
+        if counts is None:
+            assert dataclasses.is_dataclass(value) or value is None, where
+            yield from fields_of(vessel, value, f"{where}.") if value is not None else ()
+        elif where != "schema_version":
+            yield Field(where, counts, vessel, changed(vessel, where, others_of(where, value, hints[name])))
 
+
+def changed(vessel: Vessel, path: str, values: list[Any]) -> Vessel:
+    """`vessel` with one of `values`, the first that its file may have."""
+
+    def with_value_at(section: Any, keys: list[str], value: Any) -> Any:
+        inner = value if len(keys) == 1 else with_value_at(getattr(section, keys[0]), keys[1:], value)
+        return replace(section, **{keys[0]: inner})
+
+    for value in values:
+        with contextlib.suppress(InputError):
+            other = parse_vessel(dump_vessel(with_value_at(vessel, path.split("."), value)))
+            if other != vessel:
+                return other
+    raise AssertionError(path)
+
+
+def at(vessel: Any, path: str) -> Any:
+    for key in path.split("."):
+        vessel = getattr(vessel, key)
+    return vessel
+
+
+ROLLING = replace(FULL, control=replace(FULL.control, roll=Roll(0.5, 5.0)))
+NAVAL = load_vessel("naval_vessel")
+FIELDS = {each.path: each for vessel in (NAVAL, ROLLING) for each in fields_of(vessel, vessel)}
+every_field = pytest.mark.parametrize("field", list(FIELDS.values()), ids=list(FIELDS))
+
+
+@every_field
+def test_a_field_runs_at_once_or_waits_for_the_restart_as_it_says(field: Field) -> None:
+    pilot, texts = build_pilot(field.before), []
+    store = VesselStore(field.before, pilot, None, Path("x"), lambda _, text: texts.append(text))
+    try:
+        assert store.put(field.after) == ""
+    except RefusedError as refused:
+        assert len(str(refused)) > 20 and (store.running, store.stored, texts) == (field.before, field.before, [])
+        return
+    new, old = at(field.after, field.path), at(field.before, field.path)
+    assert at(store.stored, field.path) == at(parse_vessel(texts[-1]), field.path) == new != old
+    assert at(store.running, field.path) == (new if field.counts is NOW else old)
+    assert store.waiting == (() if field.counts is NOW else (field.path,))
+    config = pilot_config(store.running)
+    assert pilot.config == config._replace(rudder_is_ours=pilot.config.rudder_is_ours)
+
+
+@every_field
+def test_a_parameter_that_waits_says_so_when_it_is_set(field: Field) -> None:
+    parameter = field.parameter
+    if parameter is None:
+        return
+    store = VesselStore(field.before, build_pilot(field.before), None, Path("x"), lambda *_: None)
+    said = store.set(parameter.name, value_of(field.after, parameter))
+    if said.startswith(f"{parameter.name} not changed: "):
+        assert store.stored == field.before
+    else:
+        assert said == ("" if field.counts is NOW else f"{parameter.name} counts from the next start on")
+        assert store.set(parameter.name, value_of(field.before, parameter)) == "", "as it runs: nothing waits"
+
+
+@every_field
+def test_what_counts_at_once_is_nothing_that_a_link_was_opened_with(field: Field, opened: Any) -> None:
+    if field.counts is NOW:
+        assert opened(field.after) == opened(field.before)
+
+
+WORDS = ("name", "description", "source", "date", "log")
+LAWS = ("backstepping", "pid", "sliding", "sliding_roll")
+ELSEWHERE = {
+    "control.loop_delay_s": "the margins go by it",
+    "control.law": "the pilot is built with it",
+    "failsafe.reengage_after_restart_s": "the note of a held heading is kept for it",
+}
+
+
+@every_field
+def test_a_field_reaches_the_pilot_or_what_waits_for_the_restart(field: Field, opened: Any) -> None:
+    """No number is taken and does nothing: it is the pilot's, the course's, or a link's."""
+    if field.path.rpartition(".")[2] in WORDS or field.path.startswith("model.standard_errors."):
+        return
+    laws = [law for law in LAWS if getattr(field.before.control, law) is not None]
+    configs = [[pilot_config(each, law) for law in laws] for each in (field.before, field.after)]
+    gains = [[repr(vars(law_of(each, law))) for law in laws] for each in (field.before, field.after)]
+    tracks = [track_settings_of(each) for each in (field.before, field.after)]
+    differs = configs[0] != configs[1] or gains[0] != gains[1] or tracks[0] != tracks[1]
+    waits = field.counts is RESTART and opened(field.after) != opened(field.before)
+    assert differs or waits or field.path in ELSEWHERE
+
+
+def test_metadata_and_schema_say_the_same() -> None:
     table = json.loads(lzma.decompress(metadata_files(list(TABLE.values()), "0.2.0")[PARAMETERS]))["parameters"]
-    assert {each["name"] for each in table if each.get("rebootRequired")} == {
-        name for name, each in TABLE.items() if each.waits
-    }
-    waiting = {name for name, each in TABLE.items() if each.waits}
+    waiting = {each["name"] for each in table if each.get("rebootRequired")}
+    assert waiting == {name for name, each in TABLE.items() if each.counts is RESTART}
     assert {"CTL_LAW", "CTL_RATE", "SNS_VARIATION", "SNS_HDG_LATENCY", "RUD_ANGLE_MAX", "HELM_METHOD"} <= waiting
-    assert {
-        "BS_K1",
-        "LIM_ANGLE_MAX",
-        "GUI_RUDDER_SHARE",
-        "SNS_HDG_NOISE",
-        "MDL_K",
-        "FS_RELEASE_AFTER",
-    } & waiting == set()
+    assert not {"BS_K1", "LIM_ANGLE_MAX", "GUI_RUDDER_SHARE", "SNS_HDG_NOISE", "MDL_K", "FS_RELEASE_AFTER"} & waiting
+    properties = json.loads(schema_text("vessel"))["properties"]
+    for field in FIELDS.values():
+        *sections, key = field.path.split(".")
+        held = properties
+        for name in sections:
+            held = next(one for one in held[name].get("anyOf", [held[name]]) if "properties" in one)["properties"]
+        assert held[key]["x-counts"] == field.counts.value

@@ -239,15 +239,15 @@ def test_parameters_come_with_range_and_meaning_and_are_set_or_refused(sea: Watc
     desk.read()
     sea.until(lambda: bool(desk.table()["complete"]) and "shortDesc" in desk.table()["rows"][0])
     rows = {row["name"]: row for row in desk.table()["rows"]}
-    assert set(rows) == set(sea.in_force.names)
+    assert set(rows) == set(sea.store.names)
     lookahead = rows["GUI_LOOKAHEAD"]
-    assert lookahead["value"] == sea.in_force.running.guidance.lookahead_s and lookahead["units"] == "s"
+    assert lookahead["value"] == sea.store.running.guidance.lookahead_s and lookahead["units"] == "s"
     assert sea.order(do="set", name="GUI_LOOKAHEAD", value=12.5) == (True, "")
-    assert sea.in_force.running.guidance.lookahead_s == 12.5
+    assert sea.store.running.guidance.lookahead_s == 12.5
     assert {row["name"]: row for row in desk.table()["rows"]}["GUI_LOOKAHEAD"]["value"] == 12.5
     taken, words = sea.order(do="set", name="GUI_LOOKAHEAD", value=-1)
     assert not taken and "old value" in words
-    assert sea.in_force.running.guidance.lookahead_s == 12.5
+    assert sea.store.running.guidance.lookahead_s == 12.5
 
 
 def packed(text: bytes) -> bytes:
@@ -294,7 +294,7 @@ def test_hostile_descriptions_of_parameters_leave_names_and_values(sea: Watched,
     desk = sea.station.parameters
     desk.read()
     sea.until(lambda: bool(desk.table()["complete"]) and not sea.station.files._waiting)
-    assert len(desk.table()["rows"]) == len(sea.in_force.names)
+    assert len(desk.table()["rows"]) == len(sea.store.names)
     assert {key for row in desk.table()["rows"] for key in row} == {"name", "value"}
     assert JSONResponse(desk.table()).status_code == 200
     with pytest.raises(InputError, match="the boat's description of parameters") as caught:

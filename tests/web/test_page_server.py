@@ -146,7 +146,7 @@ def test_parameters_are_fetched_when_somebody_looks(client: Any, sea: Watched) -
     assert client.get("/api/parameters").json()["complete"] is False
     sea.watch(10.0)
     table = client.get("/api/parameters").json()
-    assert table["complete"] and len(table["rows"]) == len(sea.in_force.names)
+    assert table["complete"] and len(table["rows"]) == len(sea.store.names)
 
 
 def test_a_log_is_downloaded_with_a_ticket_and_nothing_else_is(client: Any, sea: Watched) -> None:

@@ -112,7 +112,7 @@ def test_typed_lines_set_parameters_and_begin_trials(sea: Watched, monkeypatch: 
         [(0.5, ":set gui_lookahead 15x"), (1.0, "\x7f\n"), (2.0, ":zigzag 10 10 40\n"), (9.0, ":cancel\n")],
         monkeypatch,
     )
-    assert sea.in_force.running.guidance.lookahead_s == 15.0
+    assert sea.store.running.guidance.lookahead_s == 15.0
     assert any("trial: 1" in picture for picture in pictures) and "trial: ended early" in pictures[-1]
     assert any(":set gui_loo" in picture for picture in pictures)
 

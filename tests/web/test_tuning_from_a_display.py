@@ -27,7 +27,7 @@ def test_a_response_level_is_designed_and_put_in_force_while_steering(sea: Watch
     sea.order(do="engage")
     assert sea.order(do="level", level=3) == (True, "")
     sea.watch(4.0)
-    control, wanted = sea.in_force.running.control, designed(sea.in_force.running, Wish(3)).control
+    control, wanted = sea.store.running.control, designed(sea.store.running, Wish(3)).control
     assert control == wanted and control != vessel_of(BOATS["lanxin"]).control
     assert sea.station.view.snapshot(sea.now)["level"] == 3.0
     assert sea.station.view.texts.kept[-1].words == "response level 3"
@@ -38,13 +38,13 @@ def test_a_response_level_is_designed_and_put_in_force_while_steering(sea: Watch
 
 
 def test_a_level_that_no_gains_serve_is_refused_and_all_stays(sea: Watched) -> None:
-    before = sea.in_force.running
+    before = sea.store.running
     sea.tuner._pool = NoGains()
     assert sea.order(do="level", level=9)[0]
     sea.watch(3.0)
     assert sea.station.view.snapshot(sea.now)["level"] is None
     assert sea.station.view.texts.kept[-1].words == "not changed: no gains serve this boat"
-    assert sea.in_force.running == before and sea.commands.running is not None
+    assert sea.store.running == before and sea.commands.running is not None
     assert sea.commands.running.result == dialect.MAV_RESULT_FAILED
 
 
@@ -73,11 +73,11 @@ def test_a_learnt_model_is_seen_adopted_and_taken_back(tmp_path: Path) -> None:
     sea.watch(2.0)
     assert sea.order(do="adopt") == (True, "")
     sea.watch(3.0)
-    assert sea.in_force.running.model.K_1_s == pytest.approx(real.model.K_1_s, rel=0.1)
+    assert sea.store.running.model.K_1_s == pytest.approx(real.model.K_1_s, rel=0.1)
     assert sea.station.view.texts.kept[-1].words.startswith("adopted; K ")
     assert sea.order(do="revert") == (True, "")
     sea.watch(3.0)
-    assert sea.in_force.running.model == wrong.model
+    assert sea.store.running.model == wrong.model
     assert sea.order(do="revert")[0] is False
 
 

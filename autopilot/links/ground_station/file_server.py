@@ -33,6 +33,7 @@ from autopilot.signals import AlarmEvent, AlarmState
 from autopilot.supervision.alarms import OTHER
 from autopilot.supervision.panel import sentence_of
 from autopilot.vessel.parameters import VesselParameter
+from autopilot.vessel.schema import RESTART
 
 ALARMS = "/alarms.json"
 """A list over MAVLink FTP; to be read again when the value `alarms`, how many are on, or `alarms_new`, how many of them
@@ -254,23 +255,6 @@ def metadata_messages(identity: int, general: bytes | None) -> list[Message]:
 PARAMETERS = "/parameters.json.xz"
 PARAMETER_TYPE = 1
 """COMP_METADATA_TYPE_PARAMETER."""
-GROUPS = {
-    "model": "Model",
-    "rudder": "Rudder",
-    "sensors": "Sensors",
-    "control": "Control",
-    "control.backstepping": "Backstepping law",
-    "control.sliding": "Sliding law",
-    "control.sliding_roll": "Sliding law for heading and roll",
-    "control.sliding_roll.quiet": "Sliding law for heading and roll: quiet",
-    "estimator": "Estimator",
-    "control.pid": "PID law",
-    "guidance": "Guidance",
-    "limits": "Limits",
-    "failsafe": "Fail-safe",
-    "helm": "Helm",
-    "drive": "Rudder drive",
-}
 
 
 def metadata_files(parameters: Sequence[VesselParameter], version: str) -> dict[str, bytes]:
@@ -295,14 +279,13 @@ def metadata_files(parameters: Sequence[VesselParameter], version: str) -> dict[
 
 
 def _described(parameter: VesselParameter) -> dict[str, Any]:
-    section, _, _ = parameter.path.rpartition(".")
     allowed = f" Allowed: {parameter.allowed}." if parameter.low is not None else ""
     entry: dict[str, Any] = {
         "name": parameter.name,
         "type": "Float",
         "shortDesc": parameter.doc,
         "longDesc": f"{parameter.doc} ({parameter.path} of the vessel file).{allowed}",
-        "group": GROUPS.get(section, section),
+        "group": parameter.group,
     }
     if parameter.unit:
         entry["units"] = parameter.unit
@@ -314,7 +297,7 @@ def _described(parameter: VesselParameter) -> dict[str, Any]:
         entry["values"] = [{"value": number, "description": word} for number, word in enumerate(parameter.choices)]
     if parameter.choices or parameter.is_whole:
         entry["decimalPlaces"] = 0
-    if parameter.waits:
+    if parameter.counts is RESTART:
         entry["rebootRequired"] = True
     return entry
 

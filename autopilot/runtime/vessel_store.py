@@ -1,17 +1,15 @@
-"""The vessel file's numbers while the pilot runs: changed by a ground station, and kept beside the file.
+"""The vessel of a running pilot: changed by ground stations and learning, kept beside the file it came from.
 
-Two vessels, never mixed: `running` is what pilot and links work with, `stored` what the next start will read. A
-parameter that counts at once changes both; one that waits for the next start (`VesselParameter.waits`: what the links
-were opened with, the law, the control rate) changes `stored` alone, and the answer says so. A change is refused with a
-sentence where the file's schema or the gains' margins do not allow it, for what runs or for what the next start finds.
+What counts at once is put in force between two ticks, what waits for the next start is stored alone, and the answer
+says so (`vessel.running`). A change is refused with a sentence where the schema or the gains' margins do not allow it,
+for what runs or for what the next start finds.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Protocol
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import save_text
@@ -19,9 +17,8 @@ from autopilot.pilot import Pilot
 from autopilot.runtime.build import TRIAL_LAW, build_pilot, law_of, pilot_config, verdict_of
 from autopilot.vessel.file import dump_vessel, problems
 from autopilot.vessel.parameters import parameters_of, value_of, with_value
+from autopilot.vessel.running import Vessels
 from autopilot.vessel.schema import Vessel
-
-Section = TypeVar("Section")
 
 
 class ChangeLog(Protocol):
@@ -31,7 +28,7 @@ class ChangeLog(Protocol):
         """Append the vessel as it is from the next tick on."""
 
 
-class VesselInForce:
+class VesselStore:
     """A `ParameterStore` over the running pilot's vessel.
 
     Args:
@@ -41,9 +38,8 @@ class VesselInForce:
         refuse: raises RefusedError where a vessel could not be started with the links of this run.
 
     Attributes:
-        running: what pilot and links work with.  stored: what the next start reads; a parameter's value is that of
-        `stored`.  log: where changes of `running` are written down, None without a log.  changed: told of every
-        change of `running`, for what works with the vessel outside of the pilot.
+        log: where changes of what runs are written down, None without a log.  changed: is given every vessel that
+        runs from now on, for what works with it outside of the pilot.
     """
 
     def __init__(
@@ -55,14 +51,29 @@ class VesselInForce:
         save: Callable[[Path, str], None] = save_text,
         refuse: Callable[[Vessel], None] = lambda _: None,
     ) -> None:
-        self.running = self.stored = vessel
         self.saved_as = saved_as
         self.log: ChangeLog | None = None
         self.changed: Callable[[Vessel], None] = lambda _: None
+        self._vessels = Vessels(vessel, vessel)
         self._pilot, self._save, self._refuse = pilot, save, refuse
         # a run with another law than the file's must leave the file's own as startable as it was
         self._law, self._starts = law, (law, None) if law is not None and _starts(vessel, None) else (law,)
         self._table = {parameter.name: parameter for parameter in parameters_of(vessel)}
+
+    @property
+    def running(self) -> Vessel:
+        """What pilot and links work with."""
+        return self._vessels.running
+
+    @property
+    def stored(self) -> Vessel:
+        """What the next start reads; a parameter's value is that of this."""
+        return self._vessels.stored
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """The keys that are stored otherwise than they run."""
+        return self._vessels.waiting
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,36 +89,29 @@ class VesselInForce:
         parameter = self._table[name]
         try:
             stored = with_value(self.stored, parameter, value)
-            if stored == self.stored:
-                return ""
-            running = self.running if parameter.waits else with_value(self.running, parameter, value)
-            kept = self._change(running, stored)
+            kept = "" if stored == self.stored else self.put(stored)
         except (ValueError, RefusedError) as error:
             return f"{name} not changed: {error}"
         if kept:
             return f"{name} changed, but not kept: {kept}"
-        return f"{name} counts from the next start on" if parameter.waits else ""
+        return f"{name} counts from the next start on" if parameter.path in self.waiting else ""
 
-    def adopt(self, vessel: Vessel) -> str:
-        """Put all of `vessel` in force and keep what is new in it; return '' or that it could not be kept.
+    def put(self, stored: Vessel) -> str:
+        """Keep `stored` and put in force what of it counts at once; return '' or why it could not be kept.
 
-        Raises RefusedError where its gains must not be engaged, the rudder stands outside its limits, or where the
-        next start would be refused with it.
+        Raises RefusedError where it would be refused at the next start, its gains must not be engaged, or the rudder
+        stands outside its limits.
         """
-        stored = _carried(self.stored, self.running, vessel)
-        for _, sentence in problems(stored):
-            raise RefusedError(sentence)
-        kept = self._change(vessel, stored)
-        return f"in force, but not kept: {kept}" if kept else ""
-
-    def _change(self, running: Vessel, stored: Vessel) -> str:
-        """Let `running` run and keep `stored`; return why it could not be kept, or ''."""
+        vessels = self._vessels.storing(stored)
+        for each in vessels:
+            for _, sentence in problems(each):
+                raise RefusedError(sentence)
         self._refuse(stored)
         for law in self._starts:
             build_pilot(stored, law)
-        if running != self.running:
-            self._put_in_force(running)
-        self.stored = stored
+        if vessels.running != self.running:
+            self._put_in_force(vessels.running)
+        self._vessels = vessels
         try:
             self._save(self.saved_as, dump_vessel(stored))
         except InputError as error:
@@ -121,7 +125,6 @@ class VesselInForce:
         if abs(self._pilot.told.angle) > config.limits.angle_max:
             raise RefusedError("the rudder stands further over now; try again when it is nearer to amidships")
         self._pilot.reconfigure(config, law_of(vessel, self._law))
-        self.running = vessel
         self.changed(vessel)
         if self.log is not None:
             self.log.keep_vessel(dump_vessel(vessel))
@@ -133,19 +136,6 @@ def _starts(vessel: Vessel, law: str | None) -> bool:
     except (ValueError, RefusedError):
         return False
     return True
-
-
-def _carried(base: Section, before: Section, after: Section) -> Section:
-    """Return `base` with what differs between `before` and `after`, field by field."""
-    if before == after:
-        return base
-    if not dataclasses.is_dataclass(after) or not (type(base) is type(before) is type(after)):
-        return after
-    changes: dict[str, Any] = {
-        field.name: _carried(*(getattr(section, field.name) for section in (base, before, after)))
-        for field in dataclasses.fields(after)
-    }
-    return dataclasses.replace(base, **changes)  # type: ignore[type-var]
 
 
 def tuned_file(vessel_path: str) -> Path:
