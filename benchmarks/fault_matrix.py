@@ -2,7 +2,7 @@
 
     python benchmarks/fault_matrix.py                                  # seas and noises of today's date
     python benchmarks/fault_matrix.py --rows "rudder" --states heading,turn --seeds 2
-    python benchmarks/fault_matrix.py --date 2026-11-22 --out docs/fault_matrix.md
+    python benchmarks/fault_matrix.py --date 2026-11-22 --out benchmarks/results/fault_matrix.md
 
 The real links carry real bytes over in-memory lines, on one simulated clock; the same every time for a date. Each cell
 is run with several seeds of sea and noise, all of which are judged. Exit code 1 where one is not as

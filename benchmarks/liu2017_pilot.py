@@ -1,6 +1,6 @@
 """The sliding mode law for heading and roll in the running pilot, on the ship and in the seas of `liu2017_roll.py`.
 
-    python benchmarks/liu2017_pilot.py [--json] [--seeds 5]      the pilot's table in docs/liu2017.md
+    python benchmarks/liu2017_pilot.py [--json] [--seeds 5]      the pilot's table in benchmarks/results/liu2017.md
     python benchmarks/liu2017_pilot.py --variants                what else was tried, and a heel that sets in at once
     python benchmarks/liu2017_pilot.py --vessel                  the numbers of the vessel file `naval_vessel`, from it
 

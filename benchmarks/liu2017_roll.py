@@ -1,6 +1,6 @@
 """Rudder roll stabilisation that keeps speed (Liu and Jin 2017), measured with the product's own functions.
 
-    python benchmarks/liu2017_roll.py [--json] [--seeds 20]      the tables of docs/liu2017.md, on fresh seeds
+    python benchmarks/liu2017_roll.py [--json] [--seeds 20]      the tables of results/liu2017.md, on fresh seeds
     python benchmarks/liu2017_roll.py --tune NAME                finds the gains NAME again, on the training seeds
 
 Each run: 600 s at 15 knots, the first 120 s left out; plant, steering gear and law at 20 Hz; 60 wave components with

@@ -61,7 +61,7 @@ class Boat(NamedTuple):
 
 BOATS = {
     "lanxin": Boat(Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63), 30.0, 15.0),
-    # as `autopilot identify` finds it from the six recordings (docs/identification.md), rudder as recorded
+    # as `autopilot identify` finds it from the six recordings (results/identification.md), rudder as recorded
     "esso": Boat(Norrbin(0.10405, 11.871, n0=0.0027844, reference_speed=0.23307), 35.0, 5.9),
     "coaster": Boat(Norrbin(0.1, 20.0, 50.0, reference_speed=6.0), 30.0, 2.5),
     "unstable": Boat(Norrbin(0.2, 5.0, 20.0, n1=-1.0, reference_speed=3.0), 30.0, 5.0, 7),

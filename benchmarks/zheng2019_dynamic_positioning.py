@@ -91,7 +91,7 @@ def summary(scenario: Scenario, seeds: list[Seed]) -> dict[str, object]:
 
 
 def as_text(scenario: Scenario, rows: dict[str, object], count: int) -> str:
-    """Return the table as it stands in docs/zheng2019.md."""
+    """Return the table as it stands in benchmarks/results/zheng2019.md."""
     names = scenario.truth._fields
     lines = [f"{scenario.name}: {scenario.summary}; {count} seeds", f"{'':34}" + "".join(f"{n:>9}" for n in names)]
 

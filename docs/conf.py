@@ -28,8 +28,14 @@ html_math_renderer = "mathjax"
 nitpicky = True
 
 
+def _to_records(_app: Any, _page: str, source: list[str]) -> None:
+    """Let links to `benchmarks/results` lead to the copies within the site."""
+    source[0] = source[0].replace("](../benchmarks/results/", "](reference/results/")
+
+
 def setup(app: Any) -> None:
     """Write the pages of the reference before the sources are read."""
+    app.connect("source-read", _to_records)
     # diagrams are drawn where a reader knows Mermaid, elsewhere they are text
     app.add_lexer("mermaid", TextLexer)
     app.connect("config-inited", lambda *_: reference_pages.write(Path(__file__).parent / "reference"))

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent
 
 
 def write(folder: Path) -> None:
-    """Write every page of the reference into `folder`."""
+    """Write every page of the reference into `folder`, and copies of the records of what was measured."""
     from mavlink_reference import mavlink
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -29,9 +29,12 @@ def write(folder: Path) -> None:
         "exit_codes": exit_codes,
         "measurements": measurements,
     }
-    for name, page in pages.items():
-        text = page()
-        path = folder / f"{name}.md"
+    texts = {folder / f"{name}.md": page() for name, page in pages.items()}
+    (folder / "results").mkdir(exist_ok=True)
+    for record in sorted((ROOT / "benchmarks" / "results").glob("*.md")):
+        text = record.read_text(encoding="utf-8").replace("](../../docs/", "](../../")
+        texts[folder / "results" / record.name] = text
+    for path, text in texts.items():
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
 

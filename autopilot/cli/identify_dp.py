@@ -24,7 +24,7 @@ COLUMNS_HELP = """\
 columns of TRIAL.csv; a thrust holds from its row to the next, the first row is taken at rest:
   surge, main thrusters only:         time_s  thrust_1_n  thrust_2_n  position_x_m
   sway and yaw, side thruster only:   time_s  thrust_3_n  position_y_m  heading_deg|heading_rad
-x is along, y to starboard of the ship's heading in the first row. SHIP.yaml: see docs/zheng2019.md.
+x is along, y to starboard of the ship's heading in the first row. SHIP.yaml: see docs/dynamic_positioning.md.
 """
 
 

@@ -63,7 +63,7 @@ LEAST_BOUND = math.radians(2.0)
 OVERTAXED = 1.7
 """The law answers an error in proportion up to one whose swing takes this many times the rudder's rate. With less,
 quick loops lag in turns and a launch is held worse in following seas; with 2 and more, a boat turning 40 % better than
-its model may swing about its course for ever after a push that its rudder did not hold (docs/gains.md)."""
+its model may swing about its course for ever after a push that its rudder did not hold: benchmarks/results/gains.md."""
 
 
 class BacksteppingGains(NamedTuple):

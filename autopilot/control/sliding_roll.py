@@ -7,7 +7,7 @@ The laws of `rudder_roll` and `sliding_heading` on x = (v, p, r, phi, psi) becom
 with delta_d the rudder that the identified model asks for in a planned turn, v_d and phi_d those of a steady turn at
 r_d by the linear model, b the rudder angle that wind, current and trim are worth, and w the weight of `RollSchedule`,
 worked out anew at every tick. phi is measured from the boat's list, the mean roll over LIST_TIME. Sway is not measured:
-v counts as v_d (docs/liu2017.md has the measurement). The shadows' gear has the rate that the rudder shows.
+v counts as v_d (measured: benchmarks/results/liu2017.md). The shadows' gear has the rate that the rudder shows.
 
 At `ratio` times the reference speed the model has A's columns of v and r times ratio and b times ratio^2; those of p
 and phi stay, since a hull's damping and righting moment in roll hardly know the speed. The gains k go with 1/ratio and

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 DAMPING = 0.15
 """xi: the width of the spectrum of encounter, as a share of its frequency. A narrower one learns a stern sea
-better and lets Lanxin swing back too far after a long push (docs/wave_filter.md)."""
+better and lets Lanxin swing back too far after a long push (benchmarks/results/wave_filter.md)."""
 CORNER = 0.4
 """kappa: below this share of its peak's frequency the spectrum falls off to nothing."""
 STIFFENING = 1.0 + 2.0 * DAMPING * CORNER

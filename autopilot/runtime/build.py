@@ -128,7 +128,7 @@ def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
 
 
 def _no_gains(vessel: Vessel, law: str) -> str:
-    cure = "docs/liu2017.md says how" if law == ROLL_LAW else "or let `autopilot gains` work them out"
+    cure = "docs/roll_damping.md says how" if law == ROLL_LAW else "or let `autopilot gains` work them out"
     return f"vessel {vessel.name!r} has no gains for the law {law!r}: add control.{law} to the file, {cure}"
 
 

@@ -35,7 +35,7 @@ def first(steps: Steps, count: int) -> Steps:
     [("S2", (0.01, 0.0035, 0.0035)), ("S4", (0.0009, 0.018, 0.045, 0.055, 0.0025))],
 )
 def test_both_filters_reach_the_parameters(name: str, reach: tuple[float, ...]) -> None:
-    """Two seeds within four times the figures that the median of twenty keeps: docs/zheng2019.md."""
+    """Two seeds within four times the figures that the median of twenty keeps: benchmarks/results/zheng2019.md."""
     scenario = SCENARIOS[name]
     errors: dict[str, list[np.ndarray]] = {"ekf": [], "fpf": []}
     surprise = []
