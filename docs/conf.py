@@ -30,6 +30,7 @@ nitpicky = True
 
 def _to_records(_app: Any, _page: str, source: list[str]) -> None:
     """Let links to `benchmarks/results` lead to the copies within the site."""
+    source[0] = source[0].replace("](../../benchmarks/results/", "](../reference/results/")
     source[0] = source[0].replace("](../benchmarks/results/", "](reference/results/")
 
 
