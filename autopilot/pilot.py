@@ -10,12 +10,26 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from autopilot.control.limits import Rest, RudderLimits, limit, rested
-from autopilot.control.met_waves import NOT_MET, Corners, Waves, met
+from autopilot.control.met_waves import NOT_MET, Corners
 from autopilot.control.roll_damping import RollDamper, RollDamping
-from autopilot.estimation.estimator import Estimator, is_rudder
+from autopilot.estimation.estimator import (
+    Beliefs,
+    EstimatorConfig,
+    believing,
+    estimated,
+    first_state,
+    is_rudder,
+    nav_state,
+    reconfigured,
+    speeds_apart,
+    without_bias,
+    without_disturbances,
+)
+from autopilot.estimation.fusion import noises_of
 from autopilot.estimation.heading_ekf import FilterNoise
-from autopilot.guidance.reference import HeadingGuide
-from autopilot.guidance.turn import TurnLimits, preset_rate, side_hard_over, turn_limits
+from autopilot.estimation.rudder_observer import is_fed_back, ordered
+from autopilot.guidance.reference import Guide, heading_ordered, started, zigzag, zigzag_divergence
+from autopilot.guidance.turn import TurnLimits, is_turning, reference_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import (
@@ -42,17 +56,14 @@ from autopilot.supervision.failsafe import FailsafeSteering, error_of
 from autopilot.supervision.monitors import AlarmLimits, Monitors, Watched
 from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Supervisor
+from autopilot.tick import LONGEST_STEP, NOT_TURNING, Config, Moved, referred, steered_by, turning_at, wave_rudder
 
 if TYPE_CHECKING:
     # learning brings numpy along, which a pilot that does not learn need not load
     from autopilot.identification.learning import Learner
 
-LONGEST_STEP = 0.5
-"""A longer silence between ticks [s] counts as this much for limits and reference."""
 INTEGRATING_LAW = "pid"
 """It learns wind and trim by itself; the others go by the estimated bias."""
-SPEED_CHANGE = 0.02
-"""Turn limits are worked out anew when the speed has changed by this share."""
 CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
 STEERAGE_AGAIN = 1.2
@@ -65,6 +76,21 @@ def _envelope_of(config: PilotConfig) -> Envelope:
     failsafe = config.failsafe
     reckoned = failsafe.release_after + LONGEST_STEP if failsafe.action in STEERING_ACTIONS else 0.0
     return Envelope(*config.limits, failsafe.heading_timeout + reckoned)
+
+
+def steering_of(config: PilotConfig, law: HeadingLaw) -> Config:
+    """Return what steering with the `law` goes by, in numbers."""
+    return Config(
+        estimator=EstimatorConfig(config.model, config.gear, noises_of(config.noise), config.steerage),
+        limits=config.limits,
+        dead_band=config.dead_band,
+        rudder_share=config.rudder_share,
+        turn_rate_max=config.turn_rate_max,
+        turn_curvature_max=config.turn_curvature_max,
+        wave_corners=config.wave_corners,
+        rudder_is_ours=config.rudder_is_ours,
+        uses_bias=law.name != INTEGRATING_LAW,
+    )
 
 
 def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
@@ -137,24 +163,23 @@ class Pilot:
         self.config = config
         self.law = law
         self.learner = learner
-        self.estimator = Estimator(config.model, config.gear, config.noise, config.steerage)
+        self._steering = steering_of(config, law)
         self.supervisor = Supervisor(_envelope_of(config), config.failsafe)
         self.damper = RollDamper(config.roll) if config.roll is not None else None
         self._hears_roll = _hearing(law)
         self.monitors = Monitors(config.alarms)
         self._failsafe = FailsafeSteering()
         self._panel = AlarmPanel()
-        self._guide = HeadingGuide()
         self.reset()
 
     def reset(self) -> None:
         """Forget everything since power-on."""
-        self.estimator.reset()
+        self.estimate = first_state(self._steering.estimator)
         self.supervisor.reset()
         self.monitors.reset()
         self._failsafe.reset()
         self._panel.reset()
-        self._guide.reset()
+        self._guide, self._order = Guide(), Order()
         self._is_reckoned = False
         self.law.reset(0.0)
         self._roll_rudder, self._damps_roll = 0.0, False
@@ -166,8 +191,7 @@ class Pilot:
         self._told = RudderCommand(0.0, 0.0, False)
         self._mean_bias = 0.0
         self._rest = Rest()
-        self._turn_limits: TurnLimits | None = None
-        self._turn_speed = 0.0
+        self._turning = NOT_TURNING
         self._waits = False
 
     @property
@@ -189,10 +213,11 @@ class Pilot:
         self.config, self.law = config._replace(rudder_is_ours=self.config.rudder_is_ours), law
         self._hears_roll = _hearing(law)
         law.reset(self._told.angle)
-        self.estimator.reconfigure(config.model, config.gear, config.noise, config.steerage)
+        before, self._steering = self._steering, steering_of(self.config, law)
+        self.estimate = reconfigured(before.estimator, self._steering.estimator, self.estimate)
         self.supervisor.reconfigure(_envelope_of(config), config.failsafe)
         self.monitors.limits = config.alarms
-        self._turn_limits = None
+        self._turning = NOT_TURNING
         if self.learner is not None and config.model != self.learner.present:
             self.learner.begin(config.model)
 
@@ -208,15 +233,11 @@ class Pilot:
         dt, self._now = clip(gap, 0.0, LONGEST_STEP), now
         timely = timely_of(now, samples)
         self._listen(now, timely)
-        self.estimator.take_rates(not self.monitors.doubts_rate)
-        is_other_boat = self._suppose_what_was_found()
-        model = self.estimator.model
-        self.estimator.holds_bias = not self._guide.is_late(now) and self._guide.is_turning(
-            model, self._limits_at(model)
-        )
-        state = self.estimator.update(now, timely)
+        is_other_boat = self._suppose_what_was_found(now)
+        self.estimate = estimated(self._steering.estimator, self.estimate, now, timely)
+        state = nav_state(self._steering.estimator, self.estimate, now)
         was = self.supervisor.mode
-        self.monitors.look(self.estimator.model, self._watched(now, state, gap))
+        self.monitors.look(self.estimate.model, self._watched(now, state, gap))
         doubts = {event.name: event for event in self.supervisor.noted.values() if kind_of(event).is_doubt}
         found = {**self.monitors.findings, **doubts}
         mode = self.supervisor.decide(now, order, state, found)
@@ -225,7 +246,7 @@ class Pilot:
         steady = self._calm(self._steady(state), dt)
         if is_other_boat and mode is Mode.ENGAGED:
             # the turn that was planned is another boat's
-            self._guide.start(steady, self._limits_at(self.estimator.model))
+            self._guide = started(self._guide, self._limits_at(self.estimate.model), steady)
         self._watch_steerage(now, mode, order, steady)
         if mode is Mode.FAILSAFE and self.supervisor.law_steers:
             steady, reference, demand = self._steer_blindly(now, steady, dt)
@@ -240,7 +261,7 @@ class Pilot:
         command = self.supervisor.check(now, order, previous, demand, rest.told, dt, picture)
         self._rest = rest if command.angle == rest.told else Rest(command.angle, command.angle)
         if command.engaged and self.config.rudder_is_ours:
-            self.estimator.rudder.order(now, command.angle)
+            self._note_rudder_order(now, command.angle)
         self._told = command
         self._number += 1
         ended = self.supervisor.alarm
@@ -262,15 +283,22 @@ class Pilot:
             heard=self._panel.states,
         )
 
-    def _suppose_what_was_found(self) -> bool:
-        """Go by the speed and the liveliness that the monitors have found; return whether they are new."""
-        found, supposed = self.monitors, self.estimator
-        if (found.doubts_speed, found.softer) == (supposed.doubts_speed, supposed.liveliness):
+    def _suppose_what_was_found(self, now: float) -> bool:
+        """Go by what monitors and guidance say of the samples; return whether the boat turned out to be another."""
+        found, before = self.monitors, self.estimate.beliefs
+        model = self.estimate.model
+        turns = not self._guide.is_late(now) and is_turning(model, self._limits_at(model), self._guide.boat)
+        beliefs = Beliefs(not found.doubts_rate, found.doubts_speed, found.softer, turns)
+        self.estimate = believing(self.estimate, beliefs)
+        if (beliefs.doubts_speed, beliefs.liveliness) == (before.doubts_speed, before.liveliness):
             return False
-        supposed.doubts_speed, supposed.liveliness = found.doubts_speed, found.softer
-        supposed.forget_disturbances()
+        self.estimate = without_disturbances(self.estimate)
         self._mean_bias = 0.0
         return True
+
+    def _note_rudder_order(self, now: float, angle: float) -> None:
+        state = self.estimate
+        self.estimate = state._replace(rudder=ordered(state.rudder, state.memory, now, angle))
 
     def _raised(self) -> dict[str, AlarmEvent]:
         """Return what is to be said, by name: what ended steering or keeps it from beginning, then the rest."""
@@ -283,13 +311,13 @@ class Pilot:
 
     def _steer_blindly(self, now: float, state: NavState, dt: float) -> tuple[NavState, Reference, float]:
         """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts."""
-        self._against_roll(now, dt, Mode.FAILSAFE, self._guide.order)
+        self._against_roll(now, dt, Mode.FAILSAFE, self._order)
         self._undoing = 0.0
         if not self._is_reckoned:
             self._is_reckoned = True
             self._failsafe.begin(state)
             self.law.reset(self._told.angle)
-        model = self.estimator.model
+        model = self.estimate.model
         reckoned, reference = self._failsafe.reckon(now, model, state.rudder)
         if self.config.failsafe.action == "windward":
             rudder = self._failsafe.windward(now, self.config.failsafe.windward_rudder)
@@ -314,7 +342,7 @@ class Pilot:
         is_engaged = self.supervisor.mode is Mode.ENGAGED
         ours = is_engaged and self.config.rudder_is_ours
         is_turned = self._guide.is_late(now) and not self._waits
-        holds = is_engaged and self._guide.order.kind is OrderKind.HEADING and is_turned
+        holds = is_engaged and self._order.kind is OrderKind.HEADING and is_turned
         return Watched(
             now,
             state,
@@ -324,15 +352,15 @@ class Pilot:
             self._told.angle if ours else 0.0,
             self.config.limits.angle_max,
             abs(state.speed) >= self.config.steerage,
-            self.estimator.surprise,
+            self.estimate.fusion.surprise,
             self._waits,
-            self._guide.astray(state.heading) if is_engaged else 0.0,
-            push=self.estimator.push,
+            zigzag_divergence(self._guide, self._order, state.heading) if is_engaged else 0.0,
+            push=self.estimate.push,
             is_late=gap > self.config.alarms.late,
-            follows=ours and self._guide.order.kind is OrderKind.HEADING and not self._waits,
-            speeds_apart=self.estimator.speeds_apart,
+            follows=ours and self._order.kind is OrderKind.HEADING and not self._waits,
+            speeds_apart=speeds_apart(self.estimate.speeds),
             trial_speed=self.config.model.reference_speed,
-            rudder_is_measured=self.estimator.rudder.is_known(now),
+            rudder_is_measured=is_fed_back(self.estimate.rudder, now),
             damps_roll=self._damps_roll,
         )
 
@@ -352,7 +380,7 @@ class Pilot:
                 self._hear_roll(sample)
             elif isinstance(sample, RudderSample) and self._moved_by_others(sample):
                 # the steering gear follows somebody else's orders
-                self.estimator.rudder.order(now, sample.angle)
+                self._note_rudder_order(now, sample.angle)
 
     def _hear_roll(self, sample: RollSample) -> None:
         if self.monitors.softer > 1.0 or self.monitors.rests_roll:
@@ -370,37 +398,34 @@ class Pilot:
 
     def _engage(self, now: float, state: NavState) -> NavState:
         """Take the helm without a bump: from the heading, rate and rudder that are."""
-        if not self.estimator.rudder.is_known(now):
-            self.estimator.forget_bias()
+        if not is_fed_back(self.estimate.rudder, now):
+            self.estimate = without_bias(self.estimate)
             state = state._replace(bias=0.0)
         # a fail-safe that still holds the rudder hands over what it told it
         there = self._told.angle if self._told.engaged else state.rudder
         start = clip(there, -self.config.limits.angle_max, self.config.limits.angle_max)
         self.law.reset(start)
-        self._guide.start(self._steady(state), self._limits_at(self.estimator.model))
-        self._guide.forget_order()
+        self._guide = started(self._guide, self._limits_at(self.estimate.model), self._steady(state))
+        self._order = Order()
         self._told = RudderCommand(now, start, True)
         self._rest = Rest(start, start)
         return state
 
     def _steady(self, state: NavState) -> NavState:
         """Meet the waves: return what is steered by, the state without those that are left alone."""
-        config, model = self.config, self.estimator.model
-        quickness = model.reference_speed / config.model.reference_speed
-        waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
-        self._met = met(model, config.gear, config.limits, config.wave_corners, quickness, waves)
-        return state.without_waves(self._met.alone)
+        self._met = wave_rudder(self._steering, self.estimate.model, state)
+        return steered_by(state, self._met.alone)
 
     def _calm(self, state: NavState, dt: float) -> NavState:
         """Return what is steered softly by: the mean bias of late. What a boat does that is not its model is taken for
         wind that comes and goes with each swing, and steering against that keeps it swinging."""
-        share = -math.expm1(-dt / (CALM * self.estimator.model.time_constant))
+        share = -math.expm1(-dt / (CALM * self.estimate.model.time_constant))
         self._mean_bias += share * (state.bias - self._mean_bias)
         return state._replace(bias=self._mean_bias) if self.monitors.softer > 1.0 else state
 
     def _watch_steerage(self, now: float, mode: Mode, order: Order, state: NavState) -> None:
         """Notice when there is too little speed to hold a heading with, and when there is enough again."""
-        counts = self.config.steerage_over_ground or not self.estimator.speed_over_ground
+        counts = self.config.steerage_over_ground or not self.estimate.speeds.is_over_ground
         least = self.config.steerage * (STEERAGE_AGAIN if self._waits else 1.0)
         waits = mode is Mode.ENGAGED and order.kind is OrderKind.HEADING and counts and state.speed < least
         if waits == self._waits:
@@ -408,35 +433,30 @@ class Pilot:
         self._waits = waits
         if mode is Mode.ENGAGED:
             # the turn is planned anew, from where the boat has drifted to
-            self._guide.start(state, self._limits_at(self.estimator.model))
+            self._guide = started(self._guide, self._limits_at(self.estimate.model), state)
             self.law.reset(self._told.angle)
 
     def _lead(self, mode: Mode, order: Order, state: NavState, dt: float) -> Reference:
         if mode is not Mode.ENGAGED:
             return Reference(state.heading, state.rate, 0.0)
-        model = self.estimator.model
-        if not order.is_same(self._guide.order):
-            self._guide.begin(order, state, model, self._limits_at(model))
+        model = self.estimate.model
+        if not order.is_same(self._order):
+            limits = self._limits_at(model)
+            if self._order.kind is not OrderKind.HEADING:
+                self._guide = started(self._guide, limits, state)
+            self._guide = heading_ordered(self._guide, model, limits, state, order.heading)
+            self._order = order
         if order.kind is not OrderKind.HEADING:
             return Reference(state.heading, state.rate, 0.0)
         if self._waits:
             return Reference(self._guide.heading)
-        steers, over = self.config.rudder_is_ours, side_hard_over(self._told.angle, self.config.limits.angle_max)
-        by_bias = self.law.name != INTEGRATING_LAW
-        return self._guide.lead(state, model, self._limits_at(model), over, steers, by_bias, dt)
+        limits = self._limits_at(model)
+        self._guide = referred(self._steering, self._guide, self._turning, model, state, Moved(self._told.angle, dt))
+        return reference_of(model, limits, self._guide.boat)
 
     def _limits_at(self, model: Norrbin) -> TurnLimits:
-        speed = model.reference_speed
-        if self._turn_limits is None or abs(speed - self._turn_speed) > SPEED_CHANGE * self._turn_speed:
-            self._turn_speed = speed
-            self._turn_limits = turn_limits(
-                model,
-                self.config.limits.angle_max,
-                self.config.limits.rate_max,
-                self.config.rudder_share,
-                preset_rate(self.config.turn_rate_max, self.config.turn_curvature_max, speed),
-            )
-        return self._turn_limits
+        self._turning = turning_at(self._steering, self._turning, model)
+        return self._turning.limits
 
     def _against_roll(self, now: float, dt: float, mode: Mode, order: Order) -> float:
         """Rudder against roll on top of the heading law's; trials keep the rudder they order."""
@@ -459,12 +479,13 @@ class Pilot:
         if order.kind is OrderKind.RUDDER:
             return order.rudder
         if order.kind is OrderKind.ZIGZAG:
-            return self._guide.zigzag_rudder(state, order)
+            self._guide = zigzag(self._guide, order, state.heading)
+            return self._guide.side * order.rudder
         if self._waits:
             return 0.0
         # the law's memory is of its own rudder, not of what was set against waves and roll on top of it
         own, self._undoing = self._rest.allowed - self._roll_rudder - undoing, self._met.rudder
-        model = self.estimator.model
+        model = self.estimate.model
         if self.monitors.softer > 1.0:
             model = model._replace(gain=model.gain * self.monitors.softer)
         return self.law.update(model, reference, state, own, dt) + self._met.rudder

@@ -10,8 +10,6 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-from autopilot.angles import wrap
-
 
 class HeadingSample(NamedTuple):
     """True heading [rad], with the yaw rate [rad/s] where the same instrument measures it."""
@@ -218,13 +216,6 @@ class NavState(NamedTuple):
     wave_rate: float = 0.0
     wave_deviation: float = 0.0
     wave_frequency: float = 0.0
-
-    def without_waves(self, share: float = 1.0) -> NavState:
-        """Return the state with this `share` of the waves taken out of heading and rate: what is steered by."""
-        if self.wave_deviation == 0.0 or share == 0.0:
-            return self
-        heading = wrap(self.heading - share * self.wave_heading)
-        return self._replace(heading=heading, rate=self.rate - share * self.wave_rate)
 
 
 class Reference(NamedTuple):

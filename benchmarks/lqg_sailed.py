@@ -59,7 +59,7 @@ def kalman_gains(linear: Linear, count: int) -> Floats:
 
 def run_lqg(setting: Setting, rooms: Rooms, helm: LqgHelm) -> Score:
     """Return the score of a run on the course 0 steered by the law."""
-    instruments, limits, afloat = setting.instruments, setting.brain.limits, set_afloat(setting)
+    instruments, limits, afloat = setting.instruments, setting.brain.config.limits, set_afloat(setting)
     every, ticks = instruments.every * setting.dt, 0
     heading, rate, _ = readings(instruments, 0, afloat.state)
     x = np.zeros(len(helm.move))

@@ -27,14 +27,14 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.estimation.fusion import mean_at
+from autopilot.estimation.fusion import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.runtime.build import alarm_limits_of
 from autopilot.supervision.monitors import AlarmLimits
 from autopilot.supervision.monitors.course import course_step
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
-from sitl.campaign.brain import first_mind, tick
+from sitl.campaign.brain import Heard, first_mind, tick
 from sitl.campaign.setting import rooms_of, setting_of
 from sitl.campaign.study import BoatSection, Job, SeaSection, Study, number_of_runs
 from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, ordered, readings
@@ -74,7 +74,8 @@ def watched_run(setting: Setting, rooms: Rooms, limits: AlarmLimits, jams_at: fl
     taken, order, told = 0, 0.0, 0.0
     heading, rate, speed = readings(instruments, 0, state)
     rooms.readings[0, 0], rooms.readings[0, 1], rooms.readings[0, 2] = heading, rate, speed
-    mind = first_mind(setting.brain, setting.filtered, lag * dt, wrap(heading), speed, rooms.past)
+    heard = Heard(Measured(0.0, wrap(heading), rate), speed)
+    mind = first_mind(setting.brain, setting.filtered, lag * dt, heard, rooms.rudder)
     since, is_off, away_since = math.nan, False, math.nan
     alarms, first, departed, worst = 0, math.inf, math.inf, 0.0
     for step in range(setting.steps):
@@ -82,13 +83,14 @@ def watched_run(setting: Setting, rooms: Rooms, limits: AlarmLimits, jams_at: fl
         if step >= lag and (step - lag) % instruments.every == 0:
             heard = heard_of(instruments, rooms, (step - lag) // instruments.every, dt)
             target = ordered(course, now)
-            mind = tick(setting.brain, mind, rooms.past, now, heard, target)
+            mind = tick(setting.brain, mind, rooms.rudder, now, heard, target)
             told = mind.told
             if now >= SETTLED_S:
-                past = RudderPast(rooms.past.times, rooms.past.angles, mind.ticks)
-                seen = mean_at(mind.model, setting.brain.noises, mind.fusion, past, now)
+                past = RudderPast(rooms.rudder.times, rooms.rudder.angles, mind.rudder.ticks)
+                at = Moment(now, mind.speed.value, mind.heading_time)
+                seen = seen_at(mind.model, setting.brain.config.estimator.noises, mind.fusion, past, at)
                 was_off = is_off
-                error = shortest_turn(target, wrap(seen[0] + seen[2]))
+                error = shortest_turn(target, seen.heading)
                 since, is_off = course_step(limits, since, is_off, now, error)
                 if is_off and not was_off:
                     alarms += 1

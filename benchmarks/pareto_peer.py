@@ -93,7 +93,7 @@ def afloat_step(setting: Setting, rooms: Rooms, afloat: Afloat, step: int, told:
 def run_peer(setting: Setting, rooms: Rooms, peer: Peer) -> Score:
     """Return the score of a run steered by the peer, compass up to date."""
     instruments, course, afloat = setting.instruments, setting.course, set_afloat(setting)
-    every, limits = instruments.every * setting.dt, setting.brain.limits
+    every, limits = instruments.every * setting.dt, setting.brain.config.limits
     heading, _, _ = readings(instruments, 0, afloat.state)
     mind = PeerMind(wrap(heading), 0.0, PidMemory(0.0, math.nan), Rest(0.0, 0.0, False))
     score, told = NOTHING, 0.0

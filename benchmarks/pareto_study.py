@@ -213,7 +213,7 @@ class Ours:
         found = []
         for run in runs:
             setting = run.setting
-            state = initial(0.0, setting.filtered.psi, None, brain.noises.usual)
+            state = initial(0.0, setting.filtered.psi, None, brain.config.estimator.noises.usual)
             score, _ = self._run(setting._replace(brain=brain, filtered=state), run.rooms)
             found.append(_point(score, setting))
         return np.array(found)

@@ -21,13 +21,13 @@ from off_course import SIDES_DEG, STATE_5
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.estimation import waves
-from autopilot.estimation.fusion import mean_at
+from autopilot.estimation.fusion import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast, tick_at
 from autopilot.runtime.build import alarm_limits_of
 from autopilot.supervision.monitors.answer import LATE_S, answer_noise, answer_step, first_memory, verdict
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
-from sitl.campaign.brain import first_mind, tick
+from sitl.campaign.brain import Heard, first_mind, tick
 from sitl.campaign.setting import rooms_of, setting_of
 from sitl.campaign.study import BoatSection, Job, MismatchSection, SeaSection, Study, number_of_runs
 from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, readings
@@ -78,7 +78,8 @@ def watched_run(
     taken, order, told = 0, 0.0, 0.0
     heading, rate, speed = readings(instruments, 0, state)
     rooms.readings[0, 0], rooms.readings[0, 1], rooms.readings[0, 2] = heading, rate, speed
-    mind = first_mind(setting.brain, setting.filtered, lag * dt, wrap(heading), speed, rooms.past)
+    heard = Heard(Measured(0.0, wrap(heading), rate), speed)
+    mind = first_mind(setting.brain, setting.filtered, lag * dt, heard, rooms.rudder)
     memory = first_memory(answer_noise(mind.model, variance, 0.0, 0.0), lag * dt - instruments.latency, wrap(heading))
     alarms, evidence, seen, off, is_reversed, moved = 0, 0.0, math.inf, 0.0, False, math.inf
     held = math.nan
@@ -87,20 +88,21 @@ def watched_run(
         if step >= lag and (step - lag) % instruments.every == 0:
             heard = heard_of(instruments, rooms, (step - lag) // instruments.every, dt)
             target = courses[min(int(now / HELD_S), len(courses) - 1)]
-            mind = tick(setting.brain, mind, rooms.past, now, heard, target)
+            mind = tick(setting.brain, mind, rooms.rudder, now, heard, target)
             told = mind.told
-            if heard.time > memory.time:
-                past = RudderPast(rooms.past.times, rooms.past.angles, mind.ticks)
-                felt = mean_at(mind.model, setting.brain.noises, mind.fusion, past, now)
+            if heard.measured.time > memory.time:
+                past = RudderPast(rooms.rudder.times, rooms.rudder.angles, mind.rudder.ticks)
+                at = Moment(now, mind.speed.value, mind.heading_time)
+                felt = seen_at(mind.model, setting.brain.config.estimator.noises, mind.fusion, past, at)
                 sea = mind.fusion.state.sea
                 pace = waves.frequency(sea)
-                middle = 0.5 * (memory.time + heard.time)
+                middle = 0.5 * (memory.time + heard.measured.time)
                 memory = answer_step(
                     memory,
                     mind.model,
                     answer_noise(mind.model, variance, math.sqrt(sea.heading), pace),
-                    felt[1] + felt[3],
-                    (heard.time, heard.heading),
+                    felt.rate,
+                    (heard.measured.time, heard.measured.heading),
                     rudder_at(past, middle),
                     rudder_at(past, middle - LATE_S),
                 )
@@ -113,7 +115,9 @@ def watched_run(
                         off = abs(shortest_turn(target, state.heading))
                         return Seen(alarms, evidence, now - begins, off, found < 0, moved)
                     alarms += 1
-                    memory = first_memory(answer_noise(mind.model, variance, 0.0, 0.0), heard.time, heard.heading)
+                    memory = first_memory(
+                        answer_noise(mind.model, variance, 0.0, 0.0), heard.measured.time, heard.measured.heading
+                    )
         rooms.orders[step % len(rooms.orders)] = told
         while taken <= step and taken * dt + setting.plant.gear.delay <= now:
             order = rooms.orders[taken % len(rooms.orders)]

@@ -25,13 +25,15 @@ from time_optimal import bang_bang, settled
 
 from autopilot.angles import wrap
 from autopilot.control.design import design_backstepping
+from autopilot.estimation.fusion import Measured
 from autopilot.estimation.heading_ekf import initial
+from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, Sample
 from autopilot.vessel.schema import Backstepping, Control, Model, Rudder, Sensors, Vessel
-from sitl.campaign.brain import Brain, Heard, Mind, Past, first_mind, tick
+from sitl.campaign.brain import Brain, Heard, Mind, first_mind, tick
 from sitl.campaign.setting import brain_of
 from sitl.compiled import compiled
 
@@ -157,11 +159,14 @@ def swiftly(vessel: Vessel, factor: float, targets: Floats, noise: Floats, pushe
     """
     brain, gear = brain_of(vessel, "backstepping"), gear_of(vessel)
     assert brain is not None
-    past, filtered = Past(*np.zeros((4, RING))), initial(0.0, *seen_first(noise[0]), brain.noises.usual)
-    mind = first_mind(brain, filtered, 0.0, filtered.psi, math.nan, past)
-    true = brain.model._replace(gain=brain.model.gain * factor)
+    memory = RudderMemory(*np.zeros((5, RING)))
+    filtered = initial(0.0, *seen_first(noise[0]), brain.config.estimator.noises.usual)
+    heard = Heard(Measured(0.0, filtered.psi, math.nan), math.nan)
+    mind = first_mind(brain, filtered, 0.0, heard, memory)
+    model = brain.config.estimator.model
+    true = model._replace(gain=model.gain * factor)
     delayed = round(gear.delay * STEPS_A_TICK / CONTROL_S)
-    return np.asarray(_swift()(brain, mind, past, true, gear, delayed, targets, noise, pushed))
+    return np.asarray(_swift()(brain, mind, memory, true, gear, delayed, targets, noise, pushed))
 
 
 def seen_first(noise: Floats) -> tuple[float, float | None]:
@@ -177,7 +182,7 @@ def _swift() -> Any:
 def _headings(
     brain: Brain,
     mind: Mind,
-    past: Past,
+    memory: RudderMemory,
     true: Norrbin,
     gear: SteeringGear,
     delayed: int,
@@ -192,7 +197,7 @@ def _headings(
         if index > 0:
             seen = wrap(heading + noise[index, 0]) if index % 2 == 0 else math.nan
             turning = rate + noise[index, 1] if index % 2 == 0 else math.nan
-            mind = tick(brain, mind, past, now, Heard(now, seen, turning, math.nan), targets[index])
+            mind = tick(brain, mind, memory, now, Heard(Measured(now, seen, turning), math.nan), targets[index])
         told[index] = mind.told
         for step in range(STEPS_A_TICK):
             effective = index * STEPS_A_TICK + step - delayed

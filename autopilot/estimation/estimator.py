@@ -19,8 +19,6 @@ proven wrong (`autopilot.supervision.monitors.answer`) is not gone by at all.
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from autopilot.angles import wrap
@@ -28,14 +26,26 @@ from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation import waves
 from autopilot.estimation.fusion import (
     GATE_PATIENCE,
+    NOT_BEGUN,
     PREDICT_LONGEST,
     Fusion,
+    Measured,
+    Moment,
+    Noises,
     fuse_measured,
-    mean_at,
-    noises_of,
+    seen_at,
 )
-from autopilot.estimation.heading_ekf import FilterNoise, is_sound
-from autopilot.estimation.rudder_observer import RudderTrack
+from autopilot.estimation.heading_ekf import is_sound
+from autopilot.estimation.rudder_observer import (
+    RudderMemory,
+    RudderObserver,
+    advanced,
+    all_effective,
+    newest_angle,
+    past_of,
+    rudder_memory,
+    with_feedback,
+)
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
@@ -50,78 +60,77 @@ STREAM_MOST = 2.5
 """No stream that is sailed in makes this difference [m/s, 5 kn] between log and ground: one of the two is wrong."""
 
 
-class _Smoothed:
-    """One kind of speed, smoothed. value [m/s]: None where there is no fresh one."""
+class Smoothed(NamedTuple):
+    """One kind of speed, smoothed [m/s], and the time [s] of its newest sample; nan where there is no fresh one."""
 
-    def __init__(self) -> None:
-        self.value: float | None = None
-        self._time = math.nan
-
-    def on_sample(self, now: float, speed: float) -> None:
-        if self.value is None:
-            self.value = speed
-        else:
-            share = 1.0 - math.exp(-max(now - self._time, 0.0) / SPEED_SMOOTHING)
-            self.value += share * (speed - self.value)
-        self._time = now
-
-    def forget_stale(self, now: float) -> None:
-        if self.value is not None and now - self._time >= SPEED_FRESH:
-            self.value = None
+    value: float = math.nan
+    time: float = math.nan
 
 
-class ScheduledSpeed:
-    """Speeds through the water and over the ground, and what is made of them."""
+def smoothed(before: Smoothed, now: float, speed: float) -> Smoothed:
+    """Return the smoothed speed after a `speed` [m/s] that came at `now` [s]."""
+    if math.isnan(before.value):
+        return Smoothed(speed, now)
+    share = 1.0 - math.exp(-max(now - before.time, 0.0) / SPEED_SMOOTHING)
+    return Smoothed(before.value + share * (speed - before.value), now)
 
-    def __init__(self) -> None:
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget everything."""
-        self._water, self._ground = _Smoothed(), _Smoothed()
+class Speeds(NamedTuple):
+    """Speed through the water and over the ground."""
 
-    def on_sample(self, now: float, sample: SpeedSample) -> None:
-        """Take a speed at `now` [s]."""
-        (self._ground if sample.over_ground else self._water).on_sample(now, sample.speed)
-
-    def forget_stale(self, now: float) -> None:
-        """Forget what is too old at `now` [s]."""
-        self._water.forget_stale(now)
-        self._ground.forget_stale(now)
+    water: Smoothed = Smoothed()
+    ground: Smoothed = Smoothed()
 
     @property
-    def over_ground(self) -> bool:
+    def is_over_ground(self) -> bool:
         """Whether nothing but a speed over the ground is known."""
-        return self._water.value is None and self._ground.value is not None
+        return math.isnan(self.water.value) and not math.isnan(self.ground.value)
 
-    @property
-    def measured(self) -> float | None:
-        """The speed [m/s] to be shown: through the water, else over the ground; None where there is none."""
-        return self._water.value if self._water.value is not None else self._ground.value
 
-    @property
-    def apart(self) -> float:
-        """How far log and ground lie apart [m/s] where no stream explains it; 0 where one does."""
-        water, ground = self._water.value, self._ground.value
-        if water is None or ground is None or not _are_apart(abs(water), abs(ground)):
-            return 0.0
-        difference = abs(abs(water) - abs(ground))
-        return difference if difference > STREAM_MOST else 0.0
+def with_speed(speeds: Speeds, now: float, sample: SpeedSample) -> Speeds:
+    """Return the speeds after a sample that came at `now` [s]."""
+    if sample.over_ground:
+        return Speeds(speeds.water, smoothed(speeds.ground, now, sample.speed))
+    return Speeds(smoothed(speeds.water, now, sample.speed), speeds.ground)
 
-    def followed(self, reference_speed: float) -> float | None:
-        """Return the speed [m/s] for model and gains, None where none is known; `reference_speed` [m/s]: the trial's.
 
-        ValueError for a reference speed that is not positive.
-        """
-        if not reference_speed > 0.0:
-            raise ValueError(f"the reference speed must be positive, got {reference_speed}")
-        water, ground = self._water.value, self._ground.value
-        if water is None:
-            return None if ground is None else _half_way(ground, reference_speed)
-        # astern and at a standstill the ground says nothing about a log
-        if ground is None or water <= 0.0 or not _are_apart(water, abs(ground)):
-            return water
-        return _half_way(min(water, abs(ground)), max(water, abs(ground)))
+def while_fresh(speeds: Speeds, now: float) -> Speeds:
+    """Return the speeds at `now` [s] without what nobody has confirmed for long."""
+    water, ground = speeds.water, speeds.ground
+    if now - water.time >= SPEED_FRESH:
+        water = Smoothed(math.nan, water.time)
+    if now - ground.time >= SPEED_FRESH:
+        ground = Smoothed(math.nan, ground.time)
+    return Speeds(water, ground)
+
+
+def measured_speed(speeds: Speeds) -> float:
+    """Return the speed [m/s] to be shown: through the water, else over the ground; nan where there is none."""
+    return speeds.ground.value if math.isnan(speeds.water.value) else speeds.water.value
+
+
+def speeds_apart(speeds: Speeds) -> float:
+    """Return how far log and ground lie apart [m/s] where no stream explains it; 0 where one does."""
+    water, ground = abs(speeds.water.value), abs(speeds.ground.value)
+    if math.isnan(water) or math.isnan(ground) or not _are_apart(water, ground):
+        return 0.0
+    return abs(water - ground) if abs(water - ground) > STREAM_MOST else 0.0
+
+
+def scheduled_speed(speeds: Speeds, reference_speed: float) -> float:
+    """Return the speed [m/s] for model and gains, nan where none is known; `reference_speed` [m/s]: the trial's.
+
+    ValueError for a reference speed that is not positive.
+    """
+    if not reference_speed > 0.0:
+        raise ValueError("the reference speed must be positive")
+    water, ground = speeds.water.value, speeds.ground.value
+    if math.isnan(water):
+        return ground if math.isnan(ground) else _half_way(ground, reference_speed)
+    # astern and at a standstill the ground says nothing about a log
+    if math.isnan(ground) or water <= 0.0 or not _are_apart(water, abs(ground)):
+        return water
+    return _half_way(min(water, abs(ground)), max(water, abs(ground)))
 
 
 def _are_apart(one: float, other: float) -> bool:
@@ -132,9 +141,15 @@ def _half_way(low: float, high: float) -> float:
     return math.sqrt(max(abs(low), STREAM_LEAST * high) * high)
 
 
+def model_at(reference: Norrbin, speed: float) -> Norrbin:
+    """Return the model at the scheduled `speed` [m/s]; the trial's own where it is nan."""
+    if math.isnan(speed):
+        return reference
+    most = SPEED_RATIO_MOST * reference.reference_speed
+    return at_speed(reference, clip(speed, -most, most))
+
+
 KEPT_SAMPLES = 24
-BIAS_MOST = 0.5
-"""Largest bias [rad] handed to the law."""
 SPEED_MOST = 100.0
 RATE_MOST = 10.0
 RUDDER_MOST = 0.5 * math.pi
@@ -143,8 +158,7 @@ SPEED_RATIO_MOST = 3.0
 """The model is not scaled beyond this many times the speed it was identified at."""
 
 
-@dataclass
-class Counters:
+class Counters(NamedTuple):
     """What became of the samples."""
 
     fused: int = 0
@@ -158,11 +172,75 @@ class Counters:
 HEADINGS = (HeadingSample, RateSample)
 
 
-class _Taken(NamedTuple):
+class Taken(NamedTuple):
     """A sample that was fused, or was a spike, and what the measurements before it had left."""
 
     before: Fusion
     sample: HeadingSample | RateSample
+
+
+class EstimatorConfig(NamedTuple):
+    """Model at the trial's speed, steering gear and noise. Slower than `steerage` [m/s], and astern, the rudder tells
+    nothing of the bias: it stays what it was."""
+
+    model: Norrbin
+    gear: SteeringGear
+    noises: Noises
+    steerage: float = 0.0
+
+
+class Beliefs(NamedTuple):
+    """What monitors and guidance have to say about the samples.
+
+    takes_rates: False: headings count alone, and by what rates had made of the state before no more. doubts_speed: the
+    model is the trial's. liveliness: headings are explained by a boat that answers so many times as much as the model.
+    holds_bias: the bias stays what it was, for turns that are planned.
+    """
+
+    takes_rates: bool = True
+    doubts_speed: bool = False
+    liveliness: float = 1.0
+    holds_bias: bool = False
+
+
+class EstimatorState(NamedTuple):
+    """All that is remembered of the samples.
+
+    model: at the scheduled speed. speed [m/s]: nan where none is known. fusion counts from the first heading on,
+    has_begun. heading_time and first_time [s]: of the newest and the first heading. needs_reinit: the next heading
+    begins anew. taken: the newest samples, in order of time, and begun, which the filter began with.
+    """
+
+    model: Norrbin
+    rudder: RudderObserver
+    memory: RudderMemory
+    speeds: Speeds = Speeds()
+    speed: float = math.nan
+    fusion: Fusion = NOT_BEGUN
+    has_begun: bool = False
+    heading_time: float = math.nan
+    first_time: float = math.inf
+    taken: tuple[Taken, ...] = ()
+    begun: HeadingSample | None = None
+    needs_reinit: bool = False
+    beliefs: Beliefs = Beliefs()
+    counters: Counters = Counters()
+
+    @property
+    def lively_model(self) -> Norrbin:
+        """The model that explains the headings."""
+        lively = self.beliefs.liveliness
+        return self.model if lively == 1.0 else self.model._replace(gain=lively * self.model.gain)
+
+    @property
+    def push(self) -> float:
+        """What wind, current and trim are worth [rad of rudder], more than is handed to the law where it is more.
+
+        0 until the sea has been watched for its memory: before, waves count for wind.
+        """
+        state = self.fusion.state
+        is_known = state.sea == waves.NO_SEA or state.time - self.first_time >= waves.MEMORY
+        return state.bias if is_known else 0.0
 
 
 def is_rudder(angle: float) -> bool:
@@ -175,226 +253,181 @@ def without_rates(samples: list[HeadingSample | RateSample]) -> list[HeadingSamp
     return [sample._replace(rate=None) for sample in samples if isinstance(sample, HeadingSample)]
 
 
-class Estimator:
-    """Heading, rate, rudder and bias from irregular samples; see the module's docstring.
+def first_state(config: EstimatorConfig) -> EstimatorState:
+    """Return the state before the first sample: nothing is known."""
+    return EstimatorState(config.model, RudderObserver(), rudder_memory())
 
-    Slower than `steerage` [m/s], and astern, the rudder tells nothing of the bias: it stays what it was. So it does
-    while `holds_bias` is set, for turns that are planned. While `doubts_speed` is set the model is the trial's.
-    Headings are explained by a boat that answers `liveliness` times as much as the model.
-    """
 
-    def __init__(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
-        self._reference_model = model
-        self._noises = noises_of(noise)
-        self._steerage = steerage
-        self.rudder = RudderTrack(gear)
-        self.reset()
+def reconfigured(before: EstimatorConfig, config: EstimatorConfig, state: EstimatorState) -> EstimatorState:
+    """Return the state under another model, steering gear and noise; what is known of the boat stays known. A changed
+    dead time of the gear forgets the orders that were still on their way."""
+    rudder = state.rudder
+    if config.gear.delay != before.gear.delay:
+        rudder = all_effective(rudder, state.memory)
+    return _scheduled(config, state._replace(rudder=rudder))
 
-    def reset(self) -> None:
-        """Forget every sample."""
-        self.model = self._reference_model
-        self.counters = Counters()
-        self.rudder.reset()
-        self._fusion: Fusion | None = None
-        self._taken: deque[_Taken] = deque(maxlen=KEPT_SAMPLES)
-        self._begun: HeadingSample | None = None
-        self._heading_time = math.nan
-        self._first_time = math.inf
-        self._speeds = ScheduledSpeed()
-        self._speed: float | None = None
-        self.doubts_speed = False
-        self.liveliness = 1.0
-        self.holds_bias = False
-        self._takes_rates, self._is_spoilt = True, False
 
-    def reconfigure(self, model: Norrbin, gear: SteeringGear, noise: FilterNoise, steerage: float = 0.0) -> None:
-        """Go on with another model, steering gear and noise; what is known of the boat stays known."""
-        self._reference_model, self._noises, self._steerage = model, noises_of(noise), steerage
-        self.rudder.reconfigure(gear)
-        self._follow_speed()
+def without_bias(state: EstimatorState) -> EstimatorState:
+    """Return the state with a bias of which nothing is known: somebody who did not tell us has moved the rudder."""
+    if not state.has_begun:
+        return state
+    return state._replace(fusion=state.fusion._replace(state=ekf.without_bias(state.fusion.state)), taken=())
 
-    def update(self, now: float, samples: tuple[Sample, ...]) -> NavState:
-        """Take the samples that have arrived by `now` [s] and return the state at `now`."""
-        headings: list[HeadingSample | RateSample] = []
-        for sample in samples:
-            if isinstance(sample, HEADINGS):
-                headings.append(sample)
-            elif isinstance(sample, RudderSample):
-                self._take_rudder(now, sample)
-            elif isinstance(sample, SpeedSample):
-                self._take_speed(now, sample)
-        self._speeds.forget_stale(now)
-        self._follow_speed()
-        self.rudder.advance(now)
-        if len(headings) > 1:
-            headings.sort(key=lambda sample: sample.time)
-        for heading in headings if self._takes_rates else without_rates(headings):
-            self._take_heading(now, heading)
-        return self._nav_state(now)
 
-    @property
-    def surprise(self) -> float:
-        """How far measurements have lain to one side of what was expected of late [standard deviations]."""
-        return self._fusion.surprise if self._fusion is not None else 0.0
+def without_disturbances(state: EstimatorState) -> EstimatorState:
+    """Return the state with unknown bias and sea: they were learnt with a model that has been found to be wrong."""
+    if not state.has_begun:
+        return state
+    alone = ekf.without_sea(ekf.without_bias(state.fusion.state))
+    return state._replace(fusion=state.fusion._replace(state=alone), taken=())
 
-    @property
-    def push(self) -> float:
-        """What wind, current and trim are worth [rad of rudder], more than is handed to the law where it is more.
 
-        0 until the sea has been watched for its memory: before, waves count for wind.
-        """
-        if self._fusion is None:
-            return 0.0
-        state = self._fusion.state
-        is_known = state.sea == waves.NO_SEA or state.time - self._first_time >= waves.MEMORY
-        return state.bias if is_known else 0.0
+def believing(state: EstimatorState, beliefs: Beliefs) -> EstimatorState:
+    """Return the state under other beliefs."""
+    before = state.beliefs
+    if beliefs == before:
+        return state
+    loses_rates = before.takes_rates and not beliefs.takes_rates
+    return state._replace(beliefs=beliefs, needs_reinit=state.needs_reinit or loses_rates)
 
-    def take_rates(self, wanted: bool) -> None:
-        """Go by headings and rates of turn, or by headings alone: by what rates had made of it before no more."""
-        self._is_spoilt = self._is_spoilt or (self._takes_rates and not wanted)
-        self._takes_rates = wanted
 
-    def forget_bias(self) -> None:
-        """Hold the bias for unknown: the rudder has been moved by somebody who did not tell us."""
-        if self._fusion is not None:
-            self._fusion = self._fusion._replace(state=ekf.without_bias(self._fusion.state))
-            self._taken.clear()
+def estimated(
+    config: EstimatorConfig, state: EstimatorState, now: float, samples: tuple[Sample, ...]
+) -> EstimatorState:
+    """Return the state after the samples that have arrived by `now` [s]."""
+    headings: list[HeadingSample | RateSample] = []
+    rudder, speeds, implausible = state.rudder, state.speeds, 0
+    for sample in samples:
+        if isinstance(sample, HEADINGS):
+            headings.append(sample)
+        elif isinstance(sample, RudderSample):
+            if not (is_rudder(sample.angle) and math.isfinite(sample.time)):
+                implausible += 1
+            elif not sample.ordered:
+                rudder = with_feedback(rudder, min(sample.time, now), sample.angle)
+        elif isinstance(sample, SpeedSample):
+            if abs(sample.speed) <= SPEED_MOST:
+                speeds = with_speed(speeds, now, sample)
+            else:
+                implausible += 1
+    if implausible:
+        state = _counted(state, implausible=implausible)
+    rudder = advanced(config.gear, rudder, state.memory, now)
+    state = _scheduled(config, state._replace(rudder=rudder, speeds=while_fresh(speeds, now)))
+    if len(headings) > 1:
+        headings.sort(key=lambda sample: sample.time)
+    for heading in headings if state.beliefs.takes_rates else without_rates(headings):
+        state = _with_heading(config, state, now, heading)
+    return state
 
-    def forget_disturbances(self) -> None:
-        """Hold bias and sea for unknown: they were learnt with a model that has been found to be wrong."""
-        self.forget_bias()
-        if self._fusion is not None:
-            self._fusion = self._fusion._replace(state=ekf.without_sea(self._fusion.state))
 
-    @property
-    def _lively_model(self) -> Norrbin:
-        return self.model if self.liveliness == 1.0 else self.model._replace(gain=self.liveliness * self.model.gain)
+def _scheduled(config: EstimatorConfig, state: EstimatorState) -> EstimatorState:
+    """Return the state with its model scaled by the speed, or not at all while the boat's own turns contradict it."""
+    reference, speed = config.model, measured_speed(state.speeds)
+    followed = math.nan if state.beliefs.doubts_speed else scheduled_speed(state.speeds, reference.reference_speed)
+    return state._replace(model=model_at(reference, followed), speed=speed)
 
-    def _take_rudder(self, now: float, sample: RudderSample) -> None:
-        if not is_rudder(sample.angle) or not math.isfinite(sample.time):
-            self.counters.implausible += 1
-        elif not sample.ordered:
-            self.rudder.feed_back(min(sample.time, now), sample.angle)
 
-    def _take_speed(self, now: float, sample: SpeedSample) -> None:
-        if abs(sample.speed) <= SPEED_MOST:
-            self._speeds.on_sample(now, sample)
-        else:
-            self.counters.implausible += 1
+def _counted(state: EstimatorState, **more: int) -> EstimatorState:
+    counters = state.counters
+    return state._replace(counters=counters._replace(**{name: getattr(counters, name) + more[name] for name in more}))
 
-    def _follow_speed(self) -> None:
-        """Scale the model: by the speed, or not at all while the boat's own turns contradict it."""
-        self._speed = self._speeds.measured
-        reference = self._reference_model
-        followed = None if self.doubts_speed else self._speeds.followed(reference.reference_speed)
-        most = SPEED_RATIO_MOST * reference.reference_speed
-        self.model = reference if followed is None else at_speed(reference, clip(followed, -most, most))
 
-    @property
-    def speed_over_ground(self) -> bool:
-        """Whether nothing but a speed over the ground is known."""
-        return self._speeds.over_ground
+def _with_heading(
+    config: EstimatorConfig, state: EstimatorState, now: float, sample: HeadingSample | RateSample
+) -> EstimatorState:
+    heading = sample.heading if isinstance(sample, HeadingSample) else 0.0
+    if not (math.isfinite(sample.time) and math.isfinite(heading) and abs(sample.rate or 0.0) <= RATE_MOST):
+        return _counted(state, implausible=1)
+    # a clock that is a little ahead must not carry the filter into the future
+    if sample.time > now:
+        sample = sample._replace(time=now)
+    if not state.has_begun or state.needs_reinit:
+        return _begun(config, state, sample) if isinstance(sample, HeadingSample) else state
+    if sample == state.begun or _has_taken(state, sample):
+        return _counted(state, repeated=1)
+    if sample.time < state.fusion.state.time:
+        return _with_late(config, state, sample)
+    if sample.time - state.fusion.state.time > PREDICT_LONGEST and isinstance(sample, HeadingSample):
+        return _begun(config, state, sample)
+    return _fused(config, state, sample)
 
-    @property
-    def speeds_apart(self) -> float:
-        """How far log and ground lie apart [m/s] where no stream explains it, else 0."""
-        return self._speeds.apart
 
-    def _take_heading(self, now: float, sample: HeadingSample | RateSample) -> None:
-        heading = sample.heading if isinstance(sample, HeadingSample) else 0.0
-        if not (math.isfinite(sample.time) and math.isfinite(heading) and abs(sample.rate or 0.0) <= RATE_MOST):
-            self.counters.implausible += 1
-            return
-        # a clock that is a little ahead must not carry the filter into the future
-        if sample.time > now:
-            sample = sample._replace(time=now)
-        if self._fusion is None or self._is_spoilt:
-            if isinstance(sample, HeadingSample):
-                self._begin(sample)
-            return
-        if sample == self._begun or self._has_taken(sample):
-            self.counters.repeated += 1
-            return
-        if sample.time < self._fusion.state.time:
-            self._fuse_late(sample)
-        elif sample.time - self._fusion.state.time > PREDICT_LONGEST and isinstance(sample, HeadingSample):
-            self._begin(sample)
-        else:
-            self._fuse(sample)
+def _has_taken(state: EstimatorState, sample: HeadingSample | RateSample) -> bool:
+    # the memory is in order of time: what is newer than its end cannot be in it
+    if not state.taken or sample.time > state.taken[-1].sample.time:
+        return False
+    return any(entry.sample == sample for entry in state.taken)
 
-    def _has_taken(self, sample: HeadingSample | RateSample) -> bool:
-        # the memory is in order of time: what is newer than its end cannot be in it
-        if not self._taken or sample.time > self._taken[-1].sample.time:
-            return False
-        return any(entry.sample == sample for entry in self._taken)
 
-    def _begin(self, sample: HeadingSample) -> None:
-        before = self._fusion
-        self._first_time = min(self._first_time, sample.time)
-        state = ekf.initial(
-            sample.time, wrap(sample.heading), sample.rate, self._noises.usual, before.state if before else None
-        )
-        self._fusion, self._is_spoilt = Fusion(state, before.surprise if before else 0.0), False
-        self._begun = sample
-        self._taken.clear()
-        self._heading_time = sample.time
-        self.counters.fused += 1
+def _begun(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample) -> EstimatorState:
+    before = state.fusion
+    first = ekf.initial(
+        sample.time,
+        wrap(sample.heading),
+        sample.rate,
+        config.noises.usual,
+        before.state if state.has_begun else None,
+    )
+    return _counted(
+        state._replace(
+            fusion=Fusion(first, before.surprise),
+            has_begun=True,
+            needs_reinit=False,
+            first_time=min(state.first_time, sample.time),
+            heading_time=sample.time,
+            begun=sample,
+            taken=(),
+        ),
+        fused=1,
+    )
 
-    def _fuse_late(self, sample: HeadingSample | RateSample) -> None:
-        assert self._fusion is not None
-        index = next((i for i, entry in enumerate(self._taken) if entry.sample.time > sample.time), len(self._taken))
-        if index == len(self._taken) or self._taken[index].before.state.time > sample.time:
-            self.counters.too_late += 1
-            return
-        self.counters.late += 1
-        after = [entry.sample for entry in list(self._taken)[index:]]
-        self._fusion = self._taken[index].before
-        while len(self._taken) > index:
-            self._taken.pop()
-        self._fuse(sample)
-        for later in after:
-            self._fuse(later)
 
-    def _fuse(self, sample: HeadingSample | RateSample) -> None:
-        assert self._fusion is not None
-        before = self._fusion
-        heading = sample.heading if isinstance(sample, HeadingSample) else math.nan
-        rate = math.nan if sample.rate is None else sample.rate
-        self._taken.append(_Taken(before, sample))
-        self._fusion, is_fused = fuse_measured(
-            self._lively_model, self._noises, before, self.rudder.past, sample.time, heading, rate
-        )
-        if not is_fused:
-            self.counters.spikes += 1
-            if self._fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):
-                self._begin(sample)
-            return
-        if self.holds_bias or (self._speed is not None and self._speed < self._steerage):
-            self._fusion = self._fusion._replace(state=ekf.with_bias_of(before.state, self._fusion.state))
-        if isinstance(sample, HeadingSample):
-            self._heading_time = max(self._heading_time, sample.time)
-        self.counters.fused += 1
+def _with_late(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample | RateSample) -> EstimatorState:
+    """Return the state with a sample that others have overtaken: the filter goes back to before them."""
+    taken = state.taken
+    index = next((i for i, entry in enumerate(taken) if entry.sample.time > sample.time), len(taken))
+    if index == len(taken) or taken[index].before.state.time > sample.time:
+        return _counted(state, too_late=1)
+    state = _counted(state._replace(fusion=taken[index].before, taken=taken[:index]), late=1)
+    for each in (sample, *(entry.sample for entry in taken[index:])):
+        state = _fused(config, state, each)
+    return state
 
-    def _nav_state(self, now: float) -> NavState:
-        speed = self._reference_model.reference_speed if self._speed is None else self._speed
-        fusion = self._fusion
-        if fusion is None:
-            return NavState(now, 0.0, 0.0, speed, self.rudder.angle, 0.0, math.inf, False)
-        state = fusion.state
-        if not is_sound(state):
-            return NavState(now, math.nan, math.nan, speed, self.rudder.angle, 0.0, now - self._heading_time, False)
-        heading, rate, wave, wave_rate = mean_at(self._lively_model, self._noises, fusion, self.rudder.past, now)
-        return NavState(
-            now,
-            wrap(heading + wave),
-            rate + wave_rate,
-            speed,
-            self.rudder.angle,
-            clip(state.bias, -BIAS_MOST, BIAS_MOST),
-            now - self._heading_time,
-            True,
-            wave,
-            wave_rate,
-            math.sqrt(state.sea.heading),
-            waves.frequency(state.sea),
-        )
+
+def _fused(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample | RateSample) -> EstimatorState:
+    before, counters = state.fusion, state.counters
+    is_heading = isinstance(sample, HeadingSample)
+    measured = Measured(
+        sample.time,
+        sample.heading if isinstance(sample, HeadingSample) else math.nan,
+        math.nan if sample.rate is None else sample.rate,
+    )
+    past = past_of(state.rudder, state.memory)
+    fusion, is_fused = fuse_measured(state.lively_model, config.noises, before, past, measured)
+    taken = (*state.taken[-KEPT_SAMPLES + 1 :], Taken(before, sample))
+    if not is_fused:
+        state = state._replace(fusion=fusion, taken=taken, counters=counters._replace(spikes=counters.spikes + 1))
+        if fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):
+            return _begun(config, state, sample)
+        return state
+    if state.beliefs.holds_bias or state.speed < config.steerage:
+        fusion = fusion._replace(state=ekf.with_bias_of(before.state, fusion.state))
+    return state._replace(
+        fusion=fusion,
+        taken=taken,
+        heading_time=max(state.heading_time, sample.time) if is_heading else state.heading_time,
+        counters=counters._replace(fused=counters.fused + 1),
+    )
+
+
+def nav_state(config: EstimatorConfig, state: EstimatorState, now: float) -> NavState:
+    """Return what is known of the boat at `now` [s], carried forward from the newest measurement."""
+    speed = config.model.reference_speed if math.isnan(state.speed) else state.speed
+    rudder = newest_angle(state.rudder, state.memory)
+    if not state.has_begun:
+        return NavState(now, 0.0, 0.0, speed, rudder, 0.0, math.inf, False)
+    if not is_sound(state.fusion.state):
+        return NavState(now, math.nan, math.nan, speed, rudder, 0.0, now - state.heading_time, False)
+    past = past_of(state.rudder, state.memory)
+    return seen_at(state.lively_model, config.noises, state.fusion, past, Moment(now, speed, state.heading_time))

@@ -24,6 +24,7 @@ from autopilot.estimation.heading_ekf import (
 from autopilot.estimation.rudder_observer import RudderPast, angle_at, stretch, tick_at
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
+from autopilot.signals import NavState
 
 GATE_SIGMAS = 6.0
 GATE_LEAST = math.radians(10.0)
@@ -34,6 +35,8 @@ SURPRISE_MOST = 5.0
 SURPRISED = 1.5
 """White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
 longer, wind has changed or the model is wrong, and neither is a wave."""
+BIAS_MOST = 0.5
+"""Largest bias [rad] handed to the law."""
 PREDICT_LONGEST = 2.0
 """The boat is not carried forward further than this [s] from its newest measurement."""
 LONGEST_SHARE = 0.5
@@ -50,6 +53,26 @@ class Fusion(NamedTuple):
     surprise: float = 0.0
     spikes: int = 0
     spike: float = 0.0
+
+
+NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+"""Before the first heading."""
+
+
+class Measured(NamedTuple):
+    """A measurement at `time` [s]: heading [rad] and rate [rad/s], nan where they were not measured."""
+
+    time: float
+    heading: float
+    rate: float
+
+
+class Moment(NamedTuple):
+    """When the boat is looked at [s], its speed then [m/s], and when the newest heading was measured [s]."""
+
+    now: float
+    speed: float
+    heading_time: float
 
 
 class Noises(NamedTuple):
@@ -83,13 +106,27 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     return state if state.time == to else FilterState(to, *state[1:])
 
 
-def mean_at(
-    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, now: float
-) -> tuple[float, float, float, float]:
-    """Return psi, r, h and s of the filter at `now` [s]; the waves that are not yet known count as the boat's own."""
-    psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, now)
-    unknown = 1.0 - waves.known(fusion.state.sea)
-    return psi + unknown * wave, rate + unknown * wave_rate, wave - unknown * wave, wave_rate - unknown * wave_rate
+def seen_at(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, at: Moment) -> NavState:
+    """Return what the filter knows of the boat; the waves that are not yet known count as the boat's own."""
+    psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, at.now)
+    sea = fusion.state.sea
+    unknown = 1.0 - waves.known(sea)
+    psi, rate = psi + unknown * wave, rate + unknown * wave_rate
+    wave, wave_rate = wave - unknown * wave, wave_rate - unknown * wave_rate
+    return NavState(
+        at.now,
+        wrap(psi + wave),
+        rate + wave_rate,
+        at.speed,
+        past.angles[(past.ticks - 1) & (len(past.angles) - 1)],
+        clip(fusion.state.bias, -BIAS_MOST, BIAS_MOST),
+        at.now - at.heading_time,
+        True,
+        wave,
+        wave_rate,
+        math.sqrt(sea.heading),
+        waves.frequency(sea),
+    )
 
 
 def _moved(
@@ -109,12 +146,10 @@ def _moved(
 
 
 def fuse_measured(
-    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, time: float, heading: float, rate: float
+    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, measured: Measured
 ) -> tuple[Fusion, bool]:
-    """Return what a measurement at `time` [s] leaves, and whether it was fused: a spike is not.
-
-    heading [rad] and rate [rad/s] are nan where they were not measured.
-    """
+    """Return what a measurement leaves, and whether it was fused: a spike is not."""
+    time, heading, rate = measured
     noise, dt = noises.usual, time - fusion.state.time
     state = carried(model, noises, fusion, past, time)
     off = clip(surprise(state, heading, rate, noise), -SURPRISE_MOST, SURPRISE_MOST)

@@ -2,18 +2,22 @@
 
     delta(t) = fed back(t_f) + gear(t) - gear(t_f)
 
-so that feedback, which is late and sparse, corrects the level, and the model adds the motion since. Without
-feedback the model stands alone. Memory: the last `KEPT` ticks.
+so that feedback, which is late and sparse, corrects the level, and the model adds the motion since. Without feedback
+the model stands alone. Memory: one value, and rings of the last ticks and orders. Scalar functions over them, which the
+loop calls as they are and campaigns compile.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
-from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
+from autopilot.models.steering_gear import SteeringGear, gear_step
 
 KEPT = 256
+ORDERS_KEPT = 2048
+"""So many ticks are remembered, and so many orders: 200 a second for a dead time of 10 s."""
 FEEDBACK_FRESH = 2.0
 """Feedback older than this [s] is not believed any more."""
 
@@ -24,6 +28,12 @@ class Ring(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, index: int, /) -> float: ...
+
+
+class WritableRing(Ring, Protocol):
+    """The same to write in."""
+
+    def __setitem__(self, index: int, value: float, /) -> None: ...
 
 
 class RudderPast(NamedTuple):
@@ -81,74 +91,111 @@ def angle_at(past: RudderPast, time: float) -> float:
     return past.angles[tick_at(past, time) & (len(past.times) - 1)]
 
 
-class RudderTrack:
-    """Rudder angle over the recent past, piecewise constant between ticks."""
+class RudderMemory(NamedTuple):
+    """Rings that the observer writes in: of every tick the time [s], the angle and that of the steering gear's model
+    [rad], of every order its time [s] and angle [rad]. Their lengths are powers of two."""
 
-    def __init__(self, gear: SteeringGear) -> None:
-        self._gear = gear
-        self._line = DelayLine(gear.delay)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything: rudder amidships."""
-        self._line.reset()
-        self._modelled = 0.0
-        self._times = [0.0] * KEPT
-        self._gears = [0.0] * KEPT
-        self._angles = [0.0] * KEPT
-        self._ticks = 0
-        self._feedback: tuple[float, float] | None = None
-
-    def reconfigure(self, gear: SteeringGear) -> None:
-        """Go on with another steering gear; a changed delay forgets the orders that were still on their way."""
-        if gear.delay != self._gear.delay:
-            effective = self._line.newest
-            self._line = DelayLine(gear.delay, effective)
-        self._gear = gear
+    times: WritableRing
+    angles: WritableRing
+    gears: WritableRing
+    order_times: WritableRing
+    orders: WritableRing
 
     @property
-    def past(self) -> RudderPast:
-        """Where the rudder was."""
-        return RudderPast(self._times, self._angles, self._ticks)
+    def copied(self) -> RudderMemory:
+        """The same in rings of its own: what is kept of a moment that others go on writing from."""
+        return RudderMemory(*([ring[place] for place in range(len(ring))] for ring in self))
 
-    @property
-    def angle(self) -> float:
-        """Newest estimate [rad]."""
-        return self._angles[(self._ticks - 1) & (KEPT - 1)]
 
-    def is_known(self, now: float) -> bool:
-        """Return whether feedback at `now` [s] says where the rudder is, whoever moves it."""
-        return self._feedback is not None and now - self._feedback[0] < FEEDBACK_FRESH
+class RudderObserver(NamedTuple):
+    """The steering gear's model [rad], how many ticks and orders there were, how many orders have taken effect and the
+    newest of these [rad], and the newest feedback [rad] with its time [s], -inf before any."""
 
-    def feed_back(self, time: float, angle: float) -> None:
-        """Take a measured `angle` [rad], measured at `time` [s]; older than the newest one is ignored."""
-        if self._feedback is None or time >= self._feedback[0]:
-            self._feedback = (time, angle)
+    modelled: float = 0.0
+    ticks: int = 0
+    given: int = 0
+    passed: int = 0
+    effective: float = 0.0
+    fed_back_at: float = -math.inf
+    fed_back: float = 0.0
 
-    def order(self, now: float, order: float) -> None:
-        """Take the `order` [rad] that left for the steering gear at `now` [s]."""
-        self._line.give(now, order)
 
-    def advance(self, now: float) -> float:
-        """Move the model to `now` [s] and return the estimate [rad]."""
-        if self._ticks:
-            dt = now - self._times[(self._ticks - 1) & (KEPT - 1)]
-            if dt <= 0.0:
-                return self.angle
-            self._modelled = gear_step(self._gear, self._modelled, self._line.effective(now), dt)
-        angle = self._modelled
-        if self._feedback is not None and self.is_known(now):
-            angle += self._feedback[1] - self._modelled_at(self._feedback[0])
-        place = self._ticks & (KEPT - 1)
-        self._times[place], self._gears[place], self._angles[place] = now, self._modelled, angle
-        self._ticks += 1
-        return angle
+def rudder_memory() -> RudderMemory:
+    """Return rings for the pilot: `KEPT` ticks, and orders for the longest dead time of a vessel file."""
+    return RudderMemory([0.0] * KEPT, [0.0] * KEPT, [0.0] * KEPT, [0.0] * ORDERS_KEPT, [0.0] * ORDERS_KEPT)
 
-    def _modelled_at(self, time: float) -> float:
-        if not self._ticks or time >= self._times[(self._ticks - 1) & (KEPT - 1)]:
-            return self._modelled
-        return self._gears[tick_at(self.past, time) & (KEPT - 1)]
 
-    def held(self, start: float, end: float, grain: float) -> list[tuple[float, float]]:
-        """Return what `held` yields of this rudder's past."""
-        return list(held(self.past, start, end, grain))
+def past_of(observer: RudderObserver, memory: RudderMemory) -> RudderPast:
+    """Return where the rudder was."""
+    return RudderPast(memory.times, memory.angles, observer.ticks)
+
+
+def newest_angle(observer: RudderObserver, memory: RudderMemory) -> float:
+    """Return the newest estimate [rad]."""
+    return memory.angles[(observer.ticks - 1) & (len(memory.angles) - 1)]
+
+
+def is_fed_back(observer: RudderObserver, now: float) -> bool:
+    """Return whether feedback at `now` [s] says where the rudder is, whoever moves it."""
+    return now - observer.fed_back_at < FEEDBACK_FRESH
+
+
+def with_feedback(observer: RudderObserver, time: float, angle: float) -> RudderObserver:
+    """Return the observer after a measured `angle` [rad] of `time` [s]; older than the newest one is ignored."""
+    if time < observer.fed_back_at:
+        return observer
+    return RudderObserver(
+        observer.modelled, observer.ticks, observer.given, observer.passed, observer.effective, time, angle
+    )
+
+
+def ordered(observer: RudderObserver, memory: RudderMemory, now: float, order: float) -> RudderObserver:
+    """Return the observer after the `order` [rad] that left for the steering gear at `now` [s]."""
+    place = observer.given & (len(memory.orders) - 1)
+    passed, effective = observer.passed, observer.effective
+    if observer.given - passed == len(memory.orders):
+        passed, effective = passed + 1, memory.orders[place]
+    memory.order_times[place] = now
+    memory.orders[place] = order
+    return RudderObserver(
+        observer.modelled,
+        observer.ticks,
+        observer.given + 1,
+        passed,
+        effective,
+        observer.fed_back_at,
+        observer.fed_back,
+    )
+
+
+def all_effective(observer: RudderObserver, memory: RudderMemory) -> RudderObserver:
+    """Return the observer with every order that was on its way in effect."""
+    if observer.passed == observer.given:
+        return observer
+    newest = memory.orders[(observer.given - 1) & (len(memory.orders) - 1)]
+    return observer._replace(passed=observer.given, effective=newest)
+
+
+def advanced(gear: SteeringGear, observer: RudderObserver, memory: RudderMemory, now: float) -> RudderObserver:
+    """Return the observer at `now` [s], the angle there written down; time does not go back."""
+    times, ring, orders_ring = memory.times, len(memory.times) - 1, len(memory.orders) - 1
+    modelled, passed, effective = observer.modelled, observer.passed, observer.effective
+    if observer.ticks:
+        dt = now - times[(observer.ticks - 1) & ring]
+        if dt <= 0.0:
+            return observer
+        while passed < observer.given and memory.order_times[passed & orders_ring] + gear.delay <= now:
+            effective = memory.orders[passed & orders_ring]
+            passed += 1
+        modelled = gear_step(gear, modelled, effective, dt)
+    angle, at = modelled, observer.fed_back_at
+    if now - at < FEEDBACK_FRESH:
+        then = modelled
+        if observer.ticks and at < times[(observer.ticks - 1) & ring]:
+            then = memory.gears[tick_at(RudderPast(times, memory.angles, observer.ticks), at) & ring]
+        angle += observer.fed_back - then
+    place = observer.ticks & ring
+    times[place] = now
+    memory.gears[place] = modelled
+    memory.angles[place] = angle
+    return RudderObserver(modelled, observer.ticks + 1, observer.given, passed, effective, at, observer.fed_back)

@@ -1,18 +1,21 @@
-"""How an order becomes a reference: the planned turn, carried from tick to tick by a virtual boat."""
+"""How an order becomes a reference: the planned turn, carried from tick to tick by a virtual boat.
+
+Scalar functions over one value, `Guide`, which the loop calls as they are and campaigns compile.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import (
+    NOTHING_SHOWN,
     TurnLimits,
     VirtualBoat,
     caught_up,
     in_company,
-    is_turning,
-    reference_of,
     replan_beyond,
     replanned,
     turn_step,
@@ -22,104 +25,84 @@ from autopilot.guidance.turn import (
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
-from autopilot.signals import NavState, Order, OrderKind, Reference
+from autopilot.signals import NavState, Order, OrderKind
 
 REPLAN_GUIDED = math.radians(90.0)
 """A firmware that steers by itself turns in its own time: it is only never led the wrong way round."""
 
 
-class HeadingGuide:
-    """The order in force, the heading it stands for and the turn towards it.
+class Guide(NamedTuple):
+    """The turn to the heading that is ordered: heading [rad], the virtual boat that leads there, and a zigzag's side.
 
-    model and limits are those of the tick, at the speed that is.
+    turning_until [s]: an ordered turn may last so long. free_time [s]: when the rudder was last not at its stop.
     """
 
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything since power-on."""
-        self.order = Order()
-        self.heading = 0.0
-        """The heading that is ordered [rad]."""
-        self._boat = VirtualBoat(0.0)
-        self._side = 1
-        self._turning_until = -math.inf
-        self._free_time = -math.inf
+    heading: float = 0.0
+    boat: VirtualBoat = VirtualBoat(0.0)
+    side: int = 1
+    turning_until: float = -math.inf
+    free_time: float = -math.inf
 
     def is_late(self, now: float) -> bool:
         """Return whether the turn to the ordered heading has had the time [s] it may take."""
-        return now >= self._turning_until
+        return now >= self.turning_until
 
-    def is_turning(self, model: Norrbin, limits: TurnLimits) -> bool:
-        """Return whether the planned turn keeps the rudder busy."""
-        return is_turning(model, limits, self._boat)
 
-    def start(self, state: NavState, limits: TurnLimits) -> None:
-        """Plan anew from where the boat is, turning no faster than it may."""
-        self._boat = VirtualBoat(state.heading, clip(state.rate, -limits.rate_max, limits.rate_max), 0.0)
-        self._free_time = state.time
+class Steering(NamedTuple):
+    """What leads depends on: on which side the rudder is at its stop, see `side_hard_over`; whether the rudder is ours;
+    whether the law goes by the estimated bias. An integrator needs the error that a plan keeps from it."""
 
-    def forget_order(self) -> None:
-        """Take the next order for a new one."""
-        self.order = Order()
+    hard_over: int
+    is_ours: bool
+    by_bias: bool
 
-    def begin(self, order: Order, state: NavState, model: Norrbin, limits: TurnLimits) -> None:
-        """An order that is new: adopt the present heading where it names none."""
-        if self.order.kind is not OrderKind.HEADING:
-            self.start(state, limits)
-        self.order = order
-        self.heading = order.heading if math.isfinite(order.heading) else state.heading
-        self._side = 1
-        may_take = turning_time(model, limits, shortest_turn(state.heading, self.heading))
-        self._turning_until = max(self._turning_until, state.time + may_take)
 
-    def lead(
-        self,
-        state: NavState,
-        model: Norrbin,
-        limits: TurnLimits,
-        hard_over: int,
-        steers: bool,
-        by_bias: bool,
-        dt: float,
-    ) -> Reference:
-        """Return the reference `dt` [s] on; hard_over: see `side_hard_over`. steers: whether the rudder is ours.
+def started(guide: Guide, limits: TurnLimits, state: NavState) -> Guide:
+    """Return the guide with a plan from where the boat is, turning no faster than it may."""
+    boat = VirtualBoat(state.heading, clip(state.rate, -limits.rate_max, limits.rate_max), 0.0, NOTHING_SHOWN)
+    return Guide(guide.heading, boat, guide.side, guide.turning_until, state.time)
 
-        by_bias: whether the law goes by the estimated bias. An integrator needs the error that a plan keeps from it.
-        """
-        is_late = self.is_late(state.time)
-        if hard_over == 0:
-            self._free_time = state.time
-        stuck = state.time - self._free_time
-        beyond = replan_beyond(model, limits, is_late, stuck) if steers else REPLAN_GUIDED
-        if abs(shortest_turn(self._boat.heading, state.heading)) > beyond:
-            self._boat = replanned(model, limits, state.heading, state.rate, state.rudder + state.bias)
-        led, pace = self._boat, limits
-        if is_late:
-            pace = without_haste(limits)
-        if steers and by_bias and is_late:
-            led = caught_up(model, limits, led, state.heading, self.heading)
-        if steers and (by_bias or not is_late):
-            led = within_reach(led, state.heading, state.rate, hard_over)
-        if limits.watches and steers:
-            led = in_company(model, limits, led, state.heading, state.rate, state.rudder + state.bias, dt)
-        self._boat = turn_step(model, pace, led, self.heading, dt)
-        if not math.isfinite(self._boat.heading + self._boat.rate + self._boat.rudder):
-            # far quicker than the model of a boat that has lost its way allows: the turn is planned anew
-            self.start(state, limits)
-        return reference_of(model, limits, self._boat)
 
-    def astray(self, heading: float) -> float:
-        """Return how far [rad] beyond its swing a zigzag is off to the side that its rudder turns away from.
+def heading_ordered(guide: Guide, model: Norrbin, limits: TurnLimits, state: NavState, heading: float) -> Guide:
+    """Return the guide on its way to another `heading` [rad]; nan adopts the present one."""
+    adopted = heading if math.isfinite(heading) else state.heading
+    may_take = turning_time(model, limits, shortest_turn(state.heading, adopted))
+    until = max(guide.turning_until, state.time + may_take)
+    return Guide(adopted, guide.boat, 1, until, guide.free_time)
 
-        0 or less where the boat sails it, and where no zigzag is sailed.
-        """
-        if self.order.kind is not OrderKind.ZIGZAG:
-            return 0.0
-        return -self._side * wrap(heading - self.heading) - self.order.heading_change
 
-    def zigzag_rudder(self, state: NavState, order: Order) -> float:
-        """Return the rudder [rad] of a zigzag about the heading that was adopted."""
-        self._side = zigzag_side(self._side, self.heading, state.heading, order.heading_change)
-        return self._side * order.rudder
+def led(guide: Guide, model: Norrbin, limits: TurnLimits, state: NavState, steering: Steering, dt: float) -> Guide:
+    """Return the guide `dt` [s] on. model and limits are those at the speed that is."""
+    boat, heading, rate, now = guide.boat, state.heading, state.rate, state.time
+    is_late = now >= guide.turning_until
+    free_time = now if steering.hard_over == 0 else guide.free_time
+    beyond = replan_beyond(model, limits, is_late, now - free_time) if steering.is_ours else REPLAN_GUIDED
+    if abs(shortest_turn(boat.heading, heading)) > beyond:
+        boat = replanned(model, limits, heading, rate, state.rudder + state.bias)
+    pace = without_haste(limits) if is_late else limits
+    if steering.is_ours and steering.by_bias and is_late:
+        boat = caught_up(model, limits, boat, heading, guide.heading)
+    if steering.is_ours and (steering.by_bias or not is_late):
+        boat = within_reach(boat, heading, rate, steering.hard_over)
+    if limits.watches and steering.is_ours:
+        boat = in_company(model, limits, boat, state, dt)
+    boat = turn_step(model, pace, boat, guide.heading, dt)
+    if not math.isfinite(boat.heading + boat.rate + boat.rudder):
+        # far quicker than the model of a boat that has lost its way allows: the turn is planned anew
+        return started(guide, limits, state)
+    return Guide(guide.heading, boat, guide.side, guide.turning_until, free_time)
+
+
+def zigzag_divergence(guide: Guide, order: Order, heading: float) -> float:
+    """Return how far [rad] beyond its swing a zigzag is off to the side that its rudder turns away from.
+
+    0 or less where the boat sails it, and where no zigzag is sailed.
+    """
+    if order.kind is not OrderKind.ZIGZAG:
+        return 0.0
+    return -guide.side * wrap(heading - guide.heading) - order.heading_change
+
+
+def zigzag(guide: Guide, order: Order, heading: float) -> Guide:
+    """Return the guide on the zigzag's side at this `heading` [rad], about the heading that was adopted."""
+    return guide._replace(side=zigzag_side(guide.side, guide.heading, heading, order.heading_change))

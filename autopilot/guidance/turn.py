@@ -45,7 +45,7 @@ from typing import NamedTuple
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, damping, rudder_for, steady_rate, yaw_acceleration
 from autopilot.models.steering_gear import clip
-from autopilot.signals import Reference
+from autopilot.signals import NavState, Reference
 
 WEAKEST, STRONGEST = 0.7, 1.0 / 0.7
 """q is looked for between these."""
@@ -355,20 +355,16 @@ def _towards(limits: TurnLimits, left: float) -> float:
     return min(limits.kappa * left, math.sqrt(2.0 * limits.eases * left))
 
 
-def in_company(
-    model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: float, rate: float, rudder: float, dt: float
-) -> VirtualBoat:
-    """Return the virtual boat after `dt` [s] beside the real one, and drawn to it the more the faster it turns.
-
-    heading [rad], rate [rad/s] and rudder [rad], the bias with it, are the real boat's.
-    """
+def in_company(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, real: NavState, dt: float) -> VirtualBoat:
+    """Return the virtual boat after `dt` [s] beside the real one, and drawn to it the more the faster it turns."""
+    rate = real.rate
     over = abs(boat.rudder - rudder_for(model, 0.0, 0.0)) / limits.rudder_max
     turning = min(max(abs(boat.rate) / limits.rate_max, over), 1.0) * dt / model.time_constant
-    near = wrap(boat.heading + min(DRAWN * turning, 1.0) * wrap(heading - boat.heading))
+    near = wrap(boat.heading + min(DRAWN * turning, 1.0) * wrap(real.heading - boat.heading))
     slow = boat.rate + min(DRAWN_RATE * turning, 1.0) * (rate - boat.rate)
     if abs(rate) > CARRIED_OFF * limits.rate_max:
         slow = clip(slow, -limits.rate_max, limits.rate_max)
-    return VirtualBoat(near, slow, boat.rudder, watched(model, boat.shown, rate, rudder, dt))
+    return VirtualBoat(near, slow, boat.rudder, watched(model, boat.shown, rate, real.rudder + real.bias, dt))
 
 
 def paced(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> TurnLimits:

@@ -20,15 +20,16 @@ from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
 from autopilot.control.pid import PidGains, PidLaw
 from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import RefusedError
-from autopilot.estimation.fusion import noises_of
 from autopilot.estimation.heading_ekf import initial
+from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models import waves, wind
 from autopilot.models.waves import WaveState, WaveTransition
+from autopilot.pilot import steering_of
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, Plant, shares_of
-from sitl.campaign.brain import BACKSTEPPING, PID, SLIDING, Brain, Past
+from sitl.campaign.brain import BACKSTEPPING, PID, SLIDING, Brain
 from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.campaign.swift import (
     NO_HEADING,
@@ -231,16 +232,7 @@ def brain_of(vessel: Vessel, law: str) -> Brain | None:
         pid=pid,
         sliding=sliding,
         gains_speed=vessel.model.reference_speed_m_s,
-        model=config.model,
-        gear=config.gear,
-        noises=noises_of(config.noise),
-        limits=config.limits,
-        dead_band=config.dead_band,
-        rudder_share=config.rudder_share,
-        turn_rate_max=config.turn_rate_max,
-        turn_curvature_max=config.turn_curvature_max,
-        wave_corners=config.wave_corners,
-        steerage=config.steerage,
+        config=steering_of(config, chosen),
         heading_timeout=config.failsafe.heading_timeout,
         watches_frozen=config.alarms.frozen_heading,
         patience=config.alarms.off_course_time,
@@ -275,7 +267,12 @@ def setting_of(job: Job, run: int) -> Setting | None:
         swell=swell,
         instruments=instruments,
         brain=shared.brain,
-        filtered=initial(0.0, wrap(float(heading)), float(rate) if job.study.gyro else None, shared.brain.noises.usual),
+        filtered=initial(
+            0.0,
+            wrap(float(heading)),
+            float(rate) if job.study.gyro else None,
+            shared.brain.config.estimator.noises.usual,
+        ),
         course=shared.course,
         is_watched=True,
     )
@@ -341,10 +338,10 @@ def rooms_of(setting: Setting) -> Rooms:
     delay, latency = setting.plant.gear.delay, setting.instruments.latency
     tick = setting.instruments.every * setting.dt
     past = ring_of(RING + math.ceil(2.0 / tick))
-    orders = ring_of(3 + math.ceil(setting.brain.gear.delay / tick))
+    orders = ring_of(3 + math.ceil(setting.brain.config.estimator.gear.delay / tick))
     return Rooms(
         surface_of(len(setting.water.waves.number)),
-        Past(np.zeros(past), np.zeros(past), np.zeros(orders), np.zeros(orders)),
+        RudderMemory(np.zeros(past), np.zeros(past), np.zeros(past), np.zeros(orders), np.zeros(orders)),
         np.zeros(ring_of(2 + math.ceil(delay / setting.dt))),
         np.zeros((ring_of(2 + math.ceil(latency / tick)), 3)),
     )

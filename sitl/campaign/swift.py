@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.angles import wrap, wrap_positive
+from autopilot.estimation.fusion import Measured
 from autopilot.estimation.heading_ekf import FilterState
+from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.waves import WaveState
 from sitl.boat import BoatState, Disturbance, Plant, Shares, boat_step
-from sitl.campaign.brain import Brain, Heard, Past, first_mind, tick
+from sitl.campaign.brain import Brain, Heard, first_mind, tick
 from sitl.campaign.waters import Surface, Water, WaterState, water_step
 
 SETTLED = math.radians(1.0)
@@ -184,12 +186,12 @@ class Setting(NamedTuple):
 
 
 class Rooms(NamedTuple):
-    """Memory that a run writes in: the waves' surface, the pilot's past, orders to the rudder by step, readings.
+    """Memory that a run writes in: the waves' surface, where the rudder was, orders to the rudder by step, readings.
 
     All but the surface are rings whose lengths are powers of two."""
 
     surface: Surface
-    past: Past
+    rudder: RudderMemory
     orders: Floats
     readings: Floats
 
@@ -208,14 +210,15 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
     _keep(rooms, 0, heading, rate, speed)
     if instruments.missing[0]:
         return NOTHING, False
-    mind = first_mind(setting.brain, setting.filtered, lag * dt, wrap(heading), speed, rooms.past)
+    heard = Heard(Measured(0.0, wrap(heading), rate), speed)
+    mind = first_mind(setting.brain, setting.filtered, lag * dt, heard, rooms.rudder)
     score, told = NOTHING, 0.0
     for step in range(setting.steps):
         time = step * dt
         if step == next_tick:
             heard = heard_of(instruments, rooms, ticks, dt)
             next_tick, ticks = next_tick + instruments.every, ticks + 1
-            mind = tick(setting.brain, mind, rooms.past, time, heard, ordered(course, time))
+            mind = tick(setting.brain, mind, rooms.rudder, time, heard, ordered(course, time))
             if mind.gone and setting.is_watched:
                 return score, False
             score = scored(score, course, time, state.heading, state.speed, told, mind.told)
@@ -268,4 +271,4 @@ def heard_of(instruments: Instruments, rooms: Rooms, reading: int, dt: float) ->
         rate = rooms.readings[place, 1] if instruments.has_rate else math.nan
     if not missing & NO_SPEED and reading % instruments.speed_every == 0:
         speed = rooms.readings[place, 2]
-    return Heard(time, heading, rate, speed)
+    return Heard(Measured(time, heading, rate), speed)

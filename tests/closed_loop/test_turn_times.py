@@ -13,6 +13,7 @@ import pytest
 
 from autopilot.guidance.turn import VirtualBoat, in_company, paced, reference_of, turn_limits
 from autopilot.models.norrbin import rate_step, rudder_for
+from autopilot.signals import NavState
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -60,6 +61,10 @@ def test_a_rudder_other_than_the_models_by_a_third_leads_past_by_little(name: st
     assert found.settling_s < math.inf
 
 
+def real(heading: float, rate: float, rudder: float) -> NavState:
+    return NavState(0.0, heading, rate, 4.0, rudder, 0.0, 0.0, True)
+
+
 def test_a_course_unstable_boat_is_led_as_it_has_shown_to_answer() -> None:
     model, rudder = turns.BOATS["unstable"].model, math.radians(15.0)
     careful = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
@@ -71,7 +76,7 @@ def test_a_course_unstable_boat_is_led_as_it_has_shown_to_answer() -> None:
         for tick in range(200):
             over = rudder if tick < 100 else -rudder
             rate = rate_step(true, rate, over, 0.05)
-            boat = in_company(model, careful, boat, 0.0, rate, over, 0.05)
+            boat = in_company(model, careful, boat, real(0.0, rate, over), 0.05)
         return boat._replace(rate=0.05, rudder=rudder)
 
     begun, known, weaker = (paced(model, careful, boat) for boat in (VirtualBoat(0.0), seen(1.0), seen(0.7)))
@@ -89,7 +94,7 @@ def test_the_plan_goes_with_a_boat_that_lags_while_it_turns_and_not_at_rest() ->
     model = turns.BOATS["unstable"].model
     limits = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
     turning, resting = VirtualBoat(0.5, limits.rate_max, 0.0), VirtualBoat(0.5)
-    drawn, left = (in_company(model, limits, boat, 0.4, 0.0, 0.0, 0.05) for boat in (turning, resting))
+    drawn, left = (in_company(model, limits, boat, real(0.4, 0.0, 0.0), 0.05) for boat in (turning, resting))
     assert 0.4 < drawn.heading < 0.5
     assert 0.0 < drawn.rate < limits.rate_max
     assert (left.heading, left.rate) == (0.5, 0.0)

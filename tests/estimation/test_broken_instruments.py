@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from estimating import Estimating, Observed
 from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.estimation.estimator import Estimator
-from autopilot.estimation.rudder_observer import RudderTrack
 from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import gear_of, model_of, noise_of
@@ -26,8 +25,8 @@ MODEL = model_of(VESSEL)
 DT = 0.05
 
 
-def made() -> Estimator:
-    return Estimator(MODEL, gear_of(VESSEL), noise_of(VESSEL))
+def made() -> Estimating:
+    return Estimating(MODEL, gear_of(VESSEL), noise_of(VESSEL))
 
 
 def course(seconds: float, rudder: float = 0.1, with_rate: bool = True, every: int = 1) -> list[HeadingSample]:
@@ -42,7 +41,7 @@ def course(seconds: float, rudder: float = 0.1, with_rate: bool = True, every: i
     return samples
 
 
-def feed(estimator: Estimator, samples: list[HeadingSample], rudder: float = 0.1) -> NavState:
+def feed(estimator: Estimating, samples: list[HeadingSample], rudder: float = 0.1) -> NavState:
     for sample in samples:
         told = (sample, RudderSample(sample.time, rudder))
         state = estimator.update(sample.time, told)
@@ -111,7 +110,7 @@ def test_broken_instruments_change_nothing(bad: float) -> None:
             ),
         )
     assert after == before
-    assert estimator.model == MODEL
+    assert estimator.state.model == MODEL
     assert estimator.counters.implausible >= 80
 
 
@@ -136,7 +135,7 @@ def test_a_clock_ahead_does_not_carry_the_filter_into_the_future() -> None:
 def test_the_model_goes_with_the_speed_and_forgets_it() -> None:
     estimator = made()
     estimator.update(0.0, (SpeedSample(0.0, 2.315),))
-    assert estimator.model.gain == pytest.approx(0.5 * MODEL.gain)
+    assert estimator.state.model.gain == pytest.approx(0.5 * MODEL.gain)
     assert estimator.update(1.0, ()).speed == 2.315
     assert estimator.update(30.0, ()).speed == MODEL.reference_speed
 
@@ -145,11 +144,11 @@ def test_state_and_model_agree_on_the_speed_after_it_has_gone_stale() -> None:
     estimator = made()
     estimator.update(0.0, (SpeedSample(0.0, 2.315),))
     state = estimator.update(60.0, (HeadingSample(60.0, 0.0),))
-    assert estimator.model.reference_speed == pytest.approx(state.speed)
+    assert estimator.state.model.reference_speed == pytest.approx(state.speed)
 
 
 def test_feedback_older_than_the_newest_is_ignored_and_goes_stale() -> None:
-    track = RudderTrack(SteeringGear(0.5, 0.2))
+    track = Observed(SteeringGear(0.5, 0.2))
     track.advance(0.0)
     track.feed_back(5.0, 0.3)
     track.feed_back(4.0, -0.3)
@@ -165,7 +164,7 @@ def test_feedback_older_than_the_newest_is_ignored_and_goes_stale() -> None:
     st.sampled_from([0.0, 0.3, math.inf]),
 )
 def test_joining_short_holds_keeps_the_rudder_s_integral(steps: list[float], a: float, b: float, grain: float) -> None:
-    track, now = RudderTrack(SteeringGear(0.5, 0.2)), 0.0
+    track, now = Observed(SteeringGear(0.5, 0.2)), 0.0
     for step in steps:
         now += step
         track.order(now, 0.3 * math.sin(now))
@@ -209,7 +208,7 @@ def test_noise_is_filtered() -> None:
 
 def test_late_rudder_feedback_corrects_the_level_and_the_model_adds_the_motion() -> None:
     gear = SteeringGear(0.5, 0.2)
-    track = RudderTrack(gear)
+    track = Observed(gear)
     offset = 0.05
     for index in range(40):
         now = index * 0.1

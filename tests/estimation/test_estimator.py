@@ -11,11 +11,12 @@ from typing import Literal, TypeVar
 
 import numpy as np
 import pytest
+from estimating import Estimating
 from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.estimator import Counters, Estimator
+from autopilot.estimation.estimator import Counters
 from autopilot.estimation.heading_ekf import FilterNoise, fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -34,8 +35,8 @@ GEAR = SteeringGear(math.radians(30.0), math.radians(20.0), 0.1)
 NOISE = FilterNoise(math.radians(0.3) ** 2, math.radians(0.2) ** 2, 2.7e-3, 1.2e-4)
 
 
-def estimator() -> Estimator:
-    return Estimator(MODEL, GEAR, NOISE)
+def estimator() -> Estimating:
+    return Estimating(MODEL, GEAR, NOISE)
 
 
 Timed = TypeVar("Timed")
@@ -53,7 +54,7 @@ def test_it_knows_nothing_before_the_first_heading() -> None:
 def test_with_the_first_heading_nothing_lies_to_one_side_and_it_is_one() -> None:
     first = estimator()
     first.update(1.0, (HeadingSample(1.0, 0.5),))
-    assert (first.surprise, first.counters) == (0.0, Counters(fused=1))
+    assert (first.state.fusion.surprise, first.counters) == (0.0, Counters(fused=1))
 
 
 def shuffled_by_fives(samples: list[Timed]) -> list[Timed]:
@@ -97,7 +98,7 @@ def test_in_waves_too_the_order_of_arrival_does_not_matter(with_rate: bool) -> N
         if not with_rate and i % 2:
             samples.append(RateSample(0.1 * i - 0.03, in_waves(0.1 * i - 0.03)[1]))
     samples.sort(key=lambda sample: sample.time)
-    ordered, shuffled = (Estimator(MODEL, GEAR, WAVES) for _ in range(2))
+    ordered, shuffled = (Estimating(MODEL, GEAR, WAVES) for _ in range(2))
     for sample in samples:
         ordered.update(40.0, (sample,))
     for sample in shuffled_by_fives(samples):
@@ -109,7 +110,7 @@ def test_in_waves_too_the_order_of_arrival_does_not_matter(with_rate: bool) -> N
 @pytest.mark.parametrize("with_rate", [True, False])
 def test_irregular_samples_with_spikes_still_part_boat_and_waves(with_rate: bool) -> None:
     """Intervals from 20 ms to 0.8 s, 0.3 deg of noise, every twentieth heading anywhere: the boat's swing is found."""
-    tested, deviates = Estimator(MODEL, GEAR, WAVES._replace(acceleration=2.7e-4)), np.random.default_rng(5)
+    tested, deviates = Estimating(MODEL, GEAR, WAVES._replace(acceleration=2.7e-4)), np.random.default_rng(5)
     now, errors, totals, spikes = 0.0, [], [], 0
     while now < 300.0:
         now += float(deviates.choice([0.02, 0.1, 0.1, 0.2, 0.8]))
@@ -121,7 +122,7 @@ def test_irregular_samples_with_spikes_still_part_boat_and_waves(with_rate: bool
         state = tested.update(now, (HeadingSample(now, measured, noisy),))
         if now > 120.0:
             own = math.radians(5.0) * math.sin(0.05 * now)
-            errors.append(state.without_waves().heading - own)
+            errors.append(state.heading - state.wave_heading - own)
             totals.append(state.heading - heading)
     assert tested.counters.spikes >= 0.95 * spikes
     assert math.degrees(float(np.std(totals))) < 0.35
@@ -136,7 +137,7 @@ def test_two_headings_a_moment_apart_do_not_turn_a_ship(quickest_deg_s: float) -
     noise = FilterNoise(math.radians(1.5) ** 2, math.radians(0.2) ** 2, 2.7e-12, 2.0e-7, rate_unknown=quickest**2)
     told = {}
     for name, known in (("known", noise), ("unknown", noise._replace(rate_unknown=RATE_UNKNOWN))):
-        tested, deviates = Estimator(ship, GEAR, known), np.random.default_rng(7)
+        tested, deviates = Estimating(ship, GEAR, known), np.random.default_rng(7)
         measured = [math.radians(2.0), *np.radians(0.2) * deviates.standard_normal(150)]
         states = [tested.update(0.1 * i, (HeadingSample(0.1 * i, float(one)),)) for i, one in enumerate(measured)]
         told[name] = max(abs(state.rate) for state in states)
@@ -246,12 +247,13 @@ def test_a_boat_without_headings_for_more_than_two_seconds_begins_anew() -> None
 
 @pytest.mark.parametrize(("watched", "push"), [(39.999, 0.0), (40.0, 0.1)])
 def test_wind_is_known_once_the_sea_has_been_watched_for_forty_seconds(watched: float, push: float) -> None:
-    tested = Estimator(MODEL, GEAR, NOISE._replace(waves=True))
-    assert tested.push == 0.0
+    tested = Estimating(MODEL, GEAR, NOISE._replace(waves=True))
+    assert tested.state.push == 0.0
     tested.update(0.0, (HeadingSample(0.0, 0.0, 0.0),))
-    assert tested._fusion is not None
-    tested._fusion = tested._fusion._replace(state=tested._fusion.state._replace(time=watched, bias=0.1))
-    assert tested.push == push
+    fusion = tested.state.fusion
+    fusion = fusion._replace(state=fusion.state._replace(time=watched, bias=0.1))
+    tested.state = tested.state._replace(fusion=fusion)
+    assert tested.state.push == push
 
 
 def test_a_heading_from_the_future_is_taken_as_of_now() -> None:
@@ -287,7 +289,7 @@ def test_heading_alone_gives_the_rate() -> None:
     for i in range(400):
         order = 0.2 * math.sin(0.8 * plant.time)
         state = tested.update(plant.time, tuple(plant.sense()))
-        tested.rudder.order(plant.time, order)
+        tested.order(plant.time, order)
         if i > 50:
             errors.append((wrap(state.heading - plant.heading), state.rate - plant.rate))
         plant.step(order, 0.1)
@@ -303,7 +305,7 @@ def test_latency_does_not_reach_the_state() -> None:
     for i in range(300):
         order = 0.2 * math.sin(0.8 * plant.time)
         state = tested.update(plant.time, tuple(plant.sense()))
-        tested.rudder.order(plant.time, order)
+        tested.order(plant.time, order)
         if i > 40:
             worst = max(worst, abs(wrap(state.heading - plant.heading)))
         plant.step(order, 0.05)
@@ -315,7 +317,7 @@ def test_the_bias_is_learnt() -> None:
     tested = estimator()
     for _ in range(1200):
         state = tested.update(plant.time, tuple(plant.sense()))
-        tested.rudder.order(plant.time, -math.radians(3.0))
+        tested.order(plant.time, -math.radians(3.0))
         plant.step(-math.radians(3.0), 0.05)
     assert math.degrees(state.bias) == pytest.approx(4.0, abs=0.3)
 
@@ -327,10 +329,10 @@ def test_at_the_rudders_stop_the_end_of_a_push_is_learnt_at_once() -> None:
 
     def left_after(rudder: float) -> float:
         plant = Plant(model, gear, disturbance=lambda t: -rudder if t < 60.0 else 0.0)
-        tested = Estimator(model, gear, noise)
+        tested = Estimating(model, gear, noise)
         for _ in range(1400):
             state = tested.update(plant.time, tuple(plant.sense()))
-            tested.rudder.order(plant.time, rudder)
+            tested.order(plant.time, rudder)
             plant.step(rudder, 0.05)
         return state.bias / -rudder
 
@@ -379,10 +381,10 @@ def test_late_rudder_feedback_sets_the_level_and_the_model_adds_the_motion() -> 
     for i in range(100):
         now = 0.05 * i
         order = 0.2 if now > 2.0 else 0.0
-        samples = (RudderSample(now - 0.3, 0.03 + tested.rudder._modelled_at(now - 0.3)),) if i % 5 == 0 else ()
+        samples = (RudderSample(now - 0.3, 0.03 + tested.modelled_at(now - 0.3)),) if i % 5 == 0 else ()
         state = tested.update(now, (HeadingSample(now, 0.0), *samples))
-        tested.rudder.order(now, order)
-        truth = 0.03 + tested.rudder._modelled
+        tested.order(now, order)
+        truth = 0.03 + tested.state.rudder.modelled
     assert state.rudder == pytest.approx(truth, abs=1e-9)
     assert state.rudder == pytest.approx(0.23, abs=1e-3)
 
@@ -402,5 +404,5 @@ def test_a_late_sample_leaves_what_it_would_have_left_in_its_turn(late: int) -> 
         if index in (22 + late, 25 + late):
             shuffled.update(sample.time, (samples[index - late],))
     assert shuffled.counters.late == 2
-    assert shuffled.surprise == pytest.approx(in_turn.surprise, rel=1.0e-12)
-    assert shuffled._fusion == in_turn._fusion
+    assert shuffled.state.fusion.surprise == pytest.approx(in_turn.state.fusion.surprise, rel=1.0e-12)
+    assert shuffled.state.fusion == in_turn.state.fusion

@@ -8,10 +8,11 @@ import pytest
 
 from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation.disturbance import UNKNOWN
-from autopilot.estimation.fusion import Fusion, carried, fuse_measured, mean_at, noises_of
+from autopilot.estimation.fusion import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.models.norrbin import Norrbin
+from autopilot.signals import NavState
 
 BOAT = Norrbin(0.2, 5.0)
 NOISE = FilterNoise(heading=1.0e-4, rate=4.0e-5, acceleration=2.0e-5, bias=3.0e-6, gust_bias=5.0e-4)
@@ -36,14 +37,14 @@ def test_the_lasting_innovation_is_a_mean_over_three_seconds(before: float, devi
     ahead = carried(BOAT, NOISES, now, PAST, 0.5)
     off = deviations * deviation(ahead, NOISE.rate if of_rate else NOISE.heading, of_rate=of_rate)
     heading, rate = (NO, off) if of_rate else (off, NO)
-    after, is_fused = fuse_measured(BOAT, NOISES, now, PAST, 0.5, heading, rate)
+    after, is_fused = fuse_measured(BOAT, NOISES, now, PAST, Measured(0.5, heading, rate))
     assert is_fused
     assert after.surprise == pytest.approx(before + (1.0 - math.exp(-0.5 / 3.0)) * (deviations - before))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_one_wild_rate_counts_as_five_deviations(side: float) -> None:
-    after, _ = fuse_measured(BOAT, NOISES, fusion(), PAST, 0.5, NO, side * 100.0)
+    after, _ = fuse_measured(BOAT, NOISES, fusion(), PAST, Measured(0.5, NO, side * 100.0))
     assert after.surprise == pytest.approx(side * 5.0 * (1.0 - math.exp(-0.5 / 3.0)))
 
 
@@ -52,21 +53,21 @@ def test_one_wild_rate_counts_as_five_deviations(side: float) -> None:
 def test_the_gate_is_ten_degrees_or_six_deviations(side: float, start: float) -> None:
     for off_deg, is_taken in ((9.9, True), (10.1, False)):
         heading = math.remainder(start + side * math.radians(off_deg), math.tau)
-        assert fuse_measured(BOAT, NOISES, fusion(start), PAST, 0.1, heading, NO)[1] is is_taken
+        assert fuse_measured(BOAT, NOISES, fusion(start), PAST, Measured(0.1, heading, NO))[1] is is_taken
     vague = NOISES._replace(usual=NOISE._replace(heading=math.radians(5.0) ** 2))
     ahead = carried(BOAT, vague, fusion(start), PAST, 0.1)
     gate = 6.0 * deviation(ahead, vague.usual.heading, of_rate=False)
     assert gate > math.radians(30.0)
     for share, is_taken in ((0.99, True), (1.01, False)):
         heading = math.remainder(start + side * share * gate, math.tau)
-        assert fuse_measured(BOAT, vague, fusion(start), PAST, 0.1, heading, NO)[1] is is_taken
+        assert fuse_measured(BOAT, vague, fusion(start), PAST, Measured(0.1, heading, NO))[1] is is_taken
 
 
 def test_spikes_are_counted_while_they_agree_and_a_heading_that_is_taken_ends_the_row() -> None:
     now, counts = fusion(), []
     for heading in (1.0, 1.05, 1.1, -1.0, -0.9, 0.001, 1.0):
         before = now
-        now, is_fused = fuse_measured(BOAT, NOISES, now, PAST, now.state.time + 0.1, heading, NO)
+        now, is_fused = fuse_measured(BOAT, NOISES, now, PAST, Measured(now.state.time + 0.1, heading, NO))
         counts.append(now.spikes)
         assert is_fused is (abs(heading) < 0.1)
         if not is_fused:
@@ -76,11 +77,11 @@ def test_spikes_are_counted_while_they_agree_and_a_heading_that_is_taken_ends_th
 
 
 def test_a_rate_beside_a_spike_is_left_out_too_and_one_alone_is_taken() -> None:
-    assert fuse_measured(BOAT, NOISES, fusion(), PAST, 0.1, 1.0, 0.01)[0].state == fusion().state
-    taken, is_fused = fuse_measured(BOAT, NOISES, fusion(), PAST, 0.1, NO, 0.01)
+    assert fuse_measured(BOAT, NOISES, fusion(), PAST, Measured(0.1, 1.0, 0.01))[0].state == fusion().state
+    taken, is_fused = fuse_measured(BOAT, NOISES, fusion(), PAST, Measured(0.1, NO, 0.01))
     assert is_fused and 0.0 < taken.state.rate < 0.01
     ahead = carried(BOAT, NOISES, fusion(), PAST, 0.1)
-    plain, _ = fuse_measured(BOAT, NOISES, fusion(), PAST, 0.1, 0.02, NO)
+    plain, _ = fuse_measured(BOAT, NOISES, fusion(), PAST, Measured(0.1, 0.02, NO))
     assert plain.state == fuse_heading(ahead, 0.02, NOISE.heading)
 
 
@@ -117,9 +118,9 @@ def test_a_bias_known_to_less_than_1_8_degrees_tells_of_no_gusts() -> None:
 def test_limits_to_the_bit_are_on_the_side_of_the_usual() -> None:
     """Ten degrees off is taken, and so far from a spike agrees with it; 1.5 deviations are lasting."""
     start = fusion()
-    assert fuse_measured(BOAT, NOISES, start, PAST, 0.0, math.radians(10.0), NO)[1]
-    spiked, _ = fuse_measured(BOAT, NOISES, start, PAST, 0.0, math.radians(20.0), NO)
-    again, _ = fuse_measured(BOAT, NOISES, spiked, PAST, 0.0, math.radians(30.0), NO)
+    assert fuse_measured(BOAT, NOISES, start, PAST, Measured(0.0, math.radians(10.0), NO))[1]
+    spiked, _ = fuse_measured(BOAT, NOISES, start, PAST, Measured(0.0, math.radians(20.0), NO))
+    again, _ = fuse_measured(BOAT, NOISES, spiked, PAST, Measured(0.0, math.radians(30.0), NO))
     assert (spiked.spikes, again.spikes) == (1, 1 + (math.radians(30.0) - math.radians(20.0) <= math.radians(10.0)))
     wavy = noises_of(NOISE._replace(waves=True, stop=0.4, stop_bias=2.0e-3))
     known = start.state.p22
@@ -132,9 +133,9 @@ def test_the_sea_is_learnt_while_nothing_lasting_pushes() -> None:
     wavy = noises_of(NOISE._replace(waves=True))
     start = ekf.initial(0.0, 0.0, 0.0, wavy.usual)
     for surprise, is_learnt in ((0.0, True), (1.0, True), (-1.0, True), (3.0, False), (-3.0, False)):
-        after, _ = fuse_measured(BOAT, wavy, Fusion(start, surprise), PAST, 0.0, 0.0, 0.0)
+        after, _ = fuse_measured(BOAT, wavy, Fusion(start, surprise), PAST, Measured(0.0, 0.0, 0.0))
         assert (after.state.sea != start.sea) is False, "no time has passed"
-        after, _ = fuse_measured(BOAT, wavy, Fusion(start, surprise), PAST, 0.1, 0.0, 0.0)
+        after, _ = fuse_measured(BOAT, wavy, Fusion(start, surprise), PAST, Measured(0.1, 0.0, 0.0))
         assert after.state.sea.watched == pytest.approx(0.1 if is_learnt else 0.0)
 
 
@@ -146,11 +147,14 @@ def test_the_mean_is_carried_in_steps_of_half_the_time_constant_at_most(now: flo
     half = ekf.predict(boat, NOISE, turning.state, 0.0, 0.5 * now)
     two = ekf.predict_mean(boat, half, 0.0, now)[1]
     assert abs(one - two) > 1.0e-3
-    assert mean_at(boat, NOISES, turning, PAST, now)[1] == pytest.approx(one if is_one_step else two, rel=1.0e-12)
+    assert seen_at(boat, NOISES, turning, PAST, Moment(now, 1.0, 0.0)).rate == pytest.approx(
+        one if is_one_step else two, rel=1.0e-12
+    )
     assert carried(boat, NOISES, turning, PAST, now).rate == pytest.approx(one if is_one_step else two, rel=1.0e-12)
 
 
 def test_at_the_measurement_s_own_time_the_mean_is_the_state_s_wherever_the_rudder_went_since() -> None:
     moved = RudderPast([0.0, 1.0, 2.0, 3.0], [0.0, 0.1, 0.2, 0.3], 4)
     turning = Fusion(ekf.initial(1.0, 0.5, 0.1, NOISE))
-    assert mean_at(BOAT, NOISES, turning, moved, 1.0) == (0.5, 0.1, 0.0, 0.0)
+    seen = seen_at(BOAT, NOISES, turning, moved, Moment(1.0, 2.0, 0.5))
+    assert seen == NavState(1.0, 0.5, 0.1, 2.0, 0.3, 0.0, 0.5, True)

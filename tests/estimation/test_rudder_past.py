@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
+from estimating import Observed
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.estimation.rudder_observer import RudderPast, RudderTrack, angle_at, held, tick_at
+from autopilot.estimation.rudder_observer import ORDERS_KEPT, RudderPast, angle_at, held, tick_at
 from autopilot.models.steering_gear import SteeringGear
 
 FEEDBACK_FRESH = 2.0
@@ -68,7 +71,7 @@ def test_an_empty_past_is_a_rudder_amidships() -> None:
     assert list(held(empty, 1.0, 2.0, 0.1)) == [(2.0, 0.0)]
     for time in (-1.0, 0.0, 3.0):
         assert angle_at(empty, time) == 0.0
-    track = RudderTrack(SteeringGear(0.5, 0.1, 0.1))
+    track = Observed(SteeringGear(0.5, 0.1, 0.1))
     assert (track.angle, angle_at(track.past, 1.0)) == (0.0, 0.0)
 
 
@@ -80,7 +83,7 @@ def test_the_angle_at_a_time_is_that_of_its_tick(kept: Past, time: float) -> Non
 
 
 def test_feedback_counts_until_it_is_stale_and_the_newest_counts() -> None:
-    track = RudderTrack(SteeringGear(0.5, 0.1, 0.0))
+    track = Observed(SteeringGear(0.5, 0.1, 0.0))
     assert not track.is_known(0.0)
     track.advance(0.0)
     track.feed_back(1.0, 0.2)
@@ -91,18 +94,37 @@ def test_feedback_counts_until_it_is_stale_and_the_newest_counts() -> None:
     assert track.is_known(1.0 + 0.99 * FEEDBACK_FRESH) and not track.is_known(1.0 + FEEDBACK_FRESH)
     assert track.advance(1.0 + FEEDBACK_FRESH) == pytest.approx(0.0), "the model alone"
     assert track.advance(0.5) == track.angle == pytest.approx(0.0), "time does not go back"
-    track.reset()
-    assert (track.angle, track.past.ticks) == (0.0, 0)
 
 
-@pytest.mark.parametrize(("delay", "reached"), [(0.5, 0.0), (0.4, 0.3)])
-def test_with_another_dead_time_the_orders_on_their_way_count_at_once(delay: float, reached: float) -> None:
-    track = RudderTrack(SteeringGear(0.5, 10.0, 0.0, 0.0, 0.5))
+def test_with_another_dead_time_the_orders_on_their_way_count_at_once() -> None:
+    track = Observed(SteeringGear(0.5, 10.0, 0.0, 0.0, 0.5))
     track.advance(0.0)
     track.order(0.0, 0.3)
-    track.reconfigure(SteeringGear(0.5, 10.0, 0.0, 0.0, delay))
-    assert track.advance(0.1) == pytest.approx(reached)
+    track.change(SteeringGear(0.5, 10.0, 0.0, 0.0, 0.4))
+    assert track.advance(0.1) == pytest.approx(0.3)
     assert track.advance(0.6) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.25, 1.0])
+def test_the_order_in_effect_is_the_newest_that_was_given_the_dead_time_ago(delay: float) -> None:
+    track, orders = Observed(SteeringGear(1.0, math.inf, 0.0, 0.0, delay)), {}
+    for tick in range(1, 3000):
+        now = 0.01 * tick
+        passed = [angle for at, angle in orders.items() if at + delay <= now]
+        assert track.advance(now) == pytest.approx(passed[-1] if passed else 0.0, abs=1.0e-12)
+        orders = dict([*orders.items()][-200:])
+        orders[now] = math.sin(now)
+        track.order(now, orders[now])
+
+
+def test_where_more_orders_are_on_their_way_than_are_kept_the_oldest_counts_early() -> None:
+    track = Observed(SteeringGear(1.0, math.inf, 0.0, 0.0, 10.0))
+    track.advance(0.0)
+    for place in range(ORDERS_KEPT):
+        track.order(0.0, 0.1 + 1.0e-6 * place)
+    assert track.advance(1.0) == 0.0
+    track.order(1.0, 0.5)
+    assert track.advance(2.0) == 0.1
 
 
 def test_at_a_tick_s_own_time_its_angle_counts() -> None:

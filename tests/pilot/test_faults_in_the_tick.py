@@ -24,7 +24,7 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "receive": lambda run: (run.link, "receive"),
     "transport receive": lambda run: (run.near, "receive"),
     "orders": lambda run: (run.session, "_orders"),
-    "estimator": lambda run: (run.pilot.estimator, "update"),
+    "estimator": lambda _: (pilot_module, "estimated"),
     "monitors": lambda run: (run.pilot.monitors, "look"),
     "supervisor decides": lambda run: (run.pilot.supervisor, "decide"),
     "guidance": lambda _: (reference, "turn_step"),

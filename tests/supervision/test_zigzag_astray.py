@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from autopilot.guidance.reference import HeadingGuide
+from autopilot.guidance.reference import Guide, heading_ordered, zigzag, zigzag_divergence
 from autopilot.guidance.turn import turn_limits
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, Order, OrderKind
@@ -22,24 +22,23 @@ def state(heading: float, rate: float = 0.0) -> NavState:
     return NavState(time=0.0, heading=heading, rate=rate, speed=4.0, rudder=0.0, bias=0.0, heading_age=0.0, valid=True)
 
 
-def sailing(base: float) -> HeadingGuide:
-    guide = HeadingGuide()
-    guide.begin(ZIGZAG, state(base), MODEL, turn_limits(MODEL, 0.5, 0.2, 0.7, math.inf))
-    return guide
+def sailing(base: float) -> Guide:
+    return heading_ordered(Guide(), MODEL, turn_limits(MODEL, 0.5, 0.2, 0.7, math.inf), state(base), ZIGZAG.heading)
 
 
 @pytest.mark.parametrize("base", [0.0, math.pi, -3.0])
 def test_how_far_is_counted_from_the_swing_on_the_side_that_the_rudder_turns_from(base: float) -> None:
-    guide = sailing(base)
-    assert guide.zigzag_rudder(state(base), ZIGZAG) > 0.0
-    assert guide.astray(base + 1.0) < 0.0, "to starboard, as ordered"
-    assert guide.astray(base - 1.0) == pytest.approx(1.0 - SWING)
-    assert guide.zigzag_rudder(state(base + 1.01 * SWING), ZIGZAG) < 0.0
-    assert guide.astray(base + 1.0) == pytest.approx(1.0 - SWING)
+    guide = zigzag(sailing(base), ZIGZAG, base)
+    assert guide.side > 0
+    assert zigzag_divergence(guide, ZIGZAG, base + 1.0) < 0.0, "to starboard, as ordered"
+    assert zigzag_divergence(guide, ZIGZAG, base - 1.0) == pytest.approx(1.0 - SWING)
+    guide = zigzag(guide, ZIGZAG, base + 1.01 * SWING)
+    assert guide.side < 0
+    assert zigzag_divergence(guide, ZIGZAG, base + 1.0) == pytest.approx(1.0 - SWING)
 
 
 def test_without_a_zigzag_nothing_is_astray() -> None:
-    assert HeadingGuide().astray(2.0) == 0.0
+    assert zigzag_divergence(Guide(), Order(), 2.0) == 0.0
 
 
 @pytest.mark.parametrize(
