@@ -90,7 +90,7 @@ def _add_physics_options(physics: argparse.ArgumentParser) -> None:
         help=f"scenario file, or a shipped one: {', '.join(shipped_scenarios())} (default calm)",
     )
     physics.add_argument(
-        "--seed", metavar="N", action=SEED, help="seed of all that is random (default: the scenario's)"
+        "--seed", metavar="N", action=SEED, help="seed of all random numbers (default: the scenario's)"
     )
     for name, output in (("steering", 1), ("throttle", 3)):
         physics.add_argument(
@@ -100,7 +100,7 @@ def _add_physics_options(physics: argparse.ArgumentParser) -> None:
             default=output,
             help=f"{name} output (default {output})",
         )
-    physics.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after so many simulated seconds")
+    physics.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after this many simulated seconds")
     physics.set_defaults(run=run_physics)
 
 
@@ -136,7 +136,9 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         help=f"scenario file, or a shipped one: {', '.join(shipped_scenarios())} (default calm)",
     )
     serve.add_argument(
-        "--signing-key", metavar="FILE", help="the flight controller signs with the key in FILE and obeys only what is"
+        "--signing-key",
+        metavar="FILE",
+        help="the flight controller signs with the key in FILE and obeys only messages signed with it",
     )
     serve.add_argument(
         "--chaos",
@@ -148,8 +150,8 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         "--control", metavar="HOST:PORT", help=f"listen there for `sitl fault`, e.g. {DEFAULT_DESK}; loopback only"
     )
     serve.add_argument("--speedup", metavar="X", action=SPEEDUP, default=1.0, help="simulated seconds per second")
-    serve.add_argument("--seed", metavar="N", action=SEED, help="seed of all that is random (default: the scenario's)")
-    serve.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after so many simulated seconds")
+    serve.add_argument("--seed", metavar="N", action=SEED, help="seed of all random numbers (default: the scenario's)")
+    serve.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after this many simulated seconds")
     arming = serve.add_mutually_exclusive_group()
     arming.add_argument(
         "--armed", action="store_true", default=None, help="start armed (default: as the scenario says)"
@@ -159,7 +161,7 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
     serve.add_argument(
         "--speed-m-s", metavar="X", action=number(0.0, 50.0), help="speed at the start, held by the throttle"
     )
-    serve.add_argument("--truth", metavar="FILE.csv", type=Path, help="write what the boat really did")
+    serve.add_argument("--truth", metavar="FILE.csv", type=Path, help="write the true motion of the boat")
     serve.set_defaults(run=run_serve)
 
 

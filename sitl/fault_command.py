@@ -16,8 +16,8 @@ def add_fault_command(commands: Any, epilog: str) -> None:
     fault = commands.add_parser(
         "fault",
         help="a fault for a boat that is being served with --control",
-        description="Tell a served boat to have a fault from now on: `sitl fault rudder_stuck for=10`. `list` names "
-        "the faults at work, `clear [KIND]` ends them; --kinds shows every kind with its size.",
+        description="Give a served boat a fault: `sitl fault rudder_stuck for=10`. `list` names "
+        "the active faults, `clear [KIND]` ends them; --kinds shows every kind with its size.",
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

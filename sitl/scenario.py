@@ -166,7 +166,7 @@ class Scenario:
     schema_version: int
     name: str
     description: str = ""
-    seed: Annotated[int, Bounds(0, 2**63 - 1, "seed of all that is random")] = 1
+    seed: Annotated[int, Bounds(0, 2**63 - 1, "seed of all random numbers")] = 1
     start: Start = field(default_factory=Start)
     hull: HullSection = field(default_factory=HullSection)
     waves: WavesSection = field(default_factory=WavesSection)

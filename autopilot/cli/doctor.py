@@ -1,4 +1,4 @@
-"""`autopilot doctor`: is this machine, with these links, fit to steer? Go or no-go, with reason and cure."""
+"""`autopilot doctor`: check whether this machine and these links are fit to steer Go or no-go, with reason and cure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RATE_HZ = 20.0
 WORDS = ("go", "warn", "NO GO")
 DESCRIPTION = """\
 Measure this machine: how late it wakes, memory, disk, clock, supply, versions, serial lines. With --link also how often
-and how evenly headings come, whether the helm would be ours, and which parameters of the flight controller stand in the
+and how evenly headings come, whether the vehicle would accept orders, and which of its parameters stand in the
 way; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go, as where the helm is refused."""
 
 
@@ -27,7 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     from autopilot.cli.waiting import add_waiting_option
 
     parser = subparsers.add_parser(
-        "doctor", help="is this machine, with these links, fit to steer?", description=DESCRIPTION
+        "doctor", help="check whether this machine and these links are fit to steer", description=DESCRIPTION
     )
     parser.add_argument("vessel", metavar="VESSEL.yaml", nargs="?", help="vessel file, or the name of a shipped one")
     parser.add_argument("--link", action="append", default=[], metavar="URL", help="as for `autopilot run`; repeatable")

@@ -44,7 +44,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         "--log",
         metavar="FILE.tlog",
         type=Path,
-        help="write everything to this log; where it exists, to its next free name: FILE-2.tlog",
+        help="write everything to this log; if it exists, to the next free name: FILE-2.tlog",
     )
     where.add_argument(
         "--log-dir",
@@ -57,7 +57,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         metavar="MB",
         action=number(1.0, 1.0e7),
         default=TOTAL_MB,
-        help=f"what the logs of --log-dir may need together (default {TOTAL_MB:g})",
+        help=f"most disk space for all logs of --log-dir (default {TOTAL_MB:g})",
     )
 
 

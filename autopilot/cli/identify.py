@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Fits Norrbin's model  T r' + n3 r^3 + n1 r + n0 = K delta,  K ~ U, T ~ 1/U, n3 ~ 1/U^2,  to all LOG files together,
-and foretells every LOG and every --holdout LOG from its rudder and speed alone. A LOG is of any kind that
+and predicts every LOG and every --holdout LOG from its rudder and speed alone. A LOG is of any kind that
 `autopilot log` reads: .tlog, .BIN, .ulg, NMEA text, CSV.
 """
 
@@ -34,13 +34,13 @@ def add_parser(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "identify",
-        help="a boat's model from recordings of rudder, speed and motion",
+        help="identify a boat's model from recordings of rudder, speed and motion",
         description=DESCRIPTION,
         epilog=COLUMNS_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("logs", nargs="*", metavar="LOG", help="logs to fit; of what kinds, `autopilot log -h` says")
-    parser.add_argument("--holdout", nargs="+", default=[], metavar="LOG", help="recordings to foretell, not to fit")
+    parser.add_argument("logs", nargs="*", metavar="LOG", help="logs to fit (for the kinds see `autopilot log -h`)")
+    parser.add_argument("--holdout", nargs="+", default=[], metavar="LOG", help="recordings to predict, not to fit")
     parser.add_argument("--steady-turns", metavar="FILE", help="CSV of steady turns (rudder, yaw rate): gives n3")
     parser.add_argument(
         "--gain-1-s", action=number(1.0e-5, 100.0), metavar="K", help="hold K [1/s] in the steady-turn stage"
@@ -49,7 +49,7 @@ def add_parser(subparsers: Any) -> None:
         "--model",
         choices=("auto", "nomoto", "nomoto1", "nomoto2", "norrbin", "norrbin-n2"),
         default="norrbin",
-        help="nomoto, nomoto1: n3 = 0; nomoto2: with lag and lead; norrbin-n2: n2 r^2 too; auto: what foretells best, "
+        help="nomoto, nomoto1: n3 = 0; nomoto2: with lag and lead; norrbin-n2: n2 r^2 too; auto: what predicts best, "
         "with the table of candidates (default norrbin)",
     )
     parser.add_argument(
@@ -88,7 +88,7 @@ def add_parser(subparsers: Any) -> None:
         "--weighting",
         choices=("residuals", "prediction-error"),
         default="residuals",
-        help="prediction-error: weigh each sample by what those before it could not foretell, for records in gusts; "
+        help="prediction-error: weigh each sample by what those before it could not predict, for records in gusts; "
         "without propeller, wind, drift and --fit-rudder",
     )
     parser.add_argument(

@@ -32,7 +32,7 @@ def add_parser(subparsers: Any) -> None:
     """Add the `identify-dp` subcommand."""
     parser = subparsers.add_parser(
         "identify-dp",
-        help="a ship's thrust and damping from trials under its thrusters",
+        help="identify a ship's thrust and damping from trials under its thrusters",
         description=DESCRIPTION,
         epilog=COLUMNS_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,

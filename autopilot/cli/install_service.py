@@ -192,7 +192,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="name the adapter with this USB serial number /dev/NAME (NAME=port:1-1.2: the one in this USB port)",
     )
     parser.add_argument("--name", default="norrbin", help="of the service and its folders (default norrbin)")
-    parser.add_argument("--user", help="user that it runs as, made where missing (default: the name)")
+    parser.add_argument("--user", help="user to run as, created if missing (default: the name)")
     parser.add_argument(
         "--python", default=sys.executable, metavar="FILE", help="Python to run with (default: this one)"
     )
@@ -201,7 +201,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         action=number(WATCHDOG_MIN_S, 600.0),
         default=5.0,
         metavar="S",
-        help="a loop silent for this is restarted",
+        help="restart a loop that is silent for this long",
     )
     parser.add_argument("--root", type=Path, default=Path("/"), metavar="DIR", help="write below DIR and run nothing")
     parser.add_argument("--dry-run", action="store_true", help="print the files and change nothing")

@@ -25,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
     from autopilot.cli.log_measures import KINDS_HELP, add_log_options
     from autopilot.cli.option_numbers import number
 
-    parser = subparsers.add_parser("log", help="what a log holds, and the same as a CSV table", description=KINDS_HELP)
+    parser = subparsers.add_parser("log", help="show what a log holds, and convert it", description=KINDS_HELP)
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     info = actions.add_parser("info", help="duration, sources, rates, gaps, and what identification can use")
     info.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
@@ -33,13 +33,13 @@ def add_parser(subparsers: Any) -> None:
     table = actions.add_parser("csv", help="write it as a CSV table that `identify` reads")
     table.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     table.add_argument("--out", metavar="FILE.csv", required=True, help="the table to write")
-    table.add_argument("--overwrite", action="store_true", help="replace FILE.csv where it exists")
+    table.add_argument("--overwrite", action="store_true", help="replace FILE.csv if it exists")
     exported = actions.add_parser("export", help="write it as MCAP (Foxglove, PlotJuggler), Parquet or CSV")
     exported.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     exported.add_argument(
         "--to", type=Path, metavar="FILE", required=True, help="out.mcap, out.parquet (extra `export`) or out.csv"
     )
-    exported.add_argument("--overwrite", action="store_true", help="replace FILE where it exists")
+    exported.add_argument("--overwrite", action="store_true", help="replace FILE if it exists")
     measures = actions.add_parser("measures", help="zigzags, turning circles, pull-outs and spirals in it, measured")
     measures.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
     measures.add_argument(

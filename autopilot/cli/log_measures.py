@@ -39,11 +39,13 @@ begins so much later than the first; without @ the offset is found from how the 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say how to read logs and where the rudder comes from."""
     group = parser.add_argument_group("reading logs")
-    group.add_argument("--columns", metavar="MAP.yaml", help="how CSV tables call their columns")
+    group.add_argument("--columns", metavar="MAP.yaml", help="map of column names in CSV tables")
     group.add_argument(
         "--system", action=SYSTEM_ID, metavar="ID", help="MAVLink system to read (default: most attitudes)"
     )
-    group.add_argument("--vessel", metavar="VESSEL.yaml", help="its steering gear moves a rudder known by orders only")
+    group.add_argument(
+        "--vessel", metavar="VESSEL.yaml", help="vessel whose steering gear moves a rudder that is known by orders only"
+    )
     group.add_argument(
         "--rudder",
         choices=("auto", "measured", "commands", "servo"),
@@ -57,7 +59,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         help="rudder at full steering (default: the vessel file's)",
     )
     group.add_argument(
-        "--servo", metavar="N:MIN:TRIM:MAX", help="the steering servo, where no parameter in the log says it"
+        "--servo", metavar="N:MIN:TRIM:MAX", help="the steering servo, if no parameter in the log gives it"
     )
     group.add_argument(
         "--variation-deg",

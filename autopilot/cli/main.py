@@ -14,16 +14,16 @@ from autopilot.files.printable import brief, escaped, printable_output
 
 SUBCOMMANDS = {
     "run": "steer a boat in real time",
-    "trial": "manoeuvres to identify the boat from, and to measure it by",
-    "identify": "a boat's model from recordings of rudder, speed and motion",
-    "identify-dp": "a ship's thrust and damping from trials under its thrusters",
-    "log": "what a log holds, and the same as a CSV table",
+    "trial": "sail manoeuvres to identify and measure the boat",
+    "identify": "identify a boat's model from recordings of rudder, speed and motion",
+    "identify-dp": "identify a ship's thrust and damping from trials under its thrusters",
+    "log": "show what a log holds, and convert it",
     "gains": "design gains for a vessel's model and rudder, and show the margins",
     "params": "check, convert, upload, verify and restore parameter files",
     "replay": "run a log again and compare every rudder command bit for bit",
     "web": "the helm as a page for phone, tablet and desktop",
     "signalk": "the running pilot in Signal K: its state as deltas, orders from Signal K programs",
-    "doctor": "is this machine, with these links, fit to steer?",
+    "doctor": "check whether this machine and these links are fit to steer",
     "install-service": "steer from power-on: a system service with watchdog and user",
     "helm": "the helm in a terminal, for SSH",
     "demo": "trial, identification and steering of the simulated Lanxin boat, in about a minute",
@@ -37,7 +37,7 @@ EXIT_CODES = """exit codes:
   3  a link could not be opened, stayed silent or was lost
   4  refused: engaging would not be safe, the vehicle does not obey, or a trial ended early; doctor: no go
   5  ended in fail-safe, or in fault
-  6  compared and found different (params upload, verify, diff; replay)
+  6  a difference was found (params upload, verify, diff; replay)
   130  ended by Ctrl-C before it was done; run, trial, web, signalk and helm, which go on until they are ended: 0
   143  ended by a termination signal before it was done; those: 0
 """

@@ -10,10 +10,10 @@ from typing import Any
 from autopilot.cli.option_numbers import SYSTEM_ID, WAITING
 from autopilot.interruption import as_exceptions
 
-SIGNING_HELP = "sign with the key in FILE, and hear only what is signed with it"
+SIGNING_HELP = "sign with the key in FILE, and accept only what is signed with it"
 LINK_HELP = "udpin:127.0.0.1:14550, serial:/dev/ttyUSB0:57600"
 CALIBRATION_HELP = "with the calibration of accelerometers, gyros, compasses; without it, it is left as it is"
-WAIT_HELP = "wait so long for a device or a connection that is not there yet (10)"
+WAIT_HELP = "wait this long for a device or connection that is not there yet (10)"
 ON_FAILURE = ("ask", "rollback", "keep")
 
 
@@ -45,7 +45,7 @@ def _call(module: str, function: str) -> Callable[[argparse.Namespace], int]:
 
 
 def _add_file_actions(actions: Any) -> None:
-    check = actions.add_parser("check", help="read files strictly and say everything that is wrong with them")
+    check = actions.add_parser("check", help="read files strictly and list all mistakes")
     check.add_argument("files", nargs="+", metavar="FILE")
     check.set_defaults(run=_call("params_files", "check"))
 
@@ -57,16 +57,16 @@ def _add_file_actions(actions: Any) -> None:
     convert = actions.add_parser(
         "convert",
         help="turn a parameter file into another format",
-        description="The suffix says the format: .yaml a firmware file, .param Mission Planner, .parm MAVProxy and "
+        description="The suffix gives the format: .yaml a firmware file, .param Mission Planner, .parm MAVProxy and "
         "ArduPilot, .params QGroundControl. Values keep every bit of their 32-bit floats.",
     )
     convert.add_argument("file", metavar="FILE")
     convert.add_argument("out", metavar="OUT")
     convert.add_argument(
-        "--firmware", choices=("ardurover", "px4", "norrbin"), help="for which firmware, where FILE says not"
+        "--firmware", choices=("ardurover", "px4", "norrbin"), help="firmware, if FILE does not name it"
     )
     convert.add_argument("--system", action=SYSTEM_ID, default=1, metavar="N", help="vehicle id in a .params file")
-    convert.add_argument("--overwrite", action="store_true", help="replace OUT where it exists")
+    convert.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
     convert.set_defaults(run=_call("params_files", "convert"))
 
     schema = actions.add_parser(
@@ -113,10 +113,10 @@ def _add_reading_actions(actions: Any) -> None:
     verify.set_defaults(run=_call("params_reading", "verify"))
 
     download = actions.add_parser("download", help="write a vehicle's parameters into a file")
-    download.add_argument("file", metavar="FILE", help="the suffix says the format, as in convert")
+    download.add_argument("file", metavar="FILE", help="the suffix gives the format, as in convert")
     _add_link_options(download)
     download.add_argument("--names", metavar="A,B,...", help="only these parameters (default: all)")
-    download.add_argument("--overwrite", action="store_true", help="replace FILE where it exists")
+    download.add_argument("--overwrite", action="store_true", help="replace FILE if it exists")
     download.set_defaults(run=_call("params_reading", "download"))
 
     backup = actions.add_parser("backup", help="write all parameters of a vehicle into a dated firmware file")
@@ -147,7 +147,7 @@ def _add_upload(actions: Any) -> None:
 def _add_restore(actions: Any) -> None:
     restore = actions.add_parser(
         "restore",
-        help="finish an upload that was cut off, or write the settings of a backup file back",
+        help="finish an interrupted upload, or write the settings of a backup file back",
         description="Without FILE: looks at what the vehicle holds after an upload that was killed or lost its link. "
         "Holds it wholly old or wholly new values, it says so; else the old ones are put back. With FILE: the settings "
         "of the file that differ are written, as an upload does; a backup that holds all that an upload which was cut "
@@ -159,8 +159,8 @@ def _add_restore(actions: Any) -> None:
     restore.add_argument(
         "--to",
         choices=("old", "new", "as-is"),
-        help="settle the upload that was cut off: put these values there as far as the vehicle takes them, or leave "
-        "what it holds and say what that is",
+        help="settle an interrupted upload: write these values as far as the vehicle accepts them, or leave and print "
+        "what it holds",
     )
     restore.add_argument("--while-armed", action="store_true", help="write although the vehicle is armed or engaged")
     _add_writing_options(restore)
@@ -174,7 +174,7 @@ def _add_writing_options(parser: argparse.ArgumentParser) -> None:
         "--on-failure",
         choices=ON_FAILURE,
         default="ask",
-        help="what happens to what was set when something is not taken: ask (default; without a terminal: rollback), "
+        help="what to do with values already set if one is not accepted: ask (default; without a terminal: rollback), "
         "rollback, keep",
     )
 
@@ -183,6 +183,4 @@ def _add_link_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--link", required=True, metavar="URL", help=LINK_HELP)
     parser.add_argument("--signing-key", metavar="FILE", help=SIGNING_HELP)
     parser.add_argument("--link-wait", metavar="S", action=WAITING, default=10.0, help=WAIT_HELP)
-    parser.add_argument(
-        "--system", action=SYSTEM_ID, metavar="N", help="the vehicle's system id where several are heard"
-    )
+    parser.add_argument("--system", action=SYSTEM_ID, metavar="N", help="the vehicle's system id, if several answer")

@@ -31,7 +31,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         help="play the log onto this link: udpout:127.0.0.1:14550, 'nmea-tcpin:127.0.0.1:10110?send=HDT:5'; repeatable",
     )
     parser.add_argument(
-        "--speed", action=number(0.01, 10_000.0), default=1.0, metavar="X", help="so many times as fast (default 1)"
+        "--speed", action=number(0.01, 10_000.0), default=1.0, metavar="X", help="speed factor (default 1)"
     )
     add_signing_option(parser)
     parser.set_defaults(run=run)

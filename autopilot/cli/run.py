@@ -38,7 +38,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--steer",
         choices=("rc_override", "manual_control", "guided"),
-        help="how to steer over MAVLink (default: the file's helm.method); guided: the firmware steers to our headings",
+        help="how to steer over MAVLink (default: the file's helm.method); guided: the firmware steers to headings",
     )
     parser.add_argument(
         "--route",

@@ -61,7 +61,7 @@ def add_serving_options(parser: argparse.ArgumentParser) -> None:
         help="be a MAVLink surface boat for ground stations: udpout:127.0.0.1:14550, tcpin:127.0.0.1:5762; repeatable",
     )
     parser.add_argument(
-        "--system", action=SYSTEM_ID, default=1, metavar="ID", help="our system id for --serve (default 1)"
+        "--system", action=SYSTEM_ID, default=1, metavar="ID", help="Norrbin's system id for --serve (default 1)"
     )
 
 

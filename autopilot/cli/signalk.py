@@ -27,7 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--listen",
         default="127.0.0.1:8376",
         metavar="ADDRESS:PORT",
-        help="where the plugin comes (%(default)s)",
+        help="address for the plugin (%(default)s)",
     )
     parser.add_argument(
         "--token-file",

@@ -54,26 +54,25 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
     parser.add_argument(
         "--reconnect",
         action="store_true",
-        help="open links that are lost, or not there yet, again and again instead of ending",
+        help="keep reopening links that are lost or not there yet, instead of ending",
     )
     parser.add_argument(
         "--as-gcs", action="store_true", help="send steering with the ground station's id, which ArduPilot obeys"
     )
     parser.add_argument(
-        "--with-other-pilot", action="store_true", help="engage though another pilot steers this boat already"
+        "--with-other-pilot", action="store_true", help="engage although another pilot already steers this boat"
     )
     parser.add_argument(
         "--forward",
         action="append",
         default=[],
         metavar="URL",
-        help="let a ground station at this MAVLink link see and command the flight controller through us; repeatable",
+        help="let a ground station at this MAVLink link see and command the flight controller; repeatable",
     )
     parser.add_argument(
         "--orders-without-key",
         action="store_true",
-        help="take orders over --serve and --forward from other machines and serial lines, "
-        "though no --signing-key says whose they are",
+        help="take orders over --serve and --forward from other machines and serial lines without a --signing-key",
     )
     add_signing_option(parser)
     parser.add_argument("--vehicle-system", action=SYSTEM_ID, metavar="ID", help="MAVLink system id of the vehicle")
@@ -82,7 +81,7 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
         action=WAITING,
         default=30.0,
         metavar="S",
-        help="give up when no heading comes for this long (0: never)",
+        help="give up if no heading comes for this long (0: never)",
     )
     parser.add_argument(
         "--speedup", action=SPEEDUP, default=1.0, metavar="X", help="for a simulator that runs X times faster"

@@ -1,4 +1,4 @@
-"""`autopilot trial`: manoeuvres to identify the boat from, and to measure it by."""
+"""`autopilot trial`: sail manoeuvres to identify and measure the boat."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     from autopilot.cli.trial_design import run as run_design
 
     parser = subparsers.add_parser(
-        "trial", help="manoeuvres to identify the boat from, and to measure it by", description=DESCRIPTION
+        "trial", help="sail manoeuvres to identify and measure the boat", description=DESCRIPTION
     )
     kinds = parser.add_subparsers(dest="kind", metavar="TRIAL", required=True)
     zigzag = _kind(kinds, "zigzag", "rudder over each time the heading has swung past the execute angle")
@@ -51,14 +51,14 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     for kind in (circle, pull):
         kind.add_argument("--side", choices=("starboard", "port", "both"), default="both", help="(both)")
     for kind in (circle, spiral, pull):
-        _number(kind, "--each", 120.0, "S", "most seconds at each angle", number(*LASTING))
+        _number(kind, "--each", 120.0, "S", "at most this many seconds at each angle", number(*LASTING))
     prbs = _kind(kinds, "prbs", "the rudder to either side in a pseudo-random binary sequence")
     _number(prbs, "--rudder-deg", 10.0, "DEG", "rudder angle")
     prbs.add_argument(
         "--hold", action=number(*HOLDS), metavar="S", help="seconds of one step (the model's time constant)"
     )
     _number(prbs, "--swing-deg", 45.0, "DEG", "beyond this change of heading the rudder leads back", number(5.0, 120.0))
-    _number(prbs, "--duration", 120.0, "S", "seconds of it", number(*LASTING))
+    _number(prbs, "--duration", 120.0, "S", "duration", number(*LASTING))
     prbs.add_argument("--seed", action=SEED, default=1, metavar="N", help="where the sequence begins (1)")
     parser.set_defaults(run=run)
     design = kinds.add_parser("design", help="which trial tells most in the water and the time there is")
@@ -72,17 +72,24 @@ def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.A
     parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text)
     add_steering_options(parser, needs_link=False)
     parser.add_argument(
-        "--foretell", action="store_true", help="say how nearly it would tell K, T and n3 at best, and sail nothing"
+        "--foretell", action="store_true", help="print how well it could identify K, T and n3 at best, without sailing"
     )
-    _number(parser, "--approach", approach, "S", "seconds with the rudder amidships before it", number(0.0, LASTING[1]))
-    limits = parser.add_argument_group("limits that end it")
-    limits.add_argument("--time-limit", action=SECONDS, metavar="S", help="seconds from its beginning")
-    limits.add_argument("--speed-min-m-s", action=number(*SPEEDS), metavar="U", help="least speed")
+    _number(
+        parser,
+        "--approach",
+        approach,
+        "S",
+        "seconds with the rudder amidships before the trial",
+        number(0.0, LASTING[1]),
+    )
+    limits = parser.add_argument_group("limits that end the trial")
+    limits.add_argument("--time-limit", action=SECONDS, metavar="S", help="seconds from the start")
+    limits.add_argument("--speed-min-m-s", action=number(*SPEEDS), metavar="U", help="lowest speed")
     limits.add_argument("--speed-max-m-s", action=number(*SPEEDS), metavar="U", help="highest speed")
     limits.add_argument(
-        "--corridor-deg", action=number(1.0, 180.0), metavar="DEG", help="most change of heading to either side"
+        "--corridor-deg", action=number(1.0, 180.0), metavar="DEG", help="largest change of heading to either side"
     )
-    limits.add_argument("--radius-m", action=number(0.1, 1.0e6), metavar="M", help="farthest from where it began")
+    limits.add_argument("--radius-m", action=number(0.1, 1.0e6), metavar="M", help="largest distance from the start")
     return parser
 
 

@@ -23,10 +23,12 @@ SYMBOLS = {"gain": "K", "time_constant": "T", "n3": "n3"}
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the design."""
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file with a first guess of the model")
-    parser.add_argument("--water", required=True, metavar="LxW", help="the water there is, in metres: 300x200")
-    parser.add_argument("--time", action=number(10.0, 36000.0), required=True, metavar="S", help="seconds there are")
+    parser.add_argument("--water", required=True, metavar="LxW", help="available water, in metres: 300x200")
     parser.add_argument(
-        "--margin-m", action=NumberOption, metavar="M", help="room kept on every side (a tenth of the width)"
+        "--time", action=number(10.0, 36000.0), required=True, metavar="S", help="available time, in seconds"
+    )
+    parser.add_argument(
+        "--margin-m", action=NumberOption, metavar="M", help="room to keep on every side (a tenth of the width)"
     )
     parser.add_argument(
         "--speed-m-s", action=number(0.05, 100.0), metavar="U", help="speed (the model's reference speed)"

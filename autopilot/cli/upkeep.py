@@ -125,7 +125,7 @@ def add_upkeep_options(parser: argparse.ArgumentParser) -> None:
         "--state",
         metavar="FILE",
         type=Path,
-        help="note there what is steered, for failsafe.reengage_after_restart_s (default: in $RUNTIME_DIRECTORY)",
+        help="record the steered heading there, for failsafe.reengage_after_restart_s (default: in $RUNTIME_DIRECTORY)",
     )
 
 

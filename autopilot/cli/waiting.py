@@ -25,7 +25,7 @@ def add_waiting_option(parser: argparse.ArgumentParser) -> None:
         action=WAITING,
         default=LINK_WAIT_S,
         metavar="S",
-        help="wait so long for a device or a connection that is not there yet (%(default)g; 0: do not wait)",
+        help="wait this long for a device or connection that is not there yet (%(default)g; 0: do not wait)",
     )
 
 

@@ -25,7 +25,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--link", required=True, metavar="URL", help="where the pilot serves: udpin:127.0.0.1:14550, tcp:HOST:PORT"
     )
     parser.add_argument(
-        "--listen", default="127.0.0.1:8080", metavar="ADDRESS:PORT", help="where browsers come (127.0.0.1:8080)"
+        "--listen", default="127.0.0.1:8080", metavar="ADDRESS:PORT", help="address for browsers (127.0.0.1:8080)"
     )
     parser.add_argument("--logs", type=Path, metavar="DIR", help="offer the logs of this folder for download")
     parser.add_argument(

@@ -34,14 +34,14 @@ def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument("study", metavar="STUDY.yaml", help="study file, or the name of a shipped one (front)")
     parser.add_argument("--out", metavar="FILE", type=Path, help="results, one row a run: .csv or .parquet")
-    parser.add_argument("--overwrite", action="store_true", help="replace the results of --out where they exist")
+    parser.add_argument("--overwrite", action="store_true", help="replace the results of --out if they exist")
     parser.add_argument("--report", metavar="FILE.html", type=Path, help="summary and Pareto plot in one page")
     parser.add_argument("--runs", metavar="N", action=COUNT, help="runs of every case (default: the study's)")
     parser.add_argument("--seed", metavar="N", action=COUNT, help="seed of the first run (default: the study's)")
-    parser.add_argument("--engine", choices=ENGINES, default="local", help="who does the runs (default local)")
+    parser.add_argument("--engine", choices=ENGINES, default="local", help="who computes the runs (default local)")
     parser.add_argument("--workers", metavar="N", action=WORKERS, help="processes (default: one for each core)")
     parser.add_argument("--address", metavar="HOST:PORT", help="of a running dask cluster (default: one here)")
-    parser.add_argument("--plain", action="store_true", help="nothing compiled: every run in the full simulator")
+    parser.add_argument("--plain", action="store_true", help="compile nothing: every run in the full simulator")
     parser.add_argument(
         "--replay",
         metavar="RUN",
