@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import random
 
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink import messages as mavlink_layouts
+from autopilot.links.mavlink import codec as codecs
 from autopilot.links.mavlink.codec import MavlinkCodec, frame_length, is_mavlink, message_id
 from autopilot.links.mavlink.messages import EXTRA_MESSAGES, CommandCancel, ComponentMetadata
 
@@ -189,8 +190,8 @@ def test_all_messages_go_both_ways_as_pymavlink_has_them(payload: bytes, is_comp
     if not is_compiled:
         monkeypatch.setattr(dialect, "mcrf4xx", None)
         monkeypatch.setattr(dialect, "x25crc", dialect._x25crc_slow)
-    monkeypatch.setattr(mavlink_layouts, "_layouts", {})
-    monkeypatch.setattr(mavlink_layouts, "_writers", {})
+    for looked_up in ("layout_of", "writer_of"):
+        monkeypatch.setattr(codecs, looked_up, functools.cache(getattr(codecs, looked_up).__wrapped__))
     for kind in dialect.mavlink_map.values():
         body = payload[: kind.unpacker.size]
         frame = bytes([0xFD, len(body), 0, 0, 7, 3, 4]) + kind.id.to_bytes(3, "little") + body
@@ -211,10 +212,10 @@ def test_the_messages_that_come_often_are_read_and_written_without_pymavlink_s_o
     for identity in often:
         kind = dialect.mavlink_map[identity]
         has_arrays = any(kind.array_lengths)
-        assert (mavlink_layouts.layout_of(identity) is None) is has_arrays
-        left_over[identity] = mavlink_layouts.writer_of(kind) is None
+        assert (codecs.layout_of(identity) is None) is has_arrays
+        left_over[identity] = codecs.writer_of(kind) is None
     assert [identity for identity, is_left in left_over.items() if is_left] == [147], "numbers in an array"
-    assert mavlink_layouts.writer_of(CommandCancel) is None
+    assert codecs.writer_of(CommandCancel) is None
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -250,7 +251,7 @@ def test_a_header_that_cannot_be_is_noise_as_soon_as_that_is_seen() -> None:
         known = dialect.mavlink_map.get(identity) is not None
         assert frame_length(attitude + identity.to_bytes(3, "little"), 0) == (length if known else -1)
     assert frame_length(bytes([0xFE, 28, 0, 1, 1, 30]), 0) == 36
-    unknown = next(identity for identity in range(256) if identity not in mavlink_layouts.KNOWN)
+    unknown = next(identity for identity in range(256) if identity not in codecs.KNOWN)
     assert frame_length(bytes([0xFE, 28, 0, 1, 1, unknown]), 0) == -1
 
 

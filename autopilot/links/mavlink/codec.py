@@ -6,13 +6,16 @@ noise is skipped byte by byte, so that one damaged frame never swallows a good o
 
 from __future__ import annotations
 
+import functools
 import re
 import struct
-from typing import Any, TypeAlias
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.messages import KNOWN, Layout, Writer, layout_of, writer_of
+from autopilot.links.mavlink.messages import EXTRA_MESSAGES, KNOWN
 from autopilot.links.mavlink.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum
 
 Message: TypeAlias = Any
@@ -26,9 +29,75 @@ TRIES = 300
 """Places of one chunk looked at in vain before the rest of it is dropped: more than the bytes of one damaged frame.
 Bytes made to look like the beginnings of frames cannot hold the loop."""
 ANY_MAGIC = re.compile(rb"[\xfd\xfe]")
+PART = re.compile(r"(\d*)([A-Za-z])")
+"""One field of a struct's format: how many, of which kind."""
 
 HEADER = struct.Struct("<BBBBBBBHB")
 """Magic, payload length, incompatibility and compatibility flags, sequence, system, component, id (16 + 8 bits)."""
+
+
+class Layout(NamedTuple):
+    """How the payload of one message is read: pymavlink's own tables, looked up once. Texts of ours come as bytes."""
+
+    kind: type[Any]
+    unpack: Callable[[bytes], tuple[float, ...]]
+    size: int
+    crc_extra: bytes
+    names: tuple[str, ...]
+    blank: dict[str, Any]
+
+
+class Writer(NamedTuple):
+    """How the payload of one message is written; `values` returns what `pack` takes."""
+
+    pack: Callable[..., bytes]
+    values: Callable[[Any], Sequence[Any]]
+    crc_extra: bytes
+
+
+@functools.cache
+def layout_of(identity: int) -> Layout | None:
+    """Return the layout of the message `identity`; None where it has arrays and pymavlink knows it."""
+    kind = KNOWN[identity]
+    has_arrays = any(kind.array_lengths) or "char" in kind.fieldtypes
+    if dialect.mcrf4xx is None or (has_arrays and identity not in EXTRA_MESSAGES):
+        return None
+    blank = dict(vars(kind(*[0] * len(kind.fieldnames))))
+    extra, names = bytes([kind.crc_extra]), tuple(kind.ordered_fieldnames)
+    return Layout(kind, kind.unpacker.unpack, kind.unpacker.size, extra, names, blank)
+
+
+@functools.cache
+def writer_of(kind: type[Any]) -> Writer | None:
+    """Return how messages of the class `kind` are written, bytes and texts in one piece; None where that is left to
+    the class itself: an array of other numbers, a message of ours, a class derived from the dialect's."""
+    if dialect.mcrf4xx is None or dialect.mavlink_map.get(kind.id) is not kind:
+        return None
+    shape, names, arrays = "<", [], []
+    fields = PART.findall(kind.unpacker.format)
+    for place, (name, (count, letter)) in enumerate(zip(kind.ordered_fieldnames, fields, strict=True)):
+        if count and letter not in "Bs":
+            return None
+        if count and letter == "B":
+            arrays.append(place)
+        shape += f"{count}s" if count else letter
+        names.append(f"_{name}_raw" if letter in "cs" else name)
+    return Writer(struct.Struct(shape).pack, _values(names, arrays), bytes([kind.crc_extra]))
+
+
+def _values(names: Sequence[str], arrays: Sequence[int]) -> Callable[[Any], Sequence[Any]]:
+    """Return what reads the attributes `names`, those at the places `arrays` as bytes."""
+    read = attrgetter(*names) if len(names) > 1 else lambda message: (getattr(message, names[0]),)
+    if not arrays:
+        return read
+
+    def with_bytes(message: Any) -> list[Any]:
+        values = list(read(message))
+        for place in arrays:
+            values[place] = bytes(values[place])
+        return values
+
+    return with_bytes
 
 
 def message_id(message: Message) -> int:
@@ -77,12 +146,16 @@ class MavlinkCodec:
     def encode(self, message: Message) -> bytes:
         """Return the MAVLink 2 packet of `message` under this identity, with the next sequence number."""
         mavlink = self._mavlink
-        writer = writer_of(type(message))
-        packet: bytes = (
-            message.pack(mavlink)
-            if writer is None
-            else _encode_plain(message, writer, mavlink.seq, mavlink.srcSystem, mavlink.srcComponent)
-        )
+        writer = writer_of(message.__class__)
+        if writer is None:
+            packet: bytes = message.pack(mavlink)
+        else:  # what pymavlink's `pack` makes, at a third of the cost
+            payload = writer.pack(*writer.values(message)).rstrip(b"\0") or b"\0"
+            identity, size = message._header.msgId, len(payload)
+            sender = mavlink.seq, mavlink.srcSystem, mavlink.srcComponent
+            packet = HEADER.pack(MAGIC_V2, size, 0, 0, *sender, identity & 0xFFFF, identity >> 16) + payload
+            crc: int = dialect.mcrf4xx(packet[1:] + writer.crc_extra)
+            packet += crc.to_bytes(2, "little")
         mavlink.seq = (mavlink.seq + 1) & 0xFF
         return packet if self._signing is None else self._signing.sign(packet, message.crc_extra)
 
@@ -125,15 +198,14 @@ class MavlinkCodec:
     def _decode_frame(self, frame: bytes) -> Message | None:
         is_new = frame[0] == MAGIC_V2
         identity = frame[7] | frame[8] << 8 | frame[9] << 16 if is_new else frame[5]
-        if is_new:
-            layout = layout_of(identity)
-            if layout is not None:
-                return _decode_plain(frame, layout, -2 if frame[2] == 0 else -2 - SIGNATURE)
+        end = -2 - SIGNATURE if is_new and frame[2] else -2
+        layout = layout_of(identity) if is_new else None
+        if layout is not None:
+            return _plain_message(frame, identity, layout, end)
         kind = dialect.mavlink_map.get(identity)
         if kind is None:
             # pymavlink would accept what it does not know, whatever its checksum
             return None
-        end = -2 - SIGNATURE if is_new and frame[2] else -2
         if checksum(frame[1:end], kind.crc_extra) != frame[end : end + 2 or None]:
             return None  # noise costs little: pymavlink's own check takes ten times as long
         try:
@@ -142,44 +214,26 @@ class MavlinkCodec:
             return None
 
 
-def _encode_plain(message: Message, writer: Writer, sequence: int, system: int, component: int) -> bytes:
-    """Return what pymavlink's `pack` makes of a message, at a third of the cost."""
-    payload = writer.pack(*writer.values(message)).rstrip(b"\0") or b"\0"
-    identity = message_id(message)
-    frame = (
-        HEADER.pack(MAGIC_V2, len(payload), 0, 0, sequence, system, component, identity & 0xFFFF, identity >> 16)
-        + payload
-    )
-    checksum: int = dialect.mcrf4xx(frame[1:] + writer.crc_extra)
-    return frame + checksum.to_bytes(2, "little")
-
-
-def _decode_plain(frame: bytes, layout: Layout, end: int) -> Message | None:
+def _plain_message(frame: bytes, identity: int, layout: Layout, end: int) -> Message | None:
     """Return what pymavlink's `decode` makes of a MAVLink 2 frame without arrays, at a third of the cost.
 
     The checksum stands at `end`, counted from the frame's end: -2, or -15 before a signature. Only the raw packet
     differs in type: the bytes as they came, not a copy that could be changed.
     """
-    checksum: int = dialect.mcrf4xx(frame[1:end] + layout.crc_extra)
-    if checksum != frame[end] | frame[end + 1] << 8:
+    crc: int = dialect.mcrf4xx(frame[1:end] + layout.crc_extra)
+    if crc != frame[end] | frame[end + 1] << 8:
         return None
-    payload = frame[10:end]
-    short = layout.size - len(payload)
-    if short > 0:
-        payload += bytes(short)
-    elif short < 0:
-        payload = payload[: layout.size]
-    _, length, incompatible, compatible, sequence, system, component, low, high = HEADER.unpack_from(frame)
+    # zeros at the end are left out on the way; what a newer sender adds is not read
+    payload = (frame[10:end] + bytes(layout.size))[: layout.size]
     message: Message = object.__new__(layout.kind)
-    fields = layout.blank.copy()
-    fields.update(zip(layout.names, layout.unpack(payload), strict=True))
-    fields["_msgbuf"] = frame
-    fields["_payload"] = payload
-    fields["_crc"] = checksum
-    fields["_header"] = dialect.MAVLink_header(
-        low | high << 16, incompatible, compatible, length, sequence, system, component
-    )
-    message.__dict__ = fields
+    message.__dict__ = {
+        **layout.blank,
+        **dict(zip(layout.names, layout.unpack(payload), strict=True)),
+        "_msgbuf": frame,
+        "_payload": payload,
+        "_crc": crc,
+        "_header": dialect.MAVLink_header(identity, frame[2], frame[3], frame[1], frame[4], frame[5], frame[6]),
+    }
     return message
 
 

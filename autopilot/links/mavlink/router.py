@@ -23,12 +23,10 @@ from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_HEARTBEAT
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.ground_station.access import AccessPolicy, Budget, LinkAccess, Presence, refused_senders_of
 from autopilot.links.mavlink.codec import MAGIC_V1, TRIES, is_mavlink, next_magic
-from autopilot.links.mavlink.messages import EXTRA_MESSAGES
+from autopilot.links.mavlink.messages import KNOWN
 from autopilot.links.mavlink.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum, identity_of
 from autopilot.links.url import believe_signed
 from autopilot.signals import AlarmEvent, AlarmSample, Mode, RudderCommand, Sample
-
-_known = {**EXTRA_MESSAGES, **dialect.mavlink_map}
 
 
 class Address(NamedTuple):
@@ -79,7 +77,7 @@ class Framer:
         return found
 
     def _is_good(self, frame: bytes) -> bool:
-        kind = _known.get(identity_of(frame))
+        kind = KNOWN.get(identity_of(frame))
         if kind is None:
             return self._in_step
         end = len(frame) - (SIGNATURE if frame[0] == MAGIC_V2 and frame[2] & SIGNED else 0)
@@ -124,7 +122,7 @@ _places: dict[int, tuple[int, int | None] | None] = {}
 
 
 def _target_places(identity: int) -> tuple[int, int | None] | None:
-    kind = _known.get(identity)
+    kind = KNOWN.get(identity)
     if kind is None:
         return None
     tokens = ["".join(token) for token in re.findall(r"(\d*)([a-zA-Z])", kind.unpacker.format)]

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.messages import EXTRA_MESSAGES
+from autopilot.links.mavlink.messages import KNOWN
 
 MAGIC_V2 = 0xFD
 SIGNED = 0x01
@@ -174,7 +174,7 @@ def without_signature(frame: bytes) -> bytes:
     """
     if not is_signed(frame):
         return frame
-    kind = dialect.mavlink_map.get(identity_of(frame)) or EXTRA_MESSAGES.get(identity_of(frame))
+    kind = KNOWN.get(identity_of(frame))
     if kind is None:
         return frame
     body = frame[:2] + bytes([frame[2] & ~SIGNED]) + frame[3 : -2 - SIGNATURE]
