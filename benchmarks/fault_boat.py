@@ -20,7 +20,8 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.base import Link
 from autopilot.links.ground_station.mission import Mission
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.nmea.link import NmeaLink, NmeaSettings
 from autopilot.links.reconnect import GuideAlarms, SelectingLink
 from autopilot.links.transports import LoopbackTransport, loopback_pair

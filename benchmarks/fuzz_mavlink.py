@@ -29,9 +29,10 @@ from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.authority import GUIDED_MODE, MANUAL_MODE
 from autopilot.links.mavlink.codec import MavlinkCodec, message_id
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.requests import RELEVANT
 from autopilot.links.mavlink.signing import CountingTimestamps, Signing
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot
@@ -239,7 +240,7 @@ def fuzz_companion(method: Any, system: int, is_stream: bool = False) -> Fuzzer:
         values = encoded(
             1, 1, [dialect.MAVLink_param_value_message(p.name.encode(), p.value, 9, 700, 1) for p in steering]
         )
-        heard = tuple(link._reader._handlers)
+        heard = tuple(link.session._reader.handlers)
         echo = Echo()
         order = Order(OrderKind.HEADING, 0.6, serial=1)
         modes = (Mode.STANDBY, Mode.ENGAGED)
@@ -272,7 +273,7 @@ def fuzz_companion(method: Any, system: int, is_stream: bool = False) -> Fuzzer:
             if number % 3 == 0:
                 for report in echo.answer(sent):
                     far.send(report)
-            held = max(held, len(link._codec._rest), len(link._texts._waiting))
+            held = max(held, len(link.session._codec._rest), len(link.session._texts.waiting))
         wrong += count >= 10_000 and not steered  # a link that never had the helm has not been tried
         return Result(accepted, strangers, wrong, held)
 

@@ -14,7 +14,8 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import loopback_pair
 from autopilot.runtime.build import TRIAL_LAW, build_pilot
 from autopilot.runtime.session import Session

@@ -10,7 +10,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.record import Recorder

@@ -19,8 +19,7 @@ from autopilot.doctor.machine import Finding, Verdict, share_below
 from autopilot.links.base import Link, LinkError, parted
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.requests import VehicleParameters
-from autopilot.links.mavlink.steering import REACH_TOLERANCE_DEG
-from autopilot.links.mavlink.steering_pwm import share_from_servo
+from autopilot.links.mavlink.steering import REACH_TOLERANCE_DEG, channel_of, share_from_servo
 from autopilot.runtime.clock import Clock
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample
 from autopilot.supervision.panel import sentences_of
@@ -118,7 +117,7 @@ def _takeover(parameters: VehicleParameters) -> Finding | None:
 
 def _servo(parameters: VehicleParameters, vessel: Vessel) -> Finding | None:
     """What the end points of the steering servo are in degrees of rudder, by the vessel file."""
-    channel, number, helm = parameters.steering_channel(), parameters.steering_servo, vessel.helm
+    channel, number, helm = channel_of(parameters), parameters.steering_servo, vessel.helm
     if channel is None:
         return None
     full = helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
@@ -240,7 +239,7 @@ def examine(
         findings = judged(listen(links, clock, seconds), timeout, came)
         for link in links:
             if isinstance(link, CompanionLink):
-                findings += firmware_findings(link.vehicle_parameters, vessel)
+                findings += firmware_findings(link.session.parameters, vessel)
         return findings
     except LinkError as error:
         return [Finding("link", Verdict.NO_GO, *parted(str(error)))]

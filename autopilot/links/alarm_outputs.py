@@ -13,7 +13,7 @@ from typing import Protocol, TextIO
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.steering import AUTOPILOT_COMPONENT
+from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
 from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmSample, Mode, RudderCommand, Sample, Siren, Tick
 
 BELL_S = {Siren.SOUNDING: 2.0, Siren.ESCALATED: 0.5}

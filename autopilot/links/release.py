@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from enum import Enum
 from typing import NamedTuple
 
@@ -152,10 +152,11 @@ class OverrideRelease:
         """Whether an override has ever been sent."""
         return bool(self._sent)
 
-    def report(self, now: float, pulse: int, name: str, servo_of: Callable[[int], int] | None = None) -> None:
-        """Take what the report `name` shows of the steering input [us], or of the servo: `servo_of` an input [us]."""
-        if math.isfinite(self._report_time):
-            self._period += 0.2 * (min(now - self._report_time, LONGEST_PERIOD_S) - self._period)
+    def report(self, now: float, pulse: int, name: str, servo_of: Mapping[int, int] | None = None) -> None:
+        """Take what the report `name` shows of the steering input [us], or of the servo: `servo_of` each input [us]."""
+        period = now - self._report_time  # not a number for the first report
+        if period >= 0.0:
+            self._period += 0.2 * ((period if period < LONGEST_PERIOD_S else LONGEST_PERIOD_S) - self._period)
         self._report_time = now
         if not self._sent or not self.is_asked or self.shown_by or now <= self._asked_time:
             return
@@ -167,7 +168,7 @@ class OverrideRelease:
             return
         ordered = [sent for when, sent in self._sent if self._asked_time - when <= HISTORY_S]
         if servo_of is not None:
-            ordered = [servo_of(sent) for sent in ordered]
+            ordered = [servo_of[sent] for sent in ordered]
         if any(abs(pulse - sent) <= TOLERANCE_US for sent in ordered):
             self._different = 0
             self._same = pulse if servo_of is None else None

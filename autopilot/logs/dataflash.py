@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
-from autopilot.links.mavlink.steering_pwm import FULL
+from autopilot.links.mavlink.steering import FULL
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,

@@ -21,10 +21,11 @@ from autopilot.links.drives.jrk import JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor
 from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules, Budget, LinkAccess
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.mavlink.requests import MODES
 from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for
 from autopilot.links.mavlink.signing import LinkSigning, Signing
-from autopilot.links.mavlink.steering import MODES
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.n2k import N2kLink, N2kSettings, open_bus
 from autopilot.links.nmea.link import NmeaLink, NmeaSettings
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink

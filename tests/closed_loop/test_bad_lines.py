@@ -139,7 +139,7 @@ def test_a_stream_in_pieces_loses_nothing() -> None:
     boat.engage(50.0)
     boat.run(30.0)
     assert_held(boat, 50.0, 20.0)
-    assert boat.link.bad_packets == 0
+    assert boat.link.session.bad_packets == 0
     assert_only_what_was_measured(boat, truth, 0.3)
 
 
@@ -217,14 +217,14 @@ def test_a_stranger_on_the_line_is_never_mixed_up_with_the_vehicle(
     boat = bench(method, (BadLine(5, loss=0.05), BadLine(6, loss=0.05)), vehicle_system=None)
     truth = Truth(boat)
     boat.run(1.1)
-    assert boat.link.vehicle_system == 1
+    assert boat.link.session.vehicle == 1
     Stranger(boat, system, component, make)
     boat.engage(50.0)
     assert boat.run(10.0, until=boat.engaged), words_of(boat.tick)
     boat.run(20.0)
     assert_held(boat, 50.0, 16.0)
     assert_only_what_was_measured(boat, truth, 0.05)
-    channel = boat.link._output.channel
+    channel = boat.link.session._output.channel
     assert channel is not None
     assert not channel.rc_reversed
     assert_released_at_the_end(boat, waits=3.6)
@@ -236,7 +236,7 @@ def test_the_chosen_vehicle_is_steered_though_another_was_there_first() -> None:
     boat.run(0.1)
     boat.engage(50.0)
     boat.run(20.0)
-    assert boat.link.vehicle_system == 1
+    assert boat.link.session.vehicle == 1
     assert_held(boat, 50.0, 15.0)
 
 

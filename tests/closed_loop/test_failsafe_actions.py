@@ -14,7 +14,7 @@ from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.errors import RefusedError
-from autopilot.links.mavlink.steering import MODES
+from autopilot.links.mavlink.requests import MODES
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.runtime.build_links import build_links
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample, Sample, Tick, WindSample

@@ -96,7 +96,7 @@ def test_after_a_reboot_the_pilot_stands_by_with_fresh_parameters_until_it_is_en
     boat.run(12.0)
     assert boat.tick.mode is Mode.ENGAGED
     assert math.degrees(boat.world.boat.state.heading) == pytest.approx(60.0, abs=2.0), "with the trim as it is now"
-    channel = boat.link._output.channel
+    channel = boat.link.session._output.channel
     assert channel is not None
     assert channel.rc_trim == 1540
 
@@ -131,7 +131,7 @@ def test_a_human_s_override_is_no_reboot_though_one_follows() -> None:
     boat.run(5.0)
     boat.firmware.set_armed(True)
     boat.run(8.0)
-    assert boat.link._reason == CHECKED_ON_ENGAGING, "the helm is free again"
+    assert boat.link.session._reason == CHECKED_ON_ENGAGING, "the helm is free again"
     assert boat.tick.mode is Mode.OVERRIDE
 
 
@@ -164,7 +164,7 @@ def test_a_lost_line_is_no_reboot(silence: float) -> None:
     boat = engaged_bench("rc_override", gap, reengage=True)
     gap.until = boat.now + silence
     boat.run(silence + 8.0)
-    assert boat.link._reason == CHECKED_ON_ENGAGING
+    assert boat.link.session._reason == CHECKED_ON_ENGAGING
     assert boat.tick.mode is Mode.OVERRIDE
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.requests import VehicleParameters
-from autopilot.links.mavlink.steering import (
+from autopilot.links.mavlink.requests import (
+    VehicleParameters,
     companion_heartbeat,
     interval_request,
     obstacle_of,

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from autopilot.links.mavlink.requests import VehicleParameters
-from autopilot.links.mavlink.steering import SteeringOutput
-from autopilot.links.mavlink.steering_pwm import (
+from autopilot.links.mavlink.steering import (
     SteeringChannel,
+    SteeringOutput,
     manual_table,
     pulse_from_manual,
     pulse_table,

@@ -8,8 +8,7 @@ import pytest
 
 from autopilot.links.mavlink.authority import ControlAuthority, OverrideProbe
 from autopilot.links.mavlink.requests import TOO_SLOW, WAITING, MessageStreams, VehicleParameters
-from autopilot.links.mavlink.steering import SteeringOutput
-from autopilot.links.mavlink.steering_pwm import SteeringChannel
+from autopilot.links.mavlink.steering import SteeringChannel, SteeringOutput
 from autopilot.signals import AlarmEvent
 
 KNOWN = {
@@ -230,7 +229,7 @@ def test_who_steers_and_sees_no_report_for_three_seconds_is_blind(guided: bool) 
         found.heard_time, found.heartbeat_time = talking, talking
         assert bool(found.reason(now, parameters(), 255)) is blind, (now, talking)
     assert ("NAV_CONTROLLER_OUTPUT" in found.reason(3.1, parameters(), 255)) is guided
-    found.judge(3.0, "any", True, "")
+    assert not found.disagrees(3.0, "any", True)
     assert found.reason(3.1, parameters(), 255) == ""
     found.released()
     found.heard_time = found.heartbeat_time = 60.0
@@ -408,7 +407,7 @@ def test_times_of_the_proof_to_the_bit() -> None:
 def asked(streams: MessageStreams, now: float, **counts: int) -> list[int]:
     for name, count in counts.items():
         for _ in range(count):
-            streams.count(int(name[1:]))
+            streams.counts[int(name[1:])] += 1
     return [identity for identity, _ in streams.due(now)]
 
 

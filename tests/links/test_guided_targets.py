@@ -51,7 +51,7 @@ def proven(heading: float = 0.3, echoes: bool = False) -> tuple[GuidedTargets, C
             sent = 2.0 * math.atan2(message.q[3], message.q[0])
             assert message.thrust == 0.0, "the proof drives nothing"
         if not targets.reason:
-            return targets, targets._watch
+            return targets, targets._authority
     raise AssertionError(targets.reason)
 
 
@@ -369,7 +369,7 @@ def test_a_boat_that_turns_away_for_two_seconds_follows_another(
 ) -> None:
     mirrored = {name: value if name == "seconds" else side * value for name, value in boat.items()}
     _, watch = turned(**mirrored)
-    assert watch.disobeyed is is_given_up
+    assert bool(watch.disobeyed) is is_given_up
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -440,7 +440,7 @@ def test_who_follows_other_headings_is_said_with_both_of_them() -> None:
     for step in range(40):
         targets.show(tick(10.0 + 0.1 * step, Mode.ENGAGED, math.radians(60.0), math.radians(60.0)), True)
         targets.report(10.0 + 0.1 * step, math.radians(75.0))
-    assert "it steers 75 deg while 60 is sent" in watch._disobeyed
+    assert "it steers 75 deg while 60 is sent" in watch.disobeyed
 
 
 @pytest.mark.parametrize(("off", "follows"), [(3.9, True), (-3.9, True), (4.1, False), (-4.1, False)])
@@ -450,7 +450,7 @@ def test_a_vehicle_that_repeats_headings_steers_one_of_the_last_1_2_seconds(off:
         now = 10.0 + 0.1 * step
         targets.show(tick(now, Mode.ENGAGED, 1.0, 1.0), True)
         targets.report(now, 1.0 + math.radians(off))
-    assert watch.disobeyed is not follows
+    assert bool(watch.disobeyed) is not follows
     for age, is_known in ((1.7, True), (2.1, False)):
         targets, watch = proven(echoes=True)
         for step in range(120):
@@ -458,7 +458,7 @@ def test_a_vehicle_that_repeats_headings_steers_one_of_the_last_1_2_seconds(off:
             targets.show(tick(now, Mode.ENGAGED, 0.1 * 0.1 * step, 0.01 * step), True)
             if step > 30:
                 targets.report(now, 0.1 * (0.1 * step - age))
-        assert watch.disobeyed is not is_known
+        assert bool(watch.disobeyed) is not is_known
 
 
 def test_a_try_that_failed_is_made_again_after_four_seconds_and_stays_said() -> None:

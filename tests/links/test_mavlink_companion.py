@@ -11,7 +11,8 @@ from alarm_texts import other, words
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.release import ReleaseState
 from autopilot.links.transports import UdpInTransport, UdpOutTransport, loopback_pair
 from autopilot.signals import (
@@ -154,7 +155,7 @@ def test_gets_the_helm_of_a_boat_that_answers() -> None:
     bench.link.receive(bench.now)
     bench.run(4.0)
     assert bench.helm.available
-    assert bench.link.vehicle_system == 1
+    assert bench.link.session.vehicle == 1
     assert bench.rover.intervals[dialect.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(50000)
     assert bench.overrides()[-1].chan1_raw == 0, "what proved that the vehicle listens is released"
     assert all(abs(m.chan1_raw - 1500) < 30 or m.chan1_raw == 0 for m in bench.overrides()), "and moved nothing"
@@ -387,7 +388,7 @@ def test_no_other_message_of_the_vehicle_is_taken_for_one_of_those_known() -> No
         if kind.id != dialect.MAVLINK_MSG_ID_HEARTBEAT:
             bench.rover.transport.send(frame + crc.to_bytes(2, "little"))
     bench.run(0.1)
-    assert bench.link.bad_packets == 0
+    assert bench.link.session.bad_packets == 0
     assert bench.helm.available, bench.helm.reason
 
 
@@ -467,7 +468,7 @@ def test_px4_is_refused_with_a_sentence() -> None:
 
 def test_long_texts_leave_in_pieces() -> None:
     bench = ready()
-    bench.link.say(bench.now, 4, "x" * 70)
+    bench.link.tell(bench.now, Mode.ENGAGED, (other("x" * 70),))
     bench.run(1.0)
     texts = [m for m in bench.rover.received if m.get_type() == "STATUSTEXT"]
     assert [len(m.text) for m in texts] == [50, 20]
@@ -486,7 +487,7 @@ def test_a_listening_link_passes_over_a_ground_station_and_follows_a_vehicle_tha
         rover.heartbeat()
         link.receive(float(second))
         link.keep(float(second))
-    assert link.vehicle_system == 1
+    assert link.session.vehicle == 1
     assert listening.peer == vehicle._socket.getsockname()
     moved = UdpOutTransport("far", "127.0.0.1", listening.port)
     rover.transport = moved
@@ -648,19 +649,6 @@ def test_releases_are_sent_again_each_fifth_of_a_second_while_no_report_shows_on
     assert sorted(set(times)) in ([0, 20], [0, 21]) and len(times) == 10, "five at a time"
 
 
-def test_named_values_count_time_from_the_first() -> None:
-    bench = Bench()
-    for now, name in ((10.0, "a"), (10.5, "eleven char"), (11.25, "b")):
-        bench.link.report(now, name, 2.5)
-    bench.rover.listen()
-    said = [m for m in bench.rover.received if m.get_type() == "NAMED_VALUE_FLOAT"]
-    assert [(m.time_boot_ms, m.name, m.value) for m in said] == [
-        (0, "a", 2.5),
-        (500, "eleven cha", 2.5),
-        (1250, "b", 2.5),
-    ]
-
-
 @pytest.mark.parametrize(
     ("mode", "state", "severity"),
     [(Mode.STANDBY, 3, 5), (Mode.ENGAGED, 4, 4), (Mode.OVERRIDE, 3, 4), (Mode.FAILSAFE, 5, 2), (Mode.FAULT, 6, 1)],
@@ -691,7 +679,7 @@ def test_whose_heartbeat_is_latched_on_to(
     beat = dialect.MAVLink_heartbeat_message(11, autopilot, 0, 0, 4, 3)
     far.send(MavlinkCodec(system, component).encode(beat))
     link.receive(0.0)
-    assert link.vehicle_system == (system if is_ours else None)
+    assert link.session.vehicle == (system if is_ours else 0)
 
 
 def test_what_the_transport_cannot_take_is_counted_and_not_kept() -> None:
@@ -700,7 +688,7 @@ def test_what_the_transport_cannot_take_is_counted_and_not_kept() -> None:
     near.send = lambda data: False  # type: ignore[method-assign]
     for number in range(3):
         assert link.dropped == number
-        link.report(0.0, "x", 1.0)
+        link.keep(float(number))
     assert link.take_packets() == []
 
 
@@ -732,11 +720,11 @@ def test_a_ground_station_s_id_is_the_one_given_or_else_the_vehicle_s(
 
 def test_the_helm_comes_before_what_was_measured_and_every_word_but_attitude_is_judged_at_once() -> None:
     bench = ready()
-    due = bench.link._judge_at
+    due = bench.link.session._judge_at
     assert due > bench.now + 0.01
     bench.rover.attitude()
     assert [type(sample) for sample in bench.link.receive(bench.now + 0.01)] == [HeadingSample, RollSample]
-    assert bench.link._judge_at == due
+    assert bench.link.session._judge_at == due
     bench.rover.mode = 10
     bench.rover.heartbeat()
     (helm,) = bench.link.receive(bench.now + 0.01)
@@ -755,7 +743,7 @@ def test_times_of_the_companion_s_line_to_the_bit() -> None:
     link = CompanionLink(near, CompanionSettings(FULL))
     beats, forgotten, unheard = [], [], []
     near.forget_peer = lambda: forgotten.append(now)
-    link._reader.unheard = lambda: unheard.append(now)
+    link.session._reader.unheard = lambda: unheard.append(now)
     for now in (0.0, 0.9999, 1.0, 1.9999, 2.0, 5.0, 5.001):
         link.keep(now)
         beats += [now] * len(far.receive())
@@ -769,5 +757,5 @@ def test_times_of_the_companion_s_line_to_the_bit() -> None:
 def test_orders_may_stay_away_as_long_as_the_vehicle_keeps_the_last(override_time, patience) -> None:
     link = CompanionLink(loopback_pair()[0], CompanionSettings(FULL))
     if override_time is not None:
-        link._reader.parameters.take("RC_OVERRIDE_TIME", override_time)
-    assert link._patience() == patience
+        link.session._reader.parameters.take("RC_OVERRIDE_TIME", override_time)
+    assert link.session._patience() == patience

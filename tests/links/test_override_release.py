@@ -82,11 +82,11 @@ def test_reports_from_before_the_release_or_without_one_say_nothing() -> None:
 def test_a_servo_is_compared_with_where_the_orders_put_it() -> None:
     release = asked(1600)
     for now in (10.1, 10.2, 10.3):
-        release.report(now, 1400, "SERVO", lambda sent: 3000 - sent)
+        release.report(now, 1400, "SERVO", {sent: 3000 - sent for sent in range(1000, 2001)})
     assert release.shown_by == ""
     assert release.wants_mark(20.0) is None, "a servo shows no input"
     for now in (10.4, 10.5):
-        release.report(now, 1600, "SERVO", lambda sent: 3000 - sent)
+        release.report(now, 1600, "SERVO", {sent: 3000 - sent for sent in range(1000, 2001)})
     assert release.shown_by == "SERVO"
 
 

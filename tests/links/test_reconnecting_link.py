@@ -52,7 +52,7 @@ class Plugged:
 
     def __init__(self) -> None:
         self.run = Lockstep(VESSEL)
-        self.settings = self.run.link._settings
+        self.settings = self.run.link.session._settings
         self.is_in = True
         self.opened = 0
         self.run.near.close()
@@ -158,7 +158,7 @@ def test_a_link_that_is_opened_after_the_end_is_closed() -> None:
             raise LinkError("not yet; wait")
         near, _ = loopback_pair("line")
         opened.append(near)
-        return CompanionLink(near, Lockstep(VESSEL).link._settings)
+        return CompanionLink(near, Lockstep(VESSEL).link.session._settings)
 
     kept = ReconnectingLink("line", True, opener, waiting.append)
     kept.receive(1.0)
@@ -211,7 +211,7 @@ def test_a_line_away_for_an_hour_is_asked_for_every_second_and_is_there_at_once(
         tried.append(1)
         if not there.yes:
             raise LinkError("line: there is no device; plug it in")
-        return CompanionLink(loopback_pair("line")[0], Lockstep(VESSEL).link._settings)
+        return CompanionLink(loopback_pair("line")[0], Lockstep(VESSEL).link.session._settings)
 
     kept = ReconnectingLink("line", True, opener, at_once)
     for second in range(3600):

@@ -58,7 +58,7 @@ def test_a_stick_that_stands_where_the_rudder_was_ordered_is_told_from_an_overri
 
 def test_the_servo_shows_it_where_no_input_is_reported() -> None:
     boat = steering(20.0)
-    take = boat.link._reader._handlers
+    take = boat.link.session._reader.handlers
     del take[65]
     boat.run(1.5)
     assert leave(boat).sentence == "rudder released, confirmed by SERVO_OUTPUT_RAW"
@@ -273,8 +273,7 @@ def test_a_mark_is_wanted_once_where_reports_still_show_the_order_after_four_ten
 
 
 def test_a_servo_that_stands_as_ordered_finds_no_mark_and_one_that_does_not_confirms() -> None:
-    def mirrored(pulse: int) -> int:
-        return 3000 - pulse
+    mirrored = {sent: 3000 - sent for sent in range(1000, 2001)}
 
     watch = watch_of((0.0, 1700), asked=1.0)
     watch.report(1.1, 1300, "SERVO_OUTPUT_RAW", mirrored)

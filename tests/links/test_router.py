@@ -7,14 +7,14 @@ import time
 from typing import Any
 
 import pytest
-from alarm_texts import words
+from alarm_texts import other, words
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules, Budget
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.router import (
     EVERYBODY,
     Address,
@@ -27,6 +27,7 @@ from autopilot.links.mavlink.router import (
     target_of,
 )
 from autopilot.links.mavlink.signing import CountingTimestamps, Signing
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import TcpServerTransport, UdpOutTransport
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.runtime.build_links import LinkOptions, build_links
@@ -309,10 +310,10 @@ def test_a_station_sees_vehicle_and_companion_and_its_words_arrive_unchanged() -
     for frame in frames:
         vehicle.send(frame)
     companion.receive(0.1)
-    assert companion.vehicle_system == 1
+    assert companion.session.vehicle == 1
     assert station.receive() == frames
     companion.keep(0.2)
-    companion.say(0.2, 4, "hello")
+    companion.tell(0.2, Mode.STANDBY, (other("hello"),))
     companion.keep(0.3)
     assert sorted(kinds(station)) == ["HEARTBEAT", "NAMED_VALUE_INT", "STATUSTEXT"]
     vehicle.receive()
@@ -322,7 +323,7 @@ def test_a_station_sees_vehicle_and_companion_and_its_words_arrive_unchanged() -
     assert forward.receive(0.4) == []
     assert vehicle.receive() == words
     assert [packet for _, packet in forward.take_packets()] == [words[0], words[2]], "what the log can hold"
-    assert companion.receive(0.5) == [] and companion.vehicle_system == 1
+    assert companion.receive(0.5) == [] and companion.session.vehicle == 1
 
 
 def test_what_we_send_as_a_ground_station_and_to_the_vehicle_alone_stays_there() -> None:
@@ -374,13 +375,13 @@ def test_with_a_key_nothing_unsigned_passes_either_way_and_what_is_signed_passes
     station.send(packed(command(1, 1), gcs))
     companion.receive(0.1)
     forward.receive(0.1)
-    assert station.receive() == [] and vehicle.receive() == [] and companion.vehicle_system is None
+    assert station.receive() == [] and vehicle.receive() == [] and companion.session.vehicle == 0
     for who in (boat, gcs):
         who.signing.secret_key, who.signing.sign_outgoing, who.signing.timestamp = key, True, 10**12
     beat, word = packed(BEAT, boat), packed(command(1, 1), gcs)
     vehicle.send(beat)
     companion.receive(0.2)
-    assert companion.vehicle_system == 1 and station.receive() == [beat]
+    assert companion.session.vehicle == 1 and station.receive() == [beat]
     station.send(word)
     forward.receive(0.3)
     assert vehicle.receive() == [word]
@@ -430,7 +431,7 @@ def test_a_station_that_is_gone_is_an_alarm_once_and_the_others_go_on() -> None:
     assert forward.receive(0.2) == [] and forward.fileno() == -1
     vehicle.send(packed(BEAT, speaker(1, 1)))
     companion.receive(0.3)
-    assert companion.vehicle_system == 1
+    assert companion.session.vehicle == 1
 
 
 def test_a_station_that_floods_us_is_looked_away_from_until_the_next_tick() -> None:

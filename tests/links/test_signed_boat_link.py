@@ -14,8 +14,9 @@ from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.signing import CountingTimestamps, LinkSigning, Signing
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import UdpInTransport
 from autopilot.links.transports.memory import loopback_pair
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.mavlink.steering_pwm import (
+from autopilot.links.mavlink.steering import (
     SteeringChannel,
     manual_table,
     pulse_from_manual,

@@ -13,9 +13,10 @@ from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.companion import CompanionLink, CompanionSettings
+from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for
 from autopilot.links.mavlink.signing import UNSIGNED, UNSIGNED_IDS, WRONG_KEY, CountingTimestamps, Signing
+from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.signals import HelmSample
 
@@ -106,7 +107,7 @@ def test_a_companion_hears_none(is_latched: bool) -> None:
             far.send(MavlinkCodec(1, 1).encode(message))
     samples = [sample for sample in link.receive(0.1) if not isinstance(sample, HelmSample)]
     assert samples == []
-    assert link.vehicle_system == (1 if is_latched else None)
+    assert link.session.vehicle == (1 if is_latched else 0)
 
 
 def test_none_is_passed_on_in_either_direction() -> None:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from autopilot.links.mavlink.requests import VehicleParameters
-from autopilot.links.mavlink.steering_pwm import SteeringChannel
+from autopilot.links.mavlink.steering import SteeringChannel, channel_of
 
 NEEDED = ["RCMAP_ROLL", "MANUAL_STR_EXPO", "RC_OVERRIDE_TIME", "MAV_GCS_SYSID_HI"]
 
@@ -199,11 +199,11 @@ def test_the_steering_channel_has_every_value_in_its_place() -> None:
         "SERVO5_REVERSED": 0.0,
     }
     for left_out in values:
-        assert known(**{name: value for name, value in values.items() if name != left_out}).steering_channel() is None
+        assert channel_of(known(**{name: value for name, value in values.items() if name != left_out})) is None
     plain = SteeringChannel(1001, 1502, 2003, 24, True, 1105, 1506, 1907, False, 0.0)
-    assert known(**values).steering_channel() == plain
+    assert channel_of(known(**values)) == plain
     other = {**values, "RC2_REVERSED": 0.0, "SERVO5_REVERSED": 1.0, "MANUAL_STR_EXPO": 0.3}
-    assert known(**other).steering_channel() == plain._replace(rc_reversed=False, servo_reversed=True, expo=0.3)
+    assert channel_of(known(**other)) == plain._replace(rc_reversed=False, servo_reversed=True, expo=0.3)
 
 
 def test_a_change_is_counted_and_what_is_no_change_is_not() -> None:

@@ -9,9 +9,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.guided import GuidedTargets
 from autopilot.links.mavlink.steering import SteeringOutput
-from autopilot.links.mavlink.vehicle import VehicleReader
+from autopilot.links.mavlink.vehicle import CompanionSettings, VehicleReader
 from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
 
 CHANNEL = {"MIN": 1100.0, "TRIM": 1500.0, "MAX": 1900.0, "REVERSED": 0.0}
@@ -30,9 +29,8 @@ class Boat:
 
     def __init__(self, guided: bool = False, latency: float = 0.0, **parameters: float) -> None:
         self.output = SteeringOutput("guided" if guided else "rc_override", math.radians(30.0), False)
-        self.reader = VehicleReader(self.output, 20.0, latency, guided)
-        if guided:
-            self.reader.guided = GuidedTargets(self.reader.watch, 0.0)
+        settings = CompanionSettings(math.radians(30.0), heading_latency=latency)
+        self.reader = VehicleReader(self.output, settings._replace(method="guided") if guided else settings)
         for name, value in parameters.items():
             self.take(0.0, dialect.MAVLink_param_value_message(name.encode(), value, 9, 1, 0))
 
@@ -185,7 +183,7 @@ def test_a_servo_s_microseconds_begin_again_every_71_minutes() -> None:
 def test_the_override_switch_is_off_in_its_low_position(pulse: int, is_off: bool) -> None:
     boat = Boat(RC7_OPTION=46.0, **STEERED)
     boat.channels(0.0, chan7_raw=pulse)
-    assert boat.reader.watch.switched_off is is_off
+    assert boat.reader.authority.switched_off is is_off
 
 
 def test_a_vehicle_that_never_showed_a_pulse_has_no_receiver() -> None:
@@ -229,9 +227,9 @@ def test_a_vehicle_back_after_ten_seconds_is_asked_for_its_parameters_anew(silen
 def test_a_stick_that_clears_our_overrides_takes_the_helm_by_the_firmware_s_words() -> None:
     boat = Boat()
     boat.take(0.0, dialect.MAVLink_statustext_message(4, b"RC overrides cleared by pilot"))
-    assert not boat.reader.watch.disobeyed
+    assert not boat.reader.authority.disobeyed
     boat.take(0.0, dialect.MAVLink_statustext_message(4, b"RC overrides cleared by pilot input (ch 1)"))
-    assert boat.reader.watch._disobeyed.startswith("the stick was moved: the helm is yours")
+    assert boat.reader.authority.disobeyed.startswith("the stick was moved: the helm is yours")
 
 
 @pytest.mark.parametrize(

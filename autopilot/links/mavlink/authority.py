@@ -1,10 +1,9 @@
-"""Whether the vehicle lets us steer, and if not, the one sentence that says why. Pure.
+"""Control authority: whether the vehicle lets us steer, and if not, the one sentence that says why. Pure.
 
-The vehicle is believed only as far as it shows: mode and arming from its heartbeat, the ground-station id from its
-parameters, and, while we steer, our own pulse seen again in RC_CHANNELS or the servo moving in SERVO_OUTPUT_RAW.
+Only what the vehicle shows counts: mode and arming from its heartbeat, the ground-station id from its parameters, and,
+while we steer, our own pulse seen again in RC_CHANNELS or the servo moving in SERVO_OUTPUT_RAW.
 
-Whether the vehicle takes our steering, found out before the pilot may engage and without moving the rudder. Pure.
-
+The override probe finds out, before the pilot may engage and without moving the rudder, that our steering is taken.
 ArduPilot ignores overrides in silence: from a system id that is not its ground station's, while the pilot's override
 switch is off, or when its parameters are other than they were read. So a pulse is sent that differs from the present
 one by a few microseconds, inside the dead zone where there is one, and RC_CHANNELS must show exactly that pulse. Then
@@ -70,7 +69,7 @@ STICK_MOVED_US = 150
 
 
 class ControlAuthority:
-    """Collects what the vehicle shows; `reason` gives the sentence, or nothing where the helm is ours.
+    """Collects what the vehicle shows; `reason` gives the sentence, or nothing where control is ours.
 
     Args:
         guided: whether we steer by heading targets in GUIDED mode, rather than by the rudder in MANUAL.
@@ -80,6 +79,9 @@ class ControlAuthority:
         misfit: why its steering parameters cannot be used; empty where they can.
         mode, armed, system_state, heartbeat_time: from the last heartbeat, -inf before the first.
         heard_time: when the vehicle last sent anything.
+        steering: whether we have commanded something that we have not released.
+        recent_pulses: input pulses [us] commanded in the last `HISTORY_S`, each once, the newest last.
+        disobeyed: why the rudder did not obey while we steered; empty where it did.
     """
 
     def __init__(self, guided: bool = False) -> None:
@@ -90,11 +92,13 @@ class ControlAuthority:
         self.armed = False
         self.system_state = 0
         self.heartbeat_time = self.heard_time = -math.inf
-        self._sent: deque[tuple[float, int | None]] = deque()
+        self.steering = False
+        self.recent_pulses: list[int] = []
+        self.disobeyed = ""
+        self._sent: dict[int, float] = {}
         self._doubts: dict[str, tuple[float, float]] = {}
         self._began = self._report_time = -math.inf
         self._last_command = -math.inf
-        self._disobeyed = ""
         self._strange: deque[float] = deque(maxlen=STRANGE_REPORTS)
         self._strange_until = -math.inf
         self._sticks: dict[int, int] = {}
@@ -125,21 +129,25 @@ class ControlAuthority:
 
     def commanded(self, now: float, pulse: int | None) -> None:
         """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for a heading."""
-        sent = self._sent
-        if not sent:
-            self._doubts = {}
+        if not self.steering:
+            self.steering, self._doubts = True, {}
             self._began = self._report_time = now
-        self._last_command = now
-        sent.append((now, pulse))
-        while now - sent[0][0] > HISTORY_S:
-            sent.popleft()
+        self._last_command, sent = now, self._sent
+        if pulse is not None:
+            sent.pop(pulse, None)  # its last time orders it
+            sent[pulse] = now
+        for oldest, when in list(sent.items()):
+            if now - when <= HISTORY_S:
+                break
+            del sent[oldest]
+        self.recent_pulses = [*sent]
 
     def rebooted(self) -> None:
         """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew."""
         self._rebooted = True
         self.armed = False
         self.system_state = 0
-        self._sent.clear()
+        self.released()
         self.misfit = self.radio = ""
 
     def look_back(self, now: float, patience: float) -> None:
@@ -148,28 +156,20 @@ class ControlAuthority:
         Called before what piled up meanwhile is read: reports of a rudder that is not ours accuse nobody.
         """
         gap = now - self._last_command
-        if self._sent and gap > patience:
+        if self.steering and gap > patience:
             self.stood_still = gap
-            self._sent.clear()
+            self.released()
 
     def released(self) -> None:
         """Take note that we no longer steer."""
-        self._sent.clear()
+        if self.steering:
+            self.steering, self.recent_pulses = False, []
+            self._sent.clear()
 
     @property
     def steers_by_hand(self) -> bool:
         """Whether the vehicle is in the mode, and armed, in which the steering input moves the rudder."""
         return self.armed and self.mode == MANUAL_MODE
-
-    @property
-    def recent_pulses(self) -> list[int]:
-        """Input pulses [us] commanded in the last `HISTORY_S`, the newest last; none while we command none."""
-        return list(dict.fromkeys(pulse for _, pulse in reversed(self._sent) if pulse is not None))[::-1]
-
-    @property
-    def steering(self) -> bool:
-        """Whether we have commanded something that we have not released."""
-        return bool(self._sent)
 
     def others_override(self, now: float) -> bool:
         """Return whether the steering input has shown pulses of late that are none of ours, while we steer."""
@@ -184,49 +184,43 @@ class ControlAuthority:
         as the rudder swings about it. `what` names the report in the sentence, such as "RC channel 1" or "servo 1".
         `is_input`: it is the input that we override.
         """
-        agrees = any(abs(pulse - each) <= PULSE_TOLERANCE_US for each in expected)
+        agrees = False
+        for each in expected:
+            agrees = agrees or -PULSE_TOLERANCE_US <= pulse - each <= PULSE_TOLERANCE_US
         if is_input and not agrees:
             self._strange.append(now)
-        self.judge(
-            now,
-            what,
-            agrees,
-            f"the rudder does not obey: {what} is at {pulse} us while {expected[-1]} is commanded "
-            "(radio override switched off, or another ground station steers)",
-        )
+        if self.disagrees(now, what, agrees):
+            self.disobeyed = (
+                f"the rudder does not obey: {what} is at {pulse} us while {expected[-1]} is commanded "
+                "(radio override switched off, or another ground station steers)"
+            )
 
-    def judge(self, now: float, what: str, agrees: bool, sentence: str) -> None:
-        """Take whether the report `what` agrees with what we command; `sentence` counts if it does not for long."""
+    def disagrees(self, now: float, what: str, agrees: bool) -> bool:
+        """Take whether the report `what` agrees with what we command; return whether it has not for too long."""
         self._report_time = now
         last, doubt = self._doubts.get(what, (self._began, 0.0))
-        passed = min(now - last, DISOBEDIENCE_S)
-        doubt = max(doubt - AGREEMENT_WEIGHT * passed, 0.0) if agrees else doubt + passed
-        self._doubts[what] = (now, doubt)
-        if doubt > DISOBEDIENCE_S:
-            self._disobeyed = sentence
+        passed = now - last if now - last < DISOBEDIENCE_S else DISOBEDIENCE_S
+        doubt += -AGREEMENT_WEIGHT * passed if agrees else passed
+        self._doubts[what] = (now, doubt if doubt > 0.0 else 0.0)
+        return doubt > DISOBEDIENCE_S
 
     def refuse(self, sentence: str) -> None:
         """Give the helm up for a reason that was found elsewhere."""
-        self._disobeyed = sentence
+        self.disobeyed = sentence
 
     def stick(self, number: int, pulse: int) -> None:
         """Take where a stick stands that does not steer: moved while we steer, it takes the helm."""
-        if not self._sent or not pulse:
+        if not self.steering or not pulse:
             self._sticks.pop(number, None)
         elif abs(pulse - self._sticks.setdefault(number, pulse)) > STICK_MOVED_US:
-            self._disobeyed = f"the stick on RC channel {number} was moved: the helm is yours"
+            self.disobeyed = f"the stick on RC channel {number} was moved: the helm is yours"
 
     def cleared_by_stick(self) -> None:
         """Take that the firmware has ended our overrides because a stick was moved (RC_OPTIONS bit 14)."""
-        self._disobeyed = (
+        self.disobeyed = (
             "the stick was moved: the helm is yours; before you engage again centre it and switch radio override off "
             "and on (RCn_OPTION 46)"
         )
-
-    @property
-    def disobeyed(self) -> bool:
-        """Whether the rudder did not obey while we steered."""
-        return bool(self._disobeyed)
 
     def reason(self, now: float, parameters: VehicleParameters, system: int) -> str:
         """Return why the vehicle does not let `system` steer at `now` [s], empty when it does; `cause` is of it."""
@@ -265,13 +259,13 @@ class ControlAuthority:
         return ""
 
     def _obedience_reason(self, now: float) -> str:
-        if self._disobeyed and now - self._last_command > FORGIVEN_S:
-            self._disobeyed = ""
-        if self._disobeyed:
-            return self._disobeyed
+        if self.disobeyed and now - self._last_command > FORGIVEN_S:
+            self.disobeyed = ""
+        if self.disobeyed:
+            return self.disobeyed
         # where the heartbeats stay away too, silence is the better word
         talks = self.heard_time > self._report_time + HEARTBEAT_S
-        if self._sent and talks and now - self._report_time > BLIND_S:
+        if self.steering and talks and now - self._report_time > BLIND_S:
             if self._guided:
                 return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"
             return "the vehicle reports neither RC_CHANNELS nor SERVO_OUTPUT_RAW, so nobody can see the rudder obey"

@@ -1,4 +1,7 @@
-"""The link of a companion computer to an ArduRover boat: attitude and speed in, rudder out on the steering channel.
+"""The session of a companion computer with an ArduRover boat: attitude and speed in, rudder out.
+
+Bytes in, typed samples out; commands in, bytes out. The session owns no transport, clock or thread, and never raises;
+`CompanionLink` carries its bytes over a transport.
 
 It latches on to one autopilot and hears no other, carries that vehicle's system id with component 191, touches
 the steering channel alone, and says in one sentence when the vehicle does not let it steer.
@@ -8,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -16,22 +18,23 @@ from autopilot.links.alarm_outputs import VehicleSounder
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.authority import Stage
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
-from autopilot.links.mavlink.conditions import OtherPilot, VehicleHealth
-from autopilot.links.mavlink.guided import TIMEOUT_S, GuidedTargets
-from autopilot.links.mavlink.requests import OVERRIDE_TIME, VehicleParameters
-from autopilot.links.mavlink.signing import LinkSigning
-from autopilot.links.mavlink.status_text import StatusTexts, severity_of
-from autopilot.links.mavlink.steering import (
+from autopilot.links.mavlink.conditions import OtherPilot
+from autopilot.links.mavlink.guided import TIMEOUT_S
+from autopilot.links.mavlink.requests import (
     AUTOPILOT_COMPONENT,
+    OVERRIDE_TIME,
     ModeHandover,
-    SteeringOutput,
+    VehicleParameters,
     companion_heartbeat,
     interval_request,
     obstacle_of,
     parameter_request,
     station_heartbeat,
 )
-from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, VehicleReader
+from autopilot.links.mavlink.signing import LinkSigning
+from autopilot.links.mavlink.status_text import StatusTexts, severity_of
+from autopilot.links.mavlink.steering import SteeringOutput
+from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettings, VehicleReader
 from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
 from autopilot.links.url import let_in
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
@@ -72,118 +75,71 @@ SEVERITIES = {
 }
 
 
-class CompanionSettings(NamedTuple):
-    """How to steer one vehicle.
+class CompanionSession:
+    """What is said with one vehicle. ValueError where the settings cannot be. Times in s.
 
-    rudder_at_full [rad]: rudder angle at full servo travel.  reversed: full positive steering is port.
-    method: RC_CHANNELS_OVERRIDE or MANUAL_CONTROL, or headings for the firmware's own controller (guided).
-    command_rate_hz: least rate at which commands are repeated.
-    guided_speed_share: thrust in each heading target, a share of the vehicle's default speed.
-    attitude_rate_hz: rate asked of ATTITUDE.  heading_latency [s]: age of an attitude when the vehicle stamps it.
-    vehicle_system: the system id to latch on to, None for the first autopilot heard.
-    as_gcs: send steering from the ground station's id; gcs_system: that id, None for what the vehicle's
-    parameter says (255 until it is known).
-    handover_mode: the vehicle's mode number that a fail-safe orders it into; None: none. battery_percent: a charge
-    below it is an alarm.
-    servo_us: servo pulses at full rudder to one side, amidships, to the other, where they are not the vehicle's end
-    points and trim.  angle_max [rad]: what the rudder can do.
-    with_other_pilot: engage though another pilot steers the boat.  heading_timeout [s]: age at which a heading counts
-    as lost; slower ones are not engaged on.
-    """
-
-    rudder_at_full: float
-    reversed: bool = False
-    method: Literal["rc_override", "manual_control", "guided"] = "rc_override"
-    command_rate_hz: float = 10.0
-    attitude_rate_hz: float = 20.0
-    heading_latency: float = 0.0
-    vehicle_system: int | None = None
-    as_gcs: bool = False
-    gcs_system: int | None = None
-    guided_speed_share: float = 0.0
-    handover_mode: int | None = None
-    battery_percent: float = -math.inf
-    servo_us: tuple[float, float, float] | None = None
-    angle_max: float = 0.0
-    with_other_pilot: bool = False
-    heading_timeout: float = math.inf
-
-
-class CompanionLink:
-    """A `Link` to an ArduRover boat over any transport. ValueError where the settings cannot be.
-
-    `signing`: everything sent is signed, and nothing is heard that is not. `sounder`: has alarms heard at the vehicle.
+    Args:
+        name: of the line, in samples.  is_stream: whether chunks may split frames anywhere.
+        signing: everything sent is signed, and nothing is heard that is not.
+        sounder: has alarms heard at the vehicle.
 
     Attributes:
-        state: MAV_STATE in our heartbeat; whoever runs the loop keeps it honest.
-        dropped: packets that the transport could not take.
+        state: MAV_STATE in our heartbeat.
+        packets: (time, raw packet) of what has been received; who carries the bytes adds what was sent, and empties it.
+        vehicle: system id of the vehicle latched on to, 0 before its heartbeat.
+        is_gone: whether the line was found broken; who carries the bytes says so.
     """
 
     def __init__(
         self,
-        transport: Transport,
+        name: str,
         settings: CompanionSettings,
+        is_stream: bool = False,
         signing: LinkSigning | None = None,
         sounder: VehicleSounder | None = None,
     ) -> None:
-        self.name = transport.name
+        self.name = name
         self.state: int = dialect.MAV_STATE_STANDBY
-        self.dropped = 0
-        self._transport = transport
+        self.packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
+        self.vehicle = 0
+        self.is_gone = False
         self._settings = settings
         self._signing = signing
         self._sounder = sounder
-        self._codec = MavlinkCodec(settings.vehicle_system or 1, COMPONENT, transport.is_stream, signing)
+        self._codec = MavlinkCodec(settings.vehicle_system or 1, COMPONENT, is_stream, signing)
         self._gcs_codec = MavlinkCodec(
             settings.gcs_system or DEFAULT_GCS, dialect.MAV_COMP_ID_MISSIONPLANNER, signing=signing
         )
         self._steering_codec = self._gcs_codec if settings.as_gcs else self._codec
-        guided = settings.method == "guided"
         self._output = SteeringOutput(
             settings.method, settings.rudder_at_full, settings.reversed, settings.servo_us, settings.angle_max
         )
-        self._reader = VehicleReader(
-            self._output,
-            settings.attitude_rate_hz,
-            settings.heading_latency,
-            guided,
-            settings.with_other_pilot,
-            settings.heading_timeout,
-        )
-        self._watch, self._probe = self._reader.watch, self._reader.probe
-        self._guided = GuidedTargets(self._watch, settings.guided_speed_share) if guided else None
-        self._reader.guided = self._guided
-        self._reader.health = VehicleHealth(settings.battery_percent)
-        # A ground station that also sends here must not take the vehicle's place.
-        let_in(transport, self._holds_our_vehicle)
-        self._texts = StatusTexts()
+        self._reader = VehicleReader(self._output, settings)
+        self._authority, self._probe = self._reader.authority, self._reader.probe
+        self._guided, self._release = self._reader.guided, self._reader.release
+        self._other = OtherPilot(settings.with_other_pilot)
         self._handover = ModeHandover(settings.handover_mode) if settings.handover_mode is not None else None
-        self._vehicle = 0
-        self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
+        self._texts = StatusTexts()
         self._next_heartbeat = -math.inf
-        self._peer_heard: float | None = None
         self._helm: HelmSample | None = None
-        self._reason = self._watch.obstacle
+        self._reason = self._authority.obstacle
         self._judge_at = -math.inf
         self._looked_at = math.inf
         self._may_prove = False
         self._alarms: tuple[AlarmEvent, ...] = ()
-        self._noted: dict[str, AlarmEvent | None] = {}
-        self._start: float | None = None
-        self._release = self._reader.release
+        self._noted: dict[str, AlarmEvent | None] = {"other pilot": None, "attitude rate": None, "guided": None}
         self._leaving: float | None = None
         self._next_release, self._released_at = -math.inf, math.inf
-        self._is_gone = self._has_steered = False
+        self._has_steered = False
         self._marking: Message | None = None
-        self._other = OtherPilot(settings.with_other_pilot)
 
     @property
-    def vehicle_system(self) -> int | None:
-        """System id of the vehicle latched on to, None before its heartbeat."""
-        return self._vehicle or None
+    def heard_time(self) -> float:
+        """When the vehicle last said anything, -inf before it has."""
+        return self._authority.heard_time
 
     @property
-    def vehicle_parameters(self) -> VehicleParameters:
+    def parameters(self) -> VehicleParameters:
         """The vehicle's parameters on the way from steering input to rudder, as far as they have come."""
         return self._reader.parameters
 
@@ -192,134 +148,139 @@ class CompanionLink:
         """Runs of received bytes that were no valid MAVLink."""
         return self._codec.bad
 
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return self._transport.fileno()
-
-    def receive(self, now: float) -> list[Sample]:
-        """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone.
+    def receive(self, now: float, chunks: list[bytes]) -> list[Sample]:
+        """Take what has arrived by `now`, datagrams or pieces of a stream, and return the samples in it.
 
         A HelmSample comes first, whenever our right to steer or the reason against it has changed, and again
         with every heartbeat of the vehicle.
         """
+        reader, authority, vehicle = self._reader, self._authority, self.vehicle
         if now - self._looked_at > UNHEARD_S:
-            self._reader.unheard()
+            reader.unheard()
         self._looked_at = now
-        self._watch.look_back(now, self._patience())
+        if authority.steering:
+            authority.look_back(now, self._patience())
         samples: list[Sample] = []
-        heard, beat = self._watch.heard_time, self._watch.heartbeat_time
+        beat = authority.heartbeat_time
         news = now >= self._judge_at
-        for data in self._arrived():
+        for data in chunks:
             for message in self._codec.decode(data):
-                self._packets.append((now, bytes(message._msgbuf)))
+                self.packets.append((now, bytes(message._msgbuf)))
                 header = message._header
-                if header.srcSystem == self._vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
-                    self._reader.take(now, message, samples)
-                    news = news or message_id(message) != ATTITUDE
-                elif not self._vehicle and message_id(message) == HEARTBEAT and self._is_ours(message):
-                    self._latch(message)
-                    self._reader.take(now, message, samples)
+                if vehicle and header.srcSystem == vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
+                    reader.take(now, message, samples)
+                    news = news or header.msgId != ATTITUDE
+                elif not vehicle and header.msgId == HEARTBEAT and self._is_ours(message):
+                    vehicle = self._latch(message)
+                    reader.take(now, message, samples)
                     news = True
                 else:
                     self._other.take(now, message)
-        if self._watch.heard_time != heard:
-            self._peer_heard = now
-        if self._watch.heartbeat_time != beat:
+        if authority.heartbeat_time != beat:
             self._helm = None
-        if news or not self._watch.booted:
+        if news or not authority.booted:
             self._judge_at = now + JUDGE_S
-            self._judge_helm(now, samples)
-            overridden = AlarmEvent("input_shared") if self._watch.others_override(now) else None
-            self._note(now, "other pilot", self._other.alarm(now, self._watch.steering) or overridden, samples)
-            self._note(now, "attitude rate", self._reader.streams.slow, samples)
-            if self._guided is not None:
-                self._note(now, "guided", self._guided.alarm, samples)
-        samples.extend(self._reader.health.pass_time(now))
+            self._judge(now, samples)
+        if reader.health.said:
+            samples.extend(reader.health.pass_time(now))
         if self._handover is not None:
-            samples.extend(self._handover.seen(now, self._watch.mode, self.name))
+            samples.extend(self._handover.seen(now, authority.mode, self.name))
         return samples
 
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Send the rudder command; where it is not engaged or the helm is not ours, the release instead.
+    def send(self, now: float, command: RudderCommand) -> list[bytes]:
+        """Return the packets of a rudder command; where it is not engaged or control is not ours, of the release.
 
-        LinkError when the transport is gone. A vehicle that steers itself is sent nothing here: see `show`.
+        A vehicle that steers itself is sent nothing here: see `on_tick`.
         """
         if not command.engaged:
-            self._watch.stood_still = 0.0
+            self._authority.stood_still = 0.0
         if self._probe.under_way or self._guided is not None:
-            return
-        message = None
-        if command.engaged and not self._reason:
-            message = self._output.steer(now, command.angle)
+            return []
+        output = self._output
+        message = output.steer(now, command.angle) if command.engaged and not self._reason else None
         if message is not None:
-            self._watch.commanded(now, self._output.commanded_pulse)
-            self._release.ordered(now, self._output.commanded_pulse)
+            self._authority.commanded(now, output.commanded_pulse)
+            self._release.ordered(now, output.commanded_pulse)
             self._has_steered = True
         else:
-            self._watch.released()
+            self._authority.released()
             self._release.asked(now)
-            message = self._output.release(now)
-        if message is not None:
-            self._transmit(now, message, self._steering_codec)
+            message = output.release(now)
+        return [] if message is None else [self._steering_codec.encode(message)]
 
-    def show(self, tick: Tick) -> None:
-        """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""
+    def on_tick(self, tick: Tick) -> list[bytes]:
+        """Return the heading target that is due behind `tick` where the vehicle steers itself."""
         if self._sounder is not None:
             self._sounder.show(tick)
-        if tick.mode is not Mode.ENGAGED and not self._watch.steering:
+        if tick.mode is not Mode.ENGAGED and not self._authority.steering:
             self._probe.wanted(waits_to_engage(tick))
-        if self._guided is not None:
-            target = self._guided.show(tick, self._may_prove)
-            if target is not None:
-                self._transmit(tick.now, target, self._steering_codec)
+        target = self._guided.show(tick, self._may_prove) if self._guided is not None else None
+        return [] if target is None else [self._steering_codec.encode(target)]
 
-    def keep(self, now: float) -> None:
-        """Send what falls due: heartbeats, repeated commands, stream and parameter requests, texts.
+    def on_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+        """Keep the state in our heartbeat honest, and queue every new alarm as STATUSTEXT."""
+        self.state = STATES[mode]
+        self._other.tell(now, mode, alarms)
+        if self._handover is not None:
+            self._handover.tell(now, mode)
+        if alarms != self._alarms:
+            for alarm in alarms:
+                if alarm not in self._alarms:
+                    self._texts.say(now, severity_of(alarm, SEVERITIES[mode]), sentence_of(alarm))
+            self._alarms = alarms
 
-        LinkError when the transport is gone.
-        """
+    def poll(self, now: float) -> list[bytes]:
+        """Return what falls due: heartbeats, repeated commands, stream and parameter requests, texts."""
+        sent: list[bytes] = []
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + HEARTBEAT_S
-            self._send_heartbeats(now)
-        if self._vehicle:
-            due = self._probe.due(now) if self._may_prove and self._guided is None else None
-            if due is not None:
-                self._release.ordered(now, self._probe.pulse)
-            elif not self._probe.under_way:
-                due = self._output.repeat(now, self._settings.command_rate_hz)
-            if due is not None:
-                self._transmit(now, due, self._steering_codec)
-            if self._watch.booted:
-                self._send_requests(now)
-            self._send_asides(now)
-            if self._watch.booted and (news := self._other.due(now)) is not None:
-                self._other.sent(self._transmit(now, news, self._codec))
-            for text in self._texts.due(now):
-                self._transmit(now, text, self._codec)
-        if self._peer_heard is None:
-            self._peer_heard = now
-        elif now - self._peer_heard > SILENT_PEER_S:
-            self._transport.forget_peer()
-            self._peer_heard = now
+            sent.append(self._codec.encode(companion_heartbeat(self.state)))
+            if self._settings.as_gcs:
+                sent.append(self._gcs_codec.encode(station_heartbeat()))
+        if not self.vehicle:
+            return sent
+        due = self._probe.due(now) if self._may_prove and self._guided is None else None
+        if due is not None:
+            self._release.ordered(now, self._probe.pulse)
+        elif not self._probe.under_way:
+            due = self._output.repeat(now, self._settings.command_rate_hz)
+        if due is not None:
+            sent.append(self._steering_codec.encode(due))
+        return sent + self._beside_steering(now)
 
-    def release(self, now: float) -> None:
-        """Give the rudder back, several times over; never raises."""
-        self._watch.released()
+    def _beside_steering(self, now: float) -> list[bytes]:
+        """Return the requests, the mode of a fail-safe, the sound of an alarm, word to another pilot, texts."""
+        asked: list[Message] = []
+        vehicle, is_up = self.vehicle, self._authority.booted
+        if is_up:
+            asked += [interval_request(vehicle, *stream) for stream in self._reader.streams.due(now)]
+            asked += [parameter_request(vehicle, name) for name in self._reader.parameters.due(now)]
+        for aside in (self._handover, self._sounder):
+            if aside is not None:
+                asked += aside.due(now, vehicle)
+        sent = [self._steering_codec.encode(message) for message in asked] if asked else []
+        if is_up and (news := self._other.due(now)) is not None:
+            sent.append(self._codec.encode(news))
+            self._other.sent(sent[-1])
+        if self._texts.waiting:
+            sent += [self._codec.encode(text) for text in self._texts.due(now)]
+        return sent
+
+    def release(self, now: float) -> list[bytes]:
+        """Return what gives the rudder back, several times over."""
+        self._authority.released()
         self._leaving, self._released_at = now, math.inf
-        try:
-            amidships = self._output.amidships() if self._is_held(now) and self._reader.lacks_receiver else None
-            if amidships is not None:
-                self._release.asked(now)
-                self._marking, pulse = amidships
-                self._release.mark(now, pulse)
-                self._release_again(now)
-            else:
-                self._send_releases(now)
-        except LinkError:
-            self._is_gone = True  # the vehicle drops our override by its own timeout
+        amidships = self._output.amidships() if self._is_held(now) and self._reader.lacks_receiver else None
+        if amidships is None:
+            return self._releases(now)
+        self._release.asked(now)
+        self._marking, pulse = amidships
+        self._release.mark(now, pulse)
+        return self._released_again(now)
 
-    def release_result(self, now: float) -> Release | None:
-        """Return what became of the rudder after `release`, None while the vehicle's reports may still show it."""
+    def release_result(self, now: float) -> Release | list[bytes]:
+        """Return what became of the rudder after `release`; while the vehicle's reports may still show it, what is to
+        be sent to find out."""
         shown_by = self._release.shown_by
         self._leaving = now if self._leaving is None else self._leaving
         if self._guided is not None:
@@ -328,101 +289,57 @@ class CompanionLink:
             return Release(self.name, ReleaseState.CONFIRMED, shown_by)
         if not self._is_held(now):
             return not_held(self.name)
-        if self._is_gone:
+        if self.is_gone:
             return Release(self.name, ReleaseState.LOST, lapse=self._lapse())
         waited = now - self._leaving
         if self._reader.lacks_receiver and now - self._released_at > LEAVING_S:
             return Release(self.name, ReleaseState.UNSHOWN, lapse=WITHOUT_RECEIVER)
         if waited > self._release.patience:
             return Release(self.name, ReleaseState.UNCONFIRMED, waited=waited, lapse=self._lapse())
-        try:
-            self._release_again(now)
-        except LinkError:
-            self._is_gone = True
-        return None
+        return self._released_again(now)
 
-    def _release_again(self, now: float) -> None:
+    def holds_our_vehicle(self, datagram: bytes) -> bool:
+        """Return whether a datagram has the heartbeat of a vehicle that we may latch on to."""
+        messages = MavlinkCodec(signing=self._signing and self._signing.observer()).decode(datagram)
+        return any(message_id(message) == HEARTBEAT and self._is_ours(message) for message in messages)
+
+    def _released_again(self, now: float) -> list[bytes]:
         """Repeat what a bad line may have lost; where no report can tell a release, mark the input and release it."""
         beside = self._release.wants_mark(now)
-        found = self._output.unmoving(beside) if beside is not None and self._watch.steers_by_hand else None
+        found = self._output.unmoving(beside) if beside is not None and self._authority.steers_by_hand else None
         if found is not None:
             self._marking, pulse = found
             self._release.mark(now, pulse)
         if self._marking is not None and self._release.mark_due(now):
-            self._transmit(now, self._marking, self._steering_codec)
-        elif now >= self._next_release and not self._release.is_marking(now):
-            self._send_releases(now)
+            return [self._steering_codec.encode(self._marking)]
+        if now >= self._next_release and not self._release.is_marking(now):
+            return self._releases(now)
+        return []
 
-    def _send_releases(self, now: float) -> None:
+    def _releases(self, now: float) -> list[bytes]:
         self._next_release = now + RELEASE_AGAIN_S
         self._released_at = min(self._released_at, now)
         self._release.asked(now)
-        for message in self._output.release_burst():
-            self._transmit(now, message, self._steering_codec)
+        return [self._steering_codec.encode(message) for message in self._output.release_burst()]
 
     def _patience(self) -> float:
         """Return after how long [s] without an order the vehicle lets go; where it never does, as long as by default:
         by then nobody has looked after the rudder for too long."""
         if self._guided is not None:
             return TIMEOUT_S
-        override_time = self._reader.parameters.get(OVERRIDE_TIME)
+        override_time = self._reader.parameters.override_time
         return override_time if override_time is not None and override_time > 0.0 else OVERRIDE_TIME_S
 
     def _is_held(self, now: float) -> bool:
-        override_time = self._reader.parameters.get(OVERRIDE_TIME)
+        override_time = self._reader.parameters.override_time
         return self._release.is_held(now, OVERRIDE_TIME_S if override_time is None else override_time)
 
     def _lapse(self) -> str:
-        override_time = self._reader.parameters.get(OVERRIDE_TIME)
+        override_time = self._reader.parameters.override_time
         if override_time is not None and override_time < 0.0:
             return f"{OVERRIDE_TIME} is {override_time:g}, so the flight controller keeps it; switch the vehicle's mode"
         seconds = OVERRIDE_TIME_S if override_time is None else override_time
         return f"the flight controller lets go by itself after {OVERRIDE_TIME} {seconds:g} s"
-
-    def _arrived(self) -> list[bytes]:
-        try:
-            return self._transport.receive()
-        except LinkError:
-            self._is_gone = True
-            raise
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return and forget (time [s], raw packet) of all received and sent since the last call."""
-        packets = list(self._packets)
-        self._packets.clear()
-        return packets
-
-    def close(self) -> None:
-        """Close the transport; call `release` first."""
-        self._transport.close()
-
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Keep the state in our heartbeat honest, and say every new alarm as STATUSTEXT."""
-        self.state = STATES[mode]
-        self._other.tell(now, mode, alarms)
-        if self._handover is not None:
-            self._handover.tell(now, mode)
-        if alarms != self._alarms:
-            for alarm in alarms:
-                if alarm not in self._alarms:
-                    self.say(now, severity_of(alarm, SEVERITIES[mode]), sentence_of(alarm))
-            self._alarms = alarms
-
-    def say(self, now: float, severity: int, text: str) -> None:
-        """Queue a STATUSTEXT of MAV_SEVERITY `severity`; `keep` sends it in pieces, rate-limited."""
-        self._texts.say(now, severity, text)
-
-    def report(self, now: float, name: str, value: float) -> None:
-        """Send `value` under `name` (at most 10 characters) as NAMED_VALUE_FLOAT; LinkError as for `send`."""
-        if self._start is None:
-            self._start = now
-        elapsed_ms = int((now - self._start) * 1000.0) & 0xFFFFFFFF
-        message = dialect.MAVLink_named_value_float_message(elapsed_ms, name.encode("ascii", "replace")[:10], value)
-        self._transmit(now, message, self._codec)
-
-    def _holds_our_vehicle(self, datagram: bytes) -> bool:
-        messages = MavlinkCodec(signing=self._signing and self._signing.observer()).decode(datagram)
-        return any(message_id(message) == HEARTBEAT and self._is_ours(message) for message in messages)
 
     def _is_ours(self, message: Message) -> bool:
         header = message._header
@@ -434,58 +351,132 @@ class CompanionLink:
             and wanted in (None, header.srcSystem)
         )
 
-    def _latch(self, message: Message) -> None:
-        self._vehicle = self._output.target = self._codec.system = message._header.srcSystem
-        self._watch.obstacle = obstacle_of(message.autopilot, message.type)
+    def _latch(self, message: Message) -> int:
+        self.vehicle = self._output.target = self._codec.system = message._header.srcSystem
+        self._authority.obstacle = obstacle_of(message.autopilot, message.type)
         if self._guided is not None:
-            self._guided.target = self._vehicle
+            self._guided.target = self.vehicle
+        return self.vehicle
 
-    def _judge_helm(self, now: float, samples: list[Sample]) -> None:
+    def _judge(self, now: float, samples: list[Sample]) -> None:
+        """Work out whether control is ours, and put word of a change before the other samples, of alarms behind."""
+        reader, authority = self._reader, self._authority
         if self._settings.as_gcs and self._settings.gcs_system is None:
-            self._gcs_codec.system = self._reader.parameters.gcs_system or DEFAULT_GCS
-        obstacle = self._watch.reason(now, self._reader.parameters, self._steering_codec.system)
-        if not obstacle and not self._watch.steering:
+            self._gcs_codec.system = reader.parameters.gcs_system or DEFAULT_GCS
+        obstacle = authority.reason(now, reader.parameters, self._steering_codec.system)
+        if not obstacle and not authority.steering:
             obstacle = self._other.obstacle(now)
         proof = self._probe if self._guided is None else self._guided
-        if self._watch.disobeyed or obstacle:
+        if authority.disobeyed or obstacle:
             proof.reset()
         self._may_prove = not obstacle
         # once we steer, the age of each heading decides
-        slow = "" if self._watch.steering else self._reader.streams.waiting
+        slow = "" if authority.steering else reader.streams.waiting
         self._reason = obstacle or proof.reason or slow or self._other.waiting(now)
         is_old = self._guided is None and not obstacle and self._probe.stage is Stage.GROWN_OLD
-        cause = HelmCause.UNPROVEN if is_old else self._watch.cause
+        cause = HelmCause.UNPROVEN if is_old else authority.cause
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):
             self._helm = HelmSample(now, not self._reason, self._reason, self.name, cause)
             samples.insert(0, self._helm)
+        overridden = AlarmEvent("input_shared") if authority.others_override(now) else None
+        found: dict[str, AlarmEvent | None] = {
+            "other pilot": self._other.alarm(now, authority.steering) or overridden,
+            "attitude rate": reader.streams.slow,
+            "guided": self._guided.alarm if self._guided is not None else None,
+        }
+        if found != self._noted:
+            samples += [AlarmSample(now, new, f"{self.name} {n}") for n, new in found.items() if new != self._noted[n]]
+            self._noted = found
 
-    def _note(self, now: float, source: str, event: AlarmEvent | None, samples: list[Sample]) -> None:
-        if self._noted.get(source) != event:
-            self._noted[source] = event
-            samples.append(AlarmSample(now, event, f"{self.name} {source}"))
 
-    def _send_heartbeats(self, now: float) -> None:
-        self._transmit(now, companion_heartbeat(self.state), self._codec)
-        if self._settings.as_gcs:
-            self._transmit(now, station_heartbeat(), self._gcs_codec)
+class CompanionLink:
+    """A `Link` to an ArduRover boat: a session carried over any transport. ValueError where the settings cannot be.
 
-    def _send_requests(self, now: float) -> None:
-        for identity, interval_us in self._reader.streams.due(now):
-            self._transmit(now, interval_request(self._vehicle, identity, interval_us), self._steering_codec)
-        for name in self._reader.parameters.due(now):
-            self._transmit(now, parameter_request(self._vehicle, name), self._steering_codec)
+    Attributes:
+        dropped: packets that the transport could not take.
+    """
 
-    def _send_asides(self, now: float) -> None:
-        """Ask the vehicle for what is no steering: the mode of a fail-safe, the sound of an alarm."""
-        for aside in (self._handover, self._sounder):
-            if aside is not None:
-                for message in aside.due(now, self._vehicle):
-                    self._transmit(now, message, self._steering_codec)
+    def __init__(
+        self,
+        transport: Transport,
+        settings: CompanionSettings,
+        signing: LinkSigning | None = None,
+        sounder: VehicleSounder | None = None,
+    ) -> None:
+        self.name = transport.name
+        self.session = CompanionSession(transport.name, settings, transport.is_stream, signing, sounder)
+        self.dropped = 0
+        self._transport = transport
+        self._vacant_since: float | None = None
+        # A ground station that also sends here must not take the vehicle's place.
+        let_in(transport, self.session.holds_our_vehicle)
 
-    def _transmit(self, now: float, message: Message, codec: MavlinkCodec) -> bytes:
-        packet = codec.encode(message)
-        if self._transport.send(packet):
-            self._packets.append((now, packet))
-        else:
-            self.dropped += 1
-        return packet
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return self._transport.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone."""
+        try:
+            chunks = self._transport.receive()
+        except LinkError:
+            self.session.is_gone = True
+            raise
+        return self.session.receive(now, chunks)
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Send the rudder command, or the release. LinkError when the transport is gone."""
+        self._write(now, self.session.send(now, command))
+
+    def show(self, tick: Tick) -> None:
+        """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""
+        self._write(tick.now, self.session.on_tick(tick))
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+        """Take who has the rudder and what is wrong, for heartbeat and texts."""
+        self.session.on_status(now, mode, alarms)
+
+    def keep(self, now: float) -> None:
+        """Send what falls due; let go of a peer without a word of the vehicle. LinkError when the transport is gone."""
+        self._write(now, self.session.poll(now))
+        heard = self.session.heard_time
+        if self._vacant_since is None:
+            self._vacant_since = now
+        elif now - self._vacant_since > SILENT_PEER_S and now - heard > SILENT_PEER_S:
+            self._transport.forget_peer()
+            self._vacant_since = now
+
+    def release(self, now: float) -> None:
+        """Give the rudder back, several times over; never raises."""
+        self._write_last(now, self.session.release(now))
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder after `release`, None while the vehicle's reports may still show it."""
+        found = self.session.release_result(now)
+        if isinstance(found, Release):
+            return found
+        self._write_last(now, found)
+        return None
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return and forget (time [s], raw packet) of all received and sent since the last call."""
+        packets = list(self.session.packets)
+        self.session.packets.clear()
+        return packets
+
+    def close(self) -> None:
+        """Close the transport; call `release` first."""
+        self._transport.close()
+
+    def _write(self, now: float, packets: list[bytes]) -> None:
+        for packet in packets:
+            if self._transport.send(packet):
+                self.session.packets.append((now, packet))
+            else:
+                self.dropped += 1
+
+    def _write_last(self, now: float, packets: list[bytes]) -> None:
+        try:
+            self._write(now, packets)
+        except LinkError:
+            self.session.is_gone = True  # the vehicle drops our override by its own timeout

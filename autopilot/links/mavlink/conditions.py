@@ -1,12 +1,11 @@
-"""What a vehicle says of its battery, its fence and the water below it, as conditions for the pilot. Pure.
+"""What a vehicle and its surroundings say beside its state: battery, fence, shallow water, its radio, another pilot.
 
 SYS_STATUS and BATTERY_STATUS: charge and charge state; SYS_STATUS: the fence where it is enabled and unhealthy;
 FENCE_STATUS: breached; STATUSTEXT: "Fence Breached" (ArduPilot, AC_Fence) and what has "shallow" in it.
 
-Whether the hand's radio still reaches the flight controller, as far as the vehicle shows it. Pure.
-
-While we override the steering, ArduPilot takes our messages for radio input: a receiver that just falls silent makes no
-fail-safe, and RC_CHANNELS goes on showing its last pulses and its count of channels. What does show of a lost radio:
+Whether the hand's radio still reaches the flight controller. While we override the steering, ArduPilot takes our
+messages for radio input: a receiver that just falls silent makes no fail-safe, and RC_CHANNELS goes on showing its last
+pulses and its count of channels. What does show of a lost radio:
 
 - a receiver that sends a throttle below FS_THR_VALUE: the pulse in RC_CHANNELS, and the firmware's own fail-safe;
 - RC_CHANNELS.rssi where it is measured beside the frames (RSSI_TYPE 1 or 4, a voltage or pulse), 255 where it is not;
@@ -16,11 +15,10 @@ fail-safe, and RC_CHANNELS goes on showing its last pulses and its count of chan
 Source: ArduPilot, Rover/radio.cpp (radio_failsafe_check), Rover/failsafe.cpp, Rover/GCS_Rover.cpp,
 libraries/RC_Channel/RC_Channels.cpp (read_input), libraries/AP_RSSI.
 
-Another pilot on the same boat, known by what it says of itself every second: NAMED_VALUE_INT "PILOT". Pure.
-
-Both pilots have the vehicle's system id and component 191. ArduPilot passes messages without a target on to its other
-links, but no heartbeat to a link on which the same address was heard (libraries/GCS_MAVLink/MAVLink_routing.cpp), so a
-heartbeat would not do. What we have sent ourselves, and comes back, is not another's.
+Another pilot on the same boat is known by what it says of itself every second: NAMED_VALUE_INT "PILOT". Both pilots
+have the vehicle's system id and component 191. ArduPilot passes messages without a target on to its other links, but no
+heartbeat to a link on which the same address was heard (libraries/GCS_MAVLink/MAVLink_routing.cpp), so a heartbeat
+would not do. What we have sent ourselves, and comes back, is not another's. Pure.
 """
 
 from __future__ import annotations
@@ -52,18 +50,20 @@ SYSTEM = dialect.MAVLINK_MSG_ID_SYS_STATUS
 BATTERY = dialect.MAVLINK_MSG_ID_BATTERY_STATUS
 FENCING = dialect.MAVLINK_MSG_ID_FENCE_STATUS
 TEXT = dialect.MAVLINK_MSG_ID_STATUSTEXT
-HEARD = (SYSTEM, BATTERY, FENCING, TEXT)
 
 
 class VehicleHealth:
     """Takes the vehicle's messages and returns what has begun or ended.
 
     `battery_percent`: a charge below it is low; -inf: not watched.
+
+    Attributes:
+        said: what was said in words, and until when [s] that lasts; `pass_time` ends it.
     """
 
     def __init__(self, battery_percent: float = -math.inf) -> None:
         self._limit = battery_percent
-        self._said: dict[str, tuple[str, float]] = {}
+        self.said: dict[str, tuple[str, float]] = {}
         self._present: set[str] = set()
 
     def take(self, now: float, message: Message) -> list[Sample]:
@@ -81,10 +81,10 @@ class VehicleHealth:
 
     def pass_time(self, now: float) -> list[Sample]:
         """Return the conditions that nobody has spoken of for long, as over."""
-        over = [name for name, (_, until) in self._said.items() if now >= until]
+        over = [name for name, (_, until) in self.said.items() if now >= until]
         ended: list[Sample] = []
         for name in over:
-            del self._said[name]
+            del self.said[name]
             ended += self._set(now, name, False, "")
         return ended
 
@@ -101,11 +101,11 @@ class VehicleHealth:
         for name, is_said in (("geofence", "fence breach" in words), ("shallow", "shallow" in words)):
             if is_said:
                 found += self._set(now, name, True, text[:60])
-                self._said[name] = (text, now + TEXT_LASTS_S)
+                self.said[name] = (text, now + TEXT_LASTS_S)
         return found
 
     def _set(self, now: float, name: str, present: bool, detail: str) -> list[Sample]:
-        if name in self._said and not present:
+        if name in self.said and not present:
             return []  # what was said in words lasts its time
         if present is (name in self._present):
             return []
@@ -124,34 +124,45 @@ SETTLES_S = 1.5
 
 
 class RadioWatch:
-    """Takes what the vehicle says of its radio; `reason` has the sentence for a lost one."""
+    """Takes what the vehicle says of its radio; `reason` has the sentence for a lost one, where there is one.
+
+    Attributes:
+        found: what shows that the radio is lost, as sentences by where it shows.
+    """
 
     def __init__(self) -> None:
+        self.found: dict[str, str] = {}
         self._since: dict[str, float] = {}
-        self._found: dict[str, str] = {}
         self._seen: set[str] = set()
         self._text_time = math.nan
 
     def reason(self, parameters: VehicleParameters) -> str:
         """Return why the radio counts as lost; empty where it does not, or where the firmware does without it."""
-        return "" if parameters.get("FS_THR_ENABLE") == 0.0 else next(iter(self._found.values()), "")
+        return "" if parameters.get("FS_THR_ENABLE") == 0.0 else next(iter(self.found.values()), "")
 
     def channels(self, now: float, message: Message, parameters: VehicleParameters) -> None:
-        """Take RC_CHANNELS."""
-        channel, limit = parameters.throttle_input, parameters.get("FS_THR_VALUE")
-        pulse = getattr(message, f"chan{channel}_raw")
+        """Take RC_CHANNELS. A vehicle without a radio does not lose it."""
+        seen, rssi, count = self._seen, message.rssi, message.chancount
+        if RSSI_THERE <= rssi < RSSI_UNKNOWN:
+            seen.add("rssi")
+        if count > 0:
+            seen.add("count")
+        limit, channel = parameters.throttle_failsafe, parameters.throttle_input
+        pulse = getattr(message, f"chan{channel}_raw") if limit is not None else 0
         is_low = limit is not None and 0 < pulse < limit
-        self._judge(now, "throttle", is_low, f"throttle, RC channel {channel}, is at {pulse} us, below FS_THR_VALUE")
-        rssi = message.rssi
-        gone = self._was_there("rssi", RSSI_THERE <= rssi < RSSI_UNKNOWN) and rssi <= RSSI_GONE
-        self._judge(now, "rssi", gone, f"its strength (rssi) has fallen to {rssi} of 254")
-        gone = self._was_there("count", message.chancount > 0) and message.chancount == 0
-        self._judge(now, "count", gone, "its receiver sends no channels")
+        is_weak, has_none = "rssi" in seen and rssi <= RSSI_GONE, "count" in seen and count == 0
+        if is_low or is_weak or has_none or self._since:
+            words = f"throttle, RC channel {channel}, is at {pulse} us, below FS_THR_VALUE"
+            self._judge(now, "throttle", is_low, words)
+            self._judge(now, "rssi", is_weak, f"its strength (rssi) has fallen to {rssi} of 254")
+            self._judge(now, "count", has_none, "its receiver sends no channels")
 
     def status(self, enabled: int, health: int) -> None:
         """Take SYS_STATUS: its sensors enabled and healthy."""
         is_well = bool(enabled & health & RECEIVER)
-        is_gone = self._was_there("status", is_well) and bool(enabled & RECEIVER) and not is_well
+        if is_well:
+            self._seen.add("status")
+        is_gone = "status" in self._seen and bool(enabled & RECEIVER) and not is_well
         self._set("status", is_gone, "the vehicle says that its receiver is not well")
 
     def text(self, now: float, words: str) -> None:
@@ -167,12 +178,6 @@ class RadioWatch:
         if system_state != dialect.MAV_STATE_CRITICAL and now - self._text_time > SETTLES_S:
             self._set("text", False, "")
 
-    def _was_there(self, what: str, is_there: bool) -> bool:
-        """A vehicle without a radio does not lose it."""
-        if is_there:
-            self._seen.add(what)
-        return what in self._seen
-
     def _judge(self, now: float, what: str, is_gone: bool, sentence: str) -> None:
         if not is_gone:
             self._since.pop(what, None)
@@ -181,9 +186,9 @@ class RadioWatch:
 
     def _set(self, what: str, is_gone: bool, sentence: str) -> None:
         if is_gone:
-            self._found[what] = f"the radio is lost: {sentence}"
+            self.found[what] = f"the radio is lost: {sentence}"
         else:
-            self._found.pop(what, None)
+            self.found.pop(what, None)
 
 
 NAME = "PILOT"

@@ -238,17 +238,17 @@ class GuidedTargets:
     """Makes the targets for one vehicle from the pilot's ticks, and watches that they are taken.
 
     Args:
-        watch: told what we send, and judges what is reported.  speed_share: the thrust in each target, 0 to 1.
+        authority: told what we send, and judges what is reported.  speed_share: the thrust in each target, 0 to 1.
 
     Attributes:
         target: the vehicle's system id.  alarm: what the skipper should know though steering goes on.
     """
 
-    def __init__(self, watch: ControlAuthority, speed_share: float) -> None:
+    def __init__(self, authority: ControlAuthority, speed_share: float) -> None:
         if not 0.0 <= speed_share <= 1.0:
             raise ValueError(f"guided speed share: allowed is 0 to 1, got {speed_share}")
         self.target = 0
-        self._watch = watch
+        self._authority = authority
         self._thrust = speed_share
         self._start: float | None = None
         self._unfit = self._stray = ""
@@ -261,7 +261,7 @@ class GuidedTargets:
 
     def reset(self) -> None:
         """Ask for the proof anew, as after a reboot, an override, or a pause."""
-        self._watch.released()
+        self._authority.released()
         self._refusal, self._has_failed = UNPROVEN, False
         self._passed = False
         self._proof: GuidedProof | None = None
@@ -284,7 +284,7 @@ class GuidedTargets:
         if self._proof is not None and not self._passed:
             if self._sent and not self._stray:
                 self._proof.bearing(now, self._sent[-1][1], bearing)
-        elif self._watch.steering:
+        elif self._authority.steering:
             agrees, sentence = not self._stray, self._stray
             if self._echoes and not self._stray:
                 agrees = any(abs(shortest_turn(sent, bearing)) < FOLLOWS_WITHIN for _, sent in self._sent)
@@ -293,7 +293,8 @@ class GuidedTargets:
                     f"the vehicle does not follow our headings: it steers {compass_deg(bearing):.0f} deg while "
                     f"{wanted:.0f} is sent (another companion or ground station guides it)"
                 )
-            self._watch.judge(now, "NAV_CONTROLLER_OUTPUT", agrees, sentence)
+            if self._authority.disagrees(now, "NAV_CONTROLLER_OUTPUT", agrees):
+                self._authority.refuse(sentence)
 
     def rudder(self, now: float, share: float) -> None:
         """Take where the steering servo stands: its share of full rudder, starboard positive."""
@@ -340,7 +341,7 @@ class GuidedTargets:
         self._shown = self._shown._replace(ours_time=now)
         if tick.command.engaged:
             self._engaged_time = now
-            self._watch.commanded(now, None)
+            self._authority.commanded(now, None)
         # a proof goes on with what we ran the boat at, and starts none
         return self._message(now, heading, self._thrust if now - self._engaged_time <= RUN_S else 0.0)
 
@@ -409,13 +410,13 @@ class GuidedTargets:
         error = shortest_turn(tick.state.heading, self._sent[-1][1]) if self._sent else 0.0
         turns_away = abs(error) > AWAY and error * tick.state.rate < 0.0
         is_over = abs(error) > FAR_OFF and error * self._share < 0.0 and abs(self._share) > WRONG_SIDE
-        is_away = self._watch.steering and (turns_away or is_over)
+        is_away = self._authority.steering and (turns_away or is_over)
         if not is_away:
             self._away_since = None
         elif self._away_since is None:
             self._away_since = tick.now
         elif tick.now - self._away_since > AWAY_S:
-            self._watch.refuse(TURNS_AWAY)
+            self._authority.refuse(TURNS_AWAY)
 
     def _message(self, now: float, heading: float, thrust: float) -> Message:
         self._last_target = now

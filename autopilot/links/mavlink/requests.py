@@ -1,16 +1,17 @@
-"""What is asked of the flight controller: the parameters that steering needs, and the messages it shall send. Pure.
+"""What is asked of the flight controller, and what a companion says beside steering. Pure.
 
-The few parameters of the flight controller that steering needs: asked for by name until they have come. Pure.
-
-Which messages the vehicle shall send and how often: asked for with SET_MESSAGE_INTERVAL until they come. Pure.
+The few parameters that steering needs, asked for by name until they have come; the messages it shall send, asked for
+with SET_MESSAGE_INTERVAL until they come at their rate; the mode it shall go into when the pilot gives up.
 """
 
 from __future__ import annotations
 
 import math
 
-from autopilot.links.mavlink.steering_pwm import SteeringChannel
-from autopilot.signals import AlarmEvent
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink.codec import Message
+from autopilot.signals import AlarmEvent, ConditionSample, Mode
 
 FIRST_CHECK_S = 0.7
 CHECK_S = 2.0
@@ -37,6 +38,10 @@ class MessageStreams:
     Args:
         rates_hz: wanted rate by message id, the most wanted first.
         timeout [s]: age at which the most wanted counts as lost; inf: at none.
+
+    Attributes:
+        counts: messages that have come since the last check, by id; who receives them counts.
+        slow: the alarm of a first stream that stays slow however often it is asked for; None where it does not.
     """
 
     def __init__(self, rates_hz: dict[int, float], timeout: float = math.inf) -> None:
@@ -53,24 +58,15 @@ class MessageStreams:
         """
         return self._too_slow if self._settled else WAITING
 
-    @property
-    def slow(self) -> AlarmEvent | None:
-        """The alarm of a first stream that stays slow however often it is asked for; None where it does not."""
-        return self._slow
-
     def reset(self) -> None:
         """Ask for everything anew, as after a reboot."""
-        self._slow: AlarmEvent | None = None
+        self.slow: AlarmEvent | None = None
         self._too_slow = ""
         self._slow_checks = 0
         self._settled = False
-        self._counts = dict.fromkeys(self._rates, 0)
+        self.counts = dict.fromkeys(self._rates, 0)
         self._since: float | None = None
         self._checked = False
-
-    def count(self, message_id: int) -> None:
-        """Note that a message of a wanted id has come."""
-        self._counts[message_id] += 1
 
     def due(self, now: float) -> list[tuple[int, int]]:
         """Return (message id, interval [us]) of the streams to ask for at `now` [s]."""
@@ -85,26 +81,26 @@ class MessageStreams:
         wanted = [
             (identity, round(1.0e6 / rate))
             for identity, rate in self._rates.items()
-            if first or self._counts[identity] < rate * needed
+            if first or self.counts[identity] < rate * needed
         ]
         self._since = now
-        self._counts = dict.fromkeys(self._rates, 0)
+        self.counts = dict.fromkeys(self._rates, 0)
         return wanted
 
     def _watch_first(self, seconds: float) -> None:
         identity, wanted = next(iter(self._rates.items()))
-        rate = self._counts[identity] / seconds
+        rate = self.counts[identity] / seconds
         self._too_slow = TOO_SLOW.format(rate=rate, least=self._least) if 0.0 < rate < self._least else ""
         if rate >= wanted * ENOUGH:
-            self._slow, self._slow_checks, self._settled = None, 0, True
+            self.slow, self._slow_checks, self._settled = None, 0, True
             return
         self._slow_checks += 1
         if self._slow_checks < PATIENT_CHECKS:
             return
         self._settled = True
         # said once: a rate that wavers is no news; that nothing comes at all others will say
-        if self._counts[identity] and not self._slow:
-            self._slow = AlarmEvent("headings_slow", f"{rate:.0f} Hz though {wanted:.0f} Hz")
+        if self.counts[identity] and not self.slow:
+            self.slow = AlarmEvent("headings_slow", f"{rate:.0f} Hz though {wanted:.0f} Hz")
 
 
 RETRY_S = 0.5
@@ -152,29 +148,42 @@ RELEVANT = frozenset(
 
 
 class VehicleParameters:
-    """What is known of the vehicle's parameters and what has still to be asked; `throttle`: of that stick too."""
+    """What is known of the vehicle's parameters and what has still to be asked; `throttle`: of that stick too.
+
+    What follows from them is worked out whenever one comes.
+
+    Attributes:
+        revision: counts every change.
+        gcs_name: the name under which this vehicle keeps its ground-station id.
+        gcs_system: the system id whose overrides the vehicle obeys, None while unknown or impossible.
+        override_time [s]: RC_OVERRIDE_TIME, None while unknown.
+        steering_input: number of the input channel that steers (RCMAP_ROLL), None while unknown or impossible.
+        steering_servo: number of the first servo output whose function is GroundSteering, None where none is known.
+        throttle_failsafe [us]: FS_THR_VALUE, None while unknown.
+        throttle_input: number of the throttle's input channel (RCMAP_THROTTLE), ArduPilot's default while unknown.
+        override_switch: number of the channel whose switch allows overrides, None where there is none.
+        free_sticks: channels of the sticks that neither steer nor give throttle: nobody moves them but by intent.
+    """
 
     def __init__(self, throttle: bool = False) -> None:
         self._throttle = throttle
         self.revision = 0
-        """Counts every change, so that what follows from the parameters is worked out only once."""
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, as after a reboot."""
-        self.revision += 1
         self._values: dict[str, float] = {}
         self._asked: dict[str, tuple[float, int]] = {}
+        self._open: list[str] = []
         self._next_burst = -math.inf
-        self._missing = self._find_missing()
+        self._changed()
 
     def take(self, name: str, value: float) -> bool:
         """Keep a value that the vehicle reports; return whether it is one of those used here and new."""
-        if not math.isfinite(value) or not _relevant(name) or self._values.get(name) == value:
+        if not math.isfinite(value) or name not in RELEVANT or self._values.get(name) == value:
             return False
-        self.revision += 1
         self._values[name] = value
-        self._missing = self._find_missing()
+        self._changed()
         return True
 
     def get(self, name: str) -> float | None:
@@ -204,12 +213,12 @@ class VehicleParameters:
 
     def due(self, now: float) -> list[str]:
         """Return the names to request at `now` [s]."""
-        if not self._missing or now < self._next_burst:
+        if not self._open or now < self._next_burst:
             return []
         names = []
-        for name in self._missing:
+        for name in self._open:
             last, tries = self._asked.get(name, (-math.inf, 0))
-            if now - last >= RETRY_S and not self._given_up(name):
+            if now - last >= RETRY_S:
                 names.append(name)
                 self._asked[name] = (now, tries + 1)
                 if len(names) == BURST:
@@ -217,18 +226,8 @@ class VehicleParameters:
         if names:
             self.revision += 1
             self._next_burst = now + BURST_S
+            self._open = [name for name in self._open if not self._given_up(name)]
         return names
-
-    @property
-    def gcs_name(self) -> str:
-        """The name under which this vehicle keeps its ground-station id."""
-        return next((name for name in GCS_NAMES if name in self._values), GCS_NAMES[0])
-
-    @property
-    def gcs_system(self) -> int | None:
-        """The system id whose overrides the vehicle obeys, None while unknown or impossible."""
-        value = self._values.get(self.gcs_name)
-        return round(value) if value is not None and 1.0 <= value <= 255.0 else None
 
     @property
     def gcs_impossible(self) -> bool:
@@ -243,76 +242,36 @@ class VehicleParameters:
         return low <= system <= max(low, self._values.get(GCS_HIGH, 0.0))
 
     @property
-    def steering_input(self) -> int | None:
-        """Number of the input channel that steers (RCMAP_ROLL), None while unknown or impossible."""
-        value = self._values.get("RCMAP_ROLL")
-        return round(value) if value is not None and 1.0 <= value <= 16.0 else None
-
-    @property
-    def throttle_input(self) -> int:
-        """Number of the input channel of the throttle (RCMAP_THROTTLE), ArduPilot's default while unknown."""
-        number = round(self._values.get("RCMAP_THROTTLE", STICKS["RCMAP_THROTTLE"]))
-        return number if 1 <= number <= CHANNEL_COUNT else STICKS["RCMAP_THROTTLE"]
-
-    @property
-    def override_switch(self) -> int | None:
-        """Number of the channel whose switch allows overrides, None where there is none."""
-        for number in range(1, CHANNEL_COUNT + 1):
-            if self._values.get(f"RC{number}_OPTION") == OVERRIDE_SWITCH:
-                return number
-        return None
-
-    @property
-    def free_sticks(self) -> tuple[int, ...]:
-        """Channels of the sticks that neither steer nor give throttle: nobody moves them but by intent."""
-        mapped = {name: round(self._values.get(name, default)) for name, default in STICKS.items()}
-        used = (self.steering_input, mapped["RCMAP_THROTTLE"])
-        return tuple(
-            number
-            for name, number in mapped.items()
-            if name != "RCMAP_THROTTLE" and number not in used and 1 <= number <= CHANNEL_COUNT
-        )
-
-    @property
     def throttle_neutral(self) -> tuple[int, int, int] | None:
         """Channel of the throttle stick, and the pulses [us] between which it asks for nothing; None while unknown."""
-        number = round(self._values.get("RCMAP_THROTTLE", STICKS["RCMAP_THROTTLE"]))
+        number = self._mapped("RCMAP_THROTTLE")
         trim, dead_zone = (self._values.get(f"RC{number}_{suffix}") for suffix in ("TRIM", "DZ"))
         if trim is None or dead_zone is None:
             return None
         return number, round(trim - dead_zone), round(trim + dead_zone)
 
-    @property
-    def steering_servo(self) -> int | None:
-        """Number of the first servo output whose function is GroundSteering, None where none is known."""
-        for number in range(1, SERVO_COUNT + 1):
-            if self._values.get(f"SERVO{number}_FUNCTION") == GROUND_STEERING:
-                return number
-        return None
+    def _mapped(self, name: str) -> int:
+        return round(self._values.get(name, STICKS[name]))
 
-    def steering_channel(self) -> SteeringChannel | None:
-        """Return the way from steering input to rudder servo; None while a piece of it is unknown."""
-        rc, servo = self.steering_input, self.steering_servo
-        if rc is None or servo is None:
-            return None
-        names = [f"RC{rc}_{suffix}" for suffix in RC_SUFFIXES] + [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
-        found = [self._values.get(name) for name in names]
-        values = [round(value) for value in found if value is not None]
-        if len(values) != len(names):
-            return None
-        rc_min, rc_trim, rc_max, dead_zone, rc_reversed, servo_min, servo_trim, servo_max, servo_reversed = values
-        return SteeringChannel(
-            rc_min,
-            rc_trim,
-            rc_max,
-            dead_zone,
-            bool(rc_reversed),
-            servo_min,
-            servo_trim,
-            servo_max,
-            bool(servo_reversed),
-            self._values.get(EXPO, 0.0),
-        )
+    def _changed(self) -> None:
+        """Work out what follows from the values."""
+        self.revision += 1
+        values, numbers = self._values, range(1, CHANNEL_COUNT + 1)
+        self.gcs_name = next((name for name in GCS_NAMES if name in values), GCS_NAMES[0])
+        gcs = values.get(self.gcs_name, 0.0)
+        self.gcs_system: int | None = round(gcs) if 1.0 <= gcs <= 255.0 else None
+        self.override_time, self.throttle_failsafe = values.get(OVERRIDE_TIME), values.get("FS_THR_VALUE")
+        steering, throttle = values.get("RCMAP_ROLL", 0.0), self._mapped("RCMAP_THROTTLE")
+        self.steering_input: int | None = round(steering) if 1.0 <= steering <= 16.0 else None
+        self.throttle_input = throttle if throttle in numbers else STICKS["RCMAP_THROTTLE"]
+        switches = (number for number in numbers if values.get(f"RC{number}_OPTION") == OVERRIDE_SWITCH)
+        self.override_switch: int | None = next(switches, None)
+        sticks = (self._mapped(name) for name in STICKS if name != "RCMAP_THROTTLE")
+        self.free_sticks = tuple(n for n in sticks if n not in (self.steering_input, throttle) and n in numbers)
+        servos = (n for n in range(1, SERVO_COUNT + 1) if values.get(f"SERVO{n}_FUNCTION") == GROUND_STEERING)
+        self.steering_servo: int | None = next(servos, None)
+        self._missing = self._find_missing()
+        self._open = [name for name in self._missing if not self._given_up(name)]
 
     def _find_missing(self) -> list[str]:
         names = [] if self.gcs_system is not None else list(GCS_NAMES)
@@ -325,7 +284,7 @@ class VehicleParameters:
         else:
             names += [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
         if self._throttle:
-            number = round(self._values.get("RCMAP_THROTTLE", STICKS["RCMAP_THROTTLE"]))
+            number = self._mapped("RCMAP_THROTTLE")
             names += [f"RC{number}_{suffix}" for suffix in ("TRIM", "DZ")]
         # what steering needs goes first
         return [name for name in (*names, *WELCOME) if name not in self._values]
@@ -340,5 +299,97 @@ def _tries(name: str) -> float:
     return OPTIONAL_TRIES if name in (EXPO, OVERRIDE_TIME, GCS_HIGH, *WELCOME) else math.inf
 
 
-def _relevant(name: str) -> bool:
-    return name in RELEVANT
+AUTOPILOT_COMPONENT = 1
+BOATS = (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_TYPE_GROUND_ROVER)
+
+
+def companion_heartbeat(state: int) -> Message:
+    """Return our own heartbeat, with MAV_STATE `state`."""
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, state, 3
+    )
+
+
+def station_heartbeat() -> Message:
+    """Return the heartbeat of the ground station in whose name we steer."""
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+    )
+
+
+def interval_request(vehicle: int, identity: int, interval_us: int) -> Message:
+    """Return the request to stream the message `identity` every `interval_us`."""
+    return dialect.MAVLink_command_long_message(
+        vehicle,
+        AUTOPILOT_COMPONENT,
+        dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+        0,
+        identity,
+        interval_us,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+
+
+def parameter_request(vehicle: int, name: str) -> Message:
+    """Return the request for one parameter by its name."""
+    return dialect.MAVLink_param_request_read_message(vehicle, AUTOPILOT_COMPONENT, name.encode(), -1)
+
+
+def obstacle_of(autopilot: int, kind: int) -> str:
+    """Return why a vehicle of this MAV_AUTOPILOT and MAV_TYPE cannot be steered; '' where it can."""
+    if autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        return "the vehicle does not run ArduPilot, whose steering input is the only one known so far; use ArduRover"
+    if kind not in BOATS:
+        return f"the vehicle is of MAV_TYPE {kind}, not a boat or rover; connect to the boat's flight controller"
+    return ""
+
+
+MODES = {"HOLD": 4, "LOITER": 5, "RTL": 11}
+"""ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
+HANDOVER_REPEAT_S = 0.5
+HANDOVER_PATIENCE_S = 3.0
+"""A vehicle that is not in the mode after this does not take it; it is asked on, but people must know."""
+HANDOVER_ENDS_S = 30.0
+
+
+class ModeHandover:
+    """Hands the boat over to a mode of the flight controller in a fail-safe, and sees whether it goes."""
+
+    def __init__(self, mode: int) -> None:
+        self._mode = mode
+        self._since: float | None = None
+        self._next = math.nan
+        self._is_done = self._is_told = False
+
+    def tell(self, now: float, mode: Mode) -> None:
+        """Take the pilot's mode: a fail-safe or a fault begins the handover. Who takes the helm then is not fought."""
+        if mode not in (Mode.FAILSAFE, Mode.FAULT):
+            self._since = None
+        elif self._since is None:
+            self._since, self._next, self._is_done = now, now, False
+
+    def due(self, now: float, vehicle: int) -> list[Message]:
+        """Return the command that is due: until the vehicle is in the mode, or half a minute has passed."""
+        if self._since is None or self._is_done or now < self._next or now - self._since > HANDOVER_ENDS_S:
+            return []
+        self._next = now + HANDOVER_REPEAT_S
+        flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        command = dialect.MAV_CMD_DO_SET_MODE
+        return [
+            dialect.MAVLink_command_long_message(
+                vehicle, AUTOPILOT_COMPONENT, command, 0, flags, self._mode, 0, 0, 0, 0, 0
+            )
+        ]
+
+    def seen(self, now: float, mode: int, link: str) -> list[ConditionSample]:
+        """Take the vehicle's mode; return what has changed in whether it refuses."""
+        self._is_done = self._is_done or (self._since is not None and mode == self._mode)
+        refuses = self._since is not None and not self._is_done and now - self._since > HANDOVER_PATIENCE_S
+        if refuses == self._is_told:
+            return []
+        self._is_told = refuses
+        return [ConditionSample(now, "handback_refused", refuses, f"still in mode {mode}" if refuses else "", link)]

@@ -26,11 +26,11 @@ def severity_of(alarm: AlarmEvent, usual: int) -> int:
 
 
 class StatusTexts:
-    """A short queue of texts; when it is full the newest are dropped and counted in `dropped`."""
+    """A short queue of texts, the pieces that wait in `waiting`; when it is full the newest are dropped and counted."""
 
     def __init__(self) -> None:
         self.dropped = 0
-        self._waiting: deque[Message] = deque()
+        self.waiting: deque[Message] = deque()
         self._next = -math.inf
         self._identity = 0
         self._last = ("", math.nan)
@@ -41,7 +41,7 @@ class StatusTexts:
             return
         raw = text.encode("ascii", errors="replace")
         pieces = [raw[start : start + PIECE] for start in range(0, len(raw), PIECE)]
-        if not pieces or len(self._waiting) + len(pieces) > WAITING_LIMIT:
+        if not pieces or len(self.waiting) + len(pieces) > WAITING_LIMIT:
             self.dropped += bool(pieces)
             return
         self._last = (text, now)
@@ -51,11 +51,11 @@ class StatusTexts:
             self._identity = self._identity % 65535 + 1
             identity = self._identity
         for number, piece in enumerate(pieces):
-            self._waiting.append(dialect.MAVLink_statustext_message(severity, piece, identity, number))
+            self.waiting.append(dialect.MAVLink_statustext_message(severity, piece, identity, number))
 
     def due(self, now: float) -> list[Message]:
         """Return the piece whose turn it is at `now` [s], or none."""
-        if not self._waiting or now < self._next:
+        if not self.waiting or now < self._next:
             return []
         self._next = now + SPACING_S
-        return [self._waiting.popleft()]
+        return [self.waiting.popleft()]

@@ -1,130 +1,213 @@
-"""Rudder angles to the MAVLink messages that steer an ArduRover boat, and the releases that give the helm back. Pure.
+"""Rudder angles to what ArduRover makes of them: the way from steering input to servo, and the messages that steer.
+
+In MANUAL mode the steering channel's pulse goes through the channel's dead zone and end points to -4500..4500,
+through the steering exponent, and through the servo's end points to a pulse again, in whole numbers each time.
+Here that whole way is computed once for every possible input, and the wanted rudder is looked up backwards:
+dead zone, rounding, asymmetric trims and reversals are all inverted exactly.
 
 RC_CHANNELS_OVERRIDE touches the steering channel alone (65535 leaves channels 1 to 8 alone, 0 the others);
 MANUAL_CONTROL carries steering in `y` and INT16_MAX, "not this axis", elsewhere, as ArduRover reads it
 (Rover/GCS_MAVLink_Rover.cpp, handle_manual_control_axes).
 
-What a companion sends besides steering: heartbeats and requests. Pure.
-
-Hands the boat back to the flight controller in a fail-safe: orders it into a mode, sees whether it goes. Pure.
+Source: ArduPilot, libraries/RC_Channel/RC_Channel.cpp (pwm_to_angle_dz_trim), Rover/mode_manual.cpp,
+libraries/SRV_Channel/SRV_Channel.cpp (pwm_from_angle), libraries/GCS_MAVLink/GCS_Common.cpp (manual_override).
+Measured on ArduRover 4.6: 1560 in gives 1531 out with 1000/1500/2000 and a dead zone of 30. Pure.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal
+from bisect import bisect_left
+from collections.abc import Callable, Iterable
+from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.requests import VehicleParameters
-from autopilot.links.mavlink.steering_pwm import (
-    InputTable,
-    SteeringChannel,
-    manual_table,
-    pulse_from_manual,
-    pulse_table,
-    reach,
-    servo_from_steering,
-    steering_from_pulse,
-)
+from autopilot.links.mavlink.requests import EXPO, RC_SUFFIXES, SERVO_SUFFIXES, VehicleParameters
 from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
-from autopilot.signals import ConditionSample, Mode
 
-AUTOPILOT_COMPONENT = 1
-BOATS = (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_TYPE_GROUND_ROVER)
+FULL = 4500
+"""ArduRover's steering runs from -4500 to 4500, positive turns clockwise."""
+EXPO_LIMIT = 0.95
+SHORTEST_US, LONGEST_US = 500, 2500
+"""Pulse widths [us] beyond these are no calibration of a servo or a radio."""
 
 
-def companion_heartbeat(state: int) -> Message:
-    """Return our own heartbeat, with MAV_STATE `state`."""
-    return dialect.MAVLink_heartbeat_message(
-        dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, state, 3
+class SteeringChannel(NamedTuple):
+    """The firmware's parameters on the way from steering input to rudder servo, pulses in microseconds."""
+
+    rc_min: int = 1100
+    rc_trim: int = 1500
+    rc_max: int = 1900
+    rc_dead_zone: int = 30
+    rc_reversed: bool = False
+    servo_min: int = 1100
+    servo_trim: int = 1500
+    servo_max: int = 1900
+    servo_reversed: bool = False
+    expo: float = 0.0
+    scale: tuple[float, float, float] | None = None
+    """Pulses [us] at -1, 0 and 1 of full rudder; None: the servo's own end points and trim."""
+
+    def check(self) -> None:
+        """Raise ValueError where the end points are no pulse widths, or leave no room to steer."""
+        pulses = (self.rc_min, self.rc_trim, self.rc_max, self.servo_min, self.servo_trim, self.servo_max)
+        if not all(SHORTEST_US <= pulse <= LONGEST_US for pulse in pulses) or not 0 <= self.rc_dead_zone <= LONGEST_US:
+            raise ValueError(f"pulses go from {SHORTEST_US} to {LONGEST_US} us: {self}")
+        for name, low, trim, high in (
+            ("steering input", self.rc_min + self.rc_dead_zone, self.rc_trim, self.rc_max - self.rc_dead_zone),
+            ("steering servo", self.servo_min, self.servo_trim, self.servo_max),
+            ("helm.servo_us", *(self.scale or (SHORTEST_US, SHORTEST_US + 1, LONGEST_US))),
+        ):
+            if not low < trim < high:
+                raise ValueError(f"{name}: minimum, trim and maximum must rise with room for the dead zone: {self}")
+
+
+def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
+    """Return the way from steering input to rudder servo; None while a piece of it is unknown."""
+    rc, servo = parameters.steering_input, parameters.steering_servo
+    if rc is None or servo is None:
+        return None
+    names = [f"RC{rc}_{suffix}" for suffix in RC_SUFFIXES] + [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
+    found = [parameters.get(name) for name in names]
+    values = [round(value) for value in found if value is not None]
+    if len(values) != len(names):
+        return None
+    rc_min, rc_trim, rc_max, dead_zone, rc_reversed, servo_min, servo_trim, servo_max, servo_reversed = values
+    return SteeringChannel(
+        rc_min,
+        rc_trim,
+        rc_max,
+        dead_zone,
+        bool(rc_reversed),
+        servo_min,
+        servo_trim,
+        servo_max,
+        bool(servo_reversed),
+        parameters.get(EXPO) or 0.0,
     )
 
 
-def station_heartbeat() -> Message:
-    """Return the heartbeat of the ground station in whose name we steer."""
-    return dialect.MAVLink_heartbeat_message(
-        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
-    )
+def steering_from_pulse(channel: SteeringChannel, pulse: int) -> int:
+    """Return the steering -4500..4500 that the firmware reads from an input `pulse` [us]."""
+    high = channel.rc_trim + channel.rc_dead_zone
+    low = channel.rc_trim - channel.rc_dead_zone
+    held = min(max(pulse, channel.rc_min), channel.rc_max)
+    if held > high:
+        steering = FULL * (held - high) // (channel.rc_max - high)
+    elif held < low:
+        steering = -(FULL * (low - held) // (low - channel.rc_min))
+    else:
+        steering = 0
+    return -steering if channel.rc_reversed else steering
 
 
-def interval_request(vehicle: int, identity: int, interval_us: int) -> Message:
-    """Return the request to stream the message `identity` every `interval_us`."""
-    return dialect.MAVLink_command_long_message(
-        vehicle,
-        AUTOPILOT_COMPONENT,
-        dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
-        0,
-        identity,
-        interval_us,
-        0,
-        0,
-        0,
-        0,
-        0,
-    )
+def servo_from_steering(channel: SteeringChannel, steering: int) -> int:
+    """Return the servo pulse [us] for `steering` -4500..4500."""
+    held = min(max(_with_expo(channel.expo, steering), -FULL), FULL)
+    if channel.servo_reversed:
+        held = -held
+    if held > 0:
+        return channel.servo_trim + held * (channel.servo_max - channel.servo_trim) // FULL
+    return channel.servo_trim - (-held * (channel.servo_trim - channel.servo_min) // FULL)
 
 
-def parameter_request(vehicle: int, name: str) -> Message:
-    """Return the request for one parameter by its name."""
-    return dialect.MAVLink_param_request_read_message(vehicle, AUTOPILOT_COMPONENT, name.encode(), -1)
+def share_from_servo(channel: SteeringChannel, pulse: int) -> float:
+    """Return the share of full rudder, starboard positive, that a servo `pulse` [us] stands for.
+
+    It is held to -1..1, unless the channel has a scale of its own: a servo may go beyond it.
+    """
+    low, trim, high = channel.scale or (channel.servo_min, channel.servo_trim, channel.servo_max)
+    away = pulse - trim
+    share = away / (high - trim if away > 0 else trim - low)
+    if channel.scale is None:
+        share = min(max(share, -1.0), 1.0)
+    return -share if channel.servo_reversed else share
 
 
-def obstacle_of(autopilot: int, kind: int) -> str:
-    """Return why a vehicle of this MAV_AUTOPILOT and MAV_TYPE cannot be steered; '' where it can."""
-    if autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
-        return "the vehicle does not run ArduPilot, whose steering input is the only one known so far; use ArduRover"
-    if kind not in BOATS:
-        return f"the vehicle is of MAV_TYPE {kind}, not a boat or rover; connect to the boat's flight controller"
-    return ""
+def reach(channel: SteeringChannel) -> float:
+    """Return the share of full rudder that the servo's end points let it reach to both sides."""
+    return min(abs(share_from_servo(channel, pulse)) for pulse in (channel.servo_min, channel.servo_max))
 
 
-MODES = {"HOLD": 4, "LOITER": 5, "RTL": 11}
-"""ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
-REPEAT_S = 0.5
-HANDOVER_PATIENCE_S = 3.0
-"""A vehicle that is not in the mode after this does not take it; it is asked on, but people must know."""
-GIVE_UP_S = 30.0
+def pulse_from_manual(channel: SteeringChannel, y: int) -> int:
+    """Return the input pulse [us] that MANUAL_CONTROL's `y`, -1000..1000, is turned into."""
+    return int(channel.rc_min + (channel.rc_max - channel.rc_min) * (y + 1000) / 2000.0)
 
 
-class ModeHandover:
-    """`tell` it the pilot's mode; `due` has what to send; `seen` tells of a vehicle that does not obey."""
+class ServoPulses(dict[int, int]):
+    """The servo's pulse [us] for each input pulse [us] that is asked for; worked out once."""
 
-    def __init__(self, mode: int) -> None:
-        self._mode = mode
-        self._since: float | None = None
-        self._next = math.nan
-        self._is_done = self._is_told = False
+    def __init__(self, channel: SteeringChannel) -> None:
+        super().__init__()
+        self._channel = channel
 
-    def tell(self, now: float, mode: Mode) -> None:
-        """Take the pilot's mode: a fail-safe or a fault begins to hand back. Who takes the helm then is not fought."""
-        if mode not in (Mode.FAILSAFE, Mode.FAULT):
-            self._since = None
-        elif self._since is None:
-            self._since, self._next, self._is_done = now, now, False
+    def __missing__(self, pulse: int) -> int:
+        servo = self[pulse] = servo_from_steering(self._channel, steering_from_pulse(self._channel, pulse))
+        return servo
 
-    def due(self, now: float, vehicle: int) -> list[Message]:
-        """Return the command that is due: until the vehicle is in the mode, or half a minute has passed."""
-        if self._since is None or self._is_done or now < self._next or now - self._since > GIVE_UP_S:
-            return []
-        self._next = now + REPEAT_S
-        flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        command = dialect.MAV_CMD_DO_SET_MODE
-        return [
-            dialect.MAVLink_command_long_message(
-                vehicle, AUTOPILOT_COMPONENT, command, 0, flags, self._mode, 0, 0, 0, 0, 0
-            )
-        ]
 
-    def seen(self, now: float, mode: int, link: str) -> list[ConditionSample]:
-        """Take the vehicle's mode; return what has changed in whether it refuses."""
-        self._is_done = self._is_done or (self._since is not None and mode == self._mode)
-        refuses = self._since is not None and not self._is_done and now - self._since > HANDOVER_PATIENCE_S
-        if refuses == self._is_told:
-            return []
-        self._is_told = refuses
-        return [ConditionSample(now, "handback_refused", refuses, f"still in mode {mode}" if refuses else "", link)]
+class InputTable:
+    """The input, pulse or stick, for every share of full rudder that the servo can show."""
+
+    def __init__(self, inputs: Iterable[int], share_of: Callable[[int], float], neutral: int) -> None:
+        by_share: dict[float, list[int]] = {}
+        for value in inputs:
+            by_share.setdefault(share_of(value), []).append(value)
+        self._shares = sorted(by_share)
+        self._inputs = [_middle(by_share[share], neutral) for share in self._shares]
+
+    def nearest(self, share: float) -> int:
+        """Return the input that brings the servo nearest to `share` of full rudder."""
+        shares = self._shares
+        place = bisect_left(shares, share)
+        if place == 0:
+            return self._inputs[0]
+        if place == len(shares):
+            return self._inputs[-1]
+        if shares[place] - share > share - shares[place - 1]:
+            place -= 1
+        return self._inputs[place]
+
+
+def pulse_table(channel: SteeringChannel) -> InputTable:
+    """Return the table of input pulses [us] for RC_CHANNELS_OVERRIDE; ValueError where the channel cannot steer."""
+    channel.check()
+    return InputTable(range(channel.rc_min, channel.rc_max + 1), _share_of_pulse(channel), _neutral(channel))
+
+
+def manual_table(channel: SteeringChannel) -> InputTable:
+    """Return the table of MANUAL_CONTROL `y`, -1000..1000; ValueError where the channel cannot steer."""
+    channel.check()
+    of_pulse = _share_of_pulse(channel)
+    neutral = round(2000.0 * (_neutral(channel) - channel.rc_min) / (channel.rc_max - channel.rc_min)) - 1000
+    return InputTable(range(-1000, 1001), lambda y: of_pulse(pulse_from_manual(channel, y)), neutral)
+
+
+def _neutral(channel: SteeringChannel) -> int:
+    """Amidships, half a dead zone off the trim: the rudder does not move for it, and RC_CHANNELS can tell it from a
+    stick at rest. At the trim itself a vehicle that ignores us would seem to obey for as long as the rudder rests.
+    """
+    return channel.rc_trim + channel.rc_dead_zone // 2
+
+
+def _share_of_pulse(channel: SteeringChannel) -> Callable[[int], float]:
+    def share(pulse: int) -> float:
+        return share_from_servo(channel, servo_from_steering(channel, steering_from_pulse(channel, pulse)))
+
+    return share
+
+
+def _middle(values: list[int], neutral: int) -> int:
+    return neutral if neutral in values else values[len(values) // 2]
+
+
+def _with_expo(expo: float, steering: int) -> int:
+    if expo == 0.0 or expo >= EXPO_LIMIT:
+        return steering
+    share = steering / FULL
+    return int(FULL * ((1.0 - expo) * share + expo * share**3))
 
 
 LEAVE_ALONE = 65535
@@ -142,6 +225,8 @@ class SteeringOutput:
         target: the vehicle's system id.
         channel: its way from steering input to rudder servo, None while unknown.
         commanded_pulse: input pulse [us] that the last steering message asks for.
+        servo_pulses: the servo's pulse [us] for an input pulse [us], by the channel in force.
+        share_per_radian: share of full steering for each radian of rudder, negative where full steering is port.
     """
 
     def __init__(
@@ -158,7 +243,8 @@ class SteeringOutput:
         self.channel: SteeringChannel | None = None
         self.commanded_pulse = 0
         self._by_pulse = method != "manual_control"
-        self._share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
+        self.servo_pulses = ServoPulses(SteeringChannel())
+        self.share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
         self._scale, self._angle_max = servo_us, angle_max
         self._number = 0
         self._table: InputTable | None = None
@@ -170,7 +256,7 @@ class SteeringOutput:
 
     def use(self, parameters: VehicleParameters) -> str:
         """Take the vehicle's parameters as known so far; return what makes steering impossible, or ''."""
-        number, channel = parameters.steering_input, parameters.steering_channel()
+        number, channel = parameters.steering_input, channel_of(parameters)
         if channel is not None:
             channel = channel._replace(scale=self._scale)
         if channel == self.channel and number == self._number:
@@ -182,17 +268,17 @@ class SteeringOutput:
             self._table = pulse_table(channel) if self._by_pulse else manual_table(channel)
         except ValueError as error:
             return f"the vehicle's parameters leave no room to steer ({error}); correct them"
-        self._number, self.channel = number, channel
+        self._number, self.channel, self.servo_pulses = number, channel, ServoPulses(channel)
         return self._short_of_angle(channel, parameters.steering_servo)
 
     def _short_of_angle(self, channel: SteeringChannel, servo: int | None) -> str:
         """A rudder that stops short of what may be ordered would look as if it did not follow."""
-        degrees = math.degrees(abs(self.angle_from_share(reach(channel))))
+        degrees = math.degrees(abs(reach(channel) / self.share_per_radian))
         ordered = math.degrees(self._angle_max)
         if channel.scale is None or degrees > ordered - REACH_TOLERANCE_DEG:
             return ""
         low, middle, high = (round(pulse) for pulse in channel.scale)
-        share = self._angle_max * abs(self._share_per_radian)
+        share = self._angle_max * abs(self.share_per_radian)
         least, most = round(middle - share * (middle - low)), round(middle + share * (high - middle))
         return (
             f"SERVO{servo}_MIN to _MAX, {channel.servo_min} to {channel.servo_max} us, is {degrees:.0f} deg of rudder "
@@ -205,15 +291,12 @@ class SteeringOutput:
         """Forget the vehicle's parameters and the last command, as after a reboot."""
         self._number, self.channel, self._table, self._last = 0, None, None, None
 
-    def angle_from_share(self, share: float) -> float:
-        """Return the rudder angle [rad] that a share -1..1 of full steering stands for."""
-        return share / self._share_per_radian
-
     def steer(self, now: float, angle: float) -> Message | None:
         """Return the message for rudder `angle` [rad]; None where the vehicle is not known well enough."""
         if self._table is None or self.channel is None or not math.isfinite(angle):
             return None
-        value = self._table.nearest(min(max(angle * self._share_per_radian, -1.0), 1.0))
+        share = angle * self.share_per_radian
+        value = self._table.nearest(1.0 if share > 1.0 else -1.0 if share < -1.0 else share)
         self.commanded_pulse = value if self._by_pulse else pulse_from_manual(self.channel, value)
         self._last = self._override(value) if self._by_pulse else self._manual(value)
         self._given = self._last_sent = now

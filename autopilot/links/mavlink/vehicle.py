@@ -1,6 +1,6 @@
 """What a flight controller's messages say: samples for the pilot, and what steering it depends on. Pure.
 
-The vehicle's clock mapped to ours, from nothing but arrival times. Pure.
+The vehicle's clock is mapped to ours from nothing but arrival times:
 
     local = boot + min over the last 10 to 20 s of (arrival - boot)
 
@@ -11,16 +11,16 @@ true age. The minimum is taken over two windows in turn, so that clock drift and
 from __future__ import annotations
 
 import math
+from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, OverrideProbe
-from autopilot.links.mavlink.codec import Message, message_id
-from autopilot.links.mavlink.conditions import HEARD, SYSTEM, TEXT, RadioWatch, VehicleHealth
+from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.conditions import BATTERY, FENCING, SYSTEM, TEXT, RadioWatch, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
 from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters
-from autopilot.links.mavlink.steering import SteeringOutput
-from autopilot.links.mavlink.steering_pwm import servo_from_steering, share_from_servo, steering_from_pulse
+from autopilot.links.mavlink.steering import SteeringOutput, share_from_servo
 from autopilot.links.release import OverrideRelease
 from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
 
@@ -46,14 +46,10 @@ class VehicleClock:
         self._window_end = -math.inf
 
     @property
-    def known(self) -> bool:
-        """Whether a message has been timed yet."""
-        return self._newest > -math.inf
-
-    @property
     def offset(self) -> float | None:
         """Local time less the vehicle's time since boot [s], None before the first message."""
-        return min(self._previous, self._current) if self.known else None
+        least = self._previous if self._previous < self._current else self._current
+        return least if self._newest > -math.inf else None
 
     def rebooted(self, now: float, boot: float) -> bool:
         """Return whether `boot` [s], arrived at `now` [s], can only come from a vehicle that has started anew.
@@ -76,7 +72,8 @@ class VehicleClock:
         """
         if self._newest - boot > WRAP_S / 2.0:
             self.reset()  # the counter began again: so does the offset
-        self._newest = max(self._newest, boot)
+        if boot > self._newest:
+            self._newest = boot
         self._heard = now
         offset = now - boot
         if now >= self._window_end:
@@ -87,7 +84,8 @@ class VehicleClock:
         elif offset < self._current:
             self._current = offset
         # the sum may round to a hair after the time it came from
-        return min(now, boot + min(self._previous, self._current))
+        time = boot + (self._previous if self._previous < self._current else self._current)
+        return time if time < now else now
 
 
 SPEED_PREFERENCE_S = 2.0
@@ -117,40 +115,69 @@ HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 PARAMETER = dialect.MAVLINK_MSG_ID_PARAM_VALUE
 
 
+class CompanionSettings(NamedTuple):
+    """How to steer one vehicle.
+
+    rudder_at_full [rad]: rudder angle at full servo travel.  reversed: full positive steering is port.
+    method: RC_CHANNELS_OVERRIDE or MANUAL_CONTROL, or headings for the firmware's own controller (guided).
+    command_rate_hz: least rate at which commands are repeated.
+    guided_speed_share: thrust in each heading target, a share of the vehicle's default speed.
+    attitude_rate_hz: rate asked of ATTITUDE.  heading_latency [s]: age of an attitude when the vehicle stamps it.
+    vehicle_system: the system id to latch on to, None for the first autopilot heard.
+    as_gcs: send steering from the ground station's id; gcs_system: that id, None for what the vehicle's
+    parameter says (255 until it is known).
+    handover_mode: the vehicle's mode number that a fail-safe orders it into; None: none. battery_percent: a charge
+    below it is an alarm.
+    servo_us: servo pulses at full rudder to one side, amidships, to the other, where they are not the vehicle's end
+    points and trim.  angle_max [rad]: what the rudder can do.
+    with_other_pilot: engage though another pilot steers the boat.  heading_timeout [s]: age at which a heading counts
+    as lost; slower ones are not engaged on.
+    """
+
+    rudder_at_full: float
+    reversed: bool = False
+    method: Literal["rc_override", "manual_control", "guided"] = "rc_override"
+    command_rate_hz: float = 10.0
+    attitude_rate_hz: float = 20.0
+    heading_latency: float = 0.0
+    vehicle_system: int | None = None
+    as_gcs: bool = False
+    gcs_system: int | None = None
+    guided_speed_share: float = 0.0
+    handover_mode: int | None = None
+    battery_percent: float = -math.inf
+    servo_us: tuple[float, float, float] | None = None
+    angle_max: float = 0.0
+    with_other_pilot: bool = False
+    heading_timeout: float = math.inf
+
+
 class VehicleReader:
     """Takes the messages of one vehicle.
 
     Args:
         output: learns the vehicle's steering parameters as they come.
-        attitude_rate_hz: rate wanted of ATTITUDE.  heading_latency [s]: its age when the vehicle stamps it.
-        steers_itself: whether the vehicle is given headings rather than rudder angles.  may_share: another pilot may
-        override the steering input too.  heading_timeout [s]: age at which a heading counts as lost.
+        settings: of the companion.
 
     Attributes:
-        guided: who hears the bearing that such a vehicle reports to steer.
+        authority, probe: learn whether the vehicle lets us steer, and takes it.
+        guided: who hears the bearing of a vehicle that is given headings rather than rudder angles; None: none is.
         release: learns from the reports whether a release arrived.
         lacks_receiver: whether no radio has ever put a pulse on the steering input.
     """
 
-    def __init__(
-        self,
-        output: SteeringOutput,
-        attitude_rate_hz: float,
-        heading_latency: float,
-        steers_itself: bool = False,
-        may_share: bool = False,
-        heading_timeout: float = math.inf,
-    ) -> None:
-        self.watch = ControlAuthority(steers_itself)
-        self.probe = OverrideProbe(output, may_share)
-        self.guided: GuidedTargets | None = None
-        self.health = VehicleHealth()
+    def __init__(self, output: SteeringOutput, settings: CompanionSettings) -> None:
+        steers_itself = settings.method == "guided"
+        self.authority = ControlAuthority(steers_itself)
+        self.probe = OverrideProbe(output, settings.with_other_pilot)
+        self.guided = GuidedTargets(self.authority, settings.guided_speed_share) if steers_itself else None
+        self.health = VehicleHealth(settings.battery_percent)
         self.radio = RadioWatch()
         self.release = OverrideRelease()
         self.lacks_receiver = False
         self.parameters = VehicleParameters(steers_itself)
         rates_hz = {
-            ATTITUDE: attitude_rate_hz,
+            ATTITUDE: settings.attitude_rate_hz,
             SERVOS: 10.0,
             CHANNELS: 10.0,
             POSITION: 5.0,
@@ -160,13 +187,13 @@ class VehicleReader:
         }
         if steers_itself:
             rates_hz[NAVIGATION] = rates_hz[HUD] = 5.0
-        self.streams = MessageStreams(rates_hz, heading_timeout)
+        self.streams = MessageStreams(rates_hz, settings.heading_timeout)
         self._output = output
-        self._latency = heading_latency
+        self._latency = settings.heading_latency
         self._clock = VehicleClock()
         self._position_time = self._channels_time = -math.inf
         self._has_fix = True
-        self._handlers = {
+        self.handlers = {
             ATTITUDE: self._attitude,
             POSITION: self._position,
             HUD: self._hud,
@@ -176,6 +203,10 @@ class VehicleReader:
             NAVIGATION: self._navigation,
             HEARTBEAT: self._heartbeat,
             PARAMETER: self._parameter,
+            SYSTEM: self._system,
+            TEXT: self._text,
+            BATTERY: self._battery,
+            FENCING: self._battery,
         }
 
     def unheard(self) -> None:
@@ -184,33 +215,36 @@ class VehicleReader:
 
     def take(self, now: float, message: Message, samples: list[Sample]) -> None:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
-        self.watch.heard_time = now
-        if message_id(message) in HEARD:
-            if message_id(message) == SYSTEM:
-                self.streams.count(SYSTEM)
-                self.radio.status(message.onboard_control_sensors_enabled, message.onboard_control_sensors_health)
-            elif message_id(message) == TEXT:
-                self._text(now, message.text)
-            samples.extend(self.health.take(now, message))
-        handler = self._handlers.get(message_id(message))
+        authority = self.authority
+        authority.heard_time = now
+        handler = self.handlers.get(message._header.msgId)
         if handler is not None:
             handler(now, message, samples)
-        self.watch.radio = self.radio.reason(self.parameters)
+        authority.radio = self.radio.reason(self.parameters) if self.radio.found else ""
 
-    def _text(self, now: float, words: str) -> None:
-        self.radio.text(now, words)
-        if words.startswith(CLEARED_BY_STICK):
-            self.watch.cleared_by_stick()
+    def _system(self, now: float, message: Message, samples: list[Sample]) -> None:
+        self.streams.counts[SYSTEM] += 1
+        self.radio.status(message.onboard_control_sensors_enabled, message.onboard_control_sensors_health)
+        samples.extend(self.health.take(now, message))
+
+    def _battery(self, now: float, message: Message, samples: list[Sample]) -> None:
+        samples.extend(self.health.take(now, message))
+
+    def _text(self, now: float, message: Message, samples: list[Sample]) -> None:
+        self.radio.text(now, message.text)
+        if message.text.startswith(CLEARED_BY_STICK):
+            self.authority.cleared_by_stick()
+        samples.extend(self.health.take(now, message))
 
     def _heartbeat(self, now: float, message: Message, samples: list[Sample]) -> None:
-        if now - self.watch.heartbeat_time > LONG_SILENCE_S and self._clock.known:
+        if now - self.authority.heartbeat_time > LONG_SILENCE_S and self._clock.offset is not None:
             self._ask_anew()
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.watch.heartbeat(now, message.custom_mode, armed, message.system_status)
+        self.authority.heartbeat(now, message.custom_mode, armed, message.system_status)
         self.radio.heartbeat(now, message.system_status)
 
     def _attitude(self, now: float, message: Message, samples: list[Sample]) -> None:
-        self.streams.count(ATTITUDE)
+        self.streams.counts[ATTITUDE] += 1
         time = self._sample_time(now, message.time_boot_ms * 1.0e-3) - self._latency
         yaw, rate, roll, roll_rate = message.yaw, message.yawspeed, message.roll, message.rollspeed
         # These comparisons are also false for nan.
@@ -220,7 +254,7 @@ class VehicleReader:
             samples.append(RollSample(time, roll, roll_rate, "attitude"))
 
     def _position(self, now: float, message: Message, samples: list[Sample]) -> None:
-        self.streams.count(POSITION)
+        self.streams.counts[POSITION] += 1
         time = self._sample_time(now, message.time_boot_ms * 1.0e-3)
         if self._has_fix:
             self._position_time = now
@@ -232,22 +266,22 @@ class VehicleReader:
                 samples.append(SpeedSample(time, speed, True, "global_position_int"))
 
     def _hud(self, now: float, message: Message, samples: list[Sample]) -> None:
-        self.streams.count(HUD)
+        self.streams.counts[HUD] += 1
         if self.guided is not None:
-            is_guided = self.watch.mode == GUIDED_MODE
+            is_guided = self.authority.mode == GUIDED_MODE
             self.guided.outputs(self.parameters.steering_servo is not None)
-            self.guided.engine(now, self.watch.armed and message.throttle != 0, is_guided)
+            self.guided.engine(now, self.authority.armed and message.throttle != 0, is_guided)
         speed = message.groundspeed
         if self._has_fix and now - self._position_time > SPEED_PREFERENCE_S and 0.0 <= speed < SPEED_LIMIT:
             samples.append(SpeedSample(now, speed, True, "vfr_hud"))
 
     def _gps(self, now: float, message: Message, samples: list[Sample]) -> None:
-        self.streams.count(GPS)
+        self.streams.counts[GPS] += 1
         # Before the first fix the vehicle sends zeros, which would pass for a boat at rest.
         self._has_fix = message.fix_type >= FIX_2D
 
     def _servos(self, now: float, message: Message, samples: list[Sample]) -> None:
-        self.streams.count(SERVOS)
+        self.streams.counts[SERVOS] += 1
         servo, channel = self.parameters.steering_servo, self._output.channel
         if servo is None or channel is None or message.port != 0:
             return
@@ -256,30 +290,30 @@ class VehicleReader:
             return
         if self.guided is not None:
             self.guided.rudder(now, share_from_servo(channel, pulse))
+        output = self._output
         if now - self._channels_time > CHANNELS_TIMEOUT_S:
-            servo_of = lambda sent: servo_from_steering(channel, steering_from_pulse(channel, sent))  # noqa: E731
-            self.release.report(now, pulse, "SERVO_OUTPUT_RAW", servo_of)
-        recent = self.watch.recent_pulses
-        if recent:
-            asked = [servo_from_steering(channel, steering_from_pulse(channel, sent)) for sent in recent]
-            self.watch.seen(now, f"servo {servo}", pulse, asked)
-        angle = self._output.angle_from_share(share_from_servo(channel, pulse))
+            self.release.report(now, pulse, "SERVO_OUTPUT_RAW", output.servo_pulses)
+        if recent := self.authority.recent_pulses:
+            asked = [output.servo_pulses[sent] for sent in recent]
+            self.authority.seen(now, f"servo {servo}", pulse, asked)
+        angle = share_from_servo(channel, pulse) / output.share_per_radian
         samples.append(RudderSample(self._servo_time(now, message.time_usec), angle, True, "servo_output_raw"))
 
     def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
-        self.streams.count(CHANNELS)
-        self.radio.channels(now, message, self.parameters)
-        number, recent = self.parameters.steering_input, self.watch.recent_pulses
+        authority, parameters = self.authority, self.parameters
+        self.streams.counts[CHANNELS] += 1
+        self.radio.channels(now, message, parameters)
+        number = parameters.steering_input
         if number is None:
             return
-        switch = self.parameters.override_switch
-        if switch is not None:
-            self.watch.switched_off = 0 < getattr(message, f"chan{switch}_raw") < SWITCH_LOW_US
-        for stick in self.parameters.free_sticks:
-            self.watch.stick(stick, getattr(message, f"chan{stick}_raw"))
+        if parameters.override_switch is not None:
+            switch = getattr(message, f"chan{parameters.override_switch}_raw")
+            authority.switched_off = 0 < switch < SWITCH_LOW_US
+        for stick in parameters.free_sticks:
+            authority.stick(stick, getattr(message, f"chan{stick}_raw"))
         pulse = getattr(message, f"chan{number}_raw")
         if self.guided is not None:
-            self.watch.stick(number, pulse)  # nobody overrides it: it shows the hand
+            authority.stick(number, pulse)  # nobody overrides it: it shows the hand
             self.guided.stick(self._throttle_asks(message))
             return
         # once overridden, a vehicle without a radio goes on to show the last override
@@ -287,12 +321,12 @@ class VehicleReader:
         self._channels_time = now
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
-        if recent:
-            self.watch.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
+        if authority.recent_pulses:
+            authority.seen(now, f"RC channel {number}", pulse, authority.recent_pulses, is_input=True)
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.guided is not None:
-            self.streams.count(NAVIGATION)
+            self.streams.counts[NAVIGATION] += 1
             bearing, target = math.radians(message.nav_bearing), math.radians(message.target_bearing)
             self.guided.report(now, bearing, target, float(message.wp_dist))
 
@@ -307,13 +341,13 @@ class VehicleReader:
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.parameters.take(message.param_id, message.param_value):
-            self.watch.misfit = self._output.use(self.parameters)
+            self.authority.misfit = self._output.use(self.parameters)
 
     def _sample_time(self, now: float, boot: float) -> float:
         if self._clock.rebooted(now, boot):
             self._clock.reset()
             self._ask_anew()
-            self.watch.rebooted()
+            self.authority.rebooted()
         return self._clock.local(now, boot)
 
     def _servo_time(self, now: float, time_usec: int) -> float:
@@ -329,7 +363,7 @@ class VehicleReader:
         self.parameters.reset()
         self.streams.reset()
         self._output.forget()
-        self.watch.misfit = self.watch.radio = ""
+        self.authority.misfit = self.authority.radio = ""
         self.radio = RadioWatch()
         self.probe.reset()
         if self.guided is not None:
