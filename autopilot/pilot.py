@@ -7,8 +7,9 @@ the same commands, bit for bit.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from autopilot.control.law import NO_ROLL, LawInForce, LawInput, RollInput
 from autopilot.control.limits import Rest, RudderLimits, limit, rested
 from autopilot.control.met_waves import NOT_MET, Corners
 from autopilot.control.roll_damping import RollDamper, RollDamping
@@ -62,8 +63,6 @@ if TYPE_CHECKING:
     # learning brings numpy along, which a pilot that does not learn need not load
     from autopilot.identification.learning import Learner
 
-INTEGRATING_LAW = "pid"
-"""It learns wind and trim by itself; the others go by the estimated bias."""
 CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
 STEERAGE_AGAIN = 1.2
@@ -78,7 +77,7 @@ def _envelope_of(config: PilotConfig) -> Envelope:
     return Envelope(*config.limits, failsafe.heading_timeout + reckoned)
 
 
-def steering_of(config: PilotConfig, law: HeadingLaw) -> Config:
+def steering_of(config: PilotConfig, law: LawInForce) -> Config:
     """Return what steering with the `law` goes by, in numbers."""
     return Config(
         estimator=EstimatorConfig(config.model, config.gear, noises_of(config.noise), config.steerage),
@@ -89,7 +88,7 @@ def steering_of(config: PilotConfig, law: HeadingLaw) -> Config:
         turn_curvature_max=config.turn_curvature_max,
         wave_corners=config.wave_corners,
         rudder_is_ours=config.rudder_is_ours,
-        uses_bias=law.name != INTEGRATING_LAW,
+        uses_bias=law.kind.uses_bias,
     )
 
 
@@ -101,31 +100,6 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
         for sample in samples
         if isinstance(sample, EVENTS) or math.isfinite(sample.time)
     )
-
-
-class HeadingLaw(Protocol):
-    """What a heading law offers the pilot; `tests/contract/test_laws.py` holds every law to it."""
-
-    name: str
-
-    def reset(self, rudder: float) -> None:
-        """Start anew with the rudder at `rudder` [rad]."""
-
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return the rudder demand [rad], not yet limited; `last_rudder` [rad] is what was really told."""
-
-
-@runtime_checkable
-class HearsRoll(Protocol):
-    """What a heading law offers beside that where it damps roll too."""
-
-    def hear(self, sample: RollSample) -> None:
-        """Take a roll sample; without fresh ones the law steers by heading alone."""
-
-
-def _hearing(law: HeadingLaw) -> HearsRoll | None:
-    # a protocol is a look at every attribute: asked once, not for every sample
-    return law if isinstance(law, HearsRoll) else None
 
 
 class PilotConfig(NamedTuple):
@@ -159,14 +133,13 @@ class PilotConfig(NamedTuple):
 class Pilot:
     """The brain as one object: estimator, guidance, law, limits and supervisor, each with its small memory."""
 
-    def __init__(self, config: PilotConfig, law: HeadingLaw, learner: Learner | None = None) -> None:
+    def __init__(self, config: PilotConfig, law: LawInForce, learner: Learner | None = None) -> None:
         self.config = config
         self.law = law
         self.learner = learner
         self._steering = steering_of(config, law)
         self.supervisor = Supervisor(_envelope_of(config), config.failsafe)
         self.damper = RollDamper(config.roll) if config.roll is not None else None
-        self._hears_roll = _hearing(law)
         self.monitors = Monitors(config.alarms)
         self._failsafe = FailsafeSteering()
         self._panel = AlarmPanel()
@@ -181,7 +154,9 @@ class Pilot:
         self._panel.reset()
         self._guide, self._order = Guide(), Order()
         self._is_reckoned = False
-        self.law.reset(0.0)
+        self.law_memory: Any
+        self._roll: RollSample | None
+        self._begin_law(0.0)
         self._roll_rudder, self._damps_roll = 0.0, False
         self._met, self._undoing = NOT_MET, 0.0
         if self.damper is not None:
@@ -199,7 +174,7 @@ class Pilot:
         """What the rudder was told last."""
         return self._told
 
-    def reconfigure(self, config: PilotConfig, law: HeadingLaw) -> None:
+    def reconfigure(self, config: PilotConfig, law: LawInForce) -> None:
         """Go on with other numbers from the next tick: memory is kept, the law starts at the rudder that was told.
 
         ValueError where the rudder told lies outside the new limits: it would have to jump.
@@ -211,8 +186,7 @@ class Pilot:
             self._roll_rudder = 0.0
         # who moves the rudder is settled when the links are opened
         self.config, self.law = config._replace(rudder_is_ours=self.config.rudder_is_ours), law
-        self._hears_roll = _hearing(law)
-        law.reset(self._told.angle)
+        self._begin_law(self._told.angle)
         before, self._steering = self._steering, steering_of(self.config, law)
         self.estimate = reconfigured(before.estimator, self._steering.estimator, self.estimate)
         self.supervisor.reconfigure(_envelope_of(config), config.failsafe)
@@ -316,7 +290,7 @@ class Pilot:
         if not self._is_reckoned:
             self._is_reckoned = True
             self._failsafe.begin(state)
-            self.law.reset(self._told.angle)
+            self._begin_law(self._told.angle)
         model = self.estimate.model
         reckoned, reference = self._failsafe.reckon(now, model, state.rudder)
         if self.config.failsafe.action == "windward":
@@ -326,7 +300,7 @@ class Pilot:
                 Reference(reckoned.heading, reckoned.rate),
                 0.0 if rudder is None else rudder - reckoned.bias,
             )
-        return reckoned, reference, self.law.update(model, reference, reckoned, self._told.angle, dt)
+        return reckoned, reference, self._ask_law(model, reference, reckoned, self._told.angle, dt)
 
     def _picture(self, order: Order, reference: Reference, state: NavState) -> Picture:
         """Return what the command was worked out from, for the check that shares no code with the law."""
@@ -386,11 +360,12 @@ class Pilot:
         if self.monitors.softer > 1.0 or self.monitors.rests_roll:
             # neither boat nor rudder is what the damping was worked out for
             return
-        self._damps_roll = self.damper is not None or self._hears_roll is not None
+        takes_roll = self.law.kind.takes_roll
+        self._damps_roll = self.damper is not None or takes_roll
         if self.damper is not None:
             self.damper.hear(sample)
-        if self._hears_roll is not None:
-            self._hears_roll.hear(sample)
+        if takes_roll and sample.rate is not None:
+            self._roll = sample
 
     def _moved_by_others(self, sample: RudderSample) -> bool:
         ours = self._told.engaged and self.config.rudder_is_ours
@@ -404,7 +379,7 @@ class Pilot:
         # a fail-safe that still holds the rudder hands over what it told it
         there = self._told.angle if self._told.engaged else state.rudder
         start = clip(there, -self.config.limits.angle_max, self.config.limits.angle_max)
-        self.law.reset(start)
+        self._begin_law(start)
         self._guide = started(self._guide, self._limits_at(self.estimate.model), self._steady(state))
         self._order = Order()
         self._told = RudderCommand(now, start, True)
@@ -434,7 +409,7 @@ class Pilot:
         if mode is Mode.ENGAGED:
             # the turn is planned anew, from where the boat has drifted to
             self._guide = started(self._guide, self._limits_at(self.estimate.model), state)
-            self.law.reset(self._told.angle)
+            self._begin_law(self._told.angle)
 
     def _lead(self, mode: Mode, order: Order, state: NavState, dt: float) -> Reference:
         if mode is not Mode.ENGAGED:
@@ -488,4 +463,21 @@ class Pilot:
         model = self.estimate.model
         if self.monitors.softer > 1.0:
             model = model._replace(gain=model.gain * self.monitors.softer)
-        return self.law.update(model, reference, state, own, dt) + self._met.rudder
+        return self._ask_law(model, reference, state, own, dt) + self._met.rudder
+
+    def _begin_law(self, rudder: float) -> None:
+        """Have the law begin anew at `rudder` [rad]; of the roll from before nothing counts."""
+        self.law_memory, self._roll = self.law.first(rudder), None
+
+    def _ask_law(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+        """Return the law's demand [rad], and keep what it remembers."""
+        ratio, most = model.reference_speed / self.config.model.reference_speed, self.config.limits.angle_max
+        given = LawInput(model, ratio, reference, state, self._roll_at(state.time), last_rudder, most, dt)
+        demand, self.law_memory = self.law.step(self.law_memory, given)
+        return demand
+
+    def _roll_at(self, now: float) -> RollInput:
+        sample = self._roll
+        if sample is None or sample.rate is None:
+            return NO_ROLL
+        return RollInput(sample.roll, sample.rate, now - sample.time)

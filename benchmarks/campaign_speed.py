@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from autopilot.control.design import DESIGNED
 from sitl.campaign.setting import rooms_of, run_fully, setting_of
 from sitl.campaign.study import BoatSection, Job, SeaSection, Study
 from sitl.campaign.swift import run_swiftly
@@ -52,7 +53,7 @@ def best(function: Callable[[], Any], repeats: int) -> float:
 
 def measured(sea: str, seconds: float, repeats: int) -> dict[str, float]:
     """Return steps a second: compiled loop alone, whole compiled run, the same loop plain, full simulator."""
-    quick = swift()
+    quick = swift(DESIGNED)
     assert quick is not None
     job, short = study_in(sea, seconds), study_in(sea, PLAIN_S)
     setting, part = setting_of(job, 0), setting_of(short, 0)

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 from fault_boat import FaultBoat, Injected
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.control import trial
+from autopilot.control.law import LawInForce
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.models.norrbin import Norrbin
-from autopilot.signals import NavState, Reference
 from sitl.fault_kinds import FaultKind, Source
 
 STALL_S = 2.0
@@ -64,31 +64,20 @@ def stream(speed_m_s: float) -> Injected:
     return Injected("stream", speed_m_s, ramp=EDGE_S)
 
 
-class LawOfNoNumbers:
-    """A law that has lost its mind."""
-
-    name = "nan"
-
-    def __init__(self, value: float) -> None:
-        self._value = value
-
-    def reset(self, rudder: float) -> None:
-        """Nothing to forget."""
-
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return what no law may."""
-        return self._value
+def told_always(rudder: float) -> LawInForce:
+    """Return a law that has lost its mind: it says `rudder` [rad] whatever it is given."""
+    return LawInForce(trial.LAW._replace(name="nan", step=lambda _, memory, __: (rudder, memory)), trial.NoGains())
 
 
 def law_of_no_numbers(boat: FaultBoat) -> None:
     """Put a law in that returns no number."""
-    boat.session._pilot.law = LawOfNoNumbers(math.nan)
+    boat.session._pilot.law = told_always(math.nan)
 
 
 def limits_broken(boat: FaultBoat) -> None:
     """Let the law's own limits pass 60 deg of rudder, so that only the supervisor's envelope stands."""
     pilot = boat.session._pilot
-    pilot.law = LawOfNoNumbers(math.radians(60.0))
+    pilot.law = told_always(math.radians(60.0))
     wide = pilot.config.limits._replace(angle_max=math.radians(60.0), rate_max=math.inf)
     pilot.config = pilot.config._replace(limits=wide)
 

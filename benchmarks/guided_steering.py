@@ -14,10 +14,11 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.control.trial import TRIAL_LAW
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import loopback_pair
-from autopilot.runtime.build import TRIAL_LAW, build_pilot
+from autopilot.runtime.build import build_pilot
 from autopilot.runtime.session import Session
 from autopilot.signals import Mode, Order, OrderKind
 from autopilot.vessel.file import load_vessel

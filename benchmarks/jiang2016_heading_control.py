@@ -18,14 +18,16 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder, printed_equation_26
-from autopilot.control.pid import PidGains, PidMemory, pid_step
+from autopilot.control.backstepping import BacksteppingGains, BoundedGains, backstepping_rudder, printed_equation_26
+from autopilot.control.law import NO_ROLL, LawInput
+from autopilot.control.pid import BoatPid, PidGains, PidMemory
+from autopilot.control.pid import step as pid_step
 from autopilot.identification.two_stage import cubic_damping_stage
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.models.steering_gear import DelayLine, SteeringGear, clip, gear_step
 from autopilot.models.waves import JIANG_DEG, discretise, stationary_state, wave_step
 from autopilot.runtime.build import gear_of, model_of
-from autopilot.signals import Reference
+from autopilot.signals import NavState, Reference
 from autopilot.vessel.file import load_vessel
 
 KNOT = 1852.0 / 3600.0
@@ -69,17 +71,24 @@ def sine(time: float) -> Reference:
 def law_step(trial: Trial, model: Norrbin) -> LawStep:
     """Return the law of a trial as one function, with a fresh memory."""
     gains = trial.gains
+
+    def given_of(reference: Reference, heading: float, rate: float, last: float) -> LawInput:
+        state = NavState(0.0, heading, rate, model.reference_speed, 0.0, 0.0, 0.0, True)
+        return LawInput(model, 1.0, reference, state, NO_ROLL, last, math.inf, 1.0 / trial.rate_hz)
+
     if isinstance(gains, PidGains):
         memory = PidMemory()
 
         def pid(reference: Reference, heading: float, rate: float, last: float) -> float:
             nonlocal memory
-            demand, memory = pid_step(gains, memory, reference, heading, rate, last, 1.0 / trial.rate_hz)
+            demand, memory = pid_step(BoatPid(gains), memory, given_of(reference, heading, rate, last))
             return demand
 
         return pid
-    law = printed_equation_26 if trial.law == "eq. (26) as printed" else backstepping_rudder
-    return lambda reference, heading, rate, last: law(model, gains, reference, heading, rate)
+    if trial.law == "eq. (26) as printed":
+        return lambda reference, heading, rate, last: printed_equation_26(model, gains, reference, heading, rate)
+    bounded = BoundedGains(gains)
+    return lambda *seen: backstepping_rudder(bounded, given_of(*seen))
 
 
 def sea_of(seed: int | None) -> list[float]:

@@ -39,8 +39,10 @@ from liu2017_roll import (
 )
 
 from autopilot.angles import wrap
+from autopilot.control.law import LawInForce, LawInput
 from autopilot.control.met_waves import Corners
-from autopilot.control.sliding_roll import SlidingRollLaw
+from autopilot.control.sliding_roll import RollMemory, RollNumbers, place_of
+from autopilot.control.sliding_roll import steered as steered_by
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment
 from autopilot.models.naval_vessel import (
@@ -56,9 +58,10 @@ from autopilot.models.naval_vessel import (
     motion_step,
     rudder_load,
 )
+from autopilot.models.norrbin import rudder_for
 from autopilot.models.steering_gear import gear_step
 from autopilot.pilot import Pilot
-from autopilot.runtime.build import build_pilot, gear_of, roll_ship_of
+from autopilot.runtime.build import build_pilot, gear_of
 from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, SpeedSample
 from autopilot.vessel.file import load_vessel
 
@@ -99,33 +102,36 @@ VARIANTS = (
 SEAS = ((135.0, 4.0), (45.0, 4.0))
 
 
-class OwnSway(SlidingRollLaw):
-    """The law that takes sway to be what the linear model makes of the rudder."""
-
-    def _sway(self) -> float:
-        return self._schedule.own.v
+def own_sway(numbers: RollNumbers, memory: RollMemory, given: LawInput) -> tuple[float, RollMemory]:
+    """Steer with sway as the linear model makes it of the rudder."""
+    return steered_by(numbers, memory, given, memory.schedule.own.v)
 
 
-class ObservedSway(SlidingRollLaw):
-    """The law that takes sway to be what the linear model makes of rudder, roll, roll rate and yaw rate."""
+class ObservedSway:
+    """Steers with sway as the linear model makes it of rudder, roll, roll rate and yaw rate."""
 
-    seen = 0.0
+    def __init__(self) -> None:
+        self.sway = 0.0
 
-    def _sway(self) -> float:
-        return self.seen
-
-    def _look_on(self, place: int, off: Motion, rudder: float, dt: float) -> None:
-        A, b = self._speeds[place].model
-        self.seen += dt * float(A[0, :4] @ np.array(off[:4]) + b[0] * rudder)
-        super()._look_on(place, off, rudder, dt)
+    def __call__(self, numbers: RollNumbers, memory: RollMemory, given: LawInput) -> tuple[float, RollMemory]:
+        state, reference, at = given.state, given.reference, numbers.speeds[place_of(given.ratio)]
+        demand, after = steered_by(numbers, memory, given, self.sway)
+        dt = memory.owed + given.dt - after.owed
+        if after.schedule.time > memory.schedule.time:
+            rate, heel = state.rate - reference.rate, given.roll.angle - at.roll_per_rate * reference.rate - after.list
+            rudder = state.rudder + state.bias - rudder_for(given.model, reference.rate, reference.acceleration)
+            off = np.array([self.sway, given.roll.rate, rate, heel])
+            self.sway += dt * float(at.model.A[0, :4] @ off + at.model.b[0] * rudder)
+        return demand, after
 
 
 def pilot_of(case: Steered) -> Pilot:
     """Return the pilot of a row."""
-    pilot, section = build_pilot(VESSEL, case.law), VESSEL.control.sliding_roll
-    laws = {"own sway": OwnSway, "observed sway": ObservedSway}
-    if case.variant in laws and section is not None:
-        return Pilot(pilot.config, laws[case.variant](*roll_ship_of(VESSEL, section)))
+    pilot = build_pilot(VESSEL, case.law)
+    steps = {"own sway": own_sway, "observed sway": ObservedSway()}
+    if case.variant in steps:
+        kind, gains = pilot.law
+        return Pilot(pilot.config, LawInForce(kind._replace(step=steps[case.variant]), gains))
     if case.variant == "waves left alone":
         return Pilot(pilot.config._replace(wave_corners=Corners(WAVES_LEFT)), pilot.law)
     return pilot
@@ -154,7 +160,7 @@ def sail(pilot: Pilot, load: Array, noise: Array, hears_roll: bool) -> Array:
         travel += abs(rudder - before)
         state = moved(state, rudder, push)
         if (i + 1) % KEEP == 0:
-            weight = pilot.law.weight if isinstance(pilot.law, SlidingRollLaw) else 0.0
+            weight = pilot.law_memory.schedule.weight if isinstance(pilot.law_memory, RollMemory) else 0.0
             rows.append((*state, rudder, travel, weight, drag_coefficient(NAVAL_RUDDERS, rudder)))
     return np.array(rows)
 

@@ -11,19 +11,20 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_continuous_are
 from study_boats import SEAS, Figures, StudyBoat, boats, figures, sail
 
 from autopilot.angles import wrap
-from autopilot.control.backstepping import BacksteppingLaw
+from autopilot.control.backstepping import Backstepping
 from autopilot.control.design import design_backstepping
+from autopilot.control.law import Law, LawInForce, LawInput, NoMemory
 from autopilot.models.norrbin import Norrbin
-from autopilot.pilot import HeadingLaw, Pilot
-from autopilot.runtime.build import gear_of, limits_of, model_of, pilot_config
-from autopilot.signals import NavState, Order, OrderKind, Reference, Sample
-from autopilot.vessel.schema import Backstepping
+from autopilot.pilot import Pilot
+from autopilot.runtime.build import gear_of, law_of, limits_of, model_of, pilot_config
+from autopilot.signals import Order, OrderKind, Sample
 
 CASES = (
     ("lanxin", "state 3", 45.0),
@@ -38,29 +39,36 @@ LEVELS = (3, 5, 7)
 SETTLED_S = 60.0
 
 
-class LqgLaw:
-    """Rudder rate by state feedback; the rudder is that which was told last, the bias the filter's."""
+class LqgGains(NamedTuple):
+    """Rudder rate [1/s] per heading error, [1] per rate error, and [1/s] per rudder."""
 
-    name = "lqg"
-
-    def __init__(self, model: Norrbin, weight: float) -> None:
-        t = model.time_constant
-        a = np.array([[0.0, 1.0, 0.0], [0.0, -model.n1 / t, model.gain / t], [0.0, 0.0, 0.0]])
-        b = np.array([[0.0], [0.0], [1.0]])
-        riccati = solve_continuous_are(a, b, np.diag([1.0, 0.0, 0.0]), np.array([[weight * weight]]))
-        self._gains = (b.T @ riccati / (weight * weight))[0]
-
-    def reset(self, rudder: float) -> None:
-        """Nothing to forget."""
-
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return the rudder demand [rad]."""
-        error, rate = wrap(state.heading - reference.heading), state.rate - reference.rate
-        moving = self._gains @ (error, rate, last_rudder + state.bias)
-        return float(last_rudder - dt * moving)
+    error: float
+    rate: float
+    rudder: float
 
 
-def sailed(boat: StudyBoat, law: HeadingLaw, sea: str, side: float, seconds: float, seed: int) -> Figures:
+def lqg_step(gains: LqgGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
+    """Return the rudder demand [rad]: its rate by state feedback; the rudder is that which was told last, the bias the
+    filter's."""
+    state, reference = given.state, given.reference
+    error, rate = wrap(state.heading - reference.heading), state.rate - reference.rate
+    moving = float(np.array(gains) @ (error, rate, given.last_rudder + state.bias))
+    return given.last_rudder - given.dt * moving, memory
+
+
+LQG = Law("lqg", "LQG law", "LQG", None, LqgGains, lambda gains, boat: gains, lqg_step, None)
+
+
+def lqg_law(model: Norrbin, weight: float) -> LawInForce:
+    """Return the law for a boat and a weight [s] on the rudder's rate."""
+    t = model.time_constant
+    a = np.array([[0.0, 1.0, 0.0], [0.0, -model.n1 / t, model.gain / t], [0.0, 0.0, 0.0]])
+    b = np.array([[0.0], [0.0], [1.0]])
+    riccati = solve_continuous_are(a, b, np.diag([1.0, 0.0, 0.0]), np.array([[weight * weight]]))
+    return LawInForce(LQG, LqgGains(*(float(gain) for gain in (b.T @ riccati / (weight * weight))[0])))
+
+
+def sailed(boat: StudyBoat, law: LawInForce, sea: str, side: float, seconds: float, seed: int) -> Figures:
     """Return the figures of one run with `law`."""
     pilot, order = Pilot(pilot_config(boat.vessel), law), Order(OrderKind.HEADING, 0.0, serial=1)
 
@@ -70,13 +78,13 @@ def sailed(boat: StudyBoat, law: HeadingLaw, sea: str, side: float, seconds: flo
     return figures(sail(boat, SEAS[sea], side, seconds, seed, helmsman), SETTLED_S)
 
 
-def at_level(boat: StudyBoat, level: int) -> tuple[StudyBoat, HeadingLaw]:
+def at_level(boat: StudyBoat, level: int) -> tuple[StudyBoat, LawInForce]:
     """Return the boat with the backstepping gains of a response level, and the law."""
     vessel, model = boat.vessel, model_of(boat.vessel)
     gains = design_backstepping(model, gear_of(vessel), limits_of(vessel).rate_max, vessel.control.loop_delay_s, level)
     control = dataclasses.replace(vessel.control, backstepping=Backstepping(*gains))
     changed = boat._replace(vessel=dataclasses.replace(vessel, control=control))
-    return changed, BacksteppingLaw(gains, model.reference_speed)
+    return changed, law_of(changed.vessel, "backstepping")
 
 
 def main() -> None:
@@ -88,7 +96,7 @@ def main() -> None:
     print("boat     sea        from  law                   heading rms [deg]  rudder travel [deg/s]")
     for name, sea, side in CASES:
         boat = boats()[name]
-        rows = {f"lqg, weight {weight:g} s": (boat, LqgLaw(model_of(boat.vessel), weight)) for weight in WEIGHTS[name]}
+        rows = {f"lqg, weight {weight:g} s": (boat, lqg_law(model_of(boat.vessel), weight)) for weight in WEIGHTS[name]}
         rows |= {f"backstepping, level {level}": at_level(boat, level) for level in LEVELS}  # type: ignore[dict-item]
         for words, (steered, law) in rows.items():
             found = sailed(steered, law, sea, side, asked.seconds, asked.seed)

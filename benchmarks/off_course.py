@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import shortest_turn, wrap
+from autopilot.control.registry import own_step
 from autopilot.estimation.fusion import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.runtime.build import alarm_limits_of
@@ -138,7 +139,10 @@ def main() -> int:
     parser.add_argument("--kept", type=Path)
     parser.add_argument("--compare", type=int, default=0)
     arguments = parser.parse_args()
-    limits, run = alarm_limits_of(load_vessel(arguments.boat)), compiled(watched_run, quick=True)
+    limits, run = (
+        alarm_limits_of(load_vessel(arguments.boat)),
+        compiled(watched_run, quick=True, instead=own_step("backstepping")),
+    )
     if arguments.compare:
         return compared(arguments.boat, arguments.compare, limits, run)
     print("| boat | simulated | alarms | largest error, deg | remarks |\n|---|---|---|---|---|")

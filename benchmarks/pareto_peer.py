@@ -3,10 +3,10 @@
     e = heading, low-passed, less the course;  d = its derivative, low-passed again
     rudder = -kp z - kd d + I,   I' = -ki z + anti-windup,   z = e outside the weather band, 0 inside
 
-It is the product's `pid_step` between what commercial pilots put around theirs: a first-order low-pass on the heading
-and one on the derivative, a weather band inside which the heading error does not count, and a dead band inside which
-the order stays as it was. On a straight course its feed-forward, the rudder of the planned turn, is nought. No monitor
-and no fail-safe interferes with it.
+It is the step of the product's PID between what commercial pilots put around theirs: a first-order low-pass on the
+heading and one on the derivative, a weather band inside which the heading error does not count, and a dead band inside
+which the order stays as it was. On a straight course its feed-forward, the rudder of the planned turn, is nought. No
+monitor and no fail-safe interferes with it.
 """
 
 from __future__ import annotations
@@ -15,13 +15,19 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.control.limits import Rest, RudderLimits, limit, rested
-from autopilot.control.pid import PidGains, PidMemory, pid_step
+from autopilot.control.pid import BoatPid, PidGains, PidMemory
+from autopilot.control.pid import step as pid_step
+from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
-from autopilot.signals import Reference
+from autopilot.signals import NavState, Reference
 from sitl.boat import BoatState, Disturbance, boat_step
 from sitl.campaign.swift import CALM, NOTHING, Rooms, Score, Setting, ordered, readings, scored
 from sitl.campaign.waters import WaterState, water_step
+
+ANY_BOAT = Norrbin(1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+"""The peer knows no model: on a straight course its feed-forward is nought for any."""
 
 
 class Peer(NamedTuple):
@@ -50,7 +56,11 @@ def peer_tick(peer: Peer, limits: RudderLimits, mind: PeerMind, dt: float, headi
     rate = mind.rate + (moved / dt - mind.rate) * low_pass(dt, peer.rate_time)
     error = wrap(filtered - target)
     seen = target + error - clip(error, -peer.weather, peer.weather)
-    wanted, pid = pid_step(peer.gains, mind.pid, Reference(target, 0.0, 0.0), seen, rate, mind.rest.allowed, dt, 0.0)
+    state = NavState(0.0, seen, rate, 1.0, 0.0, 0.0, 0.0, True)
+    given = LawInput(
+        ANY_BOAT, 1.0, Reference(target, 0.0, 0.0), state, NO_ROLL, mind.rest.allowed, limits.angle_max, dt
+    )
+    wanted, pid = pid_step(BoatPid(peer.gains, math.nan), mind.pid, given)
     limited = limit(limits, mind.rest.told, wanted, dt)
     return PeerMind(filtered, rate, pid, rested(limits, peer.dead_band, mind.rest, wanted, limited))
 

@@ -18,13 +18,14 @@ import numpy as np
 import numpy.typing as npt
 from pareto_peer import Peer, run_peer
 
-from autopilot.control.design import gains_of_loop
+from autopilot.control.backstepping import Backstepping
+from autopilot.control.design import DESIGNED, gains_of_loop
 from autopilot.control.pid import PidGains
 from autopilot.errors import InputError
 from autopilot.estimation.heading_ekf import initial
 from autopilot.runtime.build import bias_time_of, model_of, verdict_of
 from autopilot.vessel.file import load_vessel
-from autopilot.vessel.schema import Backstepping, Vessel
+from autopilot.vessel.schema import Vessel
 from sitl.boat import shares_of
 from sitl.campaign.setting import brain_of, rooms_of, setting_of
 from sitl.campaign.study import BoatSection, Case, Job, MismatchSection, SeaSection, Study, case_and_seed, cases_of
@@ -170,7 +171,7 @@ class Ours:
     def __init__(self, boat: str, plain: bool = False) -> None:
         self.vessel = filed(boat)
         self._natural = natural_of(self.vessel)
-        self._run = run_swiftly if plain else swift() or run_swiftly
+        self._run = run_swiftly if plain else swift(DESIGNED) or run_swiftly
         self.low = np.array([math.log(0.05), math.log(0.3), math.log(0.5), -4.6, 0.0, math.log(0.01), math.log(0.3)])
         self.high = np.array([math.log(3.0), math.log(4.0), math.log(40.0), 1.6, 1.0, math.log(1.5), math.log(100.0)])
         self.starts = _begun(

@@ -16,12 +16,14 @@ import numpy.typing as npt
 from scipy.signal import butter, sosfiltfilt
 
 from autopilot.angles import wrap
-from autopilot.control.design import design_backstepping, equivalent_pid
+from autopilot.control.backstepping import Backstepping
+from autopilot.control.design import design_backstepping
+from autopilot.control.pid import Pid, equivalent_pid
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, Sample, SpeedSample
-from autopilot.vessel.schema import Backstepping, Control, Model, Pid, Rudder, Sensors, Vessel
+from autopilot.vessel.schema import Control, Model, Rudder, Sensors, Vessel
 from sitl.boat import Boat, BoatState, Hull, Plant
 from sitl.scenario import IttcSection, Scenario, WavesSection, WindSection
 from sitl.sea import Sea

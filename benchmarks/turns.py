@@ -24,7 +24,9 @@ import numpy.typing as npt
 from time_optimal import bang_bang, settled
 
 from autopilot.angles import wrap
+from autopilot.control.backstepping import Backstepping
 from autopilot.control.design import design_backstepping
+from autopilot.control.registry import own_step
 from autopilot.estimation.fusion import Measured
 from autopilot.estimation.heading_ekf import initial
 from autopilot.estimation.rudder_observer import RudderMemory
@@ -32,7 +34,7 @@ from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, Sample
-from autopilot.vessel.schema import Backstepping, Control, Model, Rudder, Sensors, Vessel
+from autopilot.vessel.schema import Control, Model, Rudder, Sensors, Vessel
 from sitl.campaign.brain import Brain, Heard, Mind, first_mind, tick
 from sitl.campaign.setting import brain_of
 from sitl.compiled import compiled
@@ -176,7 +178,7 @@ def seen_first(noise: Floats) -> tuple[float, float | None]:
 
 @functools.cache
 def _swift() -> Any:
-    return compiled(_headings)
+    return compiled(_headings, instead=own_step("backstepping"))
 
 
 def _headings(

@@ -25,6 +25,7 @@ from study_boats import SEAS, StudyBoat, StudySea
 from wave_filter import boat_of as wave_filter_boat
 from wave_filter import that_spares
 
+from autopilot.control.design import DESIGNED
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Estimator
 from sitl.boat import Hull
@@ -85,7 +86,7 @@ def runs_of(name: str, boat: StudyBoat, side: float, wave_filter: str, seeds: in
 
 def points_of(runs: list[tuple[Setting, Rooms]]) -> list[Point]:
     """Return what the pilot does in each run."""
-    run = swift() or run_swiftly
+    run = swift(DESIGNED) or run_swiftly
     found = [figures(run(setting, rooms)[0], 1.0 / HZ, 1.0) for setting, rooms in runs]
     return [Point(one.heading_rms_deg, one.travel_deg_s) for one in found]
 

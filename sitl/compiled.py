@@ -10,9 +10,9 @@ import functools
 import hashlib
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import FunctionType, MappingProxyType, ModuleType
 from typing import Any
 
 from autopilot.errors import InputError
@@ -37,11 +37,18 @@ ALLOCATING = {"wave_forces", "_spherical_bessel_1", "_meet"}
 ones. A study's own functions may do either."""
 
 
-def compiled(function: Callable[..., Any], *, quick: bool = False) -> Callable[..., Any]:
+Functions = Mapping[Callable[..., Any], Callable[..., Any]]
+NOTHING_INSTEAD: Functions = MappingProxyType({})
+
+
+def compiled(
+    function: Callable[..., Any], *, quick: bool = False, instead: Functions = NOTHING_INSTEAD
+) -> Callable[..., Any]:
     """Return `function` compiled, with those it calls. InputError where numba is not installed.
 
     `quick`: with freedom in the order of arithmetic, see ARITHMETIC, without Python's error for a division by zero, and
     kept on disk for the next time (in NUMBA_CACHE_DIR, or the user's cache folder).
+    `instead`: what is called in place of functions that choose by the type of what they are given, as `law_step` does.
     """
     try:
         import numba
@@ -49,11 +56,12 @@ def compiled(function: Callable[..., Any], *, quick: bool = False) -> Callable[.
         raise InputError("compiled studies need numba: pip install '.[fast]'") from exc
     _teach_remainder()
     ready: Callable[..., Any]
+    jit, done = _quick_jit if quick else numba.njit, dict[Any, Any]()
+    for choosing, chosen in instead.items():
+        done[choosing] = _compile(chosen, jit, done)
+    ready = _compile(function, jit, done)
     if not quick:
-        ready = _compile(function, numba.njit, {})
         return ready
-    done: dict[Any, Any] = {}
-    ready = _compile(function, _quick_jit, done)
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(_cache_folder(before) / _fingerprint(done))
     try:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.control.design import design_backstepping, equivalent_pid
+from autopilot.control.backstepping import Backstepping
+from autopilot.control.design import design_backstepping
+from autopilot.control.pid import Pid, equivalent_pid
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.vessel.schema import Backstepping, Control, Model, Pid, Rudder, Vessel
+from autopilot.vessel.schema import Control, Model, Rudder, Vessel
 
 
 class Boat(NamedTuple):

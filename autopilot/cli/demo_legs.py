@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from autopilot import __version__
 from autopilot.cli.gains import designed
+from autopilot.control.trial import TRIAL_LAW
 from autopilot.errors import RefusedError
 from autopilot.files.saving import save_text
 from autopilot.identification.identified import Identified
@@ -32,7 +33,7 @@ from autopilot.links.base import LinkError
 from autopilot.logs.reading import load_run
 from autopilot.models.norrbin import Norrbin
 from autopilot.operators.trial_script import Step, TrialScript, heading, turning, zigzag
-from autopilot.runtime.build import TRIAL_LAW, build_pilot, model_of
+from autopilot.runtime.build import build_pilot, model_of
 from autopilot.runtime.build_links import LinkOptions, build_links
 from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.measures import TurnMeasures, heading_rms, travel_rate, turn_measures

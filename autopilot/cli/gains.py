@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import shlex
 import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.cli import gains_tune
 from autopilot.cli.option_numbers import NumberOption, number, whole_number
+from autopilot.control.registry import LAWS, designed_laws, filed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
     from autopilot.report.gains import Judged
     from autopilot.vessel.schema import Vessel
-
-LAWS = ("backstepping", "pid", "sliding")
-FILED_LAWS = (*LAWS, "sliding_roll")
-"""What a file may hold; the last is judged by its quiet heading law and not designed here."""
-
-PID_INTEGRAL_TIME = 10.0
-"""Integral time [s] of the PID beside it, or three time constants if that is longer."""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
@@ -72,34 +65,36 @@ def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a t
     """Return the vessel with gains designed for it. Raises RefusedError where no gain serves."""
     from dataclasses import replace
 
-    from autopilot.control.design import design_backstepping, equivalent_pid, placed, sliding_of, spared_gains
-    from autopilot.runtime.build import gear_of, limits_of, model_of
-    from autopilot.vessel.file import rounded
-    from autopilot.vessel.schema import Backstepping, Pid, Sliding
+    from autopilot.control.design import design_backstepping, placed, spared_gains
+    from autopilot.runtime.build import gear_of, law_boat_of, limits_of, model_of
 
     model, spares = model_of(vessel), spares_rudder(vessel, wish)
     try:
         if wish.bandwidth is not None:
-            gains = spared_gains(model, wish.bandwidth) if spares else placed(wish.bandwidth, wish.damping)
+            loop = spared_gains(model, wish.bandwidth) if spares else placed(wish.bandwidth, wish.damping)
         else:
             rate_max, delay = limits_of(vessel).rate_max, vessel.control.loop_delay_s
-            gains = design_backstepping(model, gear_of(vessel), rate_max, delay, wish.level, spares=spares)
+            loop = design_backstepping(model, gear_of(vessel), rate_max, delay, wish.level, spares=spares)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
-    pid = equivalent_pid(model, gains, max(PID_INTEGRAL_TIME, 3.0 * model.time_constant))
-    slope, *surface = sliding_of(model, gains, limits_of(vessel).angle_max)
-    control = replace(
-        vessel.control,
-        backstepping=Backstepping(*(rounded(gain) for gain in gains)),
-        pid=Pid(*(rounded(gain) for gain in pid)),
-        sliding=Sliding(rounded(slope), *(rounded(math.degrees(gain)) for gain in surface)),
-    )
-    return replace(vessel, control=control)
+    boat = law_boat_of(vessel)
+    sections = {name: _rounded(law.design.of(boat, loop)) for name, law in LAWS.items() if law.design}
+    return replace(vessel, control=replace(vessel.control, **sections))
+
+
+def _rounded(section: Any) -> Any:
+    from dataclasses import astuple
+
+    from autopilot.vessel.file import rounded
+
+    return type(section)(*(rounded(gain) for gain in astuple(section)))
 
 
 def spares_rudder(vessel: Vessel, wish: Wish) -> bool:
     """Return whether designed gains are to weigh the rudder's rate."""
-    filed = vessel.control.backstepping
+    from autopilot.control.design import DESIGNED
+
+    filed = getattr(vessel.control, DESIGNED)
     return wish.spares if wish.spares is not None else filed is not None and filed.smoothing_s > 0.0
 
 
@@ -134,6 +129,7 @@ def in_hand(vessel: Vessel, wish: Wish, is_chosen: bool) -> Vessel:
 
 def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
+    from autopilot.control.design import DESIGNED
     from autopilot.report.gains import as_json, as_text, judged, speeds_as_json, speeds_as_text
     from autopilot.vessel.file import load_vessel
 
@@ -149,11 +145,11 @@ def run(arguments: argparse.Namespace) -> int:
     vessel = load_vessel(arguments.vessel)
     _check_bandwidth(vessel, wish)
     better = designed(vessel, wish) if vessel.model.n1 > 0.0 else in_hand(vessel, wish, arguments.level is not None)
-    rows = {f"designed {law}": judged(better, law) for law in LAWS}
-    asked_for = rows["designed backstepping"].verdict.refusal
+    rows = {f"designed {law}": judged(better, law) for law in designed_laws()}
+    asked_for = rows[f"designed {DESIGNED}"].verdict.refusal
     if wish.bandwidth is not None and asked_for:
         raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
-    rows |= {f"file's {law}": judged(vessel, law) for law in FILED_LAWS if getattr(vessel.control, law) is not None}
+    rows |= {f"file's {law}": judged(vessel, law) for law in filed_laws() if getattr(vessel.control, law) is not None}
     if arguments.report:
         _write_report(arguments, vessel, wish.spares, rows)
     if arguments.json:
@@ -229,12 +225,13 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
 
 
 def _write_report(arguments: argparse.Namespace, vessel: Vessel, spares: bool | None, rows: dict[str, Judged]) -> None:
+    from autopilot.control.design import DESIGNED
     from autopilot.files.saving import save_page
     from autopilot.report.gains import gains_page, judged
 
     levels = {}
     for level in range(1, 10):
-        levels[level] = judged(designed(vessel, Wish(level, spares=spares)), "backstepping")
+        levels[level] = judged(designed(vessel, Wish(level, spares=spares)), DESIGNED)
     save_page(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(arguments.typed)))
     if not arguments.json:
         print(f"Wrote the report to {arguments.report}.\n")

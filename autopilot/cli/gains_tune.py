@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 from autopilot.cli.option_numbers import number, whole_number
+from autopilot.control.registry import designed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 WEIGHT = number(0.0, 1.0e6)
@@ -23,7 +24,7 @@ GENERATIONS = whole_number(1, 10_000)
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of tuning."""
     parser.add_argument("--tune", action="store_true", help="optimise the gains of --law over a simulated campaign")
-    parser.add_argument("--law", choices=("backstepping", "pid", "sliding"), help="with --tune (default: the file's)")
+    parser.add_argument("--law", choices=designed_laws(), help="with --tune (default: the file's)")
     parser.add_argument(
         "--weight",
         action=WEIGHT,
@@ -49,13 +50,13 @@ def check_options(arguments: argparse.Namespace) -> None:
 def tuned(arguments: argparse.Namespace) -> int:
     """Tune, print what held-out seeds say, write the vessel where asked; exit code 4 where no gains have margins."""
     from autopilot.cli.gains import write_vessel
-    from autopilot.runtime.build import ROLL_LAW, verdict_of
+    from autopilot.runtime.build import verdict_of
     from autopilot.vessel.file import load_vessel
 
     vessel = load_vessel(arguments.vessel)
     law = arguments.law or vessel.control.law
     section = getattr(vessel.control, law)
-    if law == ROLL_LAW:
+    if law not in designed_laws():
         raise RefusedError(f"vessel {vessel.name!r}: a campaign does not sail the law {law!r}; name another with --law")
     if section is None:
         raise RefusedError(f"vessel {vessel.name!r} has no gains for the law {law!r} to begin with; design them first")

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from autopilot.control.registry import filed_laws
 from autopilot.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument(
         "--law",
-        choices=("backstepping", "pid", "sliding", "sliding_roll"),
+        choices=filed_laws(),
         help="law to steer with (default: the file's)",
     )
     parser.add_argument(
@@ -171,7 +172,7 @@ def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float |
 
 def law_of_run(vessel: Vessel, law: str | None) -> str | None:
     """Return the law to steer with: none of ours, and so no gains needed, where the firmware steers. InputError."""
-    from autopilot.runtime.build import TRIAL_LAW
+    from autopilot.control.trial import TRIAL_LAW
 
     if vessel.helm.method != "guided":
         return law

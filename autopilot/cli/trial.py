@@ -107,7 +107,7 @@ def _number(
 def run(arguments: argparse.Namespace) -> int:
     """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
     from autopilot.cli.steering import Voyage, steer
-    from autopilot.runtime.build import TRIAL_LAW
+    from autopilot.control.trial import TRIAL_LAW
     from autopilot.vessel.file import load_vessel
 
     vessel = load_vessel(arguments.vessel)

@@ -16,6 +16,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from autopilot.cli.gains import Wish, designed
+from autopilot.control.design import DESIGNED
+from autopilot.control.registry import designed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import Norrbin
 from autopilot.pilot import Pilot
@@ -158,9 +160,8 @@ class LearningDesk:
 
 def steered_as(vessel: Vessel, other: Vessel) -> Vessel:
     """Return the vessel with the model and the designed gains of the other."""
-    new = other.control
-    gains = replace(vessel.control, backstepping=new.backstepping, pid=new.pid, sliding=new.sliding)
-    return replace(vessel, model=other.model, control=gains)
+    designed = {law: getattr(other.control, law) for law in designed_laws()}
+    return replace(vessel, model=other.model, control=replace(vessel.control, **designed))
 
 
 def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:
@@ -215,7 +216,7 @@ def _progress(learner: Learner) -> str:
 def _changes(before: Vessel, after: Vessel) -> str:
     old, new = before.model, after.model
     text = f"K {old.K_1_s:.4g} -> {new.K_1_s:.4g} 1/s, T {old.T_s:.4g} -> {new.T_s:.4g} s"
-    was, now = before.control.backstepping, after.control.backstepping
+    was, now = (getattr(each.control, DESIGNED) for each in (before, after))
     if was is not None and now is not None:
         text += f", gains k1 {was.k1_1_s:.3g} -> {now.k1_1_s:.3g}, k2 {was.k2_1_s:.3g} -> {now.k2_1_s:.3g} 1/s"
     return text

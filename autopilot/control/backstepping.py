@@ -47,12 +47,23 @@ Source: Jiang et al. 2016, eqs (6)-(25), derived anew: their eq. (26) prints K/T
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import astuple, dataclass, replace
+from typing import Annotated, NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.control.law import (
+    Law,
+    LawBoat,
+    LawDesign,
+    LawInput,
+    LoopGains,
+    NoMemory,
+    in_units_of_file,
+)
+from autopilot.files.typed import NOW, Bounds, Positive
 from autopilot.models.norrbin import Norrbin, rudder_for, rudder_within
 from autopilot.models.steering_gear import clip
-from autopilot.signals import NavState, Reference
+from autopilot.signals import Reference
 
 SPEED_RANGE = (0.2, 1.5)
 """Share of the reference speed within which the gains follow the speed."""
@@ -64,6 +75,21 @@ OVERTAXED = 1.7
 """The law answers an error in proportion up to one whose swing takes this many times the rudder's rate. With less,
 quick loops lag in turns and a launch is held worse in following seas; with 2 and more, a boat turning 40 % better than
 its model may swing about its course for ever after a push that its rudder did not hold: benchmarks/results/gains.md."""
+BEGUN_SMOOTHING = 0.1
+"""Smoothing with which a search begins where there is none, in units of 1/(the loop's natural frequency): a sixth of it
+is next to none, a regulator has 0.35."""
+
+
+@dataclass(frozen=True)
+class Backstepping:
+    """Gains of the corrected backstepping law: z1'' + (k1+k2) z1' + (gamma + k1 k2) z1 = 0."""
+
+    k1_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "heading gain k1")]
+    k2_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "rate gain k2")]
+    gamma_1_s2: Annotated[float, NOW, Bounds(Positive, 1.0e6, "weight of the heading error; 1 in the paper")] = 1.0
+    smoothing_s: Annotated[float, NOW, Bounds(0.0, 1000.0, "time in which the rudder follows the law; 0: at once")] = (
+        0.0
+    )
 
 
 class BacksteppingGains(NamedTuple):
@@ -74,6 +100,13 @@ class BacksteppingGains(NamedTuple):
     k2: float
     gamma: float = 1.0
     smoothing: float = 0.0
+
+
+class BoundedGains(NamedTuple):
+    """The gains in force, and the largest heading error [rad] to which they answer in proportion."""
+
+    gains: BacksteppingGains
+    error_max: float = math.inf
 
 
 def gains_at(gains: BacksteppingGains, speed_ratio: float) -> BacksteppingGains:
@@ -114,20 +147,15 @@ def errors(
     return z1, rate - (reference.rate - gains.k1 * z1)
 
 
-def backstepping_rudder(
-    model: Norrbin,
-    gains: BacksteppingGains,
-    reference: Reference,
-    heading: float,
-    rate: float,
-    bias: float = 0.0,
-    error_max: float = math.inf,
-    rudder_max: float = math.inf,
-) -> float:
-    """Return the unlimited rudder demand [rad] of the law in the module's docstring."""
-    z1, z2 = errors(gains, heading, rate, reference, error_max)
+def backstepping_rudder(bounded: BoundedGains, given: LawInput) -> float:
+    """Return the unlimited rudder demand [rad] of the law in the module's docstring, without its third step.
+
+    bounded: the gains at the present speed.
+    """
+    gains, reference, rate = bounded.gains, given.reference, given.state.rate
+    z1, z2 = errors(gains, given.state.heading, rate, reference, bounded.error_max)
     wanted = -gains.k2 * z2 - gains.gamma * z1 + reference.acceleration - gains.k1 * (rate - reference.rate)
-    return rudder_within(model, rate, wanted, rudder_max) - bias
+    return rudder_within(given.model, rate, wanted, given.rudder_max) - given.state.bias
 
 
 def smoothed_rudder(smoothing: float, wanted: float, last_rudder: float, dt: float) -> float:
@@ -163,41 +191,80 @@ def printed_equation_26(
     )
 
 
-class BacksteppingLaw:
-    """The law as the pilot holds it. It has no memory: bias and limits reach it through the state and the rudder told.
+def linear_gains_backstepping(model: Norrbin, gains: BacksteppingGains) -> LoopGains:
+    """Return the law's gains about straight running: (T/K)(gamma + k1 k2) and (T/K)(k1 + k2 - n1/T)."""
+    ratio = model.time_constant / model.gain
+    return LoopGains(
+        ratio * (gains.gamma + gains.k1 * gains.k2),
+        0.0,
+        ratio * (gains.k1 + gains.k2 - model.n1 / model.time_constant),
+        gains.smoothing,
+    )
 
-    The gains hold at `reference_speed` [m/s] and go with the speed, as 1/T does: a slow boat is not asked
-    for a quick boat's accelerations.
-    """
 
-    name = "backstepping"
+def bounded_gains(section: Backstepping, boat: LawBoat) -> BoundedGains:
+    """Return the gains of a vessel file for the boat. ValueError where they are none."""
+    gains = BacksteppingGains(*astuple(section))
+    if not all(0.0 < gain < math.inf for gain in gains[:3]):
+        raise ValueError(f"k1, k2 and gamma must be positive and finite, got {gains}")
+    if not 0.0 <= gains.smoothing < math.inf:
+        raise ValueError(f"smoothing must be finite and not negative, got {gains.smoothing}")
+    return BoundedGains(gains, error_max_of(boat.model, gains, boat.limits.rate_max))
 
-    def __init__(
-        self,
-        gains: BacksteppingGains,
-        reference_speed: float,
-        error_max: float = math.inf,
-        rudder_max: float = math.inf,
-    ) -> None:
-        if not all(0.0 < gain < math.inf for gain in gains[:3]):
-            raise ValueError(f"backstepping: k1, k2 and gamma must be positive and finite, got {gains}")
-        if not 0.0 <= gains.smoothing < math.inf:
-            raise ValueError(f"backstepping: smoothing must be finite and not negative, got {gains.smoothing}")
-        if not error_max > 0.0:
-            raise ValueError(f"backstepping: the largest error must be positive, got {error_max}")
-        if not rudder_max > 0.0:
-            raise ValueError(f"backstepping: the most rudder must be positive, got {rudder_max}")
-        self.gains, self.error_max, self.rudder_max = gains, error_max, rudder_max
-        self._reference_speed = reference_speed
 
-    def reset(self, rudder: float) -> None:
-        """Nothing to forget."""
+def bounded_gains_at(bounded: BoundedGains, speed_ratio: float) -> BoundedGains:
+    """Return the gains and their bound at `speed_ratio` times the speed at which they hold: they go with the speed, as
+    1/T does, so that a slow boat is not asked for a quick boat's accelerations."""
+    return BoundedGains(gains_at(bounded.gains, speed_ratio), error_max_at(bounded.error_max, speed_ratio))
 
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return the rudder demand [rad]."""
-        ratio = model.reference_speed / self._reference_speed
-        gains, most = gains_at(self.gains, ratio), error_max_at(self.error_max, ratio)
-        wanted = backstepping_rudder(
-            model, gains, reference, state.heading, state.rate, state.bias, most, self.rudder_max
-        )
-        return smoothed_rudder(smoothing_in(model, gains.smoothing, reference), wanted, last_rudder, dt)
+
+def step(bounded: BoundedGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
+    """Return the rudder demand [rad]. There is no memory: bias and limits come with the state and the last rudder."""
+    here = bounded_gains_at(bounded, given.ratio)
+    wanted = backstepping_rudder(here, given)
+    smoothing = smoothing_in(given.model, here.gains.smoothing, given.reference)
+    return smoothed_rudder(smoothing, wanted, given.last_rudder, given.dt), memory
+
+
+def _linear(bounded: BoundedGains, model: Norrbin) -> LoopGains:
+    return linear_gains_backstepping(model, bounded.gains)
+
+
+def _shown(section: Backstepping, bounded: BoundedGains, ratio: float) -> dict[str, float]:
+    return in_units_of_file(section, gains_at(bounded.gains, ratio), bounded.gains)
+
+
+def _designed(boat: LawBoat, loop: BacksteppingGains) -> Backstepping:
+    return Backstepping(*loop)
+
+
+def _quicker(section: Backstepping, factor: float) -> Backstepping:
+    return Backstepping(
+        section.k1_1_s * factor,
+        section.k2_1_s * factor,
+        section.gamma_1_s2 * (factor * factor),
+        section.smoothing_s / factor,
+    )
+
+
+def _begin(section: Backstepping) -> Backstepping:
+    """Return where a search begins: the section, with a little smoothing where it has none."""
+    if section.smoothing_s > 0.0:
+        return section
+    natural = math.sqrt(section.gamma_1_s2 + section.k1_1_s * section.k2_1_s)
+    return replace(section, smoothing_s=BEGUN_SMOOTHING / natural)
+
+
+LAW = Law(
+    name="backstepping",
+    title="Backstepping law",
+    prefix="BS",
+    section=Backstepping,
+    numbers=BoundedGains,
+    gains=bounded_gains,
+    step=step,
+    at=bounded_gains_at,
+    linear=_linear,
+    shown=_shown,
+    design=LawDesign(_designed, _quicker, _begin),
+)

@@ -34,13 +34,15 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from autopilot.control.backstepping import BacksteppingGains
-from autopilot.control.pid import PidGains
-from autopilot.control.sliding_heading import SlidingGains
+from autopilot.control import backstepping
+from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping
+from autopilot.control.law import LoopGains
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
 BISECTIONS = 60
+DESIGNED = backstepping.LAW.name
+"""The law whose gains are designed; those of the others follow from its loop."""
 
 
 def spared_gains(model: Norrbin, bandwidth: float) -> BacksteppingGains:
@@ -78,16 +80,6 @@ BANDWIDTHS = (0.03, 100.0)
 GRID = 400
 
 
-class LoopGains(NamedTuple):
-    """proportional [rad/rad], integral [1/s], derivative [s]: rudder on heading error, its integral, the rate; and
-    smoothing [s], the time in which the rudder goes there."""
-
-    proportional: float
-    integral: float
-    derivative: float
-    smoothing: float = 0.0
-
-
 class Margins(NamedTuple):
     """gain [-] (inf: none needed), phase [rad], delay [s], sensitivity Ms [-], crossover [rad/s], stable or not,
     saturation: heading error amplitude [rad] at the crossover from which the rudder's rate saturates."""
@@ -106,27 +98,6 @@ class Verdict(NamedTuple):
 
     margins: Margins
     refusal: str
-
-
-def linear_gains_backstepping(model: Norrbin, gains: BacksteppingGains) -> LoopGains:
-    """Return the law's gains about straight running: (T/K)(gamma + k1 k2) and (T/K)(k1 + k2 - n1/T)."""
-    ratio = model.time_constant / model.gain
-    return LoopGains(
-        ratio * (gains.gamma + gains.k1 * gains.k2),
-        0.0,
-        ratio * (gains.k1 + gains.k2 - model.n1 / model.time_constant),
-        gains.smoothing,
-    )
-
-
-def linear_gains_sliding(model: Norrbin, gains: SlidingGains) -> LoopGains:
-    """Return the law's gains within its boundary layer: backstepping with k1 = slope, k2 = reach/boundary, gamma 0."""
-    return linear_gains_backstepping(model, BacksteppingGains(gains.slope, gains.reach / gains.boundary, 0.0))
-
-
-def linear_gains_pid(gains: PidGains) -> LoopGains:
-    """Return the PID's gains as they are."""
-    return LoopGains(gains.kp, gains.ki, gains.kd)
 
 
 def controller(gains: LoopGains, omega: float) -> complex:
@@ -349,23 +320,6 @@ def _at(model: Norrbin, k: float) -> BacksteppingGains:
     apart = math.sqrt(max(0.25 * damping * damping - k * k, 0.0))
     slow = k * k / (0.5 * damping + apart)
     return BacksteppingGains(slow, damping - slow, 0.25 * k * k)
-
-
-def sliding_of(model: Norrbin, gains: BacksteppingGains, angle_max: float) -> SlidingGains:
-    """Return the sliding mode gains with slope k1 and reach/boundary k2, which never ask for more than the rudder has.
-
-    The reach is the yaw acceleration of a rudder at `angle_max` [rad] from rest: a large error puts it hard over, no
-    further. Without gamma the loop is less stiff than the backstepping law's, with margins no smaller.
-    """
-    reach = model.gain / model.time_constant * angle_max
-    return SlidingGains(gains.k1, reach, reach / gains.k2)
-
-
-def equivalent_pid(model: Norrbin, gains: BacksteppingGains, integral_time: float = 0.0) -> PidGains:
-    """Return the PID whose linear part equals the backstepping law's without smoothing; `integral_time` [s] 0: none."""
-    linear = linear_gains_backstepping(model, gains)
-    integral = linear.proportional / integral_time if integral_time > 0.0 else 0.0
-    return PidGains(linear.proportional, integral, max(linear.derivative, 0.0))
 
 
 def _rate_text(rate_max: float) -> str:

@@ -23,10 +23,10 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.control.design import LoopGains
+from autopilot.control.law import NO_ROLL, LawInForce, LawInput, LoopGains
 from autopilot.control.limits import RudderLimits, limit
 from autopilot.estimation.steady_filter import Prediction, SteadyFilter
 from autopilot.models.norrbin import Norrbin, rate_step
@@ -248,16 +248,6 @@ MOST_TICKS = 100_000
 """What is not corrected by then is not called corrected."""
 
 
-class Law(Protocol):
-    """A heading law, as the pilot holds it."""
-
-    def reset(self, rudder: float) -> None:
-        """Start anew with the rudder at `rudder` [rad]."""
-
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return the rudder demand [rad]."""
-
-
 class Loop(NamedTuple):
     """The boat with its rudder: model, gear, limits of the command, dead time [s] on top of the gear's, and how often
     the law is asked [1/s]."""
@@ -280,7 +270,7 @@ class Recovery(NamedTuple):
     swing: float
 
 
-def recoveries(loop: Loop, law: Law, bandwidth: float, errors: Sequence[float]) -> list[Recovery]:
+def recoveries(loop: Loop, law: LawInForce, bandwidth: float, errors: Sequence[float]) -> list[Recovery]:
     """Return what becomes of each initial heading error [rad], the boat at rest in yaw and the rudder amidships.
 
     bandwidth [rad/s]: the loop's own, which says how long to look.
@@ -304,18 +294,20 @@ class Trace(NamedTuple):
     rudder: list[float]
 
 
-def trace(loop: Loop, law: Law, error: float, duration: float) -> Trace:
+def trace(loop: Loop, law: LawInForce, error: float, duration: float) -> Trace:
     """Return the motion after an initial heading error [rad], towards the course 0, everything known exactly."""
     dt = 1.0 / loop.rate_hz
     h = dt / STEPS_A_TICK
     heading, rate, rudder, told = error, 0.0, 0.0, 0.0
     line = DelayLine(loop.delay + loop.gear.delay)
-    law.reset(0.0)
+    memory = law.first(0.0)
     result = Trace([], [], [])
     for tick in range(round(duration / dt)):
         now = tick * dt
         state = NavState(now, wrap(heading), rate, loop.model.reference_speed, rudder, 0.0, 0.0, True)
-        told = limit(loop.limits, told, law.update(loop.model, Reference(0.0), state, told, dt), dt)
+        given = LawInput(loop.model, 1.0, Reference(0.0), state, NO_ROLL, told, loop.limits.angle_max, dt)
+        demand, memory = law.step(memory, given)
+        told = limit(loop.limits, told, demand, dt)
         line.give(now, told)
         result.time.append(now)
         result.error.append(wrap(heading))

@@ -26,10 +26,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, cast
 
-import numpy as np
-
 from autopilot.control.sliding_heading import SMALL, SwayYawLaw, sliding_surface, sway_yaw_rudder
-from autopilot.models.naval_vessel import LinearMotion, Motion
+from autopilot.models.motion import LinearMotion, Motion
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
 
 
@@ -66,6 +64,9 @@ PAPER_ROLL = RollGains(math.radians(5.0), math.radians(200.0), math.radians(100.
 
 def roll_law(model: LinearMotion, gains: RollGains) -> RollLaw:
     """Return the law for the linear model of (v, p, r, phi, psi). ValueError for gains that do not stabilise it."""
+    # numpy comes along only with this law
+    import numpy as np
+
     k = np.array([gains.k_v, gains.k_p, gains.k_r, gains.k_phi, 0.0])
     h = sliding_surface(model.A, model.b, k)
     through = float(h @ model.b)
@@ -104,6 +105,8 @@ FORGET = 300.0
 
 def linear_step_of(model: LinearMotion, dt: float) -> LinearStep:
     """Return the exact step over `dt` [s] of the linear model whose heading leaks with the time constant FORGET."""
+    import numpy as np
+
     block = np.zeros((6, 6))
     block[:5, :5], block[:5, 5] = model.A, model.b
     block[4, 4] = -1.0 / FORGET
@@ -220,18 +223,25 @@ def roll_reduction(schedule: RollSchedule) -> float:
     return 1.0 - math.sqrt(schedule.roll.variance / least) if least > 0.0 else 0.0
 
 
-def shadow_step(
-    gear: SteeringGear, step: LinearStep, shadow: Shadow, roll: float, demand: float, share: float, dt: float
-) -> Shadow:
-    """Return the shadow one step later: `roll` [rad] it has now, `demand` [rad] on its rudder, `share` [-] of what is
-    new in mean and variance."""
+class ShadowStep(NamedTuple):
+    """What a shadow goes on by: steering gear, linear model, `share` [-] of what is new in mean and variance, and the
+    time [s]."""
+
+    gear: SteeringGear
+    model: LinearStep
+    share: float
+    dt: float
+
+
+def shadow_step(step: ShadowStep, shadow: Shadow, roll: float, demand: float) -> Shadow:
+    """Return the shadow one step later: `roll` [rad] it has now, `demand` [rad] on its rudder."""
     off = roll - shadow.mean
-    rudder = gear_step(gear, shadow.rudder, demand, dt)
+    rudder = gear_step(step.gear, shadow.rudder, demand, step.dt)
     return Shadow(
-        linear_response(step, shadow.response, rudder),
+        linear_response(step.model, shadow.response, rudder),
         rudder,
-        shadow.mean + share * off,
-        shadow.variance + share * (off * off - shadow.variance),
+        shadow.mean + step.share * off,
+        shadow.variance + step.share * (off * off - shadow.variance),
     )
 
 
@@ -287,19 +297,18 @@ def schedule_step(
 
     `parts.step` is that of `linear_step_of` for the same `dt` [s].
     """
-    settings, gear, step = parts.settings, parts.gear, parts.step
-    time = schedule.time + dt
-    share = dt / min(settings.memory, time)
+    settings, time = parts.settings, schedule.time + dt
+    step = ShadowStep(parts.gear, parts.step, dt / min(settings.memory, time), dt)
     free = _minus(state, schedule.own)
     quiet = _plus(free, schedule.quiet.response)
     roll = _plus(free, schedule.roll.response)
     quiet_demand = sway_yaw_rudder(parts.quiet, quiet.v, quiet.r, quiet.psi - heading_goal)
     now = RollSchedule(
         time,
-        linear_response(step, schedule.own, rudder),
-        shadow_step(gear, step, schedule.free, free.phi, 0.0, share, dt),
-        shadow_step(gear, step, schedule.quiet, quiet.phi, quiet_demand, share, dt),
-        shadow_step(gear, step, schedule.roll, roll.phi, roll_rudder(parts.roll, roll, heading_goal), share, dt),
+        linear_response(parts.step, schedule.own, rudder),
+        shadow_step(step, schedule.free, free.phi, 0.0),
+        shadow_step(step, schedule.quiet, quiet.phi, quiet_demand),
+        shadow_step(step, schedule.roll, roll.phi, roll_rudder(parts.roll, roll, heading_goal)),
         schedule.weight,
     )
     promise = roll_reduction(now)

@@ -21,12 +21,23 @@ Sources: Liu and Jin 2017, section 3.1; Healey and Lienard 1993.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping
+from autopilot.control.law import (
+    Law,
+    LawBoat,
+    LawDesign,
+    LawInput,
+    LoopGains,
+    NoMemory,
+    in_units_of_file,
+)
+from autopilot.files.typed import NOW, Bounds, Positive
 from autopilot.models.norrbin import Norrbin, rudder_within
 from autopilot.models.steering_gear import clip
-from autopilot.signals import NavState, Reference
 
 if TYPE_CHECKING:
     # only the second law needs numpy, which would double the time that a pilot takes to start
@@ -38,6 +49,15 @@ if TYPE_CHECKING:
 SPEED_RANGE = (0.2, 1.5)
 """Share of the reference speed within which the gains follow the speed."""
 SMALL = 1.0e-12
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """Gains of the sliding mode law: s = rate error + slope * heading error, s' = -reach * tanh(s/boundary)."""
+
+    slope_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "rate wanted per heading error, on the surface")]
+    reach_deg_s2: Annotated[float, NOW, Bounds(Positive, 1.0e6, "yaw acceleration towards the surface, at most")]
+    boundary_deg_s: Annotated[float, NOW, Bounds(Positive, 1.0e5, "width of the layer where the law is linear")]
 
 
 class SlidingGains(NamedTuple):
@@ -54,43 +74,76 @@ def gains_at(gains: SlidingGains, speed_ratio: float) -> SlidingGains:
     return SlidingGains(gains.slope * ratio, gains.reach * ratio * ratio, gains.boundary * ratio)
 
 
-def sliding_rudder(
-    model: Norrbin,
-    gains: SlidingGains,
-    reference: Reference,
-    heading: float,
-    rate: float,
-    bias: float = 0.0,
-    rudder_max: float = math.inf,
-) -> float:
-    """Return the unlimited rudder demand [rad] of the first law in the module's docstring."""
+def sliding_gains(section: Sliding, boat: LawBoat) -> SlidingGains:
+    """Return the gains of a vessel file. ValueError where they are none."""
+    gains = SlidingGains(section.slope_1_s, math.radians(section.reach_deg_s2), math.radians(section.boundary_deg_s))
+    if not all(0.0 < gain < math.inf for gain in gains):
+        raise ValueError(f"slope, reach and boundary must be positive and finite, got {gains}")
+    return gains
+
+
+def sliding_rudder(gains: SlidingGains, given: LawInput) -> float:
+    """Return the unlimited rudder demand [rad] of the first law in the module's docstring; `gains`: at the present
+    speed."""
+    reference, rate = given.reference, given.state.rate
     rate_error = rate - reference.rate
-    surface = rate_error + gains.slope * wrap(heading - reference.heading)
+    surface = rate_error + gains.slope * wrap(given.state.heading - reference.heading)
     wanted = reference.acceleration - gains.slope * rate_error - gains.reach * math.tanh(surface / gains.boundary)
-    return rudder_within(model, rate, wanted, rudder_max) - bias
+    return rudder_within(given.model, rate, wanted, given.rudder_max) - given.state.bias
 
 
-class SlidingLaw:
-    """The law on the Norrbin model as the pilot holds it. It has no memory: bias and limits reach it by the state.
+def step(gains: SlidingGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
+    """Return the rudder demand [rad]. There is no memory: bias and limits come with the state."""
+    return sliding_rudder(gains_at(gains, given.ratio), given), memory
 
-    The gains hold at `reference_speed` [m/s] and go with the speed, as 1/T does.
+
+def linear_gains_sliding(model: Norrbin, gains: SlidingGains) -> LoopGains:
+    """Return the law's gains within its boundary layer: backstepping with k1 = slope, k2 = reach/boundary, gamma 0."""
+    return linear_gains_backstepping(model, BacksteppingGains(gains.slope, gains.reach / gains.boundary, 0.0))
+
+
+def sliding_of(model: Norrbin, gains: BacksteppingGains, angle_max: float) -> SlidingGains:
+    """Return the sliding mode gains with slope k1 and reach/boundary k2, which never ask for more than the rudder has.
+
+    The reach is the yaw acceleration of a rudder at `angle_max` [rad] from rest: a large error puts it hard over, no
+    further. Without gamma the loop is less stiff than the backstepping law's, with margins no smaller.
     """
+    reach = model.gain / model.time_constant * angle_max
+    return SlidingGains(gains.k1, reach, reach / gains.k2)
 
-    name = "sliding"
 
-    def __init__(self, gains: SlidingGains, reference_speed: float, rudder_max: float = math.inf) -> None:
-        if not all(0.0 < gain < math.inf for gain in gains):
-            raise ValueError(f"sliding: slope, reach and boundary must be positive and finite, got {gains}")
-        self.gains, self.rudder_max = gains, rudder_max
-        self._reference_speed = reference_speed
+def _linear(gains: SlidingGains, model: Norrbin) -> LoopGains:
+    return linear_gains_sliding(model, gains)
 
-    def reset(self, rudder: float) -> None:
-        """Nothing to forget."""
 
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return the rudder demand [rad]."""
-        gains = gains_at(self.gains, model.reference_speed / self._reference_speed)
-        return sliding_rudder(model, gains, reference, state.heading, state.rate, state.bias, self.rudder_max)
+def _shown(section: Sliding, gains: SlidingGains, ratio: float) -> dict[str, float]:
+    return in_units_of_file(section, gains_at(gains, ratio), gains)
+
+
+def _designed(boat: LawBoat, loop: BacksteppingGains) -> Sliding:
+    slope, *surface = sliding_of(boat.model, loop, boat.limits.angle_max)
+    return Sliding(slope, *(math.degrees(gain) for gain in surface))
+
+
+def _quicker(section: Sliding, factor: float) -> Sliding:
+    return Sliding(
+        section.slope_1_s * factor, section.reach_deg_s2 * (factor * factor), section.boundary_deg_s * factor
+    )
+
+
+LAW = Law(
+    name="sliding",
+    title="Sliding law",
+    prefix="SLD",
+    section=Sliding,
+    numbers=SlidingGains,
+    gains=sliding_gains,
+    step=step,
+    at=gains_at,
+    linear=_linear,
+    shown=_shown,
+    design=LawDesign(_designed, _quicker),
+)
 
 
 def closed_loop(A: Array, b: Array, k: Array) -> Array:

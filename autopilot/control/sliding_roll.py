@@ -1,4 +1,4 @@
-"""Heading and roll with the rudder alone, as the pilot steers: Liu and Jin 2017 behind the heading laws' interface.
+"""The law of heading and roll with the rudder alone: Liu and Jin 2017 as the pilot steers by it.
 
 The laws of `rudder_roll` and `sliding_heading` on x = (v, p, r, phi, psi) become, about the reference psi_d and r_d,
 
@@ -17,19 +17,20 @@ eta with ratio, as the gains of the other laws do; the surfaces are those of the
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import astuple, dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.control.limits import RATE_UNSEEN, seen
+from autopilot.control.law import Law, LawBoat, LawInput, LoopGains, RollInput
+from autopilot.control.limits import RATE_UNSEEN, ShownRate, seen
 from autopilot.control.roll_damping import OLD
 from autopilot.control.rudder_roll import (
     LinearStep,
     Proof,
     RollGains,
     RollLaw,
+    RollSchedule,
     ScheduleParts,
     ScheduleSettings,
     begin_schedule,
@@ -47,12 +48,17 @@ from autopilot.control.sliding_heading import (
     sway_yaw_law,
     sway_yaw_rudder,
 )
-from autopilot.models.naval_vessel import LinearMotion, Motion
+from autopilot.files.typed import NOW, Bounds, Positive
+from autopilot.models.motion import LinearMotion, Motion
 from autopilot.models.norrbin import Norrbin, liveliness, rudder_for
 from autopilot.models.steering_gear import SteeringGear, clip
-from autopilot.signals import NavState, Reference, RollSample
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    # numpy works the laws out, before they steer; pilots with other laws do without
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 SETTINGS = ScheduleSettings()
 STEERING = [0, 2, 4]
@@ -70,6 +76,41 @@ LONGEST_STEP = 0.5
 STEP_PLACES = 3
 """Decimals of the shadows' step [s]: few differ, and their matrices are kept; the rest of a step goes to the next."""
 STEPS_KEPT = 128
+
+
+Row = tuple[float, float, float, float, float]
+"""Over v [m/s], p, r [rad/s], phi and the rudder [rad]."""
+
+
+@dataclass(frozen=True)
+class QuietHeading:
+    """The law of sway and yaw that steers where roll is not to be damped; reach and boundary hold for |h| = 1."""
+
+    k_v_s_m: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed")]
+    k_r_s: Annotated[float, NOW, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
+    reach: Annotated[float, NOW, Bounds(Positive, 1.0e6, "eta: speed towards the surface")]
+    boundary: Annotated[float, NOW, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
+
+
+@dataclass(frozen=True)
+class SlidingRoll:
+    """Heading and roll by the rudder alone, with the linear model of sway, roll and yaw at the reference speed.
+
+    Rows: v' [m/s^2], p' and r' [rad/s^2] over v [m/s], p, r [rad/s], phi and the rudder [rad], starboard positive.
+    """
+
+    sway_row: Annotated[Row, NOW]
+    roll_row: Annotated[Row, NOW]
+    yaw_row: Annotated[Row, NOW]
+    k_v_s_m: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed; shapes the surface")]
+    k_p_s: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per roll rate")]
+    k_r_s: Annotated[float, NOW, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
+    k_phi: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per roll angle")]
+    reach: Annotated[float, NOW, Bounds(Positive, 1.0e6, "eta: speed towards the surface, for |h| = 1")]
+    boundary: Annotated[float, NOW, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
+    quiet: QuietHeading
+    source: Annotated[str, NOW] = ""
+    date: Annotated[str, NOW] = ""
 
 
 class RollShip(NamedTuple):
@@ -102,6 +143,8 @@ def scaled_model(model: LinearMotion, ratio: float) -> LinearMotion:
 
 def linear_model(rows: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]) -> LinearMotion:
     """Return the model whose `rows` are v', p' and r' over v, p, r, phi and the rudder [SI, rad]."""
+    import numpy as np
+
     table = np.array(rows)
     A, b = np.zeros((5, 5)), np.zeros(5)
     A[:3, :4], b[:3] = table[:, :4], table[:, 4]
@@ -111,6 +154,8 @@ def linear_model(rows: tuple[tuple[float, ...], tuple[float, ...], tuple[float, 
 
 def steady_turn(model: LinearMotion) -> tuple[float, float]:
     """Return sway [m/s] and roll [rad] for each rad/s of a steady turn. ValueError where the model has none."""
+    import numpy as np
+
     # v, phi and the rudder from v' = p' = r' = 0 with p = 0 and r = 1
     left = np.column_stack((model.A[:3, 0], model.A[:3, 3], model.b[:3]))
     if abs(np.linalg.det(left)) < SMALL:
@@ -123,6 +168,8 @@ def steady_turn(model: LinearMotion) -> tuple[float, float]:
 
 def quiet_at(model: LinearMotion, gains: SwayYawGains) -> SwayYawLaw:
     """Return the quiet heading law on sway and yaw of the model. ValueError for gains that do not stabilise it."""
+    import numpy as np
+
     return sway_yaw_law(model.A[np.ix_(STEERING, STEERING)], model.b[STEERING], gains)
 
 
@@ -160,12 +207,16 @@ def _laws_at(at_reference: LinearMotion, quiet: SwayYawGains, roll: RollGains, r
 
 def near_surface_quiet(law: SwayYawLaw) -> Array:
     """Return rudder per (v, p, r, phi, psi) of the quiet law near its surface, v counting as that of the turn."""
+    import numpy as np
+
     slope = law.switching / law.boundary
     return np.array([0.0, 0.0, law.k_r + slope * law.h_r, 0.0, slope * law.h_psi])
 
 
 def near_surface_roll(law: RollLaw) -> Array:
     """Return the same of the roll law."""
+    import numpy as np
+
     slope = law.switching / law.boundary
     gains = (law.k_p + slope * law.h_p, law.k_r + slope * law.h_r, law.k_phi + slope * law.h_phi, slope * law.h_psi)
     return np.array([0.0, *gains])
@@ -173,6 +224,8 @@ def near_surface_roll(law: RollLaw) -> Array:
 
 def slowest(ship: RollShip, model: LinearMotion, feedback: Array) -> float:
     """Return the largest real part [1/s] of the loop's poles, rudder lag and dead time (Pade, first order) in it."""
+    import numpy as np
+
     lag, half = max(ship.gear.lag, 1.0e-3), max(0.5 * ship.delay, 1.0e-3)
     loop = np.zeros((7, 7))
     loop[:5, :5], loop[:5, 5] = model.A, model.b
@@ -186,113 +239,168 @@ def _step_at(ratio: float) -> int:
     return round(math.log(clip(ratio, *SPEED_RANGE)) / SPEED_STEP)
 
 
-class SlidingRollLaw:
-    """The law as the pilot holds it. It hears roll; without, it is the quiet heading law alone.
+class RollNumbers(NamedTuple):
+    """What the law steers by: the boat, the gains of both laws at the reference speed, the laws made ready speed by
+    speed, the laws `here`, at the speed for which these numbers were asked, and the exact steps of the linear model
+    that were worked out so far, by the place of the speed and the time [s]: a table, nothing that is remembered."""
+
+    ship: RollShip
+    quiet: SwayYawGains
+    roll: RollGains
+    speeds: tuple[AtSpeed, ...]
+    here: AtSpeed
+    steps: dict[tuple[int, float], LinearStep]
+
+
+class RollMemory(NamedTuple):
+    """Time [s] of the last tick, the rate that the rudder has shown, the schedule, the part [s] of a step that it is
+    still owed, and the mean roll [rad], over so long [s]."""
+
+    time: float
+    rate: ShownRate
+    schedule: RollSchedule
+    owed: float = 0.0
+    list: float = 0.0
+    listed: float = 0.0
+
+
+def roll_numbers(ship: RollShip, quiet: SwayYawGains, roll: RollGains) -> RollNumbers:
+    """Return what the law steers by.
 
     ValueError for a linear model that is not stable or has no steady turn, for gains that are not stable with it at a
     speed in SPEED_RANGE, or for a rudder without effect.
     """
+    import numpy as np
 
-    name = "sliding_roll"
+    growing = float(np.max(np.linalg.eigvals(ship.model.A[:4, :4]).real))
+    if growing >= 0.0:
+        raise ValueError(
+            f"the linear model with the rudder amidships must be stable, it has an eigenvalue of real part "
+            f"{growing:.3g} 1/s; the law foretells the boat by it"
+        )
+    places = range(_step_at(SPEED_RANGE[0]), _step_at(SPEED_RANGE[1]) + 1)
+    speeds = tuple(laws_at(ship, quiet, roll, math.exp(SPEED_STEP * place)) for place in places)
+    return RollNumbers(ship, quiet, roll, speeds, speeds[place_of(1.0)], {})
 
-    def __init__(self, ship: RollShip, quiet: SwayYawGains, roll: RollGains) -> None:
-        self.ship = ship
-        growing = float(np.max(np.linalg.eigvals(ship.model.A[:4, :4]).real))
-        if growing >= 0.0:
-            raise ValueError(
-                f"the linear model with the rudder amidships must be stable, it has an eigenvalue of real part "
-                f"{growing:.3g} 1/s; the law foretells the boat by it"
-            )
-        places = range(_step_at(SPEED_RANGE[0]), _step_at(SPEED_RANGE[1]) + 1)
-        self._speeds = {place: laws_at(ship, quiet, roll, math.exp(SPEED_STEP * place)) for place in places}
-        self._steps: dict[tuple[int, float], LinearStep] = {}
-        self.reset(0.0)
 
-    @property
-    def weight(self) -> float:
-        """The roll law's weight [-]; the rest is the quiet law's."""
-        return self._schedule.weight
+@lru_cache(maxsize=8)
+def _numbers_of(section: SlidingRoll, boat: LawBoat) -> RollNumbers:
+    """Return the numbers of a vessel file for the boat: ready in a tenth of a second, and asked for again and again."""
+    ship = RollShip(
+        linear_model((section.sway_row, section.roll_row, section.yaw_row)),
+        boat.model.reference_speed,
+        boat.gear._replace(angle_max=boat.limits.angle_max, rate_max=boat.limits.rate_max),
+        boat.delay,
+        boat.model.gain / boat.model.reference_speed,
+    )
+    k = (section.k_v_s_m, section.k_p_s, section.k_r_s, section.k_phi)
+    quiet, roll = SwayYawGains(*astuple(section.quiet)), RollGains(*k, section.reach, section.boundary)
+    return roll_numbers(ship, quiet, roll)
 
-    def at(self, ratio: float) -> AtSpeed:
-        """Return the laws in force at `ratio` times the reference speed."""
-        return self._speeds[_step_at(ratio)]
 
-    def reset(self, rudder: float) -> None:
-        """Forget roll and sea: the quiet law steers until it is known anew what roll damping would bring."""
-        self._sample: RollSample | None = None
-        self._time = math.nan
-        self._rate, self._schedule = RATE_UNSEEN, begin_schedule()
-        self._forget()
+def place_of(ratio: float) -> int:
+    """Return the place in `RollNumbers.speeds` of the laws that steer at `ratio` times the reference speed."""
+    return _step_at(ratio) - _step_at(SPEED_RANGE[0])
 
-    def _forget(self) -> None:
+
+def first(numbers: RollNumbers, rudder: float) -> RollMemory:
+    """Return a memory that knows neither roll nor sea: the quiet law steers until it is known what roll damping would
+    bring."""
+    return RollMemory(math.nan, RATE_UNSEEN, begin_schedule())
+
+
+def step(numbers: RollNumbers, memory: RollMemory, given: LawInput) -> tuple[float, RollMemory]:
+    """Return the rudder demand [rad] of the law, which takes the sway for that of the planned turn."""
+    return steered(numbers, memory, given, 0.0)
+
+
+def steered(numbers: RollNumbers, memory: RollMemory, given: LawInput, sway: float) -> tuple[float, RollMemory]:
+    """Return the rudder demand [rad] with so much `sway` [m/s] beside that of the planned turn; without roll that of
+    the quiet heading law alone."""
+    ship, place, state = numbers.ship, place_of(given.ratio), given.state
+    at, model, reference = numbers.speeds[place], given.model, given.reference
+    planned = rudder_for(model, reference.rate, reference.acceleration)
+    error, rate = wrap(state.heading - reference.heading), state.rate - reference.rate
+    is_fresh = _is_fresh(given.roll) and state.heading_age <= HEADING_OLD
+    if not is_fresh or not abs(state.time - memory.time) <= LONGEST_STEP:
         # where the law fell short the cause is the boat's, not the sea's
-        proof = self._schedule.proof
-        self._schedule = begin_schedule(Proof(failures=proof.failures, barred=proof.barred))
-        self._owed = self._list = self._listed = 0.0
+        proof = memory.schedule.proof
+        begun = begin_schedule(Proof(failures=proof.failures, barred=proof.barred))
+        memory = RollMemory(memory.time, memory.rate._replace(since=0.0), begun)
+    shown = seen(memory.rate, ship.gear, state.rudder, given.last_rudder, given.dt)
+    memory = memory._replace(time=state.time, rate=shown)
+    if not is_fresh:
+        quiet = sway_yaw_rudder(at.quiet, 0.0, rate, error)
+        known = ship.gain_per_speed
+        return planned + (quiet if known is None else quiet / liveliness(model, known)) - state.bias, memory
+    heel = given.roll.angle - at.roll_per_rate * reference.rate
+    memory = _with_list(memory, heel, given.dt)
+    off = Motion(sway, given.roll.rate, rate, heel - memory.list, error)
+    owed = clip(memory.owed + given.dt, 0.0, LONGEST_STEP)
+    span = round(owed, STEP_PLACES)
+    memory = memory._replace(owed=owed - span)
+    if span > 0.0:
+        # the steering gear of the file with the rate that the rudder has shown
+        gear = ship.gear._replace(rate_max=min(ship.gear.rate_max, shown.rate))
+        parts = ScheduleParts(SETTINGS, at.quiet, at.roll, gear, _step_of(numbers, place, span))
+        beside = state.rudder + state.bias - planned
+        memory = memory._replace(schedule=schedule_step(parts, memory.schedule, off, 0.0, beside, span))
+    quiet = sway_yaw_rudder(at.quiet, off.v, rate, error)
+    rudder = blended_rudder(memory.schedule.weight, quiet, roll_rudder(at.roll, off, 0.0))
+    return float(planned + rudder - state.bias), memory
 
-    def hear(self, sample: RollSample) -> None:
-        """Take a sample that has a rate; one that no boat can show ends roll damping at once."""
-        if sample.rate is not None:
-            is_roll = abs(sample.roll) <= math.pi and abs(sample.rate) <= ROLL_RATE_MOST
-            self._sample = sample if is_roll else None
 
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return the rudder demand [rad]."""
-        place = _step_at(model.reference_speed / self.ship.reference_speed)
-        at = self._speeds[place]
-        planned = rudder_for(model, reference.rate, reference.acceleration)
-        error, rate = wrap(state.heading - reference.heading), state.rate - reference.rate
-        sample = self._fresh(state)
-        if sample is None or not abs(state.time - self._time) <= LONGEST_STEP:
-            self._forget()
-            self._rate = self._rate._replace(since=0.0)
-        self._time = state.time
-        self._rate = seen(self._rate, self.ship.gear, state.rudder, last_rudder, dt)
-        if sample is None or sample.rate is None:
-            quiet = sway_yaw_rudder(at.quiet, 0.0, rate, error)
-            known = self.ship.gain_per_speed
-            return planned + (quiet if known is None else quiet / liveliness(model, known)) - state.bias
-        heel = sample.roll - at.roll_per_rate * reference.rate
-        off = Motion(self._sway(), sample.rate, rate, heel - self._list_with(heel, dt), error)
-        self._look_on(place, off, state.rudder + state.bias - planned, dt)
-        quiet = sway_yaw_rudder(at.quiet, off.v, rate, error)
-        return float(planned + blended_rudder(self.weight, quiet, roll_rudder(at.roll, off, 0.0)) - state.bias)
+def _is_fresh(roll: RollInput) -> bool:
+    """Return whether there is a roll, one that a boat can show."""
+    return abs(roll.age) <= OLD and abs(roll.angle) <= math.pi and abs(roll.rate) <= ROLL_RATE_MOST
 
-    def _sway(self) -> float:
-        """Return the sway [m/s] beside that of the planned turn: what the sea makes of it nobody knows."""
-        return 0.0
 
-    def _fresh(self, state: NavState) -> RollSample | None:
-        sample = self._sample
-        is_fresh = sample is not None and abs(state.time - sample.time) <= OLD and state.heading_age <= HEADING_OLD
-        return sample if is_fresh else None
+def _with_list(memory: RollMemory, heel: float, dt: float) -> RollMemory:
+    listed = min(memory.listed + dt, LIST_TIME)
+    mean = memory.list
+    if listed > 0.0:
+        mean += min(dt / listed, 1.0) * (heel - mean)
+    return memory._replace(list=mean, listed=listed)
 
-    def _list_with(self, heel: float, dt: float) -> float:
-        self._listed = min(self._listed + dt, LIST_TIME)
-        if self._listed > 0.0:
-            self._list += min(dt / self._listed, 1.0) * (heel - self._list)
-        return self._list
 
-    def _look_on(self, place: int, off: Motion, rudder: float, dt: float) -> None:
-        """Take the schedule on by `dt` [s] with the boat `off` its course and its `rudder` [rad] beside the planned."""
-        owed = clip(self._owed + dt, 0.0, LONGEST_STEP)
-        step = round(owed, STEP_PLACES)
-        self._owed = owed - step
-        if step <= 0.0:
-            return
-        at = self._speeds[place]
-        parts = ScheduleParts(SETTINGS, at.quiet, at.roll, self._gear(), self._step_of(place, step))
-        self._schedule = schedule_step(parts, self._schedule, off, 0.0, rudder, step)
+def _step_of(numbers: RollNumbers, place: int, span: float) -> LinearStep:
+    found = numbers.steps.get((place, span))
+    if found is None:
+        if len(numbers.steps) >= STEPS_KEPT:
+            numbers.steps.clear()
+        found = numbers.steps[place, span] = linear_step_of(numbers.speeds[place].model, span)
+    return found
 
-    def _gear(self) -> SteeringGear:
-        """Return the steering gear of the file with the rate that the rudder has shown."""
-        gear = self.ship.gear
-        return gear._replace(rate_max=min(gear.rate_max, self._rate.rate))
 
-    def _step_of(self, place: int, step: float) -> LinearStep:
-        found = self._steps.get((place, step))
-        if found is None:
-            if len(self._steps) >= STEPS_KEPT:
-                self._steps.clear()
-            found = self._steps[place, step] = linear_step_of(self._speeds[place].model, step)
-        return found
+def _at(numbers: RollNumbers, ratio: float) -> RollNumbers:
+    here = laws_at(numbers.ship, numbers.quiet, numbers.roll, clip(ratio, *SPEED_RANGE))
+    return numbers._replace(here=here)
+
+
+def _linear(numbers: RollNumbers, model: Norrbin) -> LoopGains:
+    """Return what the quiet part of the law does about straight running."""
+    _, _, rate, _, heading = near_surface_quiet(numbers.here.quiet)
+    return LoopGains(float(heading), 0.0, float(rate))
+
+
+def _shown(section: SlidingRoll, numbers: RollNumbers, ratio: float) -> dict[str, float]:
+    """Return what the quiet heading law comes to."""
+    _, _, rate, _, heading = near_surface_quiet(_at(numbers, ratio).here.quiet)
+    return {"quiet_rudder_per_heading": float(heading), "quiet_rudder_per_rate_s": float(rate)}
+
+
+LAW = Law(
+    name="sliding_roll",
+    title="Sliding law for heading and roll",
+    prefix="SLR",
+    section=SlidingRoll,
+    numbers=RollNumbers,
+    gains=_numbers_of,
+    first=first,
+    step=step,
+    at=_at,
+    linear=_linear,
+    shown=_shown,
+    takes_roll=True,
+    advice="docs/roll_damping.md says how",
+)

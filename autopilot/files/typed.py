@@ -12,6 +12,7 @@ import difflib
 import math
 import types
 import typing
+from enum import Enum
 from typing import Any, Literal, NamedTuple, TypeVar, Union
 
 from autopilot.errors import InputError, SeveralInputError
@@ -28,10 +29,40 @@ class Bounds(NamedTuple):
     doc: str
 
 
+Positive = 1.0e-9
+"""The least of a number that must be above 0."""
+
+
+class Counts(Enum):
+    """From when on a field that is changed while the pilot runs counts: the next tick, or the next start of the
+    process, because links were opened or the loop was begun with it. A section counts as its fields do."""
+
+    NOW = "now"
+    RESTART = "restart"
+
+
+NOW, RESTART = Counts.NOW, Counts.RESTART
+
 UNIT_SUFFIXES = (
     *("_s2_rad2", "_s2_deg2", "_s_rad", "_s_deg", "_rad_s2", "_deg_s2", "_rad_s", "_deg_s", "_deg_min", "_rad", "_deg"),
     *("_m_s2", "_m_s", "_km_h", "_kmh", "_kn", "_kt", "_knots", "_mm", "_cm", "_km", "_nm", "_ft", "_m"),
-    *("_1_s", "_s_m", "_ms", "_us", "_min", "_hz", "_khz", "_s", "_n", "_kn_m", "_kg", "_t", "_pwm", "_percent"),
+    *(
+        "_1_s2",
+        "_1_s",
+        "_s_m",
+        "_ms",
+        "_us",
+        "_min",
+        "_hz",
+        "_khz",
+        "_s",
+        "_n",
+        "_kn_m",
+        "_kg",
+        "_t",
+        "_pwm",
+        "_percent",
+    ),
 )
 """Ends of key names that say a unit, so that a wrong unit is told from an unknown key."""
 

@@ -35,6 +35,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from autopilot.models.motion import LinearMotion as LinearMotion
+from autopilot.models.motion import Motion as Motion
 from autopilot.models.waves import GRAVITY, component_amplitudes, encounter_frequency, wave_number
 
 Array = NDArray[np.float64]
@@ -126,16 +128,6 @@ class Rudders(NamedTuple):
     z: float
 
 
-class Motion(NamedTuple):
-    """Sway v [m/s], roll rate p, yaw rate r [rad/s], roll phi and heading psi [rad]; or their derivatives."""
-
-    v: float
-    p: float
-    r: float
-    phi: float
-    psi: float
-
-
 class Load(NamedTuple):
     """Sway force Y [N], roll moment K and yaw moment N [N m] about the origin."""
 
@@ -156,13 +148,6 @@ class InverseMass(NamedTuple):
     rv: float
     rp: float
     rr: float
-
-
-class LinearMotion(NamedTuple):
-    """x' = A x + b delta about straight running, x = (v, p, r, phi, psi), delta [rad] positive to starboard."""
-
-    A: Array
-    b: Array
 
 
 _MASS = 357.0 * DENSITY

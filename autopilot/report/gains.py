@@ -20,10 +20,10 @@ import numpy as np
 
 from autopilot import __version__
 from autopilot.angles import wrap
-from autopilot.control.design import loop
+from autopilot.control.design import DESIGNED, loop
 from autopilot.control.margins import trace
 from autopilot.report.page import FloatArray, Line, Panel, Section, render, time_figure
-from autopilot.runtime.build import gear_of, law_of, loop_gains_of, model_of
+from autopilot.runtime.build import gear_of, law_of, loop_gains_of, model_of, shown_gains_of
 
 if TYPE_CHECKING:
     from autopilot.control.design import Margins, Spread, Verdict
@@ -151,24 +151,11 @@ def spread_of(vessel: Vessel) -> tuple[Spread, str]:
     return Spread(gain, time), words
 
 
-def gains_of(each: Judged) -> dict[str, float]:
-    """Return the gains by their keys in the file; of the heading and roll law those that its quiet law comes to."""
-    from dataclasses import asdict
-
-    from autopilot.runtime.build import ROLL_LAW, gains_in_force
-
-    if each.law == ROLL_LAW:
-        heading, rate = gains_in_force(each.vessel, each.law)
-        return {"quiet_rudder_per_heading": heading, "quiet_rudder_per_rate_s": rate}
-    gains = getattr(each.vessel.control, each.law)
-    return {key: float(value) for key, value in asdict(gains).items()}
-
-
 def as_json(each: Judged) -> dict[str, Any]:
     """Return everything with the unit in the key; null for what is infinite."""
     found = each.verdict.margins
     return {
-        "gains": gains_of(each),
+        "gains": shown_gains_of(each.vessel, each.law),
         "stable": found.stable,
         "gain_margin": _finite(found.gain),
         "phase_margin_deg": math.degrees(found.phase),
@@ -227,7 +214,9 @@ def as_text(rows: dict[str, Judged]) -> str:
             )
         else:
             lines.append(f"{name:24}unstable")
-        lines.append("    " + "  ".join(f"{key} {value:g}" for key, value in gains_of(each).items()))
+        lines.append(
+            "    " + "  ".join(f"{key} {value:g}" for key, value in shown_gains_of(each.vessel, each.law).items())
+        )
         lines += [f"    {sentence}" for sentence in sentences(each)]
     return "\n".join(lines)
 
@@ -293,17 +282,13 @@ class AtSpeed(NamedTuple):
 def by_speed(each: Judged) -> list[AtSpeed]:
     """Return the law of `each` at every share of the trial's speed in RATIOS."""
     from autopilot.models.norrbin import at_speed_ratio
-    from autopilot.runtime.build import gains_in_force, model_of, pilot_config, verdict_of
+    from autopilot.runtime.build import model_of, pilot_config, verdict_of
 
-    present = gains_in_force(each.vessel, each.law)
     steerage = pilot_config(each.vessel, each.law).steerage
     found = []
     for ratio in RATIOS:
         model = at_speed_ratio(model_of(each.vessel), ratio)
-        scaled = gains_in_force(each.vessel, each.law, ratio)
-        # in the units of the file
-        shares = (new / old if old else 1.0 for new, old in zip(scaled, present, strict=True))
-        gains = {key: value * share for (key, value), share in zip(gains_of(each).items(), shares, strict=True)}
+        gains = shown_gains_of(each.vessel, each.law, ratio)
         verdict, waits = verdict_of(each.vessel, each.law, ratio), model.reference_speed < steerage
         found.append(AtSpeed(ratio, model.reference_speed, model.gain, model.time_constant, gains, verdict, waits))
     return found
@@ -352,7 +337,7 @@ def speeds_as_text(rows: Mapping[str, Judged]) -> str:
 
 def speed_table(each: Judged) -> list[tuple[str, ...]]:
     """Return the table of one set of gains, its head first."""
-    keys = tuple(gains_of(each))
+    keys = tuple(shown_gains_of(each.vessel, each.law))
     return [(*HEAD[:3], *keys, *HEAD[3:], ""), *(_cells(row, keys) for row in by_speed(each))]
 
 
@@ -507,8 +492,7 @@ def _levels(levels: Mapping[int, Judged]) -> list[tuple[str, ...]]:
         )
     ]
     for level, each in levels.items():
-        gains, found = each.vessel.control.backstepping, each.verdict.margins
-        assert gains is not None
+        gains, found = getattr(each.vessel.control, DESIGNED), each.verdict.margins
         table.append(
             (
                 str(level),

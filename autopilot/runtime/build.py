@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple
 from typing import TYPE_CHECKING
 
-from autopilot.control import backstepping, sliding_heading
-from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
-from autopilot.control.design import (
-    LoopGains,
-    Verdict,
-    judge,
-    linear_gains_backstepping,
-    linear_gains_pid,
-    linear_gains_sliding,
-)
+from autopilot.control.design import Verdict, judge
+from autopilot.control.law import LawBoat, LawInForce, LoopGains
 from autopilot.control.limits import RudderLimits
 from autopilot.control.margins import Delays, Observed, refusal_of
 from autopilot.control.met_waves import Corners
-from autopilot.control.pid import PidGains, PidLaw
+from autopilot.control.registry import LAWS
 from autopilot.control.roll_damping import RollDamping
-from autopilot.control.sliding_heading import SlidingGains, SlidingLaw, SwayYawGains
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import RATE_UNKNOWN, FilterNoise
 from autopilot.estimation.steady_filter import steady_filter
@@ -29,23 +19,15 @@ from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, steady_rate
-from autopilot.models.steering_gear import SteeringGear, clip
-from autopilot.pilot import INTEGRATING_LAW, HeadingLaw, Pilot, PilotConfig
-from autopilot.signals import NavState, Reference
+from autopilot.models.steering_gear import SteeringGear
+from autopilot.pilot import Pilot, PilotConfig
 from autopilot.supervision.monitors import AlarmLimits
 from autopilot.supervision.monitors.watched import LATE_PERIODS
 from autopilot.supervision.supervisor import FailsafeAction
-from autopilot.vessel.schema import SlidingRoll, Vessel
+from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
-    from autopilot.control.rudder_roll import RollGains
-    from autopilot.control.sliding_roll import RollShip, SlidingRollLaw
     from autopilot.identification.learning import Learner
-
-ROLL_LAW = "sliding_roll"
-"""It needs a linear model of sway, roll and yaw, and brings numpy along."""
-TRIAL_LAW = "trial"
-"""In place of a law's name: trials order rudder angles and need no gains."""
 
 
 def model_of(vessel: Vessel) -> Norrbin:
@@ -88,136 +70,55 @@ def limits_of(vessel: Vessel) -> RudderLimits:
     return RudderLimits(min(angle, gear.angle_max), min(rate, gear.rate_max))
 
 
-class HoldRudder:
-    """Stands where a law would, for trials: leaves the rudder where it was told to be."""
-
-    name = TRIAL_LAW
-
-    def reset(self, rudder: float) -> None:
-        """Nothing to forget."""
-
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        """Return `last_rudder` [rad]."""
-        return last_rudder
+def law_boat_of(vessel: Vessel) -> LawBoat:
+    """Return what the gains of a law are worked out for."""
+    gear = gear_of(vessel)
+    delay = vessel.sensors.heading_latency_s + vessel.control.loop_delay_s + gear.delay
+    return LawBoat(model_of(vessel), gear, limits_of(vessel), delay)
 
 
-def law_of(vessel: Vessel, name: str | None = None) -> HeadingLaw:
+def law_of(vessel: Vessel, name: str | None = None) -> LawInForce:
     """Return the heading law `name` (the file's own choice when None) with the file's gains.
 
-    Raises RefusedError where the file has no gains for it.
+    Raises RefusedError where the file has no gains for it, or such as must not be engaged.
     """
-    control = vessel.control
-    chosen = name or control.law
-    if chosen == TRIAL_LAW:
-        return HoldRudder()
-    if chosen == "backstepping" and control.backstepping is not None:
-        gains = BacksteppingGains(*astuple(control.backstepping))
-        bound = backstepping.error_max_of(model_of(vessel), gains, limits_of(vessel).rate_max)
-        return BacksteppingLaw(gains, vessel.model.reference_speed_m_s, bound, limits_of(vessel).angle_max)
-    if chosen == "pid" and control.pid is not None:
-        gains_pid = PidGains(control.pid.kp, control.pid.ki_1_s, control.pid.kd_s)
-        return PidLaw(gains_pid, gain_per_speed_of(vessel))
-    if chosen == "sliding" and control.sliding is not None:
-        sliding = control.sliding
-        reach, boundary = math.radians(sliding.reach_deg_s2), math.radians(sliding.boundary_deg_s)
-        surface = SlidingGains(sliding.slope_1_s, reach, boundary)
-        return SlidingLaw(surface, vessel.model.reference_speed_m_s, limits_of(vessel).angle_max)
-    if chosen == ROLL_LAW and control.sliding_roll is not None:
-        return sliding_roll_of(vessel, control.sliding_roll)
-    raise RefusedError(_no_gains(vessel, chosen))
-
-
-def _no_gains(vessel: Vessel, law: str) -> str:
-    cure = "docs/roll_damping.md says how" if law == ROLL_LAW else "or let `autopilot gains` work them out"
-    return f"vessel {vessel.name!r} has no gains for the law {law!r}: add control.{law} to the file, {cure}"
-
-
-def sliding_roll_of(vessel: Vessel, section: SlidingRoll) -> SlidingRollLaw:
-    """Return the heading and roll law of the vessel. Raises RefusedError where its numbers must not be engaged."""
-    # numpy comes along, which pilots with other laws do without
-    from autopilot.control.sliding_roll import SlidingRollLaw
-
-    if vessel.control.roll is not None:
+    law = LAWS[name or vessel.control.law]
+    section = getattr(vessel.control, law.name) if law.section else None
+    if law.section and section is None:
+        cure = "or let `autopilot gains` work them out" if law.design else law.advice or "as its module says"
         raise RefusedError(
-            f"vessel {vessel.name!r}: the law {ROLL_LAW!r} damps roll itself and excludes the section control.roll; "
+            f"vessel {vessel.name!r} has no gains for the law {law.name!r}: add control.{law.name} to the file, {cure}"
+        )
+    if law.takes_roll and vessel.control.roll is not None:
+        raise RefusedError(
+            f"vessel {vessel.name!r}: the law {law.name!r} damps roll itself and excludes the section control.roll; "
             "leave one of them out"
         )
     try:
-        return SlidingRollLaw(*roll_ship_of(vessel, section))
+        return LawInForce(law, law.gains(section, law_boat_of(vessel)))
     except ValueError as error:
-        raise RefusedError(f"vessel {vessel.name!r}: control.{ROLL_LAW}: {error}") from error
+        raise RefusedError(f"vessel {vessel.name!r}: control.{law.name}: {error}") from error
 
 
-def roll_ship_of(vessel: Vessel, section: SlidingRoll) -> tuple[RollShip, SwayYawGains, RollGains]:
-    """Return what the heading and roll law knows of the boat, the quiet law's gains and its own."""
-    from autopilot.control.rudder_roll import RollGains
-    from autopilot.control.sliding_roll import RollShip, linear_model
-
-    gear, limits = gear_of(vessel), limits_of(vessel)
-    ship = RollShip(
-        linear_model((section.sway_row, section.roll_row, section.yaw_row)),
-        vessel.model.reference_speed_m_s,
-        gear._replace(angle_max=limits.angle_max, rate_max=limits.rate_max),
-        vessel.sensors.heading_latency_s + vessel.control.loop_delay_s + gear.delay,
-        gain_per_speed_of(vessel),
-    )
-    return (
-        ship,
-        SwayYawGains(*astuple(section.quiet)),
-        RollGains(section.k_v_s_m, section.k_p_s, section.k_r_s, section.k_phi, section.reach, section.boundary),
-    )
-
-
-def gains_in_force(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> tuple[float, ...]:
-    """Return the law's own gains at `ratio` times the speed of the trial; the PID's are the same at every speed.
-
-    Of the heading and roll law: rudder per heading error and per yaw rate [s] of its quiet law.
-    """
-    if (name or vessel.control.law) == ROLL_LAW:
-        quiet = quiet_gains_of(vessel, ratio)
-        return quiet.proportional, quiet.derivative
-    law = law_of(vessel, name)
-    if isinstance(law, BacksteppingLaw):
-        return backstepping.gains_at(law.gains, ratio)
-    if isinstance(law, SlidingLaw):
-        return sliding_heading.gains_at(law.gains, ratio)
-    assert isinstance(law, PidLaw)
-    return law.gains
+def shown_gains_of(vessel: Vessel, name: str, ratio: float = 1.0) -> dict[str, float]:
+    """Return the gains of the law at `ratio` times the speed of the trial, as its `shown` says; of a PID they are the
+    same at every speed."""
+    law, gains = law_of(vessel, name)
+    return law.shown(getattr(vessel.control, name), gains, ratio)
 
 
 def loop_gains_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> LoopGains:
     """Return the law's gains on heading error, rate and integral, about straight running.
 
-    ratio: at so many times the speed of the trial.
+    ratio: at so many times the speed of the trial. Raises RefusedError for a law that closes no loop.
     """
-    if (name or vessel.control.law) == ROLL_LAW:
-        return quiet_gains_of(vessel, ratio)
-    model, gains = at_speed_ratio(model_of(vessel), ratio), gains_in_force(vessel, name, ratio)
-    if isinstance(gains, BacksteppingGains):
-        return linear_gains_backstepping(model, gains)
-    if isinstance(gains, SlidingGains):
-        return linear_gains_sliding(model, gains)
-    assert isinstance(gains, PidGains)
-    return linear_gains_pid(gains)
-
-
-def quiet_gains_of(vessel: Vessel, ratio: float) -> LoopGains:
-    """Return what the quiet part of the heading and roll law does about straight running.
-
-    Raises RefusedError where the file has no such law or its numbers are not stable.
-    """
-    from autopilot.control.sliding_roll import laws_at, near_surface_quiet
-
-    section = vessel.control.sliding_roll
-    if section is None:
-        raise RefusedError(_no_gains(vessel, ROLL_LAW))
-    within = clip(ratio, *sliding_heading.SPEED_RANGE)
+    law, gains = law_of(vessel, name)
+    if law.linear is None:
+        raise RefusedError(f"vessel {vessel.name!r}: the law {law.name!r} closes no loop")
     try:
-        at = laws_at(*roll_ship_of(vessel, section), within)
+        return law.linear(law.at(gains, ratio), at_speed_ratio(model_of(vessel), ratio))
     except ValueError as error:
-        raise RefusedError(f"vessel {vessel.name!r}: control.{ROLL_LAW}: {error}") from error
-    _, _, rate, _, heading = near_surface_quiet(at.quiet)
-    return LoopGains(float(heading), 0.0, float(rate))
+        raise RefusedError(f"vessel {vessel.name!r}: control.{law.name}: {error}") from error
 
 
 def radians_or_unlimited(degrees: float | None) -> float:
@@ -268,7 +169,7 @@ by it (docs/gains.md)."""
 
 def _integrates(vessel: Vessel, law: str | None) -> bool:
     """Return whether the law, None: the file's, learns the bias by itself and does not go by the estimated one."""
-    return (law or vessel.control.law) == INTEGRATING_LAW
+    return not LAWS[law or vessel.control.law].uses_bias
 
 
 def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
@@ -315,9 +216,10 @@ def _quickest_turn(vessel: Vessel) -> float:
 
 
 def wave_corners_of(vessel: Vessel, law: str | None = None) -> Corners:
-    """Return which waves the law is shown, all of them in trials and where it works against roll in the waves, and
+    """Return which waves the law is shown, all of them where it closes no loop or works against roll in the waves, and
     which of them are undone."""
-    if (law or vessel.control.law) in (TRIAL_LAW, ROLL_LAW):
+    chosen = LAWS[law or vessel.control.law]
+    if chosen.linear is None or chosen.takes_roll:
         return Corners(math.inf)
     natural = math.sqrt(loop_gains_of(vessel, law).proportional * vessel.model.K_1_s / vessel.model.T_s)
     meets = vessel.estimator.wave_filter == "meet"
@@ -337,6 +239,11 @@ def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> V
         loop_gains_of(vessel, name, ratio),
     )
     return verdict if verdict.refusal else verdict._replace(refusal=refusal_of(observed_of(vessel, name, ratio)))
+
+
+def refusal_to_engage(vessel: Vessel, name: str | None = None) -> str:
+    """Return why the law must not be engaged on the vessel's rudder, or ""; one that closes no loop may always be."""
+    return verdict_of(vessel, name).refusal if LAWS[name or vessel.control.law].linear else ""
 
 
 def observed_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0, in_gusts: bool = False) -> Observed:
@@ -362,8 +269,8 @@ def build_pilot(vessel: Vessel, law: str | None = None, *, learns: bool = False)
 
     Raises RefusedError where its gains must not be engaged on its rudder.
     """
-    if law != TRIAL_LAW and (verdict := verdict_of(vessel, law)).refusal:
-        raise RefusedError(f"vessel {vessel.name!r}: {verdict.refusal}")
+    if refusal := refusal_to_engage(vessel, law):
+        raise RefusedError(f"vessel {vessel.name!r}: {refusal}")
     config = pilot_config(vessel, law)
     return Pilot(config, law_of(vessel, law), learner_of(vessel) if learns else None)
 

@@ -14,7 +14,7 @@ from typing import Protocol
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import save_text
 from autopilot.pilot import Pilot
-from autopilot.runtime.build import TRIAL_LAW, build_pilot, law_of, pilot_config, verdict_of
+from autopilot.runtime.build import build_pilot, law_of, pilot_config, refusal_to_engage
 from autopilot.vessel.file import dump_vessel, problems
 from autopilot.vessel.parameters import parameters_of, value_of, with_value
 from autopilot.vessel.running import Vessels
@@ -119,8 +119,8 @@ class VesselStore:
         return ""
 
     def _put_in_force(self, vessel: Vessel) -> None:
-        if self._law != TRIAL_LAW and (verdict := verdict_of(vessel, self._law)).refusal:
-            raise RefusedError(verdict.refusal)
+        if refusal := refusal_to_engage(vessel, self._law):
+            raise RefusedError(refusal)
         config = pilot_config(vessel, self._law)
         if abs(self._pilot.told.angle) > config.limits.angle_max:
             raise RefusedError("the rudder stands further over now; try again when it is nearer to amidships")

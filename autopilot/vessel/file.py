@@ -20,6 +20,7 @@ from typing import Any
 
 import yaml
 
+from autopilot.control.registry import LAWS
 from autopilot.errors import InputError, SeveralInputError
 from autopilot.files import typed
 from autopilot.files.strict_yaml import (
@@ -105,10 +106,11 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
         yield "name", "name is empty; give the boat a name."
     yield from _model_problems(vessel)
     yield from _limit_problems(vessel)
-    if vessel.control.law == "sliding_roll" and vessel.control.roll is not None:
+    if LAWS[vessel.control.law].takes_roll and vessel.control.roll is not None:
         yield (
             "control.roll",
-            "control.roll stands beside control.law sliding_roll, which damps roll itself; leave one of them out.",
+            f"control.roll stands beside control.law {vessel.control.law}, which damps roll itself; leave one of them "
+            "out.",
         )
     if vessel.failsafe.heading_timeout_s <= vessel.sensors.heading_latency_s:
         yield (

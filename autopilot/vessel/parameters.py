@@ -13,22 +13,34 @@ import types
 import typing
 from typing import Any, Literal, NamedTuple, Union
 
+from autopilot.control.registry import LAWS
 from autopilot.files.typed import UNIT_SUFFIXES, Bounds, hints_of
 from autopilot.vessel.file import problems
 from autopilot.vessel.running import counts_of
 from autopilot.vessel.schema import Counts, Vessel
 
 NAME_LENGTH_MAX = 16
+
+
+def _of_laws() -> dict[str, tuple[str, str]]:
+    """Return prefix and title of the laws' sections; a section within one adds its first letter and its name."""
+    found = {}
+    for name, law in LAWS.items():
+        if law.section is None:
+            continue
+        found[f"control.{name}"] = law.prefix, law.title
+        for key, hint in hints_of(law.section).items():
+            if dataclasses.is_dataclass(hint):
+                found[f"control.{name}.{key}"] = law.prefix + key[0].upper(), f"{law.title}: {key}"
+    return found
+
+
 SECTIONS = {
     "model": ("MDL", "Model"),
     "rudder": ("RUD", "Rudder"),
     "sensors": ("SNS", "Sensors"),
     "control": ("CTL", "Control"),
-    "control.backstepping": ("BS", "Backstepping law"),
-    "control.pid": ("PID", "PID law"),
-    "control.sliding": ("SLD", "Sliding law"),
-    "control.sliding_roll": ("SLR", "Sliding law for heading and roll"),
-    "control.sliding_roll.quiet": ("SLRQ", "Sliding law for heading and roll: quiet"),
+    **_of_laws(),
     "guidance": ("GUI", "Guidance"),
     "estimator": ("EST", "Estimator"),
     "limits": ("LIM", "Limits"),
@@ -44,7 +56,6 @@ NAMES = {
     "rudder.follow_tolerance_deg": "RUD_FOLLOW_TOL",
     "sensors.heading_noise_deg": "SNS_HDG_NOISE",
     "sensors.heading_latency_s": "SNS_HDG_LATENCY",
-    "control.backstepping.gamma_1_s2": "BS_GAMMA",
     "guidance.waypoint_radius_m": "GUI_WP_RADIUS",
     "guidance.off_track_alarm_m": "GUI_XTRACK_ALARM",
     "failsafe.heading_timeout_s": "FS_HDG_TIMEOUT",

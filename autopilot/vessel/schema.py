@@ -7,28 +7,17 @@ stations and the reference page all work from these declarations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import Annotated, Literal
+from dataclasses import dataclass, field, make_dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from autopilot.control.registry import LAWS, filed_laws
+from autopilot.files.typed import NOW as NOW
+from autopilot.files.typed import RESTART as RESTART
 from autopilot.files.typed import Bounds as Bounds
-
-
-class Counts(Enum):
-    """From when on a field that is changed while the pilot runs counts: the next tick, or the next start of the
-    process, because links were opened or the loop was begun with it. A section counts as its fields do."""
-
-    NOW = "now"
-    RESTART = "restart"
-
-
-NOW, RESTART = Counts.NOW, Counts.RESTART
+from autopilot.files.typed import Counts as Counts
 
 SCHEMA_VERSION = 2
 """What this version writes; older ones are read too (see `migration`)."""
-
-
-Positive = 1.0e-9
 
 
 @dataclass(frozen=True)
@@ -100,71 +89,6 @@ class Sensors:
 
 
 @dataclass(frozen=True)
-class Backstepping:
-    """Gains of the corrected backstepping law: z1'' + (k1+k2) z1' + (gamma + k1 k2) z1 = 0."""
-
-    k1_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "heading gain k1")]
-    k2_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "rate gain k2")]
-    gamma_1_s2: Annotated[float, NOW, Bounds(Positive, 1.0e6, "weight of the heading error; 1 in the paper")] = 1.0
-    smoothing_s: Annotated[float, NOW, Bounds(0.0, 1000.0, "time in which the rudder follows the law; 0: at once")] = (
-        0.0
-    )
-
-
-@dataclass(frozen=True)
-class Pid:
-    """Gains of the PID heading law: rudder = kp e + ki * integral of e + kd e'."""
-
-    kp: Annotated[float, NOW, Bounds(0.0, 1000.0, "rudder angle per heading error")]
-    ki_1_s: Annotated[float, NOW, Bounds(0.0, 1000.0, "rudder angle per integral of the heading error")] = 0.0
-    kd_s: Annotated[float, NOW, Bounds(0.0, 1.0e5, "rudder angle per rate error")] = 0.0
-
-
-@dataclass(frozen=True)
-class Sliding:
-    """Gains of the sliding mode law: s = rate error + slope * heading error, s' = -reach * tanh(s/boundary)."""
-
-    slope_1_s: Annotated[float, NOW, Bounds(Positive, 1000.0, "rate wanted per heading error, on the surface")]
-    reach_deg_s2: Annotated[float, NOW, Bounds(Positive, 1.0e6, "yaw acceleration towards the surface, at most")]
-    boundary_deg_s: Annotated[float, NOW, Bounds(Positive, 1.0e5, "width of the layer where the law is linear")]
-
-
-Row = tuple[float, float, float, float, float]
-"""Over v [m/s], p, r [rad/s], phi and the rudder [rad]."""
-
-
-@dataclass(frozen=True)
-class QuietHeading:
-    """The law of sway and yaw that steers where roll is not to be damped; reach and boundary hold for |h| = 1."""
-
-    k_v_s_m: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed")]
-    k_r_s: Annotated[float, NOW, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
-    reach: Annotated[float, NOW, Bounds(Positive, 1.0e6, "eta: speed towards the surface")]
-    boundary: Annotated[float, NOW, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
-
-
-@dataclass(frozen=True)
-class SlidingRoll:
-    """Heading and roll by the rudder alone, with the linear model of sway, roll and yaw at the reference speed.
-
-    Rows: v' [m/s^2], p' and r' [rad/s^2] over v [m/s], p, r [rad/s], phi and the rudder [rad], starboard positive.
-    """
-
-    sway_row: Annotated[Row, NOW]
-    roll_row: Annotated[Row, NOW]
-    yaw_row: Annotated[Row, NOW]
-    k_v_s_m: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per sway speed; shapes the surface")]
-    k_p_s: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per roll rate")]
-    k_r_s: Annotated[float, NOW, Bounds(-1.0e4, 1.0e4, "rudder angle per yaw rate")]
-    k_phi: Annotated[float, NOW, Bounds(-1.0e3, 1.0e3, "rudder angle per roll angle")]
-    reach: Annotated[float, NOW, Bounds(Positive, 1.0e6, "eta: speed towards the surface, for |h| = 1")]
-    boundary: Annotated[float, NOW, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
-    quiet: QuietHeading
-    source: Annotated[str, NOW] = ""
-    date: Annotated[str, NOW] = ""
-
-
-@dataclass(frozen=True)
 class Roll:
     """Rudder against roll rate beside the heading law, where the link brings roll; kept on only while it helps."""
 
@@ -176,20 +100,40 @@ class Roll:
 
 
 @dataclass(frozen=True)
-class Control:
-    """Which law steers, how often, and its gains."""
-
-    law: Annotated[Literal["backstepping", "pid", "sliding", "sliding_roll"], RESTART] = "backstepping"
+class _Loop:
+    law: Annotated[LawName, RESTART] = "backstepping"
     rate_hz: Annotated[float, RESTART, Bounds(1.0, 200.0, "control rate")] = 20.0
     loop_delay_s: Annotated[float, NOW, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
     steerage_m_s: (
         Annotated[float, NOW, Bounds(0.0, 50.0, "slower than this the rudder waits amidships; 0: never")] | None
     ) = None
     """null: a tenth of the model's reference speed, through the water; a number counts over the ground too."""
-    backstepping: Backstepping | None = None
-    pid: Pid | None = None
-    sliding: Sliding | None = None
-    sliding_roll: SlidingRoll | None = None
+
+
+if TYPE_CHECKING:
+    LawName = str
+
+    @dataclass(frozen=True)
+    class _Gains(_Loop):
+        def __getattr__(self, law: str) -> Any: ...
+
+else:
+    LawName = Literal[filed_laws()]
+    _Gains = make_dataclass(
+        "_Gains",
+        [(name, law.section | None, None) for name, law in LAWS.items() if law.section is not None],
+        bases=(_Loop,),
+        frozen=True,
+    )
+
+
+@dataclass(frozen=True)
+class Control(_Gains):
+    """Which law steers, how often, and its gains.
+
+    Every law of `autopilot.control.registry` that has gains has a section of its name.
+    """
+
     roll: Roll | None = None
     source: Annotated[str, NOW] = ""
     date: Annotated[str, NOW] = ""

@@ -7,23 +7,15 @@ supervisor, a monitor or a restart of the filter would have a word, for there th
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.angles import shortest_turn
-from autopilot.control import backstepping, sliding_heading
-from autopilot.control.backstepping import (
-    BacksteppingGains,
-    backstepping_rudder,
-    error_max_at,
-    smoothed_rudder,
-    smoothing_in,
-)
+from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.control.limits import Rest
-from autopilot.control.pid import PidGains, PidMemory, feed_forward, pid_step
-from autopilot.control.sliding_heading import SlidingGains, sliding_rudder
+from autopilot.control.registry import law_step
 from autopilot.estimation.estimator import Smoothed, model_at, smoothed
 from autopilot.estimation.fusion import (
     GATE_PATIENCE,
@@ -40,7 +32,7 @@ from autopilot.guidance.reference import Guide, heading_ordered, started
 from autopilot.guidance.turn import NOTHING_SHOWN, VirtualBoat, is_turning, reference_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
-from autopilot.signals import NavState, Reference
+from autopilot.signals import NavState
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.supervision.monitors import AT_THE_STOP, FROZEN_SAMPLES
 from autopilot.supervision.monitors.compass import NO_TURNS, Turns, are_opposite, turns_told
@@ -59,25 +51,18 @@ from autopilot.tick import (
 
 Floats = NDArray[np.float64]
 
-BACKSTEPPING, PID, SLIDING = 0, 1, 2
-LAWS = ("backstepping", "pid", "sliding")
-
 
 class Brain(NamedTuple):
-    """What the pilot knows of the boat; see `PilotConfig`. law is a place in LAWS, gains_speed [m/s] where they hold,
-    error_max [rad] the largest heading error that backstepping answers there.
+    """What the pilot knows of the boat; see `PilotConfig`. gains are those of the law that steers, first is the memory
+    with which it begins.
 
     patience [s]: the rudder may be hard over for so long before a monitor would ask why; heading_jump and
     rate_disagrees [rad] are the monitors' too, see `autopilot.supervision.monitors`.
     """
 
     config: Config
-    law: int
-    backstepping: BacksteppingGains
-    error_max: float
-    pid: PidGains
-    sliding: SlidingGains
-    gains_speed: float
+    gains: Any
+    first: Any
     heading_timeout: float
     watches_frozen: bool
     patience: float
@@ -110,7 +95,7 @@ class Mind(NamedTuple):
     rudder: RudderObserver
     turning: Turning
     guide: Guide
-    pid: PidMemory
+    law: Any
     told: float
     rest: Rest
     undoing: float
@@ -151,7 +136,7 @@ def first_mind(brain: Brain, state: FilterState, now: float, heard: Heard, memor
         rudder=rudder,
         turning=turning,
         guide=guide,
-        pid=PidMemory(0.0, math.nan),
+        law=brain.first,
         told=0.0,
         rest=Rest(0.0, 0.0, False),
         undoing=0.0,
@@ -178,7 +163,9 @@ def tick(brain: Brain, mind: Mind, memory: RudderMemory, now: float, heard: Hear
         guide = heading_ordered(guide, model, turning.limits, state, target)
     guide = referred(config, guide, turning, model, state, Moved(mind.told, dt))
     reference, own = reference_of(model, turning.limits, guide.boat), mind.rest.allowed - mind.undoing
-    asked, pid = _demand(brain, model, reference, state, listened.pid, own, dt)
+    ratio = model.reference_speed / config.estimator.model.reference_speed
+    given = LawInput(model, ratio, reference, state, NO_ROLL, own, config.limits.angle_max, dt)
+    asked, law = law_step(brain.gains, listened.law, given)
     demand = asked + waves.rudder
     rest = limited(config, mind.rest, Moved(mind.told, dt), demand)
     told = rest.told
@@ -197,7 +184,7 @@ def tick(brain: Brain, mind: Mind, memory: RudderMemory, now: float, heard: Hear
         rudder=rudder,
         turning=turning,
         guide=guide,
-        pid=pid,
+        law=law,
         told=told,
         rest=rest,
         undoing=waves.rudder,
@@ -267,7 +254,7 @@ def _listen(brain: Brain, mind: Mind, memory: RudderMemory, now: float, heard: H
         rudder=rudder,
         turning=mind.turning,
         guide=mind.guide,
-        pid=mind.pid,
+        law=mind.law,
         told=mind.told,
         rest=mind.rest,
         undoing=mind.undoing,
@@ -284,19 +271,3 @@ def _compass(before: Compass, measured: Measured) -> tuple[Compass, float]:
     turns = turns_told(before.turns, turned, measured.rate * since, since)
     same = before.same + 1 if measured.heading == before.heading else 1
     return Compass(measured.heading, measured.time, same, turns), turned
-
-
-def _demand(
-    brain: Brain, model: Norrbin, reference: Reference, state: NavState, memory: PidMemory, own: float, dt: float
-) -> tuple[float, PidMemory]:
-    """Return the law's demand [rad] and the PID's memory."""
-    heading, rate, bias, most = state.heading, state.rate, state.bias, brain.config.limits.angle_max
-    ratio = model.reference_speed / brain.gains_speed
-    if brain.law == BACKSTEPPING:
-        gains, error_most = backstepping.gains_at(brain.backstepping, ratio), error_max_at(brain.error_max, ratio)
-        wanted = backstepping_rudder(model, gains, reference, heading, rate, bias, error_most, most)
-        return smoothed_rudder(smoothing_in(model, gains.smoothing, reference), wanted, own, dt), memory
-    if brain.law == SLIDING:
-        surface = sliding_heading.gains_at(brain.sliding, ratio)
-        return sliding_rudder(model, surface, reference, heading, rate, bias, most), memory
-    return pid_step(brain.pid, memory, reference, heading, rate, own, dt, feed_forward(model, reference))

@@ -16,9 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
-from autopilot.control.pid import PidGains, PidLaw
-from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import initial
 from autopilot.estimation.rudder_observer import RudderMemory
@@ -29,7 +26,7 @@ from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_o
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, Plant, shares_of
-from sitl.campaign.brain import BACKSTEPPING, PID, SLIDING, Brain
+from sitl.campaign.brain import Brain
 from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.campaign.swift import (
     NO_HEADING,
@@ -180,7 +177,6 @@ DEVIATES_A_SET = 10
 RING = 64
 NO_NOISE = np.zeros(0)
 NO_SWELL = WaveTransition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NO_GAINS = (BacksteppingGains(0.0, 0.0, 0.0), PidGains(0.0, 0.0, 0.0), SlidingGains(0.0, 0.0, 1.0))
 
 
 class Prepared(NamedTuple):
@@ -214,25 +210,12 @@ def prepared(job: Job, case: Case) -> Prepared:
 def brain_of(vessel: Vessel, law: str) -> Brain | None:
     """Return what the pilot knows of the boat, for `brain`; None where it does more than that module knows."""
     config, chosen = pilot_config(vessel, law), law_of(vessel, law)
-    if config.roll is not None or not config.rudder_is_ours:
-        return None
-    (back, pid, sliding), error_max = NO_GAINS, math.inf
-    if isinstance(chosen, BacksteppingLaw):
-        place, back, error_max = BACKSTEPPING, chosen.gains, chosen.error_max
-    elif isinstance(chosen, PidLaw):
-        place, pid = PID, chosen.gains
-    elif isinstance(chosen, SlidingLaw):
-        place, sliding = SLIDING, chosen.gains
-    else:
+    if config.roll is not None or not config.rudder_is_ours or chosen.kind.takes_roll:
         return None
     return Brain(
-        law=place,
-        backstepping=back,
-        error_max=error_max,
-        pid=pid,
-        sliding=sliding,
-        gains_speed=vessel.model.reference_speed_m_s,
         config=steering_of(config, chosen),
+        gains=chosen.gains,
+        first=chosen.first(0.0),
         heading_timeout=config.failsafe.heading_timeout,
         watches_frozen=config.alarms.frozen_heading,
         patience=config.alarms.off_course_time,

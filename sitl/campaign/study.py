@@ -11,8 +11,10 @@ import math
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
+from autopilot.control.design import DESIGNED
+from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError
 from autopilot.files import typed
 from autopilot.files.strict_yaml import Node, parse_document, read_document
@@ -25,7 +27,10 @@ from sitl.scenario import FaultSection, HullSection, Scenario, SensorsSection, S
 SCHEMA_VERSION = 1
 MOST_RUNS = 10_000_000
 
-LawName = Literal["backstepping", "pid", "sliding"]
+if TYPE_CHECKING:
+    LawName = str
+else:
+    LawName = Literal[designed_laws()]
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ class Study:
     gyro: bool = True
     """False: the compass comes alone, without a rate of turn."""
     turn: TurnSection = field(default_factory=TurnSection)
-    laws: tuple[LawName, ...] = ("backstepping",)
+    laws: tuple[LawName, ...] = (DESIGNED,)
     gain_factors: tuple[Annotated[float, Bounds(0.01, 100.0, "factor on the loop's bandwidth")], ...] = (1.0,)
     speed_shares: tuple[Annotated[float, Bounds(0.05, 3.0, "share of the model's reference speed")], ...] = (1.0,)
     seas: dict[str, SeaSection] = field(default_factory=lambda: {"calm": SeaSection()})
@@ -219,30 +224,12 @@ def vessel_of(job: Job, case: Case) -> Vessel:
 
 def quickened(vessel: Vessel, factor: float) -> Vessel:
     """Return the vessel with the bandwidth of every law's loop times `factor`, the boat's own damping left aside."""
-    control, square = vessel.control, factor * factor
-    back, pid, sliding = control.backstepping, control.pid, control.sliding
-    return replace(
-        vessel,
-        control=replace(
-            control,
-            backstepping=back
-            and replace(
-                back,
-                k1_1_s=back.k1_1_s * factor,
-                k2_1_s=back.k2_1_s * factor,
-                gamma_1_s2=back.gamma_1_s2 * square,
-                smoothing_s=back.smoothing_s / factor,
-            ),
-            pid=pid and replace(pid, kp=pid.kp * square, ki_1_s=pid.ki_1_s * square * factor, kd_s=pid.kd_s * factor),
-            sliding=sliding
-            and replace(
-                sliding,
-                slope_1_s=sliding.slope_1_s * factor,
-                reach_deg_s2=sliding.reach_deg_s2 * square,
-                boundary_deg_s=sliding.boundary_deg_s * factor,
-            ),
-        ),
-    )
+    quicker = {}
+    for name, law in LAWS.items():
+        section = getattr(vessel.control, name) if law.design else None
+        if law.design and section is not None:
+            quicker[name] = law.design.quicker(section, factor)
+    return replace(vessel, control=replace(vessel.control, **quicker))
 
 
 def real_boat(job: Job, case: Case) -> Vessel:

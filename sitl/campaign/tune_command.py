@@ -8,6 +8,8 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from autopilot.cli.gains_tune import GENERATIONS, WEIGHT
+from autopilot.control.design import DESIGNED
+from autopilot.control.registry import designed_laws
 from autopilot.errors import ExitCode
 from sitl.campaign.command import WORKERS
 
@@ -20,7 +22,7 @@ def add_parser(commands: argparse._SubParsersAction[Any]) -> None:
         description="Tune a law's gains over a campaign and print them, with what held-out seeds say, as JSON.",
     )
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
-    parser.add_argument("--law", choices=("backstepping", "pid", "sliding"), default="backstepping")
+    parser.add_argument("--law", choices=designed_laws(), default=DESIGNED)
     parser.add_argument(
         "--weight", action=WEIGHT, metavar="W", default=1.0, help="deg of rms a deg/s of travel is worth"
     )

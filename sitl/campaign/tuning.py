@@ -13,24 +13,23 @@ import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import astuple, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
+from autopilot.control.registry import LAWS
 from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.build import law_of, verdict_of
 from autopilot.vessel.schema import Vessel
 from sitl.campaign.engines import end_with_parent
-from sitl.campaign.study import Job, LawName, number_of_runs
+from sitl.campaign.study import Job, number_of_runs
 from sitl.campaign.work import REFUSED, do_runs, swift
 
 SPAN = 6.0
 REFUSED_COST = 1.0e6
 HELD_OUT = 900_000
 """Added to the study's seed for the runs that judge."""
-BEGUN_SMOOTHING = 0.1
-"""In units of 1/(the loop's natural frequency): a SPANth of it is next to none, a regulator has 0.35."""
 CANDIDATES = 18
 """In a generation."""
 
@@ -57,7 +56,7 @@ class Trial:
     """What a candidate costs; picklable, so that any process can try it."""
 
     def __init__(self, job: Job, vessel: Vessel, law: str, weight: float) -> None:
-        self.job = job._replace(study=replace(job.study, laws=(cast(LawName, law),), gain_factors=(1.0,)))
+        self.job = job._replace(study=replace(job.study, laws=(law,), gain_factors=(1.0,)))
         self.vessel, self.law, self.weight = vessel, law, weight
 
     def __call__(self, logarithms: Any) -> float:
@@ -88,11 +87,9 @@ def with_gains(vessel: Vessel, law: str, gains: Iterable[float]) -> Vessel:
 
 
 def begun(vessel: Vessel, law: str) -> Any:
-    """Return the gains that a search begins with: the file's, with a little smoothing where they have none."""
-    gains = getattr(vessel.control, law)
-    if law != "backstepping" or gains.smoothing_s > 0.0:
-        return gains
-    return replace(gains, smoothing_s=BEGUN_SMOOTHING / math.sqrt(gains.gamma_1_s2 + gains.k1_1_s * gains.k2_1_s))
+    """Return the gains that a search begins with: the file's, or what the law makes of them."""
+    design, section = LAWS[law].design, getattr(vessel.control, law)
+    return design.begin(section) if design else section
 
 
 def tune(
@@ -110,7 +107,7 @@ def tune(
     none is found with margins.
     """
     law_of(vessel, law)
-    if swift() is None:
+    if swift(law) is None:
         raise InputError("tuning needs numba, which makes it a matter of minutes: pip install '.[fast]'")
     begin = np.array(astuple(begun(vessel, law)))
     if not np.all(begin > 0.0):

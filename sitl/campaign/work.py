@@ -5,15 +5,17 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from autopilot.control.registry import own_step
 from autopilot.errors import InputError, RefusedError
 from sitl.campaign.setting import measured_every, rooms_of, run_fully, setting_of
-from sitl.campaign.study import BoatSection, Job, Study, case_and_seed, steps_of
+from sitl.campaign.study import Job, case_and_seed, steps_of
 from sitl.campaign.swift import Figures, figures, run_swiftly
 from sitl.compiled import is_kept
 from sitl.world import STEP
@@ -34,12 +36,12 @@ class Row(NamedTuple):
 
 
 @functools.cache
-def swift() -> Callable[..., Any] | None:
-    """Return the compiled run; None where numba is not installed."""
+def swift(law: str) -> Callable[..., Any] | None:
+    """Return the run compiled with a law's own step; None where numba is not installed."""
     from sitl.compiled import compiled
 
     try:
-        return compiled(run_swiftly, quick=True)
+        return compiled(run_swiftly, quick=True, instead=own_step(law))
     except InputError:
         return None
 
@@ -52,10 +54,12 @@ def warm(job: Job, is_compiled: bool) -> None:
     """
     if not is_compiled:
         return
-    quick = swift()
-    if quick is not None and not is_kept(quick):
-        subprocess.run([sys.executable, "-m", __name__], check=False)
-    load(job)
+    for law in job.study.laws:
+        quick, own = swift(law), job._replace(study=replace(job.study, laws=(law,)))
+        if quick is not None and not is_kept(quick):
+            short = replace(own.study, seconds=3.0, measured_from_s=1.0)
+            subprocess.run([sys.executable, "-m", __name__], input=pickle.dumps(own._replace(study=short)), check=False)
+        load(own)
 
 
 def load(job: Job) -> None:
@@ -82,7 +86,7 @@ def _done(job: Job, run: int, is_compiled: bool) -> Row:
 
 def done_swiftly(job: Job, run: int) -> Figures | None:
     """Return the figures of a run by the compiled loop; None where there is none, or the run is none for it."""
-    quick = swift()
+    quick = swift(case_and_seed(job, run)[0].law)
     setting = setting_of(job, run) if quick is not None else None
     if quick is None or setting is None:
         return None
@@ -99,5 +103,4 @@ def batches_of(job: Job, runs: int) -> list[tuple[int, int]]:
 
 
 if __name__ == "__main__":
-    # every study has the same types
-    load(Job(replace(Study(1, "short", {"boat": BoatSection("lanxin")}), seconds=3.0, measured_from_s=1.0), "."))
+    load(pickle.load(sys.stdin.buffer))

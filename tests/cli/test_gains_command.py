@@ -13,12 +13,13 @@ from boats import BOATS, vessel_of
 
 from autopilot.cli.gains import Wish, designed, in_hand, write_vessel
 from autopilot.cli.main import main
+from autopilot.control.backstepping import Backstepping
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import at_speed_ratio
 from autopilot.report import gains as weaker_turn
-from autopilot.runtime.build import build_pilot, gains_in_force, model_of, verdict_of
+from autopilot.runtime.build import build_pilot, law_of, model_of, verdict_of
 from autopilot.vessel.file import dump_vessel, load_vessel
-from autopilot.vessel.schema import Backstepping, Control, Vessel
+from autopilot.vessel.schema import Control, Vessel
 
 
 def as_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -237,7 +238,8 @@ def test_the_margins_by_speed_are_those_of_a_boat_identified_at_that_speed() -> 
         n3_s2_rad2=half.n3,
         reference_speed_m_s=half.reference_speed,
     )
-    control = replace(vessel.control, backstepping=Backstepping(*gains_in_force(vessel, "backstepping", 0.5)))
+    law, gains = law_of(vessel, "backstepping")
+    control = replace(vessel.control, backstepping=Backstepping(*law.at(gains, 0.5).gains))
     alone = verdict_of(replace(vessel, model=model, control=control), "backstepping").margins
     assert verdict_of(vessel, "backstepping", 0.5).margins == pytest.approx(alone)
 

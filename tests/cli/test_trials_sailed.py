@@ -15,6 +15,7 @@ from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.cli.main import main
+from autopilot.control.trial import TRIAL_LAW
 from autopilot.guidance.trials import (
     BinaryHelm,
     SteadyRate,
@@ -27,7 +28,7 @@ from autopilot.guidance.trials import (
 from autopilot.identification.trial_measures import Measures, TrialRecord, measures_of, record_of
 from autopilot.operators.trial_script import TrialScript, steps_of
 from autopilot.report.trials import trials_page
-from autopilot.runtime.build import TRIAL_LAW, build_pilot, gear_of, limits_of, model_of
+from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.vessel.file import load_vessel

@@ -13,8 +13,8 @@ from lockstep import BadLine, Lockstep, goes_guided
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
+from autopilot.control.trial import TRIAL_LAW
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.runtime.build import TRIAL_LAW
 from autopilot.signals import Mode, Order, OrderKind, RudderSample
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel

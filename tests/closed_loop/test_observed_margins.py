@@ -10,11 +10,12 @@ from boats import BOATS, vessel_of
 from plant import Plant, sail
 
 from autopilot.cli.gains import Wish, designed
+from autopilot.control.backstepping import Backstepping
 from autopilot.control.margins import ObservedMargins, observed_margins
 from autopilot.errors import RefusedError
 from autopilot.runtime.build import build_pilot, gear_of, model_of, observed_of, verdict_of
 from autopilot.signals import Order, OrderKind
-from autopilot.vessel.schema import Backstepping, Estimator, Vessel
+from autopilot.vessel.schema import Estimator, Vessel
 
 
 def linear(name: str) -> Vessel:

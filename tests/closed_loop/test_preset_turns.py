@@ -12,13 +12,14 @@ from plant import Plant, sail
 from autopilot.angles import wrap
 from autopilot.cli.main import main
 from autopilot.cli.run import turning_as_asked
+from autopilot.control.backstepping import Backstepping
 from autopilot.control.design import design_backstepping
 from autopilot.errors import InputError
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, gear_of, model_of, pilot_config, track_settings_of
 from autopilot.signals import Order, OrderKind, Sample, SpeedSample, Tick
-from autopilot.vessel.schema import Backstepping, Control, Model, Rudder, Sensors, Vessel
+from autopilot.vessel.schema import Control, Model, Rudder, Sensors, Vessel
 
 DT = 0.05
 BEFORE = 10.0

@@ -12,9 +12,9 @@ from alarm_texts import words_of
 from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.control.trial import TRIAL_LAW
 from autopilot.links.mavlink.authority import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.runtime.build import TRIAL_LAW
 from autopilot.runtime.replay import replay
 from autopilot.signals import Mode, Order
 from autopilot.supervision import supervisor

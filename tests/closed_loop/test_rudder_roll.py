@@ -22,7 +22,7 @@ from autopilot.control.rudder_roll import (
     schedule_step,
 )
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
-from autopilot.control.sliding_roll import SlidingRollLaw, quiet_at
+from autopilot.control.sliding_roll import RollMemory, quiet_at
 from autopilot.models.naval_vessel import (
     NAVAL_HULL,
     NAVAL_RUDDERS,
@@ -177,8 +177,8 @@ def rolled(gear: SteeringGear, hears_roll: bool, has_sensor: bool) -> tuple[floa
         outside = Load(own.Y + push[0], own.K + push[1], own.N + push[2])
         state = motion_step(NAVAL_HULL, inverse, SERVICE_SPEED, state, outside, DT)
         roll.append(state.phi)
-    assert isinstance(pilot.law, SlidingRollLaw)
-    return float(np.degrees(np.std(roll[SEEN:]))), pilot.law.weight
+    assert isinstance(pilot.law_memory, RollMemory)
+    return float(np.degrees(np.std(roll[SEEN:]))), pilot.law_memory.schedule.weight
 
 
 @pytest.mark.parametrize("has_sensor", [True, False], ids=["rudder sensor", "no rudder sensor"])

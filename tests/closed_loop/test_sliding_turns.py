@@ -11,10 +11,10 @@ from plant import Plant, sail
 
 from autopilot.angles import wrap
 from autopilot.cli.gains import designed
+from autopilot.control.sliding_heading import Sliding
 from autopilot.errors import RefusedError
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import Mode, Order, OrderKind
-from autopilot.vessel.schema import Sliding
 
 
 def overshoot_and_end_deg(boat: Boat, factor: float) -> tuple[float, float]:

@@ -12,12 +12,13 @@ from alarm_texts import words_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
+from autopilot.control.backstepping import Backstepping
 from autopilot.control.design import design_backstepping
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import AlarmEvent, HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
-from autopilot.vessel.schema import Backstepping, Control, Model, Rudder, Vessel
+from autopilot.vessel.schema import Control, Model, Rudder, Vessel
 
 COURSE = Order(OrderKind.HEADING, 0.0, serial=1)
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from lockstep import STEP, Lockstep, stick_follows
 
-from autopilot.runtime.build import TRIAL_LAW
+from autopilot.control.trial import TRIAL_LAW
 from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.replay import replay
 from autopilot.signals import Mode

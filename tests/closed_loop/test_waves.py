@@ -13,10 +13,12 @@ import pytest
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.control.design import design_backstepping, equivalent_pid
+from autopilot.control.backstepping import Backstepping
+from autopilot.control.design import design_backstepping
+from autopilot.control.pid import Pid, equivalent_pid
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import Order, OrderKind, Tick
-from autopilot.vessel.schema import Backstepping, Control, Estimator, Model, Pid, Rudder, Sensors, Vessel
+from autopilot.vessel.schema import Control, Estimator, Model, Rudder, Sensors, Vessel
 
 LANXIN = Vessel(
     2,

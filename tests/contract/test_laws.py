@@ -8,28 +8,45 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from steersman import Steersman, asked, law_with
 
 from autopilot.angles import wrap
-from autopilot.control.backstepping import BacksteppingGains, BacksteppingLaw
-from autopilot.control.pid import PidGains, PidLaw, PidMemory, feed_forward, gains_for, pid_step
-from autopilot.control.sliding_heading import SlidingGains, SlidingLaw
+from autopilot.control.backstepping import BacksteppingGains
+from autopilot.control.law import LawBoat, LawInForce
+from autopilot.control.limits import RudderLimits
+from autopilot.control.pid import BoatPid, Pid, PidGains, PidMemory, boat_pid, feed_forward, gains_for
+from autopilot.control.pid import step as pid_step
+from autopilot.control.registry import LAWS as REGISTERED
+from autopilot.control.sliding_heading import SlidingGains
 from autopilot.models.norrbin import Norrbin, at_speed
-from autopilot.pilot import HeadingLaw
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import law_of
 from autopilot.signals import NavState, Reference
 from autopilot.vessel.file import load_vessel
 
 LANXIN = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
 ROLLING = law_of(load_vessel("naval_vessel"), "sliding_roll")
-"""Ready in a tenth of a second: made once, and reset by every test."""
-LAWS: dict[str, Callable[[], HeadingLaw]] = {
-    "backstepping": lambda: BacksteppingLaw(BacksteppingGains(2.0, 2.0), 4.63),
-    "backstepping that spares the rudder": lambda: BacksteppingLaw(BacksteppingGains(2.0, 2.0, 1.0, 0.3), 4.63),
-    "pid": lambda: PidLaw(PidGains(2.4, 0.24, 0.47), LANXIN.gain / LANXIN.reference_speed),
-    "pid without integral": lambda: PidLaw(PidGains(2.4, 0.0, 0.47), LANXIN.gain / LANXIN.reference_speed),
-    "sliding": lambda: SlidingLaw(SlidingGains(2.0, 1.1, 0.55), 4.63),
-    "sliding_roll": lambda: ROLLING,
+"""Ready in a tenth of a second."""
+
+
+def steersman(law: LawInForce) -> Steersman:
+    return Steersman(law, LANXIN.reference_speed)
+
+
+def with_pid(*gains: float) -> Steersman:
+    return steersman(law_with(PidGains(*gains)))
+
+
+KNOWN = LANXIN.gain / LANXIN.reference_speed
+LAWS: dict[str, Callable[[], Steersman]] = {
+    "backstepping": lambda: steersman(law_with(BacksteppingGains(2.0, 2.0))),
+    "backstepping that spares the rudder": lambda: steersman(law_with(BacksteppingGains(2.0, 2.0, 1.0, 0.3))),
+    "pid": lambda: steersman(law_with(PidGains(2.4, 0.24, 0.47), KNOWN)),
+    "pid without integral": lambda: steersman(law_with(PidGains(2.4, 0.0, 0.47), KNOWN)),
+    "sliding": lambda: steersman(law_with(SlidingGains(2.0, 1.1, 0.55))),
+    "sliding_roll": lambda: Steersman(ROLLING, ROLLING.gains.ship.reference_speed),
 }
+BOAT = LawBoat(LANXIN, SteeringGear(0.6, 0.3), RudderLimits(0.6, 0.3), 0.1)
 NORTH = Reference(0.0)
 DT = 0.05
 
@@ -37,7 +54,7 @@ small = st.floats(-1.0, 1.0)
 
 
 @pytest.fixture(params=LAWS)
-def make(request: pytest.FixtureRequest) -> Callable[[], HeadingLaw]:
+def make(request: pytest.FixtureRequest) -> Callable[[], Steersman]:
     return LAWS[request.param]
 
 
@@ -45,20 +62,22 @@ def state(heading: float = 0.0, rate: float = 0.0, rudder: float = 0.0) -> NavSt
     return NavState(0.0, heading, rate, 4.63, rudder, 0.0, 0.0, True)
 
 
-def demand(law: HeadingLaw, heading: float, rate: float = 0.0, reference: Reference = NORTH) -> float:
+def demand(law: Steersman, heading: float, rate: float = 0.0, reference: Reference = NORTH) -> float:
     law.reset(0.0)
     return law.update(LANXIN, reference, state(heading, rate), 0.0, DT)
 
 
-def test_it_has_a_name(make: Callable[[], HeadingLaw]) -> None:
-    assert make().name in ("backstepping", "pid", "sliding", "sliding_roll")
+def test_every_registered_law_that_steers_is_asked_here() -> None:
+    assert {make().kind.name for make in LAWS.values()} == {
+        name for name, law in REGISTERED.items() if law.linear is not None
+    }
 
 
-def test_on_course_and_still_it_asks_for_nothing(make: Callable[[], HeadingLaw]) -> None:
+def test_on_course_and_still_it_asks_for_nothing(make: Callable[[], Steersman]) -> None:
     assert demand(make(), 0.0) == 0.0
 
 
-def test_it_steers_back_and_against_the_turn(make: Callable[[], HeadingLaw]) -> None:
+def test_it_steers_back_and_against_the_turn(make: Callable[[], Steersman]) -> None:
     assert demand(make(), -0.1) > 0.0 > demand(make(), 0.1)
     assert demand(make(), 0.0, 0.1) < 0.0 < demand(make(), 0.0, -0.1)
 
@@ -79,7 +98,7 @@ def test_no_course_is_special_and_180_deg_least_of_all(name: str, course: float,
     assert turned == pytest.approx(demand(law, error), abs=1e-9)
 
 
-def test_the_same_inputs_after_reset_give_the_same_bits(make: Callable[[], HeadingLaw]) -> None:
+def test_the_same_inputs_after_reset_give_the_same_bits(make: Callable[[], Steersman]) -> None:
     law = make()
 
     def run() -> list[float]:
@@ -93,7 +112,7 @@ def test_the_same_inputs_after_reset_give_the_same_bits(make: Callable[[], Headi
     assert run() == run()
 
 
-def test_any_time_step_gives_a_finite_demand(make: Callable[[], HeadingLaw]) -> None:
+def test_any_time_step_gives_a_finite_demand(make: Callable[[], Steersman]) -> None:
     law = make()
     law.reset(0.0)
     for dt in (0.0, 1.0e-9, 0.5, 1.0e6):
@@ -145,7 +164,7 @@ def test_at_half_speed_a_spared_rudder_takes_twice_the_time() -> None:
 
 @pytest.mark.parametrize("speed", [2.0, 4.63, 6.0])
 def test_a_boat_that_answers_four_times_as_much_is_given_a_quarter_of_the_rudder(
-    make: Callable[[], HeadingLaw], speed: float
+    make: Callable[[], Steersman], speed: float
 ) -> None:
     at = at_speed(LANXIN, speed)
     for heading, rate in ((0.02, 0.0), (0.0, 0.03), (-0.02, 0.02)):
@@ -161,7 +180,7 @@ def test_pid_gains_for_a_livelier_boat_make_the_same_loop_slower() -> None:
     assert gains_for(PidGains(2.0, 0.8, 0.4), 4.0) == pytest.approx(PidGains(0.5, 0.1, 0.1))
     for bad in (0.0, -1.0, math.inf, math.nan):
         with pytest.raises(ValueError, match="K/U"):
-            PidLaw(PidGains(2.0), bad)
+            boat_pid(Pid(2.0), BOAT._replace(model=LANXIN._replace(gain=bad)))
 
 
 def test_at_half_speed_backstepping_slows_its_error_dynamics_with_the_boat() -> None:
@@ -174,7 +193,7 @@ def test_at_half_speed_backstepping_slows_its_error_dynamics_with_the_boat() -> 
 
 def test_saturation_does_not_wind_the_integrator_up() -> None:
     """A minute hard over at an error that cannot be steered away: afterwards the demand follows the error at once."""
-    law = PidLaw(PidGains(1.0, 0.5, 0.0))
+    law = with_pid(1.0, 0.5, 0.0)
     law.reset(0.0)
     told = 0.0
     for _ in range(1200):
@@ -183,7 +202,7 @@ def test_saturation_does_not_wind_the_integrator_up() -> None:
     for _ in range(20):
         told = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(0.0), told, DT)))
     assert abs(told) < 0.3
-    free = PidLaw(PidGains(1.0, 0.5, 0.0))
+    free = with_pid(1.0, 0.5, 0.0)
     free.reset(0.0)
     wound = 0.0
     for _ in range(1200):
@@ -193,7 +212,7 @@ def test_saturation_does_not_wind_the_integrator_up() -> None:
 
 
 def test_the_integrator_learns_a_standing_wind() -> None:
-    law, told, heading, rate = PidLaw(PidGains(2.4, 0.24, 0.47)), 0.0, 0.0, 0.0
+    law, told, heading, rate = with_pid(2.4, 0.24, 0.47), 0.0, 0.0, 0.0
     law.reset(0.0)
     for _ in range(6000):
         told = max(-0.5, min(0.5, law.update(LANXIN, NORTH, state(heading, rate), told, 0.02)))
@@ -206,7 +225,7 @@ def test_the_integrator_learns_a_standing_wind() -> None:
 @pytest.mark.parametrize("bad", [(-1.0, 0.0, 0.0), (1.0, math.nan, 0.0), (1.0, 0.0, math.inf), (1.0, -1.0, 0.0)])
 def test_pid_gains_are_finite_and_not_negative(bad: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="finite and not negative"):
-        PidLaw(PidGains(*bad))
+        boat_pid(Pid(*bad), BOAT)
 
 
 @given(heading=small, rate=small, acceleration=small, ratio=st.floats(0.3, 1.4))
@@ -227,21 +246,29 @@ def test_at_another_speed_the_same_path_asks_for_the_same_rudder(
 
 def test_a_pid_in_numbers() -> None:
     """delta = I - kp z1 - kd (r - r_d) + F, I' = -ki z1 + (told - wanted) ki/max(kp, ki)."""
+
+    def run(
+        gains: PidGains, memory: PidMemory, reference: Reference, heading: float, rate: float, told: float, dt: float
+    ) -> tuple[float, PidMemory]:
+        given = asked(LANXIN, reference, heading, rate, last_rudder=told, dt=dt)
+        return pid_step(BoatPid(gains), memory, given)
+
     gains, north = PidGains(2.0, 0.5, 3.0), Reference(0.1, 0.02)
-    first, memory = pid_step(gains, PidMemory(0.2), north, 0.4, 0.05, 0.9, 0.1, 0.01)
+    turning = feed_forward(LANXIN, north)
+    first, memory = run(gains, PidMemory(0.2), north, 0.4, 0.05, 0.9, 0.1)
     assert memory.integral == pytest.approx(0.2 - 0.5 * 0.3 * 0.1), "nothing was wanted before that could be missed"
-    assert first == memory.wanted == pytest.approx(memory.integral - 2.0 * 0.3 - 3.0 * 0.03 + 0.01)
-    second, after = pid_step(gains, memory, north, 0.4, 0.05, first + 0.4, 0.1, 0.01)
+    assert first == memory.wanted == pytest.approx(memory.integral - 2.0 * 0.3 - 3.0 * 0.03 + turning)
+    second, after = run(gains, memory, north, 0.4, 0.05, first + 0.4, 0.1)
     assert after.integral == pytest.approx(memory.integral - 0.5 * 0.3 * 0.1 + 0.1 * (0.5 / 2.0) * 0.4)
     assert second == after.wanted
-    _, strong = pid_step(PidGains(0.1, 0.5), PidMemory(0.0, 0.0), Reference(0.0), 0.0, 0.0, 0.3, 0.1)
+    _, strong = run(PidGains(0.1, 0.5), PidMemory(0.0, 0.0), Reference(0.0), 0.0, 0.0, 0.3, 0.1)
     assert strong.integral == pytest.approx(0.1 * 0.3), "an integrator stronger than kp is led back in a second"
-    _, none = pid_step(PidGains(2.0), PidMemory(0.2, 0.5), north, 0.4, 0.0, 0.0, 0.1)
+    _, none = run(PidGains(2.0), PidMemory(0.2, 0.5), north, 0.4, 0.0, 0.0, 0.1)
     assert none.integral == 0.2
     for side in (-1.0, 1.0):
-        _, most = pid_step(gains, PidMemory(0.0), Reference(0.0), -side * 3.0, 0.0, 0.0, 60.0)
+        _, most = run(gains, PidMemory(0.0), Reference(0.0), -side * 3.0, 0.0, 0.0, 60.0)
         assert most.integral == side * 1.0
-    _, at_once = pid_step(gains, PidMemory(0.0, 0.1), Reference(0.0), 0.0, 0.0, 0.4, 99.0)
+    _, at_once = run(gains, PidMemory(0.0, 0.1), Reference(0.0), 0.0, 0.0, 0.4, 99.0)
     assert at_once.integral == pytest.approx(0.3), "no step leads it further than all the way"
 
 

@@ -9,24 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autopilot.control.backstepping import BacksteppingGains
+from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping
 from autopilot.control.design import (
     WORST_SENSITIVITY,
-    LoopGains,
     Margins,
     Spread,
     design_backstepping,
-    equivalent_pid,
     judge,
-    linear_gains_backstepping,
-    linear_gains_pid,
-    linear_gains_sliding,
     loop,
     margins,
     placed,
-    sliding_of,
     worst_margins,
 )
+from autopilot.control.law import LoopGains
+from autopilot.control.pid import equivalent_pid
+from autopilot.control.sliding_heading import linear_gains_sliding, sliding_of
 from autopilot.errors import RefusedError
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -96,7 +93,8 @@ def test_every_boat_gets_gains_with_margins(model: Norrbin, gear: SteeringGear) 
 def test_a_pid_with_the_same_linear_part_has_the_same_margins() -> None:
     model, _ = BOATS[0]
     gains = BacksteppingGains(2.0, 2.0)
-    same = linear_gains_pid(equivalent_pid(model, gains))
+    kp, ki, kd = equivalent_pid(model, gains)
+    same = LoopGains(kp, ki, kd)
     assert same == pytest.approx(linear_gains_backstepping(model, gains))
 
 

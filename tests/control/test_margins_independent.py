@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from autopilot.control.design import LoopGains, design_backstepping, linear_gains_backstepping, margins
+from autopilot.control.backstepping import linear_gains_backstepping
+from autopilot.control.design import design_backstepping, margins
+from autopilot.control.law import LoopGains
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from steersman import Steersman
 
 from autopilot.control.rudder_roll import RollGains, linear_response, linear_step_of, roll_rudder
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
@@ -19,11 +20,13 @@ from autopilot.control.sliding_roll import (
     LIST_TIME,
     OLD,
     SETTINGS,
+    AtSpeed,
+    QuietHeading,
     RollShip,
-    SlidingRollLaw,
     laws_at,
     near_surface_quiet,
     near_surface_roll,
+    place_of,
     scaled_model,
     slowest,
 )
@@ -34,7 +37,7 @@ from autopilot.models.steering_gear import gear_step
 from autopilot.runtime.build import build_pilot, law_of, model_of
 from autopilot.signals import HeadingSample, NavState, Order, OrderKind, Reference, RollSample
 from autopilot.vessel.file import load_vessel, parse_vessel
-from autopilot.vessel.schema import QuietHeading, Roll, Vessel
+from autopilot.vessel.schema import Roll, Vessel
 
 DT = 0.1
 VESSEL = load_vessel("naval_vessel")
@@ -44,17 +47,21 @@ NORTH = Reference(0.0)
 REST = Motion(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def made(vessel: Vessel) -> SlidingRollLaw:
-    law = law_of(vessel, "sliding_roll")
-    assert isinstance(law, SlidingRollLaw)
-    return law
+def made(vessel: Vessel) -> Steersman:
+    return Steersman(law_of(vessel, "sliding_roll"), SERVICE_SPEED)
+
+
+def at_ratio(ratio: float) -> AtSpeed:
+    """The laws in force at `ratio` times the reference speed."""
+    found: AtSpeed = LAW.gains.speeds[place_of(ratio)]
+    return found
 
 
 LAW = made(VESSEL)
 
 
 @pytest.fixture
-def law() -> SlidingRollLaw:
+def law() -> Steersman:
     LAW.reset(0.0)
     return LAW
 
@@ -63,11 +70,9 @@ def state(time: float, heading: float = 0.0, rate: float = 0.0, rudder: float = 
     return NavState(time, heading, rate, SERVICE_SPEED, rudder, bias, 0.0, True)
 
 
-def sailed(
-    law: SlidingRollLaw, seconds: float, frequency: float, start: float = 0.0, hears: bool = True
-) -> list[float]:
+def sailed(law: Steersman, seconds: float, frequency: float, start: float = 0.0, hears: bool = True) -> list[float]:
     """The linear ship in a swell of one frequency [rad/s] that heels it; returns the roll angles [rad]."""
-    step, gear, x, rudder, roll = linear_step_of(SHIP, DT), law.ship.gear, REST, 0.0, []
+    step, gear, x, rudder, roll = linear_step_of(SHIP, DT), law.gains.ship.gear, REST, 0.0, []
     for index in range(round(seconds / DT)):
         now = start + DT * index
         if hears:
@@ -89,7 +94,7 @@ def test_the_shipped_ship_is_the_published_one() -> None:
     assert VESSEL.model.reference_speed_m_s == pytest.approx(SERVICE_SPEED)
 
 
-def test_near_the_natural_frequency_it_comes_on_and_lessens_the_roll(law: SlidingRollLaw) -> None:
+def test_near_the_natural_frequency_it_comes_on_and_lessens_the_roll(law: Steersman) -> None:
     deaf = sailed(law, 140.0, 1.1, hears=False)
     assert law.weight == 0.0
     law.reset(0.0)
@@ -101,13 +106,13 @@ def test_near_the_natural_frequency_it_comes_on_and_lessens_the_roll(law: Slidin
     assert np.std(heard[-400:]) < 0.75 * np.std(deaf[-400:])
 
 
-def test_where_it_would_amplify_it_stays_off(law: SlidingRollLaw) -> None:
+def test_where_it_would_amplify_it_stays_off(law: Steersman) -> None:
     sailed(law, 150.0, 0.42)
     assert law.weight == 0.0
 
 
 @pytest.fixture(scope="module")
-def weighed() -> SlidingRollLaw:
+def weighed() -> Steersman:
     """The law after 100 s near the natural frequency, when it steers with its full weight."""
     found = made(VESSEL)
     sailed(found, LAST + DT, 1.1)
@@ -116,7 +121,7 @@ def weighed() -> SlidingRollLaw:
 
 
 @pytest.fixture
-def rolling(weighed: SlidingRollLaw) -> SlidingRollLaw:
+def rolling(weighed: Steersman) -> Steersman:
     return copy.copy(weighed)
 
 
@@ -133,7 +138,7 @@ BAD = [(math.nan, 0.0), (0.0, math.inf), (-math.inf, 0.0), (1.0e300, 0.0), (0.1,
 
 
 @pytest.mark.parametrize("bad", BAD)
-def test_roll_that_is_no_roll_ends_it_at_once(rolling: SlidingRollLaw, bad: tuple[float, float]) -> None:
+def test_roll_that_is_no_roll_ends_it_at_once(rolling: Steersman, bad: tuple[float, float]) -> None:
     law, now = rolling, LAST + DT
     law.hear(RollSample(now, 0.05, 0.05))
     with_roll = law.update(MODEL, NORTH, at := state(now, 0.05, 0.01), 0.0, DT)
@@ -145,7 +150,7 @@ def test_roll_that_is_no_roll_ends_it_at_once(rolling: SlidingRollLaw, bad: tupl
     assert abs(with_roll - without) > 0.02
 
 
-def test_old_roll_ends_it_and_the_sea_is_weighed_anew(rolling: SlidingRollLaw) -> None:
+def test_old_roll_ends_it_and_the_sea_is_weighed_anew(rolling: Steersman) -> None:
     rolling.update(MODEL, NORTH, state(LAST + 0.4, 0.05), 0.0, DT)
     assert rolling.weight > 0.99
     rolling.update(MODEL, NORTH, state(LAST + OLD + 0.05, 0.05), 0.0, DT)
@@ -154,14 +159,14 @@ def test_old_roll_ends_it_and_the_sea_is_weighed_anew(rolling: SlidingRollLaw) -
     assert rolling.weight == 0.0
 
 
-def test_a_heading_that_is_reckoned_leaves_it_to_the_quiet_law(rolling: SlidingRollLaw) -> None:
+def test_a_heading_that_is_reckoned_leaves_it_to_the_quiet_law(rolling: Steersman) -> None:
     law, now = rolling, LAST + DT
     law.hear(RollSample(now, 0.05, 0.05))
     reckoned = state(now, 0.05)._replace(heading_age=5.0)
     assert law.update(MODEL, NORTH, reckoned, 0.0, DT) == quiet_demand(reckoned)
 
 
-def test_roll_of_an_instrument_without_a_rate_is_left_aside(rolling: SlidingRollLaw) -> None:
+def test_roll_of_an_instrument_without_a_rate_is_left_aside(rolling: Steersman) -> None:
     law, now = rolling, LAST + DT
     law.hear(RollSample(now, 0.05, 0.05))
     law.hear(RollSample(now, math.nan, None))
@@ -169,14 +174,14 @@ def test_roll_of_an_instrument_without_a_rate_is_left_aside(rolling: SlidingRoll
     assert law.weight == 1.0
 
 
-def test_after_a_trial_the_sea_is_weighed_anew(rolling: SlidingRollLaw) -> None:
+def test_after_a_trial_the_sea_is_weighed_anew(rolling: Steersman) -> None:
     law, now = rolling, LAST + 20.0
     law.hear(RollSample(now, 0.05, 0.05))
     law.update(MODEL, NORTH, state(now), 0.0, DT)
     assert law.weight == 0.0
 
 
-def test_a_list_is_not_steered_against(law: SlidingRollLaw) -> None:
+def test_a_list_is_not_steered_against(law: Steersman) -> None:
     heel = math.radians(5.0)
     for index in range(round(5.0 * LIST_TIME / DT)):
         law.hear(RollSample(DT * index, heel, 0.0))
@@ -184,7 +189,7 @@ def test_a_list_is_not_steered_against(law: SlidingRollLaw) -> None:
     assert abs(demand) < 1e-3
 
 
-def test_bias_is_taken_off_the_demand(rolling: SlidingRollLaw) -> None:
+def test_bias_is_taken_off_the_demand(rolling: Steersman) -> None:
     law, now = rolling, LAST + DT
     law.hear(RollSample(now, 0.05, 0.05))
     plain = law.update(MODEL, NORTH, state(now, 0.05), 0.0, 0.0)
@@ -194,7 +199,7 @@ def test_bias_is_taken_off_the_demand(rolling: SlidingRollLaw) -> None:
 @given(rate=st.floats(-0.05, 0.05))
 def test_in_a_steady_turn_it_asks_for_the_turns_rudder_and_no_more(rate: float) -> None:
     LAW.reset(0.0)
-    turn, at = Reference(0.3, rate), LAW.at(1.0)
+    turn, at = Reference(0.3, rate), at_ratio(1.0)
     LAW.hear(RollSample(0.0, at.roll_per_rate * rate, 0.0))
     demand = LAW.update(MODEL, turn, state(0.0, 0.3, rate), 0.0, DT)
     assert demand == pytest.approx(rudder_for(MODEL, rate, 0.0), abs=1e-9)
@@ -225,15 +230,15 @@ def test_the_model_goes_with_the_speed_as_the_published_ship_does(ratio: float) 
     assert np.all(np.abs(poles - theirs) < 0.02)
 
 
-def test_gains_follow_the_speed_within_the_range_of_all_laws(law: SlidingRollLaw) -> None:
-    here, slow = law.at(1.0), law.at(0.5)
+def test_gains_follow_the_speed_within_the_range_of_all_laws(law: Steersman) -> None:
+    here, slow = at_ratio(1.0), at_ratio(0.5)
     assert slow.roll.k_p == pytest.approx(2.0 * here.roll.k_p, rel=0.06)
     assert slow.roll.k_phi / here.roll.k_phi == pytest.approx(slow.roll.k_p / here.roll.k_p)
     # rudder per heading error near the surface stays
     of = lambda quiet: quiet.switching * quiet.h_psi / quiet.boundary  # noqa: E731
     assert of(slow.quiet) == pytest.approx(of(here.quiet), rel=1e-6)
-    assert law.at(0.01) == law.at(0.2)
-    assert law.at(9.0) == law.at(1.5)
+    assert at_ratio(0.01) == at_ratio(0.2)
+    assert at_ratio(9.0) == at_ratio(1.5)
     asked = law.update(at_speed(MODEL, 0.5 * SERVICE_SPEED), NORTH, state(0.0, 0.0, 0.01), 0.0, DT)
     assert asked == pytest.approx(2.0 * law.update(MODEL, NORTH, state(0.0, 0.0, 0.01), 0.0, DT), rel=0.07)
 
@@ -314,7 +319,7 @@ def test_the_slowest_pole_is_that_of_the_loop_s_polynomial(k: float, lag: float,
     """x' = -x + 3 u beside modes that nobody feels; u + lag u' = -k x (1 - delay s/2)/(1 + delay s/2), each of at
     least a millisecond: (s + 1)(1 + lag s)(1 + delay s/2) + 3 k (1 - delay s/2) = 0."""
     model = SHIP._replace(A=np.diag([-1.0, -90.0, -91.0, -92.0, -93.0]), b=np.array([3.0, 0.0, 0.0, 0.0, 0.0]))
-    ship = RollShip(model, 7.0, LAW.ship.gear._replace(lag=lag), delay)
+    ship = RollShip(model, 7.0, LAW.gains.ship.gear._replace(lag=lag), delay)
     tau, half = max(lag, 0.001), max(0.5 * delay, 0.001)
     open_loop = np.polymul(np.polymul([1.0, 1.0], [tau, 1.0]), [half, 1.0])
     poles = np.roots(np.polyadd(open_loop, 3.0 * k * np.array([-half, 1.0])))
@@ -324,12 +329,12 @@ def test_the_slowest_pole_is_that_of_the_loop_s_polynomial(k: float, lag: float,
 
 def sections() -> tuple[Any, Any]:
     """Gains of the quiet law and of the roll law that the published ship's file has."""
-    at = LAW.at(1.0)
+    at = at_ratio(1.0)
     quiet = SwayYawGains(
-        at.quiet.k_v, at.quiet.k_r, through(at.quiet, "vr", LAW.ship.model.b[[0, 2, 4]]), at.quiet.boundary
+        at.quiet.k_v, at.quiet.k_r, through(at.quiet, "vr", LAW.gains.ship.model.b[[0, 2, 4]]), at.quiet.boundary
     )
     k = (at.roll.k_v, at.roll.k_p, at.roll.k_r, at.roll.k_phi)
-    return quiet, RollGains(*k, through(at.roll, ("v", "p", "r", "phi"), LAW.ship.model.b), at.roll.boundary)
+    return quiet, RollGains(*k, through(at.roll, ("v", "p", "r", "phi"), LAW.gains.ship.model.b), at.roll.boundary)
 
 
 def through(law: Any, names: Any, b: Any) -> float:
@@ -341,12 +346,12 @@ def through(law: Any, names: Any, b: Any) -> float:
 def test_gains_go_with_the_speed_and_surfaces_are_those_of_the_model_there(ratio: float) -> None:
     """k with 1/ratio; counted in heading, eta goes with the ratio and the boundary stays."""
     quiet, roll = sections()
-    ship = LAW.ship
+    ship = LAW.gains.ship
     at, here = laws_at(ship, quiet, roll, ratio), laws_at(ship, quiet, roll, 1.0)
-    b = LAW.ship.model.b * ratio * ratio
+    b = LAW.gains.ship.model.b * ratio * ratio
     for law, base, names, bs, b0 in (
-        (at.quiet, here.quiet, "vr", b[[0, 2, 4]], LAW.ship.model.b[[0, 2, 4]]),
-        (at.roll, here.roll, ("v", "p", "r", "phi"), b, LAW.ship.model.b),
+        (at.quiet, here.quiet, "vr", b[[0, 2, 4]], LAW.gains.ship.model.b[[0, 2, 4]]),
+        (at.roll, here.roll, ("v", "p", "r", "phi"), b, LAW.gains.ship.model.b),
     ):
         for name in names:
             assert getattr(law, f"k_{name}") == pytest.approx(getattr(base, f"k_{name}") / ratio)
@@ -362,7 +367,7 @@ def test_gains_go_with_the_speed_and_surfaces_are_those_of_the_model_there(ratio
 
 
 def test_near_its_surface_a_law_is_the_slope_of_its_demand() -> None:
-    at, small = LAW.at(0.7), 1.0e-6
+    at, small = at_ratio(0.7), 1.0e-6
     for place in range(5):
         x = np.zeros(5)
         x[place] = small
@@ -386,7 +391,7 @@ def test_what_the_schedule_hears_and_what_is_made_of_its_weight(monkeypatch: pyt
     monkeypatch.setattr("autopilot.control.sliding_roll.schedule_step", step)
     reference = Reference(0.2, 0.01, 0.001)
     planned = rudder_for(MODEL, 0.01, 0.001)
-    at = law.at(MODEL.reference_speed / SERVICE_SPEED)
+    at = at_ratio(MODEL.reference_speed / SERVICE_SPEED)
     rolls, rates, listed = (0.05, 0.02, -0.04), (0.01, -0.02, 0.03), 0.0
     for number, (roll, rate) in enumerate(zip(rolls, rates, strict=True), 1):
         now = 5.0 + 0.1004 * number
@@ -426,10 +431,10 @@ def test_what_the_schedule_hears_and_what_is_made_of_its_weight(monkeypatch: pyt
     ],
 )
 def test_roll_and_heading_are_fresh_for_so_long_and_a_pause_is_half_a_second(
-    rolling: SlidingRollLaw, change: dict[str, float], keeps: bool
+    rolling: Steersman, change: dict[str, float], keeps: bool
 ) -> None:
     before = 128.0
-    rolling._time = before  # an exact number, so that the limits are
+    rolling.memory = rolling.memory._replace(time=before)  # an exact number, so that the limits are
     now = before + change.get("gap", 0.125)
     rolling.hear(RollSample(now - change.get("age", 0.0), change.get("roll", 0.05), change.get("rate", 0.05)))
     seen = state(now, 0.05)._replace(heading_age=change.get("heading_age", 0.0))
@@ -467,6 +472,6 @@ def test_a_loop_that_does_not_die_away_is_refused(
     quiet, roll = sections()
     if is_refused:
         with pytest.raises(ValueError, match="the quiet law swings with the rudder's lag"):
-            laws_at(LAW.ship, quiet, roll, 1.0)
+            laws_at(LAW.gains.ship, quiet, roll, 1.0)
     else:
-        assert laws_at(LAW.ship, quiet, roll, 1.0).quiet.k_r > 0.0
+        assert laws_at(LAW.gains.ship, quiet, roll, 1.0).quiet.k_r > 0.0

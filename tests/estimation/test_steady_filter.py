@@ -13,7 +13,7 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import brentq
 
-from autopilot.control.design import LoopGains
+from autopilot.control.law import LoopGains
 from autopilot.control.margins import Delays, Observed, ObservedMargins, observed_margins, refusal_of
 from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.steady_filter import linear_of, prediction, steady_filter

@@ -11,6 +11,7 @@ import pytest
 from plant import Plant
 
 from autopilot.cli.main import build_parser, main
+from autopilot.control.trial import TRIAL_LAW
 from autopilot.identification.runs import run_from_columns
 from autopilot.identification.trial_design import (
     Boat,
@@ -25,7 +26,7 @@ from autopilot.identification.trial_design import (
     track_of,
 )
 from autopilot.operators.trial_script import TrialScript, steps_of
-from autopilot.runtime.build import TRIAL_LAW, build_pilot, gear_of, limits_of, model_of
+from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import SpeedSample, Tick
 from autopilot.vessel.file import load_vessel
 

@@ -28,7 +28,7 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "monitors": lambda run: (run.pilot.monitors, "look"),
     "supervisor decides": lambda run: (run.pilot.supervisor, "decide"),
     "guidance": lambda _: (reference, "turn_step"),
-    "law": lambda run: (run.pilot.law, "update"),
+    "law": lambda run: (run.pilot, "_ask_law"),
     "limits": lambda _: (pilot_module, "limit"),
     "supervisor checks": lambda run: (run.pilot.supervisor, "check"),
     "alarms": lambda run: (run.pilot._panel, "update"),

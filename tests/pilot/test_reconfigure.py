@@ -89,7 +89,7 @@ def test_a_change_is_in_force_kept_and_logged() -> None:
     pilot = build_pilot(LANXIN)
     store, saved = stored(pilot)
     assert store.set("BS_K1", 1.5) == ""
-    assert store.get("BS_K1") == 1.5 and pilot.law.gains.k1 == 1.5
+    assert store.get("BS_K1") == 1.5 and pilot.law.gains.gains.k1 == 1.5
     assert len(saved) == 1 and "k1_1_s: 1.5" in saved[0][1]
     assert isinstance(store.log, Kept) and store.log.texts == [saved[0][1]]
     assert store.set("BS_K1", 1.5) == "", "said twice by a ground station that heard no answer"
@@ -174,7 +174,7 @@ def test_gains_that_are_adopted_leave_what_waits_for_the_next_start() -> None:
     assert control.backstepping is not None
     gains = replace(control.backstepping, k1_1_s=1.25)
     assert store.put(replace(store.stored, control=replace(control, backstepping=gains))) == ""
-    assert pilot.law.gains.k1 == 1.25 and store.running.control.rate_hz == LANXIN.control.rate_hz
+    assert pilot.law.gains.gains.k1 == 1.25 and store.running.control.rate_hz == LANXIN.control.rate_hz
     again = parse_vessel(saved[-1][1])
     assert again.control.rate_hz == 10.0 and again.control.backstepping == gains
 

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from steersman import asked
 
 from autopilot.angles import wrap
 from autopilot.control import rudder_roll, sliding_heading
-from autopilot.control.backstepping import BacksteppingGains, backstepping_rudder
-from autopilot.control.sliding_heading import PAPER_SWAY_YAW, SlidingGains, SlidingLaw, sliding_rudder
+from autopilot.control.backstepping import BacksteppingGains, BoundedGains, backstepping_rudder
+from autopilot.control.law import LawBoat
+from autopilot.control.limits import RudderLimits
+from autopilot.control.sliding_heading import PAPER_SWAY_YAW, Sliding, SlidingGains
 from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import Reference
 
 MODELS = [
@@ -26,8 +30,15 @@ MODELS = [
 GAINS = [SlidingGains(2.0, 1.1, 0.55), SlidingGains(0.13, 0.0026, 0.02)]
 SHIP = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)
 SWAY_YAW = SHIP.A[np.ix_([0, 2, 4], [0, 2, 4])], SHIP.b[[0, 2, 4]]
+BOAT = LawBoat(MODELS[0], SteeringGear(0.6, 0.3), RudderLimits(0.6, 0.3), 0.1)
 angle = st.floats(-math.pi, math.pi)
 rates = st.floats(-0.5, 0.5)
+
+
+def sliding_rudder(
+    model: Norrbin, gains: SlidingGains, reference: Reference, heading: float, rate: float, bias: float = 0.0
+) -> float:
+    return sliding_heading.sliding_rudder(gains, asked(model, reference, heading, rate, bias=bias))
 
 
 @given(angle, rates, angle, st.floats(-0.3, 0.3), st.floats(-1.0, 1.0), st.sampled_from(MODELS), st.sampled_from(GAINS))
@@ -47,7 +58,7 @@ def test_s_falls_as_promised_on_the_norrbin_plant(
 def test_in_its_layer_it_is_backstepping_without_gamma(heading: float, rate: float, model: Norrbin) -> None:
     gains, reference = GAINS[0], Reference(0.0)
     peer = BacksteppingGains(gains.slope, gains.reach / gains.boundary, 0.0)
-    expected = backstepping_rudder(model, peer, reference, heading, rate)
+    expected = backstepping_rudder(BoundedGains(peer), asked(model, reference, heading, rate))
     assert sliding_rudder(model, gains, reference, heading, rate) == pytest.approx(expected, rel=1e-4, abs=1e-6)
 
 
@@ -66,7 +77,7 @@ def test_the_bias_is_taken_off() -> None:
 @pytest.mark.parametrize("bad", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, math.nan), (math.inf, 1.0, 1.0)])
 def test_gains_are_positive_and_finite(bad: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="positive and finite"):
-        SlidingLaw(SlidingGains(*bad), 4.63)
+        sliding_heading.sliding_gains(Sliding(*bad), BOAT)
 
 
 @given(v=st.floats(-2.0, 2.0), r=st.floats(-0.1, 0.1), error=st.floats(-1.0, 1.0))

@@ -10,20 +10,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import solve_continuous_are
+from steersman import asked
 
 from autopilot.control import sliding_heading
 from autopilot.control.backstepping import (
     BacksteppingGains,
+    BoundedGains,
     backstepping_rudder,
     gains_at,
+    linear_gains_backstepping,
     smoothed_rudder,
     smoothing_in,
 )
-from autopilot.control.design import gains_of_loop, linear_gains_backstepping, spared_gains
+from autopilot.control.design import gains_of_loop, spared_gains
+from autopilot.control.law import LawBoat
+from autopilot.control.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin, damping, yaw_acceleration
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import Reference
 
 LANXIN = Norrbin(0.701, 0.332, 3.2828)
+BOAT = LawBoat(Norrbin(0.2, 5.0), SteeringGear(0.6, 0.3), RudderLimits(0.6, 0.3), 0.1)
 MODELS = [LANXIN, Norrbin(0.1, 20.0, 50.0), Norrbin(0.2, 5.0, 20.0, n1=-1.0), Norrbin(0.3, 2.0, 5.0, 0.4, 1.0, 0.05)]
 MOMENT = 1.0e-7
 
@@ -62,7 +69,7 @@ def test_v3_decreases_anywhere(
     def acceleration(rate: float, rudder: float) -> float:
         return yaw_acceleration(model, rate, rudder)
 
-    wanted = backstepping_rudder(model, gains, reference, 0.4 + error, rate)
+    wanted = backstepping_rudder(BoundedGains(gains), asked(model, reference, 0.4 + error, rate))
     moved = (smoothed_rudder(gains.smoothing, wanted, rudder, MOMENT) - rudder) / MOMENT
     e2 = acceleration(rate, rudder)
     slope = (acceleration(rate + MOMENT, rudder) - acceleration(rate - MOMENT, rudder)) / (2.0 * MOMENT)
@@ -87,7 +94,7 @@ def test_the_error_moves_as_promised() -> None:
     total, square = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2
     heading, rate, rudder, dt, steps = 0.3, 0.0, 0.0, 1.0e-3, 9000
     for _ in range(steps):
-        wanted = backstepping_rudder(model, gains, Reference(0.0), heading, rate)
+        wanted = backstepping_rudder(BoundedGains(gains), asked(model, Reference(0.0), heading, rate))
         moved = smoothed_rudder(gains.smoothing, wanted, rudder, dt)
         acceleration = yaw_acceleration(model, rate, 0.5 * (rudder + moved))
         heading += dt * rate + 0.5 * dt * dt * acceleration
@@ -172,4 +179,4 @@ def test_the_sliding_law_takes_positive_and_finite_gains(place: int, bad: float)
     gains = [0.3, 0.4, 0.5]
     gains[place] = bad
     with pytest.raises(ValueError, match="positive and finite"):
-        sliding_heading.SlidingLaw(sliding_heading.SlidingGains(*gains), 4.0)
+        sliding_heading.sliding_gains(sliding_heading.Sliding(*gains), BOAT)

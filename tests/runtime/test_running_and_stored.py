@@ -17,6 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from autopilot.control.registry import filed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.typed import hints_of
 from autopilot.firmware.json_schema import schema_text
@@ -76,7 +77,7 @@ def test_what_runs_is_what_was_said_to_run(sequence: list[tuple[str, float]], la
     told: list[Vessel] = []
     store = VesselStore(FULL, pilot, law, Path("x"), lambda _, text: texts.append(text))
     store.changed = told.append
-    law_at_start, expected, stored = type(pilot.law), dict(FULL_VALUES), dict(FULL_VALUES)
+    law_at_start, expected, stored = pilot.law.kind, dict(FULL_VALUES), dict(FULL_VALUES)
     for name, value in sequence:
         said = store.set(name, value)
         if "not changed" not in said and not math.isclose(value, stored[name], rel_tol=1e-6):
@@ -87,10 +88,10 @@ def test_what_runs_is_what_was_said_to_run(sequence: list[tuple[str, float]], la
             assert (said == f"{name} counts from the next start on") is (stored[name] != expected[name])
         assert {each: value_of(store.running, TABLE[each]) for each in TABLE} == expected
         assert {each: store.get(each) for each in TABLE} == stored
-        assert type(pilot.law) is law_at_start
+        assert pilot.law.kind is law_at_start
     config = pilot_config(store.running, law)
     assert pilot.config == config._replace(rudder_is_ours=pilot.config.rudder_is_ours)
-    assert vars(pilot.law).get("gains") == vars(law_of(store.running, law)).get("gains")
+    assert pilot.law == law_of(store.running, law)
     assert not told or told[-1] == store.running
     if texts:
         again = parse_vessel(texts[-1])
@@ -242,7 +243,6 @@ def test_what_counts_at_once_is_nothing_that_a_link_was_opened_with(field: Field
 
 
 WORDS = ("name", "description", "source", "date", "log")
-LAWS = ("backstepping", "pid", "sliding", "sliding_roll")
 ELSEWHERE = {
     "control.loop_delay_s": "the margins go by it",
     "control.law": "the pilot is built with it",
@@ -255,9 +255,9 @@ def test_a_field_reaches_the_pilot_or_what_waits_for_the_restart(field: Field, o
     """No number is taken and does nothing: it is the pilot's, the course's, or a link's."""
     if field.path.rpartition(".")[2] in WORDS or field.path.startswith("model.standard_errors."):
         return
-    laws = [law for law in LAWS if getattr(field.before.control, law) is not None]
+    laws = [law for law in filed_laws() if getattr(field.before.control, law) is not None]
     configs = [[pilot_config(each, law) for law in laws] for each in (field.before, field.after)]
-    gains = [[repr(vars(law_of(each, law))) for law in laws] for each in (field.before, field.after)]
+    gains = [[repr(law_of(each, law).gains) for law in laws] for each in (field.before, field.after)]
     tracks = [track_settings_of(each) for each in (field.before, field.after)]
     differs = configs[0] != configs[1] or gains[0] != gains[1] or tracks[0] != tracks[1]
     waits = field.counts is RESTART and opened(field.after) != opened(field.before)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from autopilot.cli.main import main
+from autopilot.control.pid import Pid
 from autopilot.errors import InputError
 from autopilot.vessel.file import (
     dump_vessel,
@@ -20,7 +21,6 @@ from autopilot.vessel.file import (
     parse_vessel,
     updated_vessel_text,
 )
-from autopilot.vessel.schema import Pid
 
 LANXIN = (resources.files("firmware_params") / "vessels" / "lanxin.yaml").read_text(encoding="utf-8")
 

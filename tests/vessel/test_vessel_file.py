@@ -12,6 +12,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from autopilot.control.backstepping import Backstepping
+from autopilot.control.pid import Pid
 from autopilot.errors import InputError
 from autopilot.files.typed import Bounds
 from autopilot.vessel import schema as schema_module
@@ -150,8 +152,8 @@ def test_lanxin_is_the_printed_model_in_radians() -> None:
     assert model.reference_speed_m_s == pytest.approx(9 * 1852 / 3600, rel=1e-3)
     paper = load_vessel("lanxin_paper_gains")
     assert paper.model == model
-    assert paper.control.backstepping == schema_module.Backstepping(35.0, 15.0)
-    assert paper.control.pid == schema_module.Pid(40.0, 0.0, 0.1)
+    assert paper.control.backstepping == Backstepping(35.0, 15.0)
+    assert paper.control.pid == Pid(40.0, 0.0, 0.1)
 
 
 def test_lanxin_pid_has_the_error_dynamics_of_its_backstepping_law() -> None:
@@ -182,7 +184,7 @@ def values_of(hint: typing.Any, bounds: Bounds | None = None) -> st.SearchStrate
     """Strategy for any type hint of the schema, inside its bounds."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Annotated:
-        return values_of(arguments[0], arguments[1])
+        return values_of(arguments[0], next((each for each in arguments[1:] if isinstance(each, Bounds)), bounds))
     if origin is typing.Literal:
         return st.sampled_from(arguments)
     if origin is tuple:
