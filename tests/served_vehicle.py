@@ -26,7 +26,7 @@ class ServedVehicle(threading.Thread):
     def run(self) -> None:
         codec = MavlinkCodec(1, 1)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
-            line.settimeout(0.01)
+            line.settimeout(0.002)
             while not self.stop.is_set():
                 heartbeat = dialect.MAVLink_heartbeat_message(
                     dialect.MAV_TYPE_SURFACE_BOAT, self.autopilot, self.base_mode, 0, 4, 3
@@ -36,5 +36,5 @@ class ServedVehicle(threading.Thread):
                     with contextlib.suppress(TimeoutError):
                         for message in codec.decode(line.recv(2000)):
                             self.vehicle.handle(message)
-                    for packet in self.vehicle.transmit(10):
+                    for packet in self.vehicle.transmit(40):
                         line.sendto(packet, self.address)

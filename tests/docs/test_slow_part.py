@@ -33,6 +33,12 @@ def test_what_is_left_to_the_night_is_there() -> None:
     assert missing == []
 
 
+def test_what_is_the_core_is_there() -> None:
+    lines = (ROOT / "tests" / "core.txt").read_text(encoding="utf-8").splitlines()
+    assert lines == sorted(set(lines))
+    assert [line for line in lines if not (ROOT / line).exists()] == []
+
+
 def test_a_study_that_there_is_not_is_refused() -> None:
     done = subprocess.run(["bash", str(SLOW), "mutations"], capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 2

@@ -57,7 +57,7 @@ def test_a_heading_that_stays_away_is_no_good_end(
 ) -> None:
     port, control, log = free_port(), free_port(), tmp_path / "run.tlog"
     command = [sys.executable, "-m", "autopilot", "run", vessel, "--link", f"udpin:127.0.0.1:{port}", "--as-gcs"]
-    command += ["--speedup", str(SPEEDUP), "--engage", "90", "--duration", "40", "--log", str(log)]
+    command += ["--speedup", str(SPEEDUP), "--engage", "90", "--duration", "26", "--log", str(log)]
     with (
         simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}", "--control", f"127.0.0.1:{control}"),
         subprocess.Popen(
