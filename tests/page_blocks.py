@@ -6,6 +6,7 @@ A comment in the page's source, just before a block, says so:
     <!-- run: page -->        run as processes, by every run of the tests
     <!-- run: slow -->        the same with NORRBIN_SLOW=1, each block alone
     <!-- run: first -->       run before each of the page's slow blocks: what starts the boat that they need
+    <!-- run: added -->       run in a copy of the house with what the page adds, by test_pages_that_add.py
     <!-- command: NAME -->    run by the gate under this name
     <!-- not run: REASON -->  what it would need
 

@@ -1,4 +1,4 @@
-"""Every heading law there is, by name: one line each.
+"""Every heading law there is, by name: one line each in MODULES (`docs/howto/add_a_law.md`).
 
 `law_step` is what the tick calls: in plain Python it finds the step by the type of the gains, and `sitl.compiled`
 puts the law's own step in its place.
@@ -7,13 +7,21 @@ puts the law's own step in its place.
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
-from autopilot.control import backstepping, pid, sliding_heading, sliding_roll, trial
 from autopilot.control.law import Law, LawInput
 
+MODULES = (
+    "backstepping",
+    "pid",
+    "sliding_heading",
+    "sliding_roll",
+    "trial",
+)
+"""Modules of this room with a constant LAW, in the order in which their laws are listed."""
+
 LAWS: dict[str, Law] = {}
-"""In the order in which they are listed; the first is the one that is designed, and the others after it."""
 
 _STEPS: dict[type[Any], Callable[[Any, Any, LawInput], tuple[float, Any]]] = {}
 
@@ -25,11 +33,8 @@ def register(law: Law) -> None:
     LAWS[law.name], _STEPS[law.numbers] = law, law.step
 
 
-register(backstepping.LAW)
-register(pid.LAW)
-register(sliding_heading.LAW)
-register(sliding_roll.LAW)
-register(trial.LAW)
+for _module in MODULES:
+    register(import_module(f"autopilot.control.{_module}").LAW)
 
 
 def law_step(gains: Any, memory: Any, given: LawInput) -> tuple[float, Any]:
