@@ -22,7 +22,7 @@ import numpy as np
 from steady_wind import sailed, swings
 from study_boats import CONTROL_HZ, SEAS, Figures, StudyBoat, boats, figures, lanxin_as_filed, sail
 
-from autopilot.cli.gains import Wish, designed
+from autopilot.runtime.gain_design import GainRequest, designed
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Estimator
 
@@ -44,7 +44,7 @@ def boat_of(name: str) -> StudyBoat:
 
 def that_spares(boat: StudyBoat, level: int) -> StudyBoat:
     """Return the boat with the gains of `autopilot gains --spare-rudder --level`."""
-    return boat._replace(vessel=designed(boat.vessel, Wish(level, spares=True)))
+    return boat._replace(vessel=designed(boat.vessel, GainRequest(level, spares=True)))
 
 
 def one(case: tuple[str, str, float, str, int, float]) -> Figures:

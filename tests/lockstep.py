@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -13,11 +14,9 @@ from typing import Any
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
-from autopilot.runtime.build import build_pilot
-from autopilot.runtime.record import Recorder
-from autopilot.runtime.session import Session
+from autopilot.runtime.app import App, Plan
+from autopilot.runtime.log_files import FileSink
 from autopilot.signals import Mode, Order, OrderKind, Tick
-from autopilot.vessel.file import dump_vessel
 from autopilot.vessel.schema import Vessel
 from sitl.firmware import Firmware
 from sitl.scenario import load_scenario
@@ -142,10 +141,10 @@ class Lockstep:
         self.ticks: deque[Tick] = deque()
         self.hooks: list[Hook] = []
         self.sent: list[tuple[float, Any]] = []
-        self.pilot = build_pilot(vessel, law)
-        header = {"vessel": dump_vessel(vessel), "law": law}
-        recorder = Recorder(log, header, 0.0) if log is not None else None
-        self.session = Session(self.pilot, [self.link], self.clock, 20.0, lambda now, tick: self.order, recorder)
+        place = None if log is None else partial(FileSink, log)
+        plan = Plan(vessel, lambda now, tick: self.order, law=law, links=(self.link,), log=place)
+        app = App(plan, self.clock)
+        self.pilot, self.session = app.pilot, app.session
 
     @property
     def now(self) -> float:

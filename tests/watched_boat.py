@@ -10,7 +10,6 @@ from typing import Any
 from boat_at_sea import STEP, Sea
 from boats import BOATS, vessel_of
 
-from autopilot.cli.tuning_desk import LearningDesk, TuningDesk
 from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.ground_station.boat_link import BoatLink
@@ -18,6 +17,7 @@ from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.file_server import metadata_files
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.transports import loopback_pair
+from autopilot.runtime.tuning import LearningService, TuningService
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import Sample
 from autopilot.vessel.parameters import parameters_of
@@ -55,10 +55,8 @@ class Watched(Sea):
         super().__init__(learns, vessel)
         vessel = vessel or vessel_of(BOATS["lanxin"])
         self.store = VesselStore(vessel, self.pilot, None, folder / "boat.tuned.yaml")
-        self.desk = LearningDesk() if learns else None
-        if self.desk is not None:
-            self.desk.attach(self.pilot, self.store)
-        self.tuner = TuningDesk(self.store, self.desk, AtOnce())
+        self.desk = None if self.pilot.learner is None else LearningService(self.pilot.learner, self.store)
+        self.tuner = TuningService(self.store, self.desk, AtOnce())
         self.files = metadata_files(parameters_of(self.store.running), "0.2.0")
         self.alarms = BothAlarms(self.alarms, Acknowledgements(self.skipper))
         self.commands = Commands(self.skipper, False, self.mission, self.tuner)
@@ -71,7 +69,7 @@ class Watched(Sea):
         if self.is_cut:
             raise LinkError(f"link {url!r}: cannot be opened")
         near, self.far = loopback_pair("boat")
-        self.links = [BoatLink(near, self.commands, ParameterServer(self.store), files=self.files)]
+        self.links = [BoatLink(near, self.commands, ParameterServer(self.store, self.files))]
         return self.far
 
     @property

@@ -15,14 +15,13 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from autopilot import __version__
-from autopilot.cli.gains import designed
 from autopilot.control.trial import TRIAL_LAW
 from autopilot.errors import RefusedError
 from autopilot.files.saving import save_text
@@ -33,16 +32,17 @@ from autopilot.links.base import LinkError
 from autopilot.logs.reading import load_run
 from autopilot.models.norrbin import Norrbin
 from autopilot.operators.trial_script import Step, TrialScript, heading, turning, zigzag
-from autopilot.runtime.build import build_pilot, model_of
-from autopilot.runtime.build_links import LinkOptions, build_links
+from autopilot.runtime.app import App, Plan
+from autopilot.runtime.build import model_of
+from autopilot.runtime.build_links import LinkOptions
 from autopilot.runtime.clock import MonotonicClock
+from autopilot.runtime.gain_design import designed
+from autopilot.runtime.log_files import FileSink
 from autopilot.runtime.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
-from autopilot.runtime.record import Recorder
-from autopilot.runtime.session import Session
 from autopilot.signals import Tick
 from autopilot.supervision.panel import sentences_of
-from autopilot.vessel.file import dump_vessel, load_vessel
-from autopilot.vessel.schema import Model, StandardErrors, Vessel
+from autopilot.vessel.file import dump_vessel, load_vessel, model_section
+from autopilot.vessel.schema import Model, Vessel
 
 PACES = (4.0, 2.0, 1.0)
 """Simulated seconds per second: with the first the whole demo fits into a minute and a half of a small machine. A leg
@@ -192,18 +192,17 @@ def _leave(simulator: subprocess.Popen[str], folder: Path) -> None:
 def _steer(leg: Leg, vessel: Vessel, url: str, log: Path, pace: float) -> tuple[list[Tick], list[float]]:
     script = TrialScript(leg.steps)
     ticks: list[Tick] = []
-    clock = MonotonicClock(pace)
     log.unlink(missing_ok=True)  # of this leg, sailed at a pace that was too quick for this machine
-    links = build_links(vessel, [url], LinkOptions(as_gcs=True))
-    recorder = Recorder(log, {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": leg.law}, clock.now())
+    options, place = LinkOptions(as_gcs=True), partial(FileSink, log)
+    plan = Plan(vessel, script, law=leg.law, urls=(url,), options=options, log=place)
 
     def watch(tick: Tick) -> bool:
         ticks.append(tick)
         return script.is_over
 
     longest = READY_TIMEOUT * pace + sum(step.duration for step in leg.steps)
-    with Session(build_pilot(vessel, leg.law), links, clock, vessel.control.rate_hz, script, recorder) as session:
-        session.run(clock.now() + longest, watch)
+    with App(plan, MonotonicClock(pace)) as app:
+        app.run(longest, watch)
     if not script.is_complete:
         why = next((said for tick in reversed(ticks) for said in sentences_of(tick.alarms)), "time is up")
         raise RefusedError(f"demo leg {leg.name} ended early: {why}")
@@ -222,21 +221,8 @@ def _first_guess(true: Vessel) -> Vessel:
 
 
 def _with_model(vessel: Vessel, found: Identified) -> Vessel:
-    model, errors = found.model, found.standard_errors
-    return replace(
-        vessel,
-        name=f"{vessel.name} (identified)",
-        model=Model(
-            K_1_s=model.gain,
-            T_s=model.time_constant,
-            reference_speed_m_s=model.reference_speed,
-            n1=model.n1,
-            n3_s2_rad2=model.n3,
-            n0_rad_s=model.n0,
-            standard_errors=StandardErrors(*(errors.get(name) for name in ("gain", "time_constant", "n3", "n0"))),
-            source="autopilot demo: identified from trial.tlog",
-        ),
-    )
+    section = model_section(found.model, found.standard_errors, "autopilot demo: identified from trial.tlog", "")
+    return replace(vessel, name=f"{vessel.name} (identified)", model=section)
 
 
 def _await_ready(simulator: subprocess.Popen[str]) -> None:

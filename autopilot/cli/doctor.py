@@ -93,24 +93,12 @@ def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
     from autopilot.cli.waiting import patience_of
     from autopilot.doctor.vehicle import examine
     from autopilot.links.arrivals import HeardTransport, came
-    from autopilot.links.base import Link
-    from autopilot.runtime.build_links import LinkOptions, build_link
+    from autopilot.runtime.build_links import LinkOptions, open_links
     from autopilot.runtime.clock import MonotonicClock
 
     heard: dict[str, HeardTransport] = {}
-    options, patience = LinkOptions(as_gcs=arguments.as_gcs, heard=heard), patience_of(arguments)
-
-    def opened() -> list[Link]:
-        links: list[Link] = []
-        try:
-            for url in arguments.link:
-                links.append(patience(partial(build_link, vessel, url, options)))  # noqa: PERF401 - close what is open
-        except BaseException:
-            for link in links:
-                link.close()
-            raise
-        return links
-
+    options = LinkOptions(as_gcs=arguments.as_gcs, heard=heard, opened=patience_of(arguments))
+    opened = partial(open_links, vessel, arguments.link, options)
     clock, timeout = MonotonicClock(), vessel.failsafe.heading_timeout_s
     return examine(opened, clock, arguments.seconds, timeout, vessel, lambda: came(heard.values()))
 

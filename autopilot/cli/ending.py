@@ -1,6 +1,6 @@
 """How a run ends: when to stop, why, and the one line that says what became of rudder, course and log.
 
-Where `run` and `trial` keep their log: the options, and the recorder that writes from a thread of its own.
+Where `run` and `trial` keep their log.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import signal
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
-from autopilot import __version__
 from autopilot.angles import wrap
 from autopilot.cli.option_numbers import number
 from autopilot.cli.terminal import degrees_text
 from autopilot.errors import InputError, RefusedError
 from autopilot.interruption import NAMES, ended_by
-from autopilot.links.arrivals import HeardTransport, came
-from autopilot.links.base import Link, LinkError
-from autopilot.links.mavlink.signing import Signing, hint_of
-from autopilot.links.reconnect import GuideAlarms
+from autopilot.links.arrivals import came
+from autopilot.links.base import LinkError
+from autopilot.links.mavlink.signing import hint_of
 from autopilot.links.release import Release, release_sentence
-from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, ThreadedSink
-from autopilot.runtime.record import Recorder
+from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, Sink, ThreadedSink
 from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.panel import sentences_of
-from autopilot.vessel.file import dump_vessel
-from autopilot.vessel.schema import Vessel
+
+if TYPE_CHECKING:
+    from autopilot.runtime.app import Plan
+    from autopilot.runtime.record import Recorder
 
 PART_MB = 64.0
 TOTAL_MB = 2000.0
@@ -61,8 +61,8 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def open_log(arguments: argparse.Namespace, vessel: Vessel, law: str | None, now: float) -> Recorder | None:
-    """Return the log that the options ask for, None where there is to be none. Raises InputError."""
+def log_place(arguments: argparse.Namespace) -> Sink:
+    """Return where the options want the log, which is written from a thread of its own. Raises InputError."""
     total = arguments.log_total_mb
     if arguments.log is not None:
         folder = arguments.log.parent
@@ -72,20 +72,12 @@ def open_log(arguments: argparse.Namespace, vessel: Vessel, law: str | None, now
                 f"to be a new one, make it first: mkdir -p {shlex.quote(str(folder))}"
             )
         sink: FileSink | FolderSink = FileSink(arguments.log)
-    elif arguments.log_dir is not None:
+    else:
         part = min(PART_MB, total / LEAST_PARTS)
         sink = FolderSink(arguments.log_dir, FolderLimits(int(total * MEGABYTE), int(part * MEGABYTE)))
-    else:
-        return None
     if arguments.log is not None and sink.path != arguments.log:
         print(f"{arguments.log} exists and is kept: this log is {sink.path}")
-    header = {"norrbin": __version__, "vessel": dump_vessel(vessel), "law": law}
-    return Recorder(ThreadedSink(sink), header, now)
-
-
-def alarm_links(recorder: Recorder | None) -> list[Link]:
-    """Return what brings the log's troubles to the pilot, and so to every link and terminal."""
-    return [] if recorder is None else [GuideAlarms(recorder, "log")]
+    return ThreadedSink(sink)
 
 
 ENGAGE_PATIENCE = 20.0
@@ -97,17 +89,14 @@ NOT_STOPPED = "Ctrl-Z is not obeyed: a stopped pilot leaves the rudder where it 
 class Ending:
     """Whether to stop, and the checks that end a run early. Called after every tick."""
 
-    def __init__(
-        self, links: list[str], wait: float, must_engage: bool, heading_timeout: float, signing: Signing | None = None
-    ) -> None:
-        self.heard: dict[str, HeardTransport] = {}
-        """Takes the lines, by which it says what came where no heading came."""
+    def __init__(self, plan: Plan, wait: float, must_engage: bool) -> None:
         self.stop = False
         self.why = ""
         self._asked_to_stand_still = False
-        self._heading_timeout = heading_timeout
-        self._signing = signing
-        self._links = ", ".join(links)
+        self._heading_timeout = plan.vessel.failsafe.heading_timeout_s
+        self._heard = {} if plan.options.heard is None else plan.options.heard
+        self._signing = plan.options.signing
+        self._links = ", ".join(plan.urls)
         self._wait = wait
         self._must_engage = must_engage
         self._first_heading: float | None = None
@@ -120,7 +109,7 @@ class Ending:
         if self._first_heading is None:
             if tick.state.valid:
                 self._first_heading = tick.now
-                for line in self.heard.values():
+                for line in self._heard.values():
                     line.forget()
             elif 0.0 < self._wait <= tick.now:
                 raise self._silence(self._wait)
@@ -187,7 +176,7 @@ class Ending:
     def _silence(self, seconds: float) -> LinkError:
         return LinkError(
             f"no heading came over {self._links} in {seconds:.0f} s: "
-            f"{came(self.heard.values()) or 'check that the compass is on and sends here'}{hint_of(self._signing)}"
+            f"{came(self._heard.values()) or 'check that the compass is on and sends here'}{hint_of(self._signing)}"
         )
 
     def _refusal(self, tick: Tick) -> RefusedError:

@@ -6,15 +6,16 @@ import argparse
 import json
 import shlex
 import sys
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from autopilot.cli import gains_tune
 from autopilot.cli.option_numbers import NumberOption, number, whole_number
-from autopilot.control.registry import LAWS, designed_laws, filed_laws
+from autopilot.control.registry import designed_laws, filed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
     from autopilot.report.gains import Judged
+    from autopilot.runtime.gain_design import GainRequest
     from autopilot.vessel.schema import Vessel
 
 
@@ -51,79 +52,33 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.set_defaults(run=run)
 
 
-class Wish(NamedTuple):
-    """What the loop is to be like: a response level, or a bandwidth [rad/s] with its damping ratio; whether it spares
-    the rudder, None: as the file's gains do."""
-
-    level: int = 5
-    bandwidth: float | None = None
-    damping: float = 0.8
-    spares: bool | None = None
-
-
-def designed(vessel: Vessel, wish: Wish = Wish()) -> Vessel:  # noqa: B008 - a tuple that nobody can change
-    """Return the vessel with gains designed for it. Raises RefusedError where no gain serves."""
-    from dataclasses import replace
-
-    from autopilot.control.design import design_backstepping, placed, spared_gains
-    from autopilot.runtime.build import gear_of, law_boat_of, limits_of, model_of
-
-    model, spares = model_of(vessel), spares_rudder(vessel, wish)
-    try:
-        if wish.bandwidth is not None:
-            loop = spared_gains(model, wish.bandwidth) if spares else placed(wish.bandwidth, wish.damping)
-        else:
-            rate_max, delay = limits_of(vessel).rate_max, vessel.control.loop_delay_s
-            loop = design_backstepping(model, gear_of(vessel), rate_max, delay, wish.level, spares=spares)
-    except ValueError as error:
-        raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
-    boat = law_boat_of(vessel)
-    sections = {name: _rounded(law.design.of(boat, loop)) for name, law in LAWS.items() if law.design}
-    return replace(vessel, control=replace(vessel.control, **sections))
-
-
-def _rounded(section: Any) -> Any:
-    from dataclasses import astuple
-
-    from autopilot.vessel.file import rounded
-
-    return type(section)(*(rounded(gain) for gain in astuple(section)))
-
-
-def spares_rudder(vessel: Vessel, wish: Wish) -> bool:
-    """Return whether designed gains are to weigh the rudder's rate."""
-    from autopilot.control.design import DESIGNED
-
-    filed = getattr(vessel.control, DESIGNED)
-    return wish.spares if wish.spares is not None else filed is not None and filed.smoothing_s > 0.0
-
-
-def in_hand(vessel: Vessel, wish: Wish, is_chosen: bool) -> Vessel:
+def in_hand(vessel: Vessel, request: GainRequest, is_chosen: bool) -> Vessel:
     """Return a course-unstable boat's vessel with designed gains whose turns bear a rudder weaker than the model's.
 
     Where the level is not chosen, the next quicker one that does is taken. Raises RefusedError where none does.
     """
     from autopilot.report.gains import survives
+    from autopilot.runtime.gain_design import designed
 
-    better = designed(vessel, wish)
+    better = designed(vessel, request)
     if survives(better):
         return better
     lost = "a turn of 90 deg with a rudder 30 % weaker than the model's is lost or leads far past"
-    if wish.bandwidth is not None:
+    if request.bandwidth is not None:
         raise RefusedError(
             f"vessel {vessel.name!r}: with these gains {lost}; ask for more --bandwidth-rad-s or a --level"
         )
-    for level in range(wish.level + 1, 10):
-        quicker = designed(vessel, wish._replace(level=level))
+    for level in range(request.level + 1, 10):
+        quicker = designed(vessel, request._replace(level=level))
         if not survives(quicker):
             continue
         if is_chosen:
-            raise RefusedError(f"vessel {vessel.name!r}: at level {wish.level} {lost}; --level {level} bears it")
-        print(f"level {level} in place of {wish.level}, at which {lost}", file=sys.stderr)
+            raise RefusedError(f"vessel {vessel.name!r}: at level {request.level} {lost}; --level {level} bears it")
+        print(f"level {level} in place of {request.level}, at which {lost}", file=sys.stderr)
         return quicker
     raise RefusedError(
-        f"vessel {vessel.name!r}: at level {wish.level}, and at any quicker one, {lost}; ask for a calmer --level, or "
-        "give the boat a quicker rudder"
+        f"vessel {vessel.name!r}: at level {request.level}, and at any quicker one, {lost}; ask for a calmer --level, "
+        "or give the boat a quicker rudder"
     )
 
 
@@ -131,27 +86,30 @@ def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
     from autopilot.control.design import DESIGNED
     from autopilot.report.gains import as_json, as_text, judged, speeds_as_json, speeds_as_text
+    from autopilot.runtime.gain_design import designed
     from autopilot.vessel.file import load_vessel
 
     gains_tune.check_options(arguments)
     check_place(arguments)
     if arguments.tune:
         return gains_tune.tuned(arguments)
-    wish = _wish(arguments)
+    request = _request(arguments)
     if arguments.report:
         from autopilot.report import require_extra
 
         require_extra("by leaving out --report")
     vessel = load_vessel(arguments.vessel)
-    _check_bandwidth(vessel, wish)
-    better = designed(vessel, wish) if vessel.model.n1 > 0.0 else in_hand(vessel, wish, arguments.level is not None)
+    _check_bandwidth(vessel, request)
+    better = (
+        designed(vessel, request) if vessel.model.n1 > 0.0 else in_hand(vessel, request, arguments.level is not None)
+    )
     rows = {f"designed {law}": judged(better, law) for law in designed_laws()}
     asked_for = rows[f"designed {DESIGNED}"].verdict.refusal
-    if wish.bandwidth is not None and asked_for:
+    if request.bandwidth is not None and asked_for:
         raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
     rows |= {f"file's {law}": judged(vessel, law) for law in filed_laws() if getattr(vessel.control, law) is not None}
     if arguments.report:
-        _write_report(arguments, vessel, wish.spares, rows)
+        _write_report(arguments, vessel, request.spares, rows)
     if arguments.json:
         print(json.dumps({name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}, indent=2))
     else:
@@ -161,7 +119,9 @@ def run(arguments: argparse.Namespace) -> int:
     return int(ExitCode.OK)
 
 
-def _wish(arguments: argparse.Namespace) -> Wish:
+def _request(arguments: argparse.Namespace) -> GainRequest:
+    from autopilot.runtime.gain_design import GainRequest
+
     level, bandwidth, damping = arguments.level, arguments.bandwidth_rad_s, arguments.damping
     if level is not None and bandwidth is not None:
         raise InputError("--level and --bandwidth-rad-s exclude each other")
@@ -171,19 +131,19 @@ def _wish(arguments: argparse.Namespace) -> Wish:
         raise InputError("--damping and --spare-rudder exclude each other: the weight on the rudder's rate sets it")
     # who asks for a damping asks for gains that do not spare the rudder
     spares = False if damping is not None else arguments.spare_rudder
-    return Wish(5 if level is None else level, bandwidth, 0.8 if damping is None else damping, spares)
+    return GainRequest(5 if level is None else level, bandwidth, 0.8 if damping is None else damping, spares)
 
 
-def _check_bandwidth(vessel: Vessel, wish: Wish) -> None:
+def _check_bandwidth(vessel: Vessel, request: GainRequest) -> None:
     """Raise InputError for a bandwidth that is none for this boat."""
     from autopilot.control.design import BANDWIDTHS, bandwidths_of
     from autopilot.runtime.build import model_of
 
     low, high = bandwidths_of(model_of(vessel))
-    if wish.bandwidth is not None and not low <= wish.bandwidth <= high:
+    if request.bandwidth is not None and not low <= request.bandwidth <= high:
         raise InputError(
-            f"--bandwidth-rad-s {wish.bandwidth:g}: allowed for {vessel.name!r} is {low:.3g} to {high:.3g}, which is "
-            f"{BANDWIDTHS[0]:g} to {BANDWIDTHS[1]:g} over its T of {vessel.model.T_s:g} s"
+            f"--bandwidth-rad-s {request.bandwidth:g}: allowed for {vessel.name!r} is {low:.3g} to {high:.3g}, which "
+            f"is {BANDWIDTHS[0]:g} to {BANDWIDTHS[1]:g} over its T of {vessel.model.T_s:g} s"
         )
 
 
@@ -228,10 +188,11 @@ def _write_report(arguments: argparse.Namespace, vessel: Vessel, spares: bool | 
     from autopilot.control.design import DESIGNED
     from autopilot.files.saving import save_page
     from autopilot.report.gains import gains_page, judged
+    from autopilot.runtime.gain_design import GainRequest, designed
 
     levels = {}
     for level in range(1, 10):
-        levels[level] = judged(designed(vessel, Wish(level, spares=spares)), DESIGNED)
+        levels[level] = judged(designed(vessel, GainRequest(level, spares=spares)), DESIGNED)
     save_page(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(arguments.typed)))
     if not arguments.json:
         print(f"Wrote the report to {arguments.report}.\n")

@@ -20,8 +20,8 @@ from autopilot.files.saving import save_text
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
-from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel, rounded, updated_vessel_text
-from autopilot.vessel.schema import SCHEMA_VERSION, Control, Drive, Model, Rudder, StandardErrors, Vessel
+from autopilot.vessel.file import dump_vessel, load_vessel, model_section, parse_vessel, updated_vessel_text
+from autopilot.vessel.schema import SCHEMA_VERSION, Control, Drive, Model, Rudder, Vessel
 
 ASSUMED_RATE_DEG_S = 10.0
 """Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""
@@ -108,29 +108,8 @@ def _with_scale(vessel: Vessel, given: Given) -> Vessel:
 
 
 def _model(result: Result, runs: list[Run]) -> Model:
-    model, errors = steering_model(result.found), steering_errors(result.found)
-    return Model(
-        K_1_s=rounded(model.gain),
-        T_s=rounded(model.time_constant),
-        reference_speed_m_s=rounded(model.reference_speed),
-        n1=model.n1,
-        n2_s_rad=rounded(model.n2),
-        n3_s2_rad2=rounded(model.n3),
-        n0_rad_s=rounded(model.n0),
-        standard_errors=StandardErrors(
-            K_1_s=_rounded_or_none(errors["gain"]),
-            T_s=_rounded_or_none(errors["time_constant"]),
-            n3_s2_rad2=_rounded_or_none(errors["n3"]),
-            n0_rad_s=_rounded_or_none(errors["n0"]),
-        ),
-        source="identified",
-        date=datetime.date.today().isoformat(),
-        log=tuple(Path(run.source).name for run in runs),
-    )
-
-
-def _rounded_or_none(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.3g}")
+    log, today = tuple(Path(run.source).name for run in runs), datetime.date.today().isoformat()
+    return model_section(steering_model(result.found), steering_errors(result.found), "identified", today, log)
 
 
 def _new_rudder(runs: list[Run], given: Given, rate: RudderRate | None) -> Rudder:

@@ -12,6 +12,7 @@ from autopilot.control.registry import filed_laws
 from autopilot.errors import InputError
 
 if TYPE_CHECKING:
+    from autopilot.runtime.app import App
     from autopilot.vessel.schema import Vessel
 
 
@@ -77,16 +78,16 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from dataclasses import replace
 
-    from autopilot.cli.serving import load_mission, serving_of
-    from autopilot.cli.steering import Voyage, steer
+    from autopilot.cli.serving import load_mission, stations_of
+    from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.cli.terminal import TypedLines
-    from autopilot.cli.tuning_desk import LEARN_HELP, LearningDesk
     from autopilot.files.printable import rewrite_line
     from autopilot.guidance.plotter import PlotterGuide
     from autopilot.links.north import MAGNETIC_LEADS
     from autopilot.operators.skipper import (
         FOLLOW_HELP,
         HELP,
+        LEARN_HELP,
         PATTERN_HELP,
         ROUTE_HELP,
         WIND_HELP,
@@ -118,15 +119,14 @@ def run(arguments: argparse.Namespace) -> int:
     must_engage = arguments.engage is not None or arguments.follow is not None
     listens = sys.stdin is not None and sys.stdin.isatty()
     typed = TypedLines() if listens else None
-    desk = LearningDesk() if arguments.learn else None
     if listens:
-        shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, *([LEARN_HELP] if desk is not None else [])]
+        shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, *([LEARN_HELP] if arguments.learn else [])]
         print("  ".join(shown), PATTERN_HELP, sep="\n")
 
-    def watch(tick: Tick) -> bool:
+    def watch(app: App, tick: Tick) -> bool:
         for line in typed.poll() if typed is not None else ():
             try:
-                answer = desk.type_line(line) if desk is not None else None
+                answer = app.learning.type_line(line) if app.learning is not None else None
                 said = answer if answer is not None else skipper.type_line(line)
             except InputError as error:
                 said = str(error)
@@ -134,22 +134,18 @@ def run(arguments: argparse.Namespace) -> int:
             print(said, flush=True)
         return skipper.quit
 
-    return steer(
-        vessel,
-        arguments,
-        Voyage(
-            skipper,
-            watch,
-            duration=math.inf if arguments.duration is None else arguments.duration,
-            law=law,
-            must_engage=must_engage,
-            guide=guide,
-            serving=serving_of(arguments, skipper, mission, armed=must_engage)._replace(wind=skipper.wind),
-            desk=desk,
-            resumes=skipper.engage,
-            typed=typed,
-        ),
+    plan = plan_of(vessel, arguments, skipper)
+    plan = plan._replace(
+        law=law,
+        options=plan.options._replace(guide=guide),
+        skipper=skipper,
+        stations=stations_of(arguments),
+        armed=must_engage,
+        learns=arguments.learn,
+        resume=skipper.engage,
     )
+    duration = math.inf if arguments.duration is None else arguments.duration
+    return steer(arguments, plan, Voyage(watch, duration, must_engage, typed=typed))
 
 
 def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float | None) -> Vessel:

@@ -106,7 +106,7 @@ def _number(
 
 def run(arguments: argparse.Namespace) -> int:
     """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
-    from autopilot.cli.steering import Voyage, steer
+    from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.control.trial import TRIAL_LAW
     from autopilot.vessel.file import load_vessel
 
@@ -121,17 +121,9 @@ def run(arguments: argparse.Namespace) -> int:
         return int(ExitCode.OK)
     if not arguments.link:
         raise InputError("a trial needs --link URL, the way to the boat; with --foretell nothing is sailed")
-    code = steer(
-        vessel,
-        arguments,
-        Voyage(
-            script,
-            lambda tick: script.is_over,
-            math.inf,
-            law=TRIAL_LAW,
-            describe=script.describe,
-        ),
-    )
+    plan = plan_of(vessel, arguments, script)._replace(law=TRIAL_LAW)
+    voyage = Voyage(lambda app, tick: script.is_over, math.inf, describe=script.describe)
+    code = steer(arguments, plan, voyage)
     if script.reason and code == ExitCode.OK:
         raise RefusedError(f"the trial ended before its time: {script.reason}")
     return code

@@ -20,9 +20,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future, ThreadPoolExecutor
 
 MOST_NUMBERS = 100_000
 PAGE_BEGINNINGS = (b"<!doctypehtml", b"<html")
@@ -41,6 +45,34 @@ def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
         replace_file(path, text)
     except OSError as error:
         raise _unwritable(path, error.strerror) from None
+
+
+class BackgroundSaver:
+    """Saves files from a thread of its own: flushing to a memory card takes longer than a tick. Call it to save.
+
+    warn: is told what went wrong.
+    """
+
+    def __init__(self, warn: Callable[[str], None]) -> None:
+        self._warn = warn
+        self._pool: ThreadPoolExecutor | None = None
+
+    def __call__(self, path: Path, text: str) -> None:
+        """Save soon."""
+        if self._pool is None:
+            from concurrent.futures import ThreadPoolExecutor
+
+            self._pool = ThreadPoolExecutor(1, thread_name_prefix="save")
+        self._pool.submit(save_text, path, text).add_done_callback(self._complain)
+
+    def close(self) -> None:
+        """Wait until everything is saved."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def _complain(self, done: Future[None]) -> None:
+        if (error := done.exception()) is not None:
+            self._warn(f"a change is not kept: {error}")
 
 
 def save_page(path: str | Path, page: str) -> None:

@@ -35,6 +35,7 @@ HELP = (
     "e [DEG]: engage (present heading)  +10, -1: change heading  r DEG: hold a rudder angle  s: standby  "
     "a: silence alarms  q: quit"
 )
+LEARN_HELP = "learn: what was learnt  adopt: steer with it  revert: take it back"
 
 
 class Skipper:

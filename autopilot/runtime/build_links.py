@@ -4,30 +4,19 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import TYPE_CHECKING, NamedTuple, TextIO, cast
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
 from autopilot.links.arrivals import HeardTransport
-from autopilot.links.base import Link
-from autopilot.links.drives.base import Drive, DriveSettings
-from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
-from autopilot.links.drives.jrk import JrkG2
-from autopilot.links.drives.maestro import Maestro
-from autopilot.links.drives.pypilot_motor import PypilotMotor
-from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules, Budget, LinkAccess
-from autopilot.links.mavlink.companion import CompanionLink
-from autopilot.links.mavlink.requests import MODES
-from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for
-from autopilot.links.mavlink.signing import LinkSigning, Signing
-from autopilot.links.mavlink.vehicle import CompanionSettings
-from autopilot.links.n2k import N2kLink, N2kSettings, open_bus
-from autopilot.links.nmea.link import NmeaLink, NmeaSettings
+from autopilot.links.base import Link, Transport, close_all
+from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.transports.sockets import Network, network_of
@@ -35,6 +24,16 @@ from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.runtime.build import follow_of, radians_or_unlimited
 from autopilot.supervision.supervisor import STEERING_ACTIONS
 from autopilot.vessel.schema import Vessel
+
+if TYPE_CHECKING:
+    # what speaks one protocol is loaded where a link speaks it: a pilot that has died must steer again soon
+    from autopilot.links.drives.base import Drive, DriveSettings
+    from autopilot.links.ground_station.commands import Commands
+    from autopilot.links.ground_station.station_service import ParameterStore
+    from autopilot.links.mavlink.router import Router
+    from autopilot.links.mavlink.signing import Signing
+    from autopilot.links.n2k import N2kSettings
+    from autopilot.links.nmea.link import NmeaSettings
 
 HEADING_STALE_SHARE = 0.6
 """Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
@@ -62,6 +61,8 @@ def _follow_on(vessel: Vessel, url: LinkUrl) -> FollowSettings:
 
 def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
     """Return how to read and steer the vessel on an NMEA link."""
+    from autopilot.links.nmea.link import NmeaSettings
+
     sensors = vessel.sensors
     return NmeaSettings(
         baud=url.baud,
@@ -78,6 +79,8 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
 
 def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
     """Return how to read and steer the vessel on NMEA 2000."""
+    from autopilot.links.n2k import N2kSettings
+
     variation = vessel.sensors.variation_deg
     return N2kSettings(
         heading_latency=vessel.sensors.heading_latency_s,
@@ -88,11 +91,20 @@ def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
     )
 
 
-DRIVES: dict[str, Callable[[DriveSettings], Drive]] = {"pypilot": PypilotMotor, "jrk": JrkG2, "maestro": Maestro}
+DRIVES = {"pypilot": "pypilot_motor.PypilotMotor", "jrk": "jrk.JrkG2", "maestro": "maestro.Maestro"}
+"""Module of `links.drives` and class of each rudder drive, by the protocol of its URL."""
+
+
+def drive_of(kind: str, settings: DriveSettings) -> Drive:
+    """Return the protocol of a kind of rudder drive."""
+    module, _, name = DRIVES[kind].partition(".")
+    return cast("Drive", getattr(import_module(f"autopilot.links.drives.{module}"), name)(settings))
 
 
 def drive_settings_of(vessel: Vessel) -> DriveSettings:
     """Return what the scale of the vessel's rudder drive means."""
+    from autopilot.links.drives.base import DriveSettings
+
     drive, rudder = vessel.drive, vessel.rudder
     return DriveSettings(
         angle_at_full=math.radians(drive.angle_at_full_deg or rudder.angle_max_deg),
@@ -127,14 +139,21 @@ def opened_now(opener: Callable[[], Link]) -> Link:
     return opener()
 
 
+def to_stderr(sentence: str) -> None:
+    """Tell whoever started the program."""
+    print(sentence, file=sys.stderr)
+
+
 class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
     `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
-    `forward`: URLs of ground stations that see the flight controller through us; `policy`: which of them are heard.
+    `forward`: URLs of ground stations that see the flight controller through us; `policy`: which of all ground stations
+    are heard, None: those of AccessRules().
     `with_other_pilot`: engage though another pilot steers the boat.
     `reconnect`: lines that are lost, or not there yet, are opened again.
     `opened`: returns what an opener opens, in its own time.  `heard`: takes the lines, to say what came over them.
+    `warn`: is told what somebody should know who expects orders to be taken.
     `has_compass`: headings may come over other links than the flight controller's, so slow ones there are no bar.
     """
 
@@ -148,27 +167,90 @@ class LinkOptions(NamedTuple):
     with_other_pilot: bool = False
     opened: Callable[[Callable[[], Link]], Link] = opened_now
     heard: dict[str, HeardTransport] | None = None
+    warn: Callable[[str], None] = to_stderr
     has_compass: bool = False
+
+
+class _Opening(NamedTuple):
+    """A link to be opened: its URL, whether rudder orders leave there, and what opens it."""
+
+    url: str
+    steers: bool
+    opener: Callable[[], Link]
+
+
+def _opened(openings: Iterable[_Opening], options: LinkOptions) -> list[Link]:
+    """Return the opened links; where one fails the others are closed again. Raises LinkError."""
+    links: list[Link] = []
+    try:
+        for each in openings:
+            link = ReconnectingLink(*each) if options.reconnect else options.opened(each.opener)
+            links.append(link)
+    except BaseException:
+        close_all(links)
+        raise
+    return links
+
+
+def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008
+    """Return the links of all `urls`, opened, and behind them those of `options.forward`.
+
+    Raises RefusedError where they cannot do what the vessel's fail-safe asks for, InputError where there is nothing to
+    forward, LinkError where one cannot be opened; then the others are closed again.
+    """
+    refuse_failsafe(vessel, urls)
+    parsed = [parse_url(url) for url in urls]
+    options = options._replace(has_compass=any(url.protocol in ("nmea", "n2k") for url in parsed))
+    router, behind = _forwarding(vessel, parsed, options) if options.forward else (None, [])
+    links = _opened([*(_to_boat(vessel, url, options, router) for url in parsed), *behind], options)
+    if len(urls) == 1 and parsed[0].protocol == "mavlink" and not vessel.sensors.priority:
+        return links  # one vehicle with one compass: nothing to choose
+    selection, count = SensorSelection(selection_of(vessel)), len(urls)
+    return [*(SelectingLink(link, selection) for link in links[:count]), *links[count:]]
+
+
+def open_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions) -> list[Link]:
+    """Return the opened links of all `urls`, each for itself: nothing chooses among them. Raises LinkError."""
+    return _opened([_to_boat(vessel, parse_url(url), options) for url in urls], options)
+
+
+def _to_boat(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None = None) -> _Opening:
+    steers = url.options.steers or url.protocol not in ("nmea", "n2k")
+    return _Opening(url.text, steers, partial(build_link, vessel, url.text, options, router))
 
 
 def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | None = None) -> Link:
     """Return the opened link of a URL, set up for the vessel and tapped for `router`. Raises LinkError."""
     parsed = parse_url(url)
     if parsed.protocol == "n2k":
+        from autopilot.links.n2k import N2kLink, open_bus
+
         return N2kLink(parsed.text, open_bus(parsed.text, parsed.host, parsed.path), n2k_settings_of(vessel, parsed))
     transport = open_transport(parsed, networks_of(vessel))
     if options.heard is not None:
         transport = HeardTransport(transport, parsed.protocol)
         options.heard[url] = transport
     if parsed.protocol == "nmea":
+        from autopilot.links.nmea.link import NmeaLink
+
         return NmeaLink(transport, nmea_settings_of(vessel, parsed), options.guide)
     if parsed.protocol in DRIVES:
-        settings_line = DriveLinkSettings(parsed.baud, vessel.drive.rate_hz, follow_of(vessel))
-        return DriveLink(transport, DRIVES[parsed.protocol](drive_settings_of(vessel)), settings_line)
+        from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
+
+        settings = DriveLinkSettings(parsed.baud, vessel.drive.rate_hz, follow_of(vessel))
+        return DriveLink(transport, drive_of(parsed.protocol, drive_settings_of(vessel)), settings)
+    return _companion(vessel, transport, options, router)
+
+
+def _companion(vessel: Vessel, transport: Transport, options: LinkOptions, router: Router | None) -> Link:
+    """Return the link to a flight controller."""
+    from autopilot.links.mavlink.companion import CompanionLink
+    from autopilot.links.mavlink.requests import MODES
+    from autopilot.links.mavlink.vehicle import CompanionSettings
+
     helm = vessel.helm
-    full_deg = helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
     settings = CompanionSettings(
-        rudder_at_full=math.radians(full_deg),
+        rudder_at_full=math.radians(helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg),
         reversed=helm.reversed,
         method=helm.method,
         command_rate_hz=helm.rate_hz,
@@ -186,53 +268,71 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
     )
     signing = options.signing.link() if options.signing else None
     if router is not None:
+        from autopilot.links.mavlink.router import RoutedTransport
+
         transport = RoutedTransport(transport, router, signing)
     return CompanionLink(transport, settings, signing, alarm_outputs_of(vessel)[1])
 
 
-def build_forward_links(
-    urls: Sequence[str], options: LinkOptions, router: Router, allow: Sequence[Network] = ()
-) -> list[Link]:
-    """Return the opened links of `options.forward` to ground stations behind us; `urls` are those to the boat.
+def _forwarding(vessel: Vessel, urls: Sequence[LinkUrl], options: LinkOptions) -> tuple[Router, list[_Opening]]:
+    """Return what passes MAVLink on, and the links of `options.forward` to ground stations behind us; `urls` are those
+    to the boat. Raises InputError where there is nothing to forward."""
+    from autopilot.links.mavlink.router import ForwardLink, Router, budget_for
 
-    allow: networks from which they may come to listening links; none: all.
-
-    Raises InputError where there is nothing to forward, LinkError where one cannot be opened.
-    """
-    bauds = [url.baud for url in map(parse_url, urls) if url.protocol == "mavlink"]
+    bauds = [url.baud for url in urls if url.protocol == "mavlink"]
     if not bauds:
         raise InputError("--forward passes MAVLink on, and no --link brings any; add the flight controller's link")
-    budget = budget_for(min((baud for baud in bauds if baud), default=0))
-    links: list[Link] = []
-    try:
-        for url in options.forward:
-            if parse_url(url).protocol != "mavlink":
-                raise InputError(
-                    f"--forward {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550"
-                )
-            signing = options.signing.link() if options.signing else None
-            access = options.policy.link() if options.policy else None
-            opener = partial(_forward_link, url, allow, router, budget, signing, access)
-            links.append(ReconnectingLink(url, False, opener) if options.reconnect else options.opened(opener))
-    except BaseException:
-        for link in links:
-            link.close()
-        raise
-    return links
+    router, budget, networks = Router(), budget_for(min(filter(None, bauds), default=0)), networks_of(vessel)
+
+    def opening(url: str) -> _Opening:
+        if parse_url(url).protocol != "mavlink":
+            raise InputError(f"--forward {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")
+        signing = options.signing.link() if options.signing else None
+        access = options.policy.link() if options.policy else None
+
+        def opened() -> Link:
+            link = ForwardLink(open_transport(url, networks), router, budget, signing, access)
+            if not link.takes_orders:
+                options.warn(f"--forward {url}: {LOOKING_ONLY}")
+            return link
+
+        return _Opening(url, False, opened)
+
+    return router, [opening(url) for url in options.forward]
 
 
-def _forward_link(
-    url: str,
-    allow: Sequence[Network],
-    router: Router,
-    budget: Budget,
-    signing: LinkSigning | None,
-    access: LinkAccess | None,
-) -> Link:
-    link = ForwardLink(open_transport(url, allow), router, budget, signing, access)
-    if not link.takes_orders:
-        print(f"--forward {url}: {LOOKING_ONLY}", file=sys.stderr)
-    return link
+class Stations(NamedTuple):
+    """Ground stations that see the pilot as a boat: where, and our system id there."""
+
+    urls: tuple[str, ...]
+    system: int = 1
+
+
+def build_station_links(
+    vessel: Vessel, stations: Stations, commands: Commands, store: ParameterStore, options: LinkOptions
+) -> list[Link]:
+    """Return the opened links to ground stations, over which `commands` are carried out and the numbers of `store` set.
+
+    vessel: as it is stored. Raises LinkError.
+    """
+    from autopilot import __version__
+    from autopilot.links.ground_station.boat_link import BoatLink
+    from autopilot.links.ground_station.file_server import metadata_files
+    from autopilot.links.ground_station.station_service import ParameterServer
+    from autopilot.vessel.parameters import parameters_of
+
+    networks, policy = networks_of(vessel), options.policy or AccessPolicy()
+    files = metadata_files(parameters_of(vessel), __version__)
+
+    def opened(url: str) -> Link:
+        signing = options.signing.link() if options.signing is not None else None
+        server = ParameterServer(store, files)
+        link = BoatLink(open_transport(url, networks), commands, server, stations.system, signing, policy.link())
+        if not link.takes_orders:
+            options.warn(f"--serve {url}: {LOOKING_ONLY}")
+        return link
+
+    return _opened((_Opening(url, False, partial(opened, url)) for url in stations.urls), options)
 
 
 def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
@@ -261,11 +361,6 @@ def refuse_wind_hold(urls: Sequence[str]) -> None:
         raise RefusedError("--engage wind needs a wind vane on an nmea: link (MWV); add that --link")
 
 
-def _kept(url: LinkUrl, opener: Callable[[], Link]) -> ReconnectingLink:
-    steers = url.options.steers or url.protocol not in ("nmea", "n2k")
-    return ReconnectingLink(url.text, steers, opener)
-
-
 def alarm_outputs_of(vessel: Vessel, terminal: TextIO | None = None) -> tuple[list[Link], VehicleSounder]:
     """Return what makes the vessel's alarms heard here, and what asks the vehicle to. Raises InputError.
 
@@ -289,24 +384,3 @@ def alarm_outputs_of(vessel: Vessel, terminal: TextIO | None = None) -> tuple[li
                 f"relay:{RELAY_MOST} and file:PATH"
             )
     return links, VehicleSounder(tune, relay)
-
-
-def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008
-    """Return the links of all `urls`, opened; where one fails the others are closed again. Raises LinkError."""
-    refuse_failsafe(vessel, urls)
-    links: list[Link] = []
-    router = Router() if options.forward else None
-    options = options._replace(has_compass=any(parse_url(url).protocol in ("nmea", "n2k") for url in urls))
-    try:
-        for url in urls:
-            opener = partial(build_link, vessel, url, options, router)
-            links.append(_kept(parse_url(url), opener) if options.reconnect else options.opened(opener))
-        behind = build_forward_links(urls, options, router, networks_of(vessel)) if router is not None else []
-    except BaseException:
-        for link in links:
-            link.close()
-        raise
-    if len(urls) == 1 and parse_url(urls[0]).protocol == "mavlink" and not vessel.sensors.priority:
-        return [*links, *behind]  # one vehicle with one compass: nothing to choose
-    priority = SensorSelection(selection_of(vessel))
-    return [*(SelectingLink(link, priority) for link in links), *behind]

@@ -35,7 +35,7 @@ from autopilot.files.strict_yaml import (
 )
 from autopilot.files.typed import Bounds, hints_of, nearest
 from autopilot.models.norrbin import Norrbin, folds
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.schema import Model, StandardErrors, Vessel
 
 _BARE_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
@@ -262,6 +262,26 @@ def string_text(value: str) -> str:
 def rounded(value: float) -> float:
     """Return `value` as a vessel file states it: six digits."""
     return float(f"{value:.6g}")
+
+
+def model_section(
+    model: Norrbin, errors: Mapping[str, float | None], source: str, date: str, log: tuple[str, ...] = ()
+) -> Model:
+    """Return the section of an identified model; standard `errors` by the model's own names, None: not determined."""
+    found = (errors.get(name) for name in ("gain", "time_constant", "n3", "n0"))
+    return Model(
+        K_1_s=rounded(model.gain),
+        T_s=rounded(model.time_constant),
+        reference_speed_m_s=rounded(model.reference_speed),
+        n1=model.n1,
+        n2_s_rad=rounded(model.n2),
+        n3_s2_rad2=rounded(model.n3),
+        n0_rad_s=rounded(model.n0),
+        standard_errors=StandardErrors(*(None if each is None else float(f"{each:.3g}") for each in found)),
+        source=source,
+        date=date,
+        log=log,
+    )
 
 
 NULL_TAG = "tag:yaml.org,2002:null"

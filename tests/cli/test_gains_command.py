@@ -11,13 +11,14 @@ from typing import Any
 import pytest
 from boats import BOATS, vessel_of
 
-from autopilot.cli.gains import Wish, designed, in_hand, write_vessel
+from autopilot.cli.gains import in_hand, write_vessel
 from autopilot.cli.main import main
 from autopilot.control.backstepping import Backstepping
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import at_speed_ratio
 from autopilot.report import gains as weaker_turn
 from autopilot.runtime.build import build_pilot, law_of, model_of, verdict_of
+from autopilot.runtime.gain_design import GainRequest, designed
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Control, Vessel
 
@@ -320,13 +321,13 @@ def test_too_quick_a_loop_may_lose_an_unstable_boat_with_a_weaker_rudder(
 ) -> None:
     """By the pilot itself, simulated; noise keeps the rudder at its quickest."""
     monkeypatch.setattr(weaker_turn, "SEEDS", (2,))
-    assert weaker_turn.survives(designed(UNSTEADY, Wish(level))) is is_in_hand
+    assert weaker_turn.survives(designed(UNSTEADY, GainRequest(level))) is is_in_hand
 
 
 def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    least = designed(UNSTEADY, Wish(7)).control.backstepping
+    least = designed(UNSTEADY, GainRequest(7)).control.backstepping
     assert least is not None
 
     def from_seven_on(vessel: Vessel) -> bool:
@@ -344,7 +345,7 @@ def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
     assert not out.exists()
     assert main(["gains", str(path), "--bandwidth-rad-s", "0.2"]) == 4
     assert "ask for more --bandwidth-rad-s" in capsys.readouterr().err
-    assert in_hand(UNSTEADY, Wish(), is_chosen=False).control.backstepping == least
+    assert in_hand(UNSTEADY, GainRequest(), is_chosen=False).control.backstepping == least
     assert "level 7 in place of 5" in capsys.readouterr().err
 
 

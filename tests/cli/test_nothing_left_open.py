@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from autopilot.cli import steering
 from autopilot.cli.main import main
+from autopilot.links.alarm_outputs import SilentLink
 from autopilot.links.base import close_all
+from autopilot.runtime import app
 
 
-class Opened:
+class Opened(SilentLink):
     """A link that counts how often it was closed."""
 
     name = "opened"
@@ -34,17 +36,25 @@ def is_interrupted(*_: Any, **__: Any) -> Any:
     raise KeyboardInterrupt
 
 
-PLACES = ["open_log", "alarm_outputs_of", "alarm_links", "LoopHealth", "StatusLine", "Session", "open_boat_links"]
+WIRED = ("alarm_outputs_of", "GuideAlarms", "LoopHealth", "Session", "track_settings_of", "build_station_links")
+PLACES = [
+    *("cli.ending.FileSink", "cli.steering.StatusLine", "runtime.record.Recorder", "runtime.tuning.TuningService"),
+    *("runtime.service.SlackCollector", *(f"runtime.app.{name}" for name in WIRED)),
+]
 
 
 @pytest.mark.parametrize("how", [fails, is_interrupted])
 @pytest.mark.parametrize("place", PLACES)
-def test_what_fails_before_steering_closes_every_link(monkeypatch: pytest.MonkeyPatch, place: str, how: Any) -> None:
+def test_what_fails_before_steering_closes_every_link(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, place: str, how: Any
+) -> None:
     links = [Opened(), Opened()]
-    monkeypatch.setattr(steering, "build_links", lambda *_: list(links))
-    monkeypatch.setattr(steering, place, how)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(app, "build_links", lambda *_: list(links))
+    monkeypatch.setattr(f"autopilot.{place}", how)
     with pytest.raises(BaseException) as caught:
-        raise SystemExit(main(["run", "lanxin", "--link", "udpin:127.0.0.1:0"]))
+        served = ["--serve", "udpin:127.0.0.1:0", "--log", "run.tlog"]
+        raise SystemExit(main(["run", "lanxin", "--link", "udpin:127.0.0.1:0", *served]))
     assert caught.type in (MemoryError, KeyboardInterrupt, SystemExit)
     assert [link.closed for link in links] == [1, 1]
 

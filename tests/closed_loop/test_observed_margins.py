@@ -9,11 +9,11 @@ import pytest
 from boats import BOATS, vessel_of
 from plant import Plant, sail
 
-from autopilot.cli.gains import Wish, designed
 from autopilot.control.backstepping import Backstepping
 from autopilot.control.margins import ObservedMargins, observed_margins
 from autopilot.errors import RefusedError
 from autopilot.runtime.build import build_pilot, gear_of, model_of, observed_of, verdict_of
+from autopilot.runtime.gain_design import GainRequest, designed
 from autopilot.signals import Order, OrderKind
 from autopilot.vessel.schema import Estimator, Vessel
 
@@ -46,7 +46,7 @@ def with_filter(vessel: Vessel) -> ObservedMargins:
     ("name", "spares"), [("lanxin", False), ("middle", False), ("unstable", False), ("middle", True)]
 )
 def test_the_delay_margin_is_where_the_pilot_begins_to_swing(name: str, spares: bool) -> None:
-    vessel = designed(linear(name), Wish(4, spares=True)) if spares else linear(name)
+    vessel = designed(linear(name), GainRequest(4, spares=True)) if spares else linear(name)
     delay = with_filter(vessel).delay
     assert delay < verdict_of(vessel).margins.delay, "the filter costs margin"
     assert growth(vessel, late=0.8 * delay) < 0.8

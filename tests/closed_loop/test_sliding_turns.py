@@ -10,10 +10,10 @@ from boats import BOATS, Boat, vessel_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.cli.gains import designed
 from autopilot.control.sliding_heading import Sliding
 from autopilot.errors import RefusedError
 from autopilot.runtime.build import build_pilot, gear_of, model_of
+from autopilot.runtime.gain_design import designed
 from autopilot.signals import Mode, Order, OrderKind
 
 

@@ -11,8 +11,8 @@ from boats import BOATS, vessel_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.cli.gains import Wish, designed
 from autopilot.runtime.build import build_pilot, gear_of, model_of
+from autopilot.runtime.gain_design import GainRequest, designed
 from autopilot.signals import Order, OrderKind, Tick
 from autopilot.vessel.schema import Vessel
 
@@ -21,7 +21,7 @@ CALM = {"lanxin": 5, "middle": 4, "slow": 3}
 
 
 def spared(name: str) -> Vessel:
-    return designed(vessel_of(BOATS[name]), Wish(CALM[name], spares=True))
+    return designed(vessel_of(BOATS[name]), GainRequest(CALM[name], spares=True))
 
 
 def course(heading_deg: float) -> Order:
@@ -100,4 +100,4 @@ def test_it_spares_the_rudder_in_noise(name: str) -> None:
         return sum(abs(b - a) for a, b in itertools.pairwise(angles))
 
     vessel = spared(name)
-    assert travel(vessel) < 0.5 * travel(designed(vessel, Wish(CALM[name], spares=False)))
+    assert travel(vessel) < 0.5 * travel(designed(vessel, GainRequest(CALM[name], spares=False)))

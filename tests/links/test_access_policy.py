@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from watched_boat import Watched
 
-from autopilot.cli.serving import BackgroundSaver, Serving, open_boat_links
 from autopilot.files.strict_yaml import parse_document
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import LinkError
@@ -38,7 +37,7 @@ from autopilot.links.transports.serial_line import SerialTransport
 from autopilot.links.transports.sockets import interface_address, is_everywhere, only_from
 from autopilot.links.url import open_transport, parse_url
 from autopilot.runtime.build import build_pilot
-from autopilot.runtime.build_links import access_rules_of
+from autopilot.runtime.build_links import LinkOptions, Stations, access_rules_of, build_station_links
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
     AlarmEvent,
@@ -54,7 +53,7 @@ from autopilot.signals import (
 )
 from autopilot.vessel.file import dump_vessel, load_vessel, vessel_from
 from autopilot.vessel.parameters import parameters_of
-from autopilot.vessel.schema import Security
+from autopilot.vessel.schema import Security, Vessel
 from autopilot.web.requests import asked_of
 
 BYTES_AT_ONCE = 8_000.0
@@ -282,16 +281,19 @@ def test_the_vessel_file_says_who_may_come_and_no_station_can_change_it() -> Non
         vessel_from(parse_document(text + "\nsecurity:\n  allow_systems: [0]\n", "boat.yaml"))
 
 
+def stations_at(urls: tuple[str, ...], vessel: Vessel, folder: Path, options: LinkOptions | None = None) -> list[Any]:
+    """The links of a run to ground stations."""
+    store = VesselStore(vessel, build_pilot(vessel), None, folder / "boat.tuned.yaml")
+    commands = Commands(Hand(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+    return build_station_links(vessel, Stations(urls), commands, store, options or LinkOptions())
+
+
 def test_what_the_file_allows_holds_for_the_links_of_a_run(tmp_path: Path) -> None:
     boat = load_vessel("lanxin")
     security = Security((255,), ("127.0.0.2",), 10.0, 25.0)
     vessel = dataclasses.replace(boat, security=security)
-    pilot, saver = build_pilot(vessel), BackgroundSaver()
-    in_force = VesselStore(vessel, pilot, None, tmp_path / "boat.tuned.yaml", saver)
-    serving = Serving(("udpin:127.0.0.1:0",), 1, Hand(), Mission(TrackGuide()), armed=False)  # type: ignore[arg-type]
-    policy = AccessPolicy(access_rules_of(vessel))
-    links = open_boat_links(serving, in_force, str(tmp_path / "boat.yaml"), saver, policy=policy)
-    served = links[-1]
+    options = LinkOptions(policy=AccessPolicy(access_rules_of(vessel)))
+    (served,) = stations_at(("udpin:127.0.0.1:0",), vessel, tmp_path, options)
     assert isinstance(served, BoatLink) and isinstance(served._transport, UdpInTransport)
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far,
@@ -311,9 +313,7 @@ def test_what_the_file_allows_holds_for_the_links_of_a_run(tmp_path: Path) -> No
         for _ in range(100):
             served.receive(0.1)
         assert served._commands.armed and served._transport.peer == ok.getsockname()
-    for link in links:
-        link.close()
-    saver.close()
+    served.close()
 
 
 EVERYBODY = AccessRules()
@@ -762,20 +762,15 @@ def test_which_links_only_this_machine_can_reach(url: str, is_loopback_alone: bo
 def test_the_terminal_says_that_a_served_link_takes_no_order(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    vessel = load_vessel("lanxin")
-    saver = BackgroundSaver()
-    in_force = VesselStore(vessel, build_pilot(vessel), None, tmp_path / "boat.tuned.yaml", saver)
     master, slave = pty.openpty()
     serial = f"serial:{os.ttyname(slave)}:57600"
     urls = ("udpin:0.0.0.0:0", "udpin:127.0.0.1:0", serial)
-    serving = Serving(urls, 1, Hand(), Mission(TrackGuide()), armed=False)  # type: ignore[arg-type]
-    links = open_boat_links(serving, in_force, str(tmp_path / "boat.yaml"), saver)
+    links = stations_at(urls, load_vessel("lanxin"), tmp_path)
     told = capsys.readouterr().err
     assert told.count("give no orders: no signing key is set") == 2 and f"--serve {serial}: whoever is there" in told
     assert [link.takes_orders for link in links if isinstance(link, BoatLink)] == [False, True, False]
     for link in links:
         link.close()
-    saver.close()
     os.close(master), os.close(slave)
 
 

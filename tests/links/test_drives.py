@@ -20,7 +20,7 @@ from autopilot.links.drives.pypilot_motor import PypilotMotor, crc8, packet
 from autopilot.links.release import Release, ReleaseState
 from autopilot.links.transports import loopback_pair
 from autopilot.runtime.build import follow_of
-from autopilot.runtime.build_links import DRIVES, drive_settings_of
+from autopilot.runtime.build_links import DRIVES, drive_of, drive_settings_of
 from autopilot.runtime.clock import ManualClock
 from autopilot.runtime.session import Session
 from autopilot.signals import AlarmSample, HelmSample, Order, RudderCommand, RudderSample
@@ -48,7 +48,7 @@ class Bench:
         self.twin = TWINS[kind](self.world, 38400)
         self.near, self.far = loopback_pair()
         settings = DriveLinkSettings(38400, 20.0, follow_of(vessel))
-        self.link = DriveLink(self.near, DRIVES[kind](drive_settings_of(vessel)), settings)
+        self.link = DriveLink(self.near, drive_of(kind, drive_settings_of(vessel)), settings)
         self.now = 0.0
         self.samples: list[object] = []
 
@@ -191,7 +191,7 @@ def test_an_order_stays_inside_the_end_stops() -> None:
 
 @given(st.lists(st.binary(max_size=40), max_size=30), st.sampled_from(sorted(DRIVES)))
 def test_noise_is_survived_and_moves_nothing(chunks: list[bytes], kind: str) -> None:
-    drive = DRIVES[kind](SETTINGS)
+    drive = drive_of(kind, SETTINGS)
     drive.order(0.0, 0.1)
     for step, chunk in enumerate(chunks):
         now = step * 0.05

@@ -10,13 +10,15 @@ import pytest
 from boat_at_sea import item, place
 from two_processes import free_port
 
-from autopilot.cli.serving import BackgroundSaver, Serving, load_mission, mission_file, open_boat_links
+from autopilot.cli.serving import load_mission
 from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.ground_station.mission import dump_items, from_message
 from autopilot.operators.skipper import RouteSkipper
-from autopilot.runtime.build import build_pilot, limits_of
-from autopilot.runtime.vessel_store import VesselStore
+from autopilot.runtime.app import App, Plan, mission_file
+from autopilot.runtime.build import limits_of
+from autopilot.runtime.build_links import Stations
+from autopilot.runtime.clock import ManualClock
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
@@ -26,18 +28,18 @@ class Start:
     """One start of the program, as far as ground stations are concerned."""
 
     def __init__(self, folder: Path, route: Path | None = None) -> None:
-        self.mission = load_mission(str(folder / "boat.yaml"), route)
+        path = str(folder / "boat.yaml")
+        self.mission = load_mission(path, route)
         self.track = self.mission.guide
         self.skipper = RouteSkipper(limits_of(VESSEL).angle_max, PlotterGuide(), self.mission)
-        self.saver = BackgroundSaver()
-        self.store = VesselStore(VESSEL, build_pilot(VESSEL), None, folder / "boat.tuned.yaml", self.saver)
-        serving = Serving((f"udpout:127.0.0.1:{free_port()}",), 1, self.skipper, self.mission, False)
-        self.links = open_boat_links(serving, self.store, str(folder / "boat.yaml"), self.saver)
+        stations = Stations((f"udpout:127.0.0.1:{free_port()}",))
+        self.app = App(Plan(VESSEL, self.skipper, path, skipper=self.skipper, stations=stations), ManualClock())
+        assert self.app.store is not None
+        self.store = self.app.store
 
     def end(self) -> None:
-        for link in self.links:
-            link.close()
-        self.saver.close()
+        with self.app:
+            pass
 
 
 def items() -> list[Any]:

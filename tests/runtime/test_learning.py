@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,18 +15,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plant import Plant
 
-from autopilot.cli.gains import designed
-from autopilot.cli.tuning_desk import LearningDesk, with_learnt
 from autopilot.errors import InputError, RefusedError
-from autopilot.identification.learning import Proposal
+from autopilot.identification.learning import Learner, Proposal
 from autopilot.identification.model_choice import Foretelling, Outcome
 from autopilot.models.norrbin import Norrbin
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of, learner_of, model_of
 from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.gain_design import designed
 from autopilot.runtime.record import Recorder, read_log
 from autopilot.runtime.replay import replay
 from autopilot.runtime.session import Session
+from autopilot.runtime.tuning import LearningService, with_learnt
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
     AlarmEvent,
@@ -105,7 +106,7 @@ class Boat:
 class Sailed:
     pilot: Pilot
     boat: Boat
-    desk: LearningDesk
+    desk: LearningService
     store: VesselStore
     saved: list[str]
     answers: list[str]
@@ -117,8 +118,8 @@ def sail(
     """Sail a vessel file that is off; `typed` are the lines that the skipper types at these times."""
     pilot, boat, saved = build_pilot(OFF, learns=learns), Boat(), []
     store = VesselStore(OFF, pilot, None, Path("x.tuned.yaml"), lambda path, text: saved.append(text))
-    desk, answers, left = LearningDesk(), [], sorted((typed or {}).items())
-    desk.attach(pilot, store)
+    # where nothing learns nothing is typed to it
+    desk, answers, left = LearningService(cast(Learner, pilot.learner), store), [], sorted((typed or {}).items())
     recorder = None
     if path is not None:
         store.log = recorder = Recorder(path, {"vessel": dump_vessel(OFF), "law": None}, 0.0)
@@ -202,14 +203,15 @@ def test_a_model_that_no_gains_serve_is_refused(monkeypatch: pytest.MonkeyPatch,
     def impossible(vessel: Vessel) -> Vessel:
         raise RefusedError("no gain gives a stable loop")
 
-    monkeypatch.setattr("autopilot.cli.tuning_desk.designed", impossible)
+    monkeypatch.setattr("autopilot.runtime.tuning.designed", impossible)
     with pytest.raises(InputError, match="not adopted: no gain"):
         sailed.desk.adopt()
     assert sailed.pilot.config.model == model_of(OFF)
 
 
 def test_news_come_once(sailed: Sailed) -> None:
-    desk = LearningDesk()
+    assert sailed.pilot.learner is not None
+    desk = LearningService(sailed.pilot.learner, sailed.store)
     tick = Tick(
         1,
         100.0,
@@ -222,8 +224,6 @@ def test_news_come_once(sailed: Sailed) -> None:
         PilotMode.STANDBY,
         (),
     )
-    assert desk.news(tick) == ""
-    desk.attach(sailed.pilot, sailed.store)
     assert "learnt and proved (type adopt): K 0." in desk.news(tick)
     assert desk.news(tick._replace(now=200.0)) == ""
     assert desk.type_line("e 90") is None

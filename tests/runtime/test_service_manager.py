@@ -17,8 +17,8 @@ import pytest
 from lockstep import Lockstep
 from two_processes import free_port
 
-from autopilot.cli.upkeep import Upkeep
-from autopilot.runtime.machine import RealTime, ServiceManager
+from autopilot.runtime.machine import RealTime
+from autopilot.runtime.service import ServiceHooks, ServiceManager
 from autopilot.signals import Tick
 from autopilot.vessel.file import load_vessel
 
@@ -132,8 +132,8 @@ def test_a_hung_tick_stops_the_signs_of_life(manager: Manager, monkeypatch: pyte
     monkeypatch.setattr(run.pilot, "_ask_law", hang)
 
     def sail() -> None:
-        with Upkeep(RealTime(), None) as upkeep:
-            run.run(60.0, until=lambda tick: bool(upkeep.ticked(tick)))
+        with ServiceHooks(RealTime(), None, print) as hooks:
+            run.run(60.0, until=lambda tick: bool(hooks.ticked(tick)))
 
     sailing = threading.Thread(target=sail)
     sailing.start()

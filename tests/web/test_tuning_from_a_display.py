@@ -12,8 +12,8 @@ from boats import BOATS, vessel_of
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from watched_boat import AtOnce, Watched
 
-from autopilot.cli.gains import Wish, designed
 from autopilot.errors import InputError, RefusedError
+from autopilot.runtime.gain_design import GainRequest, designed
 
 
 class NoGains(AtOnce):
@@ -27,7 +27,7 @@ def test_a_response_level_is_designed_and_put_in_force_while_steering(sea: Watch
     sea.order(do="engage")
     assert sea.order(do="level", level=3) == (True, "")
     sea.watch(4.0)
-    control, wanted = sea.store.running.control, designed(sea.store.running, Wish(3)).control
+    control, wanted = sea.store.running.control, designed(sea.store.running, GainRequest(3)).control
     assert control == wanted and control != vessel_of(BOATS["lanxin"]).control
     assert sea.station.view.snapshot(sea.now)["level"] == 3.0
     assert sea.station.view.texts.kept[-1].words == "response level 3"

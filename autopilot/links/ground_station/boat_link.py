@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -19,7 +18,7 @@ from autopilot.links.ground_station.access import (
     stands_by,
 )
 from autopilot.links.ground_station.commands import ACCEPTED, DENIED, Commands
-from autopilot.links.ground_station.file_server import ALARMS, NO_FILES, alarm_list
+from autopilot.links.ground_station.file_server import ALARMS, alarm_list
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
@@ -95,7 +94,7 @@ class BoatLink:
 
     `signing`: everything sent is signed, and nothing is obeyed that is not.
     `access`: which system ids are heard, and how much; None: all of them, at the usual rates.
-    `files`: what is served over MAVLink FTP, by path; the file GENERAL is announced as metadata of our parameters.
+    What describes our parameters is served over MAVLink FTP, and so are the alarms.
 
     Attributes:
         takes_orders: whether orders are carried out; else a station on this link only looks, and may let the pilot
@@ -111,7 +110,6 @@ class BoatLink:
         parameters: ParameterServer,
         system: int = 1,
         signing: LinkSigning | None = None,
-        files: Mapping[str, bytes] = NO_FILES,
         access: LinkAccess | None = None,
     ) -> None:
         self.name = transport.name
@@ -126,7 +124,7 @@ class BoatLink:
         self._telemetry = Telemetry(commands.mission, commands.tuner)
         self._texts = StatusTexts()
         self._service = StationService(
-            commands, parameters, self._telemetry, self._texts, {**files, ALARMS: self._alarm_file}
+            commands, parameters, self._telemetry, self._texts, {**parameters.files, ALARMS: self._alarm_file}
         )
         self._next_heartbeat = -math.inf
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)

@@ -56,10 +56,10 @@ class ParameterStore(Protocol):
 
 
 class ParameterServer:
-    """Answers for one identity; `say` takes the reason of a refusal to people's eyes."""
+    """Answers for one identity; `files`, by path, describe the parameters (`file_server.metadata_files`)."""
 
-    def __init__(self, store: ParameterStore) -> None:
-        self._store = store
+    def __init__(self, store: ParameterStore, files: Mapping[str, bytes] = NO_FILES) -> None:
+        self._store, self.files = store, files
         self._names = store.names
         self._index = {name: index for index, name in enumerate(self._names)}
         self._listing: deque[int] = deque()

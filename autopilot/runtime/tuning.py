@@ -11,47 +11,40 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from autopilot.cli.gains import Wish, designed
 from autopilot.control.design import DESIGNED
 from autopilot.control.registry import designed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import Norrbin
-from autopilot.pilot import Pilot
+from autopilot.runtime.gain_design import GainRequest, designed
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import Tick
-from autopilot.vessel.file import rounded
-from autopilot.vessel.schema import StandardErrors, Vessel
+from autopilot.vessel.file import model_section
+from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
-    from autopilot.identification.learning import Learner, Proposal
+    from concurrent.futures import Executor, Future
 
-LEARN_HELP = "learn: what was learnt  adopt: steer with it  revert: take it back"
+    from autopilot.identification.learning import Learner, Proposal
 
 LOOK_PERIOD = 2.0
 """Seconds between looks at the learner for something to tell."""
 
 
-class LearningDesk:
-    """Between the skipper's terminal and a pilot that learns. `attach` it to the pilot before it is used."""
+class LearningService:
+    """Between the skipper's terminal and a pilot that learns the boat: what was learnt is told, adopted, taken back."""
 
-    def __init__(self) -> None:
-        self._learner: Learner | None = None
-        self._store: VesselStore | None = None
+    def __init__(self, learner: Learner, store: VesselStore) -> None:
+        self._learner, self._store = learner, store
         self._before: list[Vessel] = []
         self._looked = -math.inf
         self._told: tuple[Norrbin, bool] | None = None
 
-    def attach(self, pilot: Pilot, store: VesselStore) -> None:
-        """Serve this pilot and its vessel."""
-        self._learner, self._store = pilot.learner, store
-
     def news(self, tick: Tick) -> str:
         """Return what the skipper should know unasked: a model put forward, or one that has proved itself; else ''."""
-        if self._learner is None or tick.now - self._looked < LOOK_PERIOD:
+        if tick.now - self._looked < LOOK_PERIOD:
             return ""
         self._looked = tick.now
         proposal = self._learner.proposal()
@@ -63,7 +56,7 @@ class LearningDesk:
         return f"{what}: {_numbers(proposal)}; {_check(proposal)}"
 
     def type_line(self, line: str) -> str | None:
-        """Act on a typed line; return the answer, None where the line is not for this desk. Raises InputError."""
+        """Act on a typed line; return the answer, None where the line is not for it. Raises InputError."""
         word = line.strip()
         if word == "learn":
             return self._report()
@@ -89,28 +82,25 @@ class LearningDesk:
 
         Raises InputError where there is nothing to adopt, or it has not proved itself.
         """
-        learner, store = self._attached()
-        proposal = learner.proposal()
+        proposal, running = self._learner.proposal(), self._store.running
         if proposal is None:
-            raise InputError(f"nothing to adopt yet: {_progress(learner)}")
+            raise InputError(f"nothing to adopt yet: {_progress(self._learner)}")
         if not proposal.is_proved:
             raise InputError(f"not adopted: it must foretell better than the present model first; {_check(proposal)}")
-        return store.running, with_learnt(store.running, proposal)
+        return running, with_learnt(running, proposal)
 
     def put(self, before: Vessel, after: Vessel) -> str:
         """Put an adopted vessel in force, `before` being what `revert` goes back to. Raises RefusedError."""
-        _, store = self._attached()
-        kept = store.put(steered_as(store.stored, after))
+        kept = self._store.put(steered_as(self._store.stored, after))
         self._before.append(before)
         self._told = None
         return "; ".join(filter(None, ["adopted", _changes(before, after), kept]))
 
     def revert(self) -> str:
         """Put back in force what was before the latest adoption. Raises InputError where there is none."""
-        _, store = self._attached()
         if not self._before:
             raise InputError("nothing to revert: no model has been adopted in this run")
-        present = store.running
+        store, present = self._store, self._store.running
         try:
             # what was tuned since stays tuned; model and gains go back
             kept = store.put(steered_as(store.stored, self._before[-1]))
@@ -124,8 +114,6 @@ class LearningDesk:
 
         Errors of foretelling [deg]; `lrn_state` 0 nothing is proposed yet, 1 it is, 2 it has proved itself.
         """
-        if self._learner is None:
-            return {}
         learner, proposal = self._learner, self._learner.proposal()
         values = {"lrn_win": float(learner.windows), "lrn_state": 0.0}
         for suffix, model in (("_in", learner.present), ("", learner.estimate)):
@@ -139,14 +127,8 @@ class LearningDesk:
         values |= {"lrn_old": math.degrees(proposal.present_error), "lrn_new": math.degrees(proposal.proposed_error)}
         return values | {"lrn_state": 2.0 if proposal.is_proved else 1.0}
 
-    def _attached(self) -> tuple[Learner, VesselStore]:
-        if self._learner is None or self._store is None:
-            raise InputError("nothing is learnt in this run: start with --learn")
-        return self._learner, self._store
-
     def _report(self) -> str:
-        learner, _ = self._attached()
-        proposal = learner.proposal()
+        learner, proposal = self._learner, self._learner.proposal()
         lines = [f"put forward: {_numbers(proposal)}; {_check(proposal)}"] if proposal else [_progress(learner)]
         for name, model in (
             ("in force", learner.present),
@@ -166,26 +148,8 @@ def steered_as(vessel: Vessel, other: Vessel) -> Vessel:
 
 def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:
     """Return the vessel with the proposed model."""
-    model, errors = proposal.model, proposal.standard_errors
-    return replace(
-        vessel,
-        model=replace(
-            vessel.model,
-            K_1_s=rounded(model.gain),
-            T_s=rounded(model.time_constant),
-            n3_s2_rad2=rounded(model.n3),
-            n0_rad_s=rounded(model.n0),
-            standard_errors=StandardErrors(
-                K_1_s=rounded(errors["gain"]),
-                T_s=rounded(errors["time_constant"]),
-                n3_s2_rad2=rounded(errors["n3"]),
-                n0_rad_s=rounded(errors["n0"]),
-            ),
-            source="learnt while sailing, integral method",
-            date=datetime.date.today().isoformat(),
-            log=(),
-        ),
-    )
+    source, today = "learnt while sailing, integral method", datetime.date.today().isoformat()
+    return replace(vessel, model=model_section(proposal.model, proposal.standard_errors, source, today))
 
 
 def _numbers(proposal: Proposal) -> str:
@@ -226,7 +190,7 @@ BUSY = "another change is being worked out: try again in a moment"
 
 
 class Change:
-    """One change under way: a `links.boat.tuning.Tuning`."""
+    """One change under way: a `Tuning`."""
 
     def __init__(self, work: Future[Vessel] | None, finish: Callable[[Vessel], str]) -> None:
         self._work, self._finish = work, finish
@@ -254,17 +218,17 @@ class Change:
         self.said, self.is_over, self.is_complete = said, True, True
 
 
-class TuningDesk:
-    """A `links.boat.tuning.Tuner`. `learning`: what learns in this run, None where nothing does; `pool`: where gains
-    are designed.
+class TuningService:
+    """A `Tuner` for ground stations. `learning`: what learns in this run, None where nothing does; `pool`: where gains
+    are designed, made when it is needed.
 
     Call `turn` after every tick, `close` at the end.
     """
 
-    def __init__(self, store: VesselStore, learning: LearningDesk | None, pool: Executor | None = None) -> None:
+    def __init__(self, store: VesselStore, learning: LearningService | None, pool: Executor | None = None) -> None:
         self.level = math.nan
         self._store, self._learning = store, learning
-        self._pool = pool or ThreadPoolExecutor(1, thread_name_prefix="design")
+        self._pool = pool
         self._change: Change | None = None
 
     def set_level(self, level: int) -> Change:
@@ -281,25 +245,25 @@ class TuningDesk:
             self.level = float(level)
             return "; ".join(filter(None, [f"response level {level}", kept]))
 
-        return self._begin(before, Wish(level), finish)
+        return self._begin(before, GainRequest(level), finish)
 
     def adopt(self) -> Change:
         """Begin to put the proved model in force, with gains for it. Raises InputError."""
-        desk = self._desk()
-        before, wanted = desk.wanted()
-        wish = Wish(int(self.level)) if math.isfinite(self.level) else Wish()
+        learning = self._learns()
+        before, wanted = learning.wanted()
+        request = GainRequest(int(self.level)) if math.isfinite(self.level) else GainRequest()
 
         def finish(vessel: Vessel) -> str:
             if self._store.running != before:
                 raise InputError("the vessel was changed meanwhile; try again")
-            return desk.put(before, vessel)
+            return learning.put(before, vessel)
 
-        return self._begin(wanted, wish, finish)
+        return self._begin(wanted, request, finish)
 
     def revert(self) -> Change:
         """Put back in force what was before the latest adoption. Raises InputError."""
         change = Change(None, lambda _: "")
-        change.end(self._desk().revert())
+        change.end(self._learns().revert())
         return change
 
     def learnt(self) -> dict[str, float]:
@@ -313,15 +277,20 @@ class TuningDesk:
 
     def close(self) -> None:
         """Wait for what is being worked out."""
-        self._pool.shutdown()
+        if self._pool is not None:
+            self._pool.shutdown()
 
-    def _begin(self, vessel: Vessel, wish: Wish, finish: Callable[[Vessel], str]) -> Change:
+    def _begin(self, vessel: Vessel, request: GainRequest, finish: Callable[[Vessel], str]) -> Change:
         if self._change is not None and not self._change.is_over:
             raise InputError(BUSY)
-        self._change = Change(self._pool.submit(designed, vessel, wish), finish)
+        if self._pool is None:
+            from concurrent.futures import ThreadPoolExecutor
+
+            self._pool = ThreadPoolExecutor(1, thread_name_prefix="design")
+        self._change = Change(self._pool.submit(designed, vessel, request), finish)
         return self._change
 
-    def _desk(self) -> LearningDesk:
+    def _learns(self) -> LearningService:
         if self._learning is None:
             raise InputError("nothing is learnt in this run: start with --learn")
         return self._learning

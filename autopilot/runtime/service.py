@@ -1,31 +1,35 @@
-"""What keeps a steering process well, beside the steering: service manager, real time, garbage, resumption.
+"""What keeps a steering process well, beside the steering: the service manager, real time, garbage, and a restart.
 
-A steering process that died says to the next one what it was doing; that goes on only where the file allows.
+What a service manager is told: ready, alive, why not well, leaving. Without one nothing is sent. The protocol is
+sd_notify(3) of systemd: datagrams of VARIABLE=value lines to the socket named in NOTIFY_SOCKET. Signs of life come from
+the tick and from no other place: when it hangs they stop, and after WatchdogSec the manager aborts the process and
+starts another.
 
-The note lies where a reboot forgets it (/run), with the boot's id and the age by a clock that nobody sets.
+A steering process that died says to the next one what it was doing; that goes on only where the file allows. The note
+lies where a reboot forgets it (/run), with the boot's id and the age by a clock that nobody sets.
 """
 
 from __future__ import annotations
 
-import argparse
+import contextlib
 import faulthandler
 import json
 import math
 import os
+import socket
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
-from autopilot.cli.option_numbers import whole_number
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.outside import read_regular
 from autopilot.links.base import LinkError
-from autopilot.runtime.machine import RealTime, ServiceManager, SlackCollector, cpus_of, make_real_time
+from autopilot.runtime.machine import RealTime, SlackCollector, make_real_time
 from autopilot.signals import Mode, OrderKind, Tick
-from autopilot.vessel.schema import Vessel
+from autopilot.supervision.panel import sentences_of
 
 RENEWED_S = 1.0
 LONGEST = 4096
@@ -40,7 +44,7 @@ class Note(NamedTuple):
     boot: str
 
 
-class Resumption:
+class RestartState:
     """Keeps the note of what is steered, in the file `path`, and reads what another process has left there.
 
     Args:
@@ -104,72 +108,102 @@ def _read(path: Path) -> Note | None:
     return note if math.isfinite(note.heading) and math.isfinite(note.since) else None
 
 
-PRIORITY = 40
-"""Below the kernel's interrupt threads, which have 50."""
-NOTE_NAME = "held-heading.json"
+FEEDS_A_PERIOD = 4
+"""Signs of life in the time that the manager waits for one: systemd asks for two."""
+
+
+class ServiceManager:
+    """Tells the service manager of `environ` how the loop is. Nothing here raises or waits.
+
+    Args:
+        environ: NOTIFY_SOCKET names the socket; WATCHDOG_USEC how often life must be shown, WATCHDOG_PID by whom.
+        clock: seconds of a clock that never goes backwards.
+    """
+
+    def __init__(self, environ: Mapping[str, str] = os.environ, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._address = _address(environ.get("NOTIFY_SOCKET", ""))
+        period = _microseconds(environ.get("WATCHDOG_USEC", ""))
+        is_for_us = environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        self.feeding_s = period / FEEDS_A_PERIOD if is_for_us else 0.0
+        self._next = 0.0
+        self._status = ""
+        self._socket: socket.socket | None = None
+        if self._address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._socket.setblocking(False)
+
+    def ticked(self, tick: Tick) -> None:
+        """Show that the loop lives, at the first tick that it is ready, and its mode and alarms when they change."""
+        if self._socket is None:
+            return
+        lines = []
+        status = "; ".join((tick.mode.name, *sentences_of(tick.alarms)))
+        if not self._status:
+            lines.append("READY=1")
+        if status != self._status:
+            self._status = status
+            lines.append(f"STATUS={' '.join(status.split())}")
+        now = self._clock()
+        if self.feeding_s and now >= self._next:
+            self._next = now + self.feeding_s
+            lines.append("WATCHDOG=1")
+        self._send(lines)
+
+    def close(self) -> None:
+        """Say that the process ends; further calls do nothing."""
+        self._send(["STOPPING=1"])
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _send(self, lines: list[str]) -> None:
+        if self._socket is not None and lines:
+            # a manager that does not listen will abort us; that is its part
+            with contextlib.suppress(OSError):
+                self._socket.sendto("\n".join(lines).encode(), self._address)
+
+
+def _address(name: str) -> str:
+    """Return the socket's address: a path, or a name in the abstract namespace, which begins with @."""
+    if name.startswith("@"):
+        return "\0" + name[1:]
+    return name if name.startswith("/") else ""
+
+
+def _microseconds(text: str) -> float:
+    return int(text) * 1.0e-6 if text.isascii() and text.isdigit() and len(text) < 19 else 0.0
+
+
 FAULT = "autopilot: the program failed; the rudder was given back. Keep the log and report what follows"
 
 
-def add_upkeep_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--realtime`, `--cpu` and `--state`."""
-    parser.add_argument(
-        "--realtime",
-        metavar="PRIORITY",
-        nargs="?",
-        action=whole_number(1, 99),
-        const=PRIORITY,
-        help=f"steer with real-time priority, 1 to 99 (without a number {PRIORITY}), and memory locked",
-    )
-    parser.add_argument("--cpu", metavar="N", help="keep to this core, or to these: 3 or 2,3")
-    parser.add_argument(
-        "--state",
-        metavar="FILE",
-        type=Path,
-        help="record the steered heading there, for failsafe.reengage_after_restart_s (default: in $RUNTIME_DIRECTORY)",
-    )
-
-
-def real_time_of(arguments: argparse.Namespace) -> RealTime:
-    """Return what the options ask for. Raises InputError."""
-    return RealTime(arguments.realtime, () if arguments.cpu is None else cpus_of(arguments.cpu))
-
-
-def resumption_of(
-    arguments: argparse.Namespace, vessel: Vessel, save: Callable[[Path, str], None]
-) -> Resumption | None:
-    """Return who keeps note of what is steered; None where the vessel file or the place for it is missing."""
-    folder = os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
-    place = arguments.state or (Path(folder) / NOTE_NAME if folder else None)
-    within = vessel.failsafe.reengage_after_restart_s
-    return Resumption(place, within, save) if place is not None and within > 0.0 else None
-
-
-class Upkeep:
+class ServiceHooks:
     """Round the running session: enter it when all threads run, call it after every tick.
 
     An end that was meant, or that a link or a refusal brought, is no end to resume from; a fault of ours is one.
     """
 
-    def __init__(self, wanted: RealTime, resumption: Resumption | None) -> None:
-        self._wanted = wanted
-        self._resumption = resumption
+    def __init__(self, real_time: RealTime, restart: RestartState | None, warn: Callable[[str], None]) -> None:
+        self._real_time = real_time
+        self._restart, self._warn = restart, warn
         self._manager = ServiceManager()
         self._collect: SlackCollector | None = None
 
-    def __enter__(self) -> Upkeep:
+    def __enter__(self) -> ServiceHooks:
         # a watchdog ends the process with SIGABRT: then it says where it stood
         if sys.stderr is not None and not faulthandler.is_enabled():
             faulthandler.enable()
         self._collect = SlackCollector()
-        for sentence in make_real_time(self._wanted):
-            print(sentence, file=sys.stderr)
+        for sentence in make_real_time(self._real_time):
+            self._warn(sentence)
         return self
 
     def ticked(self, tick: Tick) -> None:
         """Do what falls due in the slack behind a tick."""
         self._manager.ticked(tick)
-        if self._resumption is not None:
-            self._resumption.ticked(tick)
+        if self._restart is not None:
+            self._restart.ticked(tick)
         if self._collect is not None:
             self._collect()
 
@@ -180,7 +214,7 @@ class Upkeep:
             self._collect.close()
         self._manager.close()
         was_meant = error is None or isinstance(error, LinkError | InputError | RefusedError)
-        if was_meant and self._resumption is not None:
-            self._resumption.close()
+        if was_meant and self._restart is not None:
+            self._restart.close()
         if not was_meant:
-            print(FAULT, file=sys.stderr)
+            self._warn(FAULT)

@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from lockstep import Lockstep
 
-from autopilot.cli.upkeep import Resumption, Upkeep, resumption_of
+from autopilot.cli.steering import restart_file
 from autopilot.errors import RefusedError
 from autopilot.files.saving import save_text
 from autopilot.links.base import LinkError
+from autopilot.runtime.app import App, Machine, Plan
+from autopilot.runtime.build_links import to_stderr
+from autopilot.runtime.clock import ManualClock
 from autopilot.runtime.machine import RealTime
+from autopilot.runtime.service import BOOT_ID, RestartState, ServiceHooks
 from autopilot.signals import Order
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
 
 
-def kept_by(path: Path, run: Lockstep, within: float = 10.0, boot: str = "boot") -> Resumption:
-    return Resumption(path, within, save_text, lambda: run.now, boot)
+def kept_by(path: Path, run: Lockstep, within: float = 10.0, boot: str = "boot") -> RestartState:
+    return RestartState(path, within, save_text, lambda: run.now, boot)
 
 
 @pytest.fixture
@@ -86,8 +92,8 @@ def test_only_a_fault_of_ours_is_resumed_from(
     path, run = held
 
     def sail() -> None:
-        with Upkeep(RealTime(), kept_by(path, run)) as upkeep:
-            upkeep.ticked(run.tick)
+        with ServiceHooks(RealTime(), kept_by(path, run), to_stderr) as hooks:
+            hooks.ticked(run.tick)
             if error is not None:
                 raise error("it happened")
 
@@ -106,7 +112,7 @@ def test_only_a_fault_of_ours_is_resumed_from(
 def test_a_note_that_is_none_is_no_note(tmp_path: Path, text: str) -> None:
     path = tmp_path / "held.json"
     path.write_text(text)
-    assert Resumption(path, 10.0, save_text, lambda: 2.0, "boot").left() is None
+    assert RestartState(path, 10.0, save_text, lambda: 2.0, "boot").left() is None
 
 
 def test_the_vessel_file_decides_and_the_service_gives_the_place(
@@ -115,10 +121,22 @@ def test_the_vessel_file_decides_and_the_service_gives_the_place(
     arguments = argparse.Namespace(state=None)
     allowed = replace(VESSEL, failsafe=replace(VESSEL.failsafe, reengage_after_restart_s=5.0))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
-    assert resumption_of(arguments, allowed, save_text) is None
+    assert restart_file(arguments) is None
     monkeypatch.setenv("RUNTIME_DIRECTORY", f"{tmp_path}:/other")
-    assert resumption_of(arguments, VESSEL, save_text) is None
-    assert resumption_of(arguments, allowed, save_text) is not None
+    place = restart_file(arguments)
+    assert place == tmp_path / "held-heading.json"
+    held = {"heading": 1.0, "since": time.monotonic(), "boot": BOOT_ID.read_text().strip()}
+    place.write_text(json.dumps(held))
+    for vessel, machine, resumed in (
+        (VESSEL, Machine(restart_file=place), []),
+        (allowed, Machine(), []),
+        (allowed, Machine(restart_file=place), [1.0]),
+    ):
+        headings: list[float] = []
+        plan = Plan(vessel, lambda now, tick: Order(), machine=machine, resume=headings.append)
+        app = App(plan, ManualClock())
+        assert headings == resumed and len(app.notices) == len(resumed)
+        app.session.close()
 
 
 @pytest.mark.parametrize(
