@@ -115,7 +115,7 @@ def gyro_alone(sample: Sample) -> Sample:
 
 
 @pytest.mark.parametrize("lost", [frozen_with_rate, gyro_alone])
-def test_dead_reckoning_goes_by_the_rate_of_turn_where_there_is_one_and_not_by_a_bad_compass(
+def test_dead_reckoning_uses_the_gyro_and_not_a_bad_compass(
     lost: Callable[[Sample], Sample],
 ) -> None:
     ticks, headings = sail("dead_reckoning", lost, seconds=40.0)
@@ -126,7 +126,7 @@ def test_dead_reckoning_goes_by_the_rate_of_turn_where_there_is_one_and_not_by_a
     assert abs(math.degrees(turned)) < 8.0
 
 
-def test_dead_reckoning_goes_by_the_model_where_the_gyro_has_told_of_turns_to_the_other_side() -> None:
+def test_dead_reckoning_uses_the_model_if_the_gyro_is_reversed() -> None:
     def reversed_of_late(sample: Sample) -> Sample:
         assert isinstance(sample, HeadingSample)
         assert sample.rate is not None

@@ -85,7 +85,7 @@ def lost_radio(run: Lockstep, seconds: float) -> bool:
     return ended
 
 
-def test_a_receiver_that_sends_low_throttle_when_the_radio_dies_releases_at_once_and_the_boat_stops() -> None:
+def test_low_throttle_from_a_lost_radio_releases_at_once_and_stops() -> None:
     run = engaged()
     run.firmware.sticks[2] = 900
     assert lost_radio(run, 1.0)

@@ -196,9 +196,7 @@ def test_a_tanker_filed_with_a_quick_rudder_that_is_slow_is_held_after_the_turn(
 
 @pytest.mark.parametrize("law", ["backstepping", "pid"])
 @pytest.mark.parametrize("share", [0.15, 0.25, 0.33])
-def test_a_course_unstable_boat_with_a_low_log_is_steered_by_its_trial_s_speed_or_given_back(
-    law: str, share: float
-) -> None:
+def test_a_course_unstable_boat_with_a_low_log_uses_its_trial_speed(law: str, share: float) -> None:
     """It went round one to three times without a word: by that speed no rudder turns it so fast."""
     vessel = VESSELS["unstable"]
     outcome = run(vessel, speeds={False: constant(share * vessel.model.reference_speed_m_s)}, law=law)

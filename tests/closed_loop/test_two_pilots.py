@@ -137,9 +137,7 @@ def test_our_own_words_that_come_back_are_nobody_else_s() -> None:
 
 @pytest.mark.parametrize("method", ["rc_override", "manual_control"])
 @pytest.mark.parametrize("later", [1.0, 5.0])
-def test_of_two_that_proved_control_at_rest_the_second_asks_again_and_leaves_the_first_alone(
-    method: str, later: float
-) -> None:
+def test_the_second_of_two_proved_pilots_does_not_engage(method: str, later: float) -> None:
     both = TwoPilots(False, method, engages=False)
     for pilot in (both.first, both.second):
         helms = [sample for tick in pilot.ticks for sample in tick.samples if isinstance(sample, HelmSample)]

@@ -243,7 +243,7 @@ def test_a_decision_stands_for_ten_minutes(share: float) -> None:
     assert set(later[:5900]) == {kept} and Phase.WITHOUT in later
 
 
-def test_the_weight_comes_and_goes_in_five_seconds_and_is_gone_at_once_without_the_helm() -> None:
+def test_the_roll_weight_ramps_in_five_seconds_and_drops_without_the_helm() -> None:
     rolled = Rolled()
     rolled.on(69.8, 0.1)
     weights = []

@@ -442,7 +442,7 @@ def test_roll_and_heading_are_fresh_for_so_long_and_a_pause_is_half_a_second(
     assert (rolling.weight > 0.9) is keeps
 
 
-def test_the_list_is_a_mean_over_fifteen_seconds_and_a_long_step_counts_as_half_a_second(
+def test_the_list_is_a_15_s_mean_with_steps_capped_at_0_5_s(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     law, heard = copy.copy(LAW), []

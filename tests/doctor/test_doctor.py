@@ -99,7 +99,7 @@ def test_memory_clock_heat_and_watchdog(tmp_path: Path) -> None:
     assert machine.hardware_watchdog(tmp_path / "none").verdict is Verdict.WARN
 
 
-def test_disks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_rates_disks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert system.disk(tmp_path / "none").verdict is Verdict.NO_GO
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setattr(system, "_written", lambda _: (0.3, 2.0))
@@ -110,7 +110,7 @@ def test_disks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert system.disk(tmp_path).verdict is Verdict.NO_GO
 
 
-def test_serial_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_rates_serial_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert system.serial_lines([]).found == "none plugged in"
     line = tmp_path / "ttyUSB0"
     line.touch()

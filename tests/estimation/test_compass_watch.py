@@ -153,7 +153,7 @@ def test_nobody_who_was_silent_for_a_second_says_that_another_jumps(silence: flo
     assert bool(watch.reason("a")) is is_left
 
 
-def test_a_jump_to_where_the_others_are_is_none_and_the_word_of_one_that_failed_counts_for_nothing() -> None:
+def test_a_compass_that_jumps_to_the_others_is_no_fault() -> None:
     watch = heard_by()
     watch.hear(3.1, "a", 0.8)
     assert watch.reason("a") == "jumps"

@@ -153,7 +153,7 @@ def test_the_mean_is_carried_in_steps_of_half_the_time_constant_at_most(now: flo
     assert carried(boat, NOISES, turning, PAST, now).rate == pytest.approx(one if is_one_step else two, rel=1.0e-12)
 
 
-def test_at_the_measurement_s_own_time_the_mean_is_the_state_s_wherever_the_rudder_went_since() -> None:
+def test_at_the_measurement_time_the_mean_is_the_state() -> None:
     moved = RudderPast([0.0, 1.0, 2.0, 3.0], [0.0, 0.1, 0.2, 0.3], 4)
     turning = Fusion(ekf.initial(1.0, 0.5, 0.1, NOISE))
     seen = seen_at(BOAT, NOISES, turning, moved, Moment(1.0, 2.0, 0.5))

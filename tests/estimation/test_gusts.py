@@ -115,7 +115,7 @@ def test_the_density_is_averaged_over_forty_seconds_or_ten_times_that_of_the_mea
     assert learnt == pytest.approx(found - before, rel=1.0e-3, abs=1.0e-8)
 
 
-def test_a_bias_is_being_found_while_its_variance_falls_by_a_part_in_e_in_twice_the_time() -> None:
+def test_the_bias_is_settling_while_its_variance_still_falls() -> None:
     """Exact limits are on the side of learning."""
     apart = Gusts(LEAST, Means(0.1, 0.1, 0.0), Means(0.0, 0.0, 0.0), UNKNOWN)
     falling = UNKNOWN * math.exp(-DT / (2.0 * TIME))

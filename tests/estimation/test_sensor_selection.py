@@ -102,7 +102,7 @@ def test_two_compasses_that_disagree_for_long_are_one_alarm_and_it_is_taken_back
     assert "sensors.priority" in alarms[0][1]
 
 
-def test_a_difference_in_a_turn_or_a_swing_or_of_a_compass_that_is_gone_is_no_alarm() -> None:
+def test_compass_differences_in_turns_or_from_a_lost_compass_raise_no_alarm() -> None:
     priority = SensorSelection(SelectionSettings(disagree=math.radians(15.0)))
 
     def turned(time: float) -> float:
@@ -202,7 +202,7 @@ def test_the_speeds_through_the_water_and_over_the_ground_are_two_things() -> No
     assert priority.believed("speed over ground") == f"GPVTG@{LINK}"
 
 
-def test_compasses_that_part_anew_do_so_for_three_seconds_and_are_said_with_what_they_say_now() -> None:
+def test_compasses_that_differ_again_alarm_after_three_seconds() -> None:
     priority, said = SensorSelection(SelectionSettings(disagree=math.radians(15.0))), []
     for step in range(200):
         now = 0.125 * step

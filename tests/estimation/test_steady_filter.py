@@ -193,7 +193,7 @@ def test_a_course_unstable_boat_must_stay_steerable_with_seven_tenths_of_its_rud
         (0.5, 3.0, 70.0, (0.5, 3.0, math.inf)),
     ],
 )
-def test_the_ends_are_looked_for_from_a_fiftieth_to_twenty_times_and_to_a_hundred_times_the_pace(
+def test_the_gain_range_is_searched_from_a_fiftieth_to_a_hundredfold(
     monkeypatch: pytest.MonkeyPatch, down: float, up: float, late: float, wanted: tuple[float, float, float]
 ) -> None:
     """Of a loop that crosses over at 2 rad/s: a delay of 50 s or more is none that matters."""

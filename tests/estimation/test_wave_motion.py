@@ -80,7 +80,7 @@ def test_what_is_learnt_stays_inside_its_bounds(heading: float, rate: float, dt:
         assert waves.FREQUENCY_LEAST - 1e-9 <= frequency(sea) <= waves.FREQUENCY_MOST + 1e-9
 
 
-def test_before_anything_is_known_the_sea_swings_the_heading_by_half_a_degree_at_one_radian_a_second() -> None:
+def test_the_initial_sea_is_half_a_degree_at_one_radian_a_second() -> None:
     assert frequency(waves.FIRST_SEA) == pytest.approx(1.0)
     assert in_balance(waves.FIRST_SEA)[0] == pytest.approx(math.radians(0.5) ** 2)
     assert waves.FIRST_SEA.watched == 0.0
@@ -112,7 +112,7 @@ def test_waves_are_parted_by_a_filter_of_the_eighth_order(ratio: float) -> None:
 
 
 @pytest.mark.parametrize("w0", [0.5, 1.0, 3.0])
-def test_the_spectrum_of_encounter_is_a_third_as_wide_as_its_frequency_and_falls_off_below_four_tenths(
+def test_the_encounter_spectrum_has_its_width_and_its_lower_corner(
     w0: float,
 ) -> None:
     """Density of s/((s + c)(s^2 + 2 xi w0 s + w0^2)) from what is in balance: E[s^2]/E[h^2] and E[e^2]/E[h^2]."""

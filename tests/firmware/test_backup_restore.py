@@ -119,7 +119,7 @@ def test_a_backup_restored_to_the_same_vehicle_writes_nothing(
     assert not JOURNAL.exists()
 
 
-def test_a_backup_that_was_cut_off_is_refused_and_an_old_one_without_a_count_is_told_of(
+def test_a_truncated_backup_is_refused_and_one_without_count_warned_of(
     served: ServedVehicle, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = Path(backed_up(on(served)))

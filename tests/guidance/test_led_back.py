@@ -36,7 +36,7 @@ def on_the_way(left_deg: float, side: float = 1.0) -> VirtualBoat:
     return VirtualBoat(heading, side * math.radians(0.8), side * math.radians(10.0))
 
 
-def test_on_a_course_only_a_rudder_that_stays_at_its_stop_lets_the_way_back_be_planned() -> None:
+def test_the_way_back_is_planned_only_after_a_saturated_rudder() -> None:
     limits = limits_of(COASTER)
     assert replan_beyond(COASTER, limits, is_late=True, stuck=23.9) == math.inf
     assert replan_beyond(COASTER, limits, is_late=True, stuck=24.1) == REPLAN_SOON

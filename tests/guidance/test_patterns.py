@@ -123,7 +123,7 @@ ANY = st.one_of(
 
 
 @given(ANY, st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(-math.pi, math.pi), st.floats(-20.0, 30.0))))
-def test_whatever_the_boat_does_the_order_is_a_heading_near_enough_to_be_the_short_way(
+def test_a_pattern_orders_headings_less_than_half_a_turn_away(
     pattern: Pattern, moves: list[tuple[float, float, float]]
 ) -> None:
     guide, now = PatternGuide(), 0.0

@@ -263,7 +263,7 @@ def test_from_anywhere_it_heads_for_the_waypoint(goal: Waypoint, latitude: float
         assert abs(shortest_turn(guide.course(0.0, 0.3, speed), bearing)) < 1.0e-6
 
 
-def test_what_a_leg_has_taught_of_the_current_is_known_two_legs_later_and_when_begun_anew() -> None:
+def test_the_current_learnt_on_a_leg_is_kept_for_later_legs() -> None:
     """North in an east-going current, a leg east along it, then south: the same current, on the other side."""
     route = (waypoint(1500, 0), waypoint(1500, 500), waypoint(-2000, 500))
     boat = Boat(following(*route, turn_radius=23.0, turn_reach=4.0), current=(0.0, 1.2))

@@ -28,7 +28,7 @@ def steady_turns() -> SteadyTurns:
     return SteadyTurns(rudder, np.array([steady_rate(truth, float(angle)) for angle in rudder]))
 
 
-def test_at_the_papers_sampling_the_two_stages_are_biased_and_the_output_error_fit_is_not() -> None:
+def test_at_the_paper_s_sampling_only_two_stage_is_biased() -> None:
     """Zigzag and steady turns, as in the paper."""
     run = run_of(noisy(COARSE, RATE_NOISE, HEADING_NOISE, seed=3))
     stage = nomoto_stage([run], reference_speed=5.0)

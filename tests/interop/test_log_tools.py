@@ -32,7 +32,7 @@ def tool(name: str, *arguments: str) -> str:
     return done.stdout
 
 
-def test_pymavlinks_log_tools_read_the_log_of_a_signed_run_and_no_signature_is_in_it(tmp_path: Path) -> None:
+def test_pymavlink_reads_the_log_of_a_signed_run_without_signatures(tmp_path: Path) -> None:
     port, log, key = free_port(), tmp_path / "run.tlog", tmp_path / "signing.key"
     key.write_text(PASSPHRASE)
     key.chmod(0o600)

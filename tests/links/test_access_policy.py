@@ -178,7 +178,7 @@ def test_a_budget_never_gives_more_than_its_rate_and_what_was_saved(
 
 
 @pytest.mark.parametrize("fill", [b"\xfe", b"\xfd", b"\xfd\x00\x00", b"\xfe\x09\x00\x01\x01\x00"])
-def test_noise_made_of_beginnings_is_given_up_and_a_frame_behind_some_of_it_is_not(fill: bytes, monkeypatch) -> None:
+def test_noise_of_frame_starts_is_given_up_but_a_frame_behind_it_read(fill: bytes, monkeypatch) -> None:
     frame = MavlinkCodec(1, 1).encode(ARM)
     (read,) = MavlinkCodec().decode(b"\xfd" * (TRIES - 100) + frame)
     assert read.command == dialect.MAV_CMD_COMPONENT_ARM_DISARM
@@ -401,7 +401,7 @@ def test_a_station_that_only_listens_is_told_of_the_boat_until_another_comes(tcp
     boat.close()
 
 
-def test_a_stray_datagram_keeps_no_station_out_and_what_no_station_sends_not_even_for_a_while() -> None:
+def test_a_stray_datagram_does_not_block_a_station() -> None:
     boat = Wired()
     stray, skipper = boat.station(), boat.station()
     vehicle = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
@@ -718,7 +718,7 @@ def test_without_a_key_another_machine_sees_everything() -> None:
 
 
 @pytest.mark.parametrize("how", ["same machine", "said so", "key"])
-def test_orders_are_taken_from_this_machine_or_with_a_key_or_where_the_skipper_says_so(how: str) -> None:
+def test_orders_need_this_machine_a_key_or_the_skipper_s_word(how: str) -> None:
     ours = signing_of_two() if how == "key" else (None, None)
     rules = AccessRules(orders_without_key=how == "said so")
     boat, far, commands, _ = lan_boat(rules, is_local=how == "same machine", signing=ours[0])

@@ -65,7 +65,7 @@ def test_a_terminal_that_is_gone_rings_no_more_and_stops_nothing() -> None:
         bell.show(tick(float(step), Siren.ESCALATED))
 
 
-def test_a_pin_is_1_while_an_alarm_sounds_and_a_file_that_cannot_be_is_said_once(tmp_path: Path) -> None:
+def test_the_output_file_is_1_while_an_alarm_sounds(tmp_path: Path) -> None:
     path = tmp_path / "value"
     output = SwitchFile(path)
     for siren, text in ((Siren.QUIET, "0\n"), (Siren.SOUNDING, "1\n"), (Siren.ESCALATED, "1\n"), (Siren.QUIET, "0\n")):

@@ -69,7 +69,9 @@ def port() -> Iterator[tuple[int, socket.socket]]:
         ("nmea-udp", sentence("HCHDM,90.0,M"), ["(HDM), no heading", "set sensors.variation_deg"]),
     ],
 )
-def test_over_udp(port: tuple[int, socket.socket], scheme: str, data: bytes, parts: list[str]) -> None:
+def test_what_arrived_over_udp_is_described_in_parts(
+    port: tuple[int, socket.socket], scheme: str, data: bytes, parts: list[str]
+) -> None:
     number, sender = port
     line = HeardTransport(open_transport(f"{scheme}:127.0.0.1:{number}"), "nmea" if "nmea" in scheme else "mavlink")
     if data:

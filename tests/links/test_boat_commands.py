@@ -119,7 +119,7 @@ def test_the_heading_mode_engages_where_none_is_steered(at: Tick | None) -> None
     assert desk.hand.orders == [("engage", None)]
 
 
-def test_the_heading_mode_keeps_the_heading_that_is_steered_and_takes_it_over_from_who_leads() -> None:
+def test_the_heading_mode_keeps_the_heading_that_is_steered() -> None:
     desk = Desk()
     assert desk.give(SET_MODE, 1.0, 15.0, at=tick()) == ACCEPTED
     assert desk.hand.orders == []

@@ -259,7 +259,7 @@ def probe(may_share: bool = False) -> OverrideProbe:
 
 
 @pytest.mark.parametrize("may_share", [False, True])
-def test_the_proof_is_repeated_ten_times_a_second_and_passed_by_three_reports_in_a_row(may_share: bool) -> None:
+def test_the_override_probe_needs_three_matching_reports_in_a_row(may_share: bool) -> None:
     proof = probe(may_share)
     assert not proof.under_way and proof.reason.startswith("waiting for the vehicle to report its steering input")
     assert proof.due(0.0) is not None and proof.under_way
@@ -411,7 +411,7 @@ def asked(streams: MessageStreams, now: float, **counts: int) -> list[int]:
     return [identity for identity, _ in streams.due(now)]
 
 
-def test_streams_are_asked_for_at_once_looked_at_after_0_7_s_and_then_every_2_s() -> None:
+def test_streams_are_requested_at_once_and_checked_after_0_7_s() -> None:
     streams = MessageStreams({30: 10.0, 33: 5.0})
     assert streams.due(0.0) == [(30, 100_000), (33, 200_000)]
     assert asked(streams, 0.69) == []
@@ -434,7 +434,7 @@ def test_six_tenths_of_a_rate_are_enough_to_the_bit() -> None:
         assert (streams.waiting == WAITING) is is_asked_again
 
 
-def test_a_first_stream_that_stays_slow_is_said_at_the_third_check_and_no_more_when_it_is_not() -> None:
+def test_a_slow_stream_alarms_at_the_third_check_until_it_recovers() -> None:
     streams = MessageStreams({30: 10.0, 33: 5.0})
     streams.due(0.0)
     for number, now in enumerate((0.75, 2.75)):
@@ -461,7 +461,7 @@ def test_a_first_stream_that_does_not_come_at_all_is_said_by_others() -> None:
     assert streams.waiting == ""
 
 
-def test_headings_of_which_three_do_not_come_before_one_is_too_old_are_waited_for_on_and_on() -> None:
+def test_headings_that_come_too_seldom_never_engage() -> None:
     streams = MessageStreams({30: 10.0, 33: 5.0}, timeout=1.0)
     streams.due(0.0)
     for now in (0.7, 2.7):

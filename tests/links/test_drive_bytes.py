@@ -138,7 +138,7 @@ def test_a_jrk_is_asked_again_when_it_has_answered_or_is_overdue() -> None:
     assert late.ask(0.35) == b"" and late.feed(0.3, motion()) == [0.0], "both to the bit"
 
 
-def test_a_jrk_answer_may_come_in_pieces_and_what_is_left_of_a_late_one_is_dropped() -> None:
+def test_a_jrk_answer_may_come_in_pieces() -> None:
     drive = JrkG2(SETTINGS)
     assert drive.feed(0.0, motion()) == [] and drive.rejected == 1, "not asked for"
     drive.ask(1.0)
@@ -535,7 +535,7 @@ def test_the_motor_slows_down_before_the_rudder_is_there(order_deg: float, speed
             )
 
 
-def test_the_motor_goes_to_the_stop_and_no_further_and_by_its_scale_where_no_rate_is_known() -> None:
+def test_the_motor_stops_at_the_end_stop_and_uses_the_scale_without_a_rate() -> None:
     for side in (1.0, -1.0):
         motor = listening()
         motor.feed(0.0, sensor(side * 33.0))

@@ -165,7 +165,7 @@ def test_one_wild_angle_is_dropped_two_that_agree_are_believed() -> None:
     assert motor.rejected == 2
 
 
-def test_known_bytes() -> None:
+def test_drive_protocols_encode_known_bytes() -> None:
     assert crc8(b"123456789") == 0xF7, "check value of CRC-8/NRSC-5"
     assert packet(0xC7, 1000).hex() == bytes((0xC7, 0xE8, 0x03, crc8(b"\xc7\xe8\x03"))).hex()
     third = math.radians(40.0)

@@ -129,7 +129,7 @@ def test_bearings_near_south_are_compared_round_the_card() -> None:
     assert watch.disobeyed
 
 
-def test_a_vehicle_that_repeats_no_heading_is_let_steer_and_one_that_leaves_for_a_place_is_not() -> None:
+def test_a_vehicle_that_heads_for_a_place_ends_guided_steering() -> None:
     targets, watch = proven()
     for step in range(50):
         targets.show(tick(5.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)

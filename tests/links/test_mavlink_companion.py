@@ -718,7 +718,7 @@ def test_a_ground_station_s_id_is_the_one_given_or_else_the_vehicle_s(
     assert bench.helm.available is (spoken == {firmware})
 
 
-def test_the_helm_comes_before_what_was_measured_and_every_word_but_attitude_is_judged_at_once() -> None:
+def test_the_helm_sample_precedes_the_measurements() -> None:
     bench = ready()
     due = bench.link.session._judge_at
     assert due > bench.now + 0.01

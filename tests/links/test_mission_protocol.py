@@ -429,9 +429,7 @@ def sent_over(peers: Peers, up: BadLink, down: BadLink, items: list[Any]) -> int
 
 @given(st.integers(0, 2**32), st.sampled_from([0.05, 0.3]), st.integers(1, 8))
 @settings(max_examples=60, deadline=None)
-def test_over_a_bad_link_the_route_is_the_new_one_or_the_old_one_and_the_sender_knows(
-    seed: int, loss: float, count: int
-) -> None:
+def test_an_upload_over_a_bad_link_leaves_the_old_or_the_new_route(seed: int, loss: float, count: int) -> None:
     random, peers = Random(seed), Peers()
     peers.upload(items_of(ROUTE[:1]))
     old = peers.mission.items

@@ -446,7 +446,7 @@ def test_no_other_frames_than_data_with_long_identifiers_are_read(bus: Bus, kind
 
 
 @pytest.mark.parametrize("error", [can.CanError("full"), OSError("no buffer space"), ValueError("the driver's own")])
-def test_what_a_bus_does_not_take_is_counted_and_what_it_does_not_give_is_its_end(bus: Bus, error: Exception) -> None:
+def test_bus_write_errors_are_counted_and_read_errors_end_the_link(bus: Bus, error: Exception) -> None:
     def fail(*_: Any, **__: Any) -> None:
         raise error
 

@@ -51,7 +51,7 @@ def of(body: str, **kwargs):
 
 
 @pytest.mark.parametrize(("line", "kind", "value"), PUBLISHED)
-def test_published_sentences(line, kind, value) -> None:
+def test_published_nmea_sentences_are_read(line, kind, value) -> None:
     sample = sample_of(line, variation=0.0 if "HDM" in line else None)
     assert isinstance(sample, kind)
     assert sample[1] == pytest.approx(value, rel=1e-9)

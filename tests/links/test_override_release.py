@@ -46,7 +46,7 @@ def test_a_report_may_show_any_order_of_the_last_second_but_none_before() -> Non
     assert release.shown_by == "x"
 
 
-def test_an_order_that_is_repeated_counts_from_when_it_was_sent_last_and_hides_no_other() -> None:
+def test_a_repeated_order_counts_from_its_last_sending() -> None:
     release = OverrideRelease()
     for now, pulse in ((8.8, 1400), (8.9, 1500), (9.5, 1500), (9.6, 1600), (9.9, 1600)):
         release.ordered(now, pulse)
@@ -104,7 +104,7 @@ def test_a_mark_is_wanted_after_0_4_s_where_the_reports_still_show_the_order() -
     assert moved.wants_mark(10.5) is None
 
 
-def test_a_mark_is_sent_each_tenth_of_a_second_for_0_6_s_or_until_it_is_seen() -> None:
+def test_the_release_marker_repeats_at_10_hz_until_seen_or_0_6_s() -> None:
     release = asked(1600)
     assert not release.mark_due(10.4) and not release.is_marking(10.4)
     release.mark(10.4, 1610)

@@ -269,7 +269,7 @@ def test_xte_renews_no_leg_older_than_eight_seconds_and_makes_none_younger(later
     assert len(hear_at((100.0, apb), (104.0, xte), (100.0 + later, xte))) == (3 if is_taken else 2)
 
 
-def test_what_the_plotter_says_of_itself_is_counted_as_invalid_and_what_it_orders_is_not() -> None:
+def test_a_plotter_in_manual_mode_is_counted_as_invalid() -> None:
     heard, reader = hear(*["IIHTD,V,,,H,N,,,,,045.0,,,T"] * 3, *["IIHTD,V,,,M,N,,,,,045.0,,,T"] * 2)
     assert [type(message) for message in heard] == [PlotterHeading] * 3 + [PlotterInvalid] * 2
     assert (reader.invalid, reader.malformed, reader.ignored) == (2, 0, 0)

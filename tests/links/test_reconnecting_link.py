@@ -382,7 +382,7 @@ def loopback_link() -> Link:
     return DriveLink(near, Maestro(DriveSettings(1.0)))
 
 
-def test_a_line_that_is_not_there_at_first_is_said_at_the_time_of_the_first_look() -> None:
+def test_a_link_missing_at_the_start_is_reported_at_once() -> None:
     def opener() -> Link:
         raise LinkError("line: not there; plug it in and start again")
 
@@ -556,7 +556,7 @@ def test_what_became_of_the_rudder_is_remembered_where_the_link_knew_it() -> Non
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.9, 5.0])
-def test_a_line_is_asked_for_a_second_after_it_broke_and_speaks_for_itself_when_it_is_there(delay: float) -> None:
+def test_a_broken_link_is_reopened_a_second_later(delay: float) -> None:
     inside, tried = Recorded(), []
     link: Any = inside
     waiting: list[Callable[[], None]] = []

@@ -255,7 +255,7 @@ def test_patience_is_a_second_and_five_reports_of_half_a_second_at_most() -> Non
     assert watch.patience == pytest.approx(1.0 + 5.0 * (0.5 - 0.2 * 0.4), abs=0.001), "a fifth of the way at a time"
 
 
-def test_a_mark_is_wanted_once_where_reports_still_show_the_order_after_four_tenths_of_a_second() -> None:
+def test_the_release_marker_is_sent_if_reports_show_the_order_after_0_4_s() -> None:
     watch = watch_of((0.0, 1700), asked=1.0)
     assert watch.wants_mark(5.0) is None, "nothing is reported"
     watch.report(1.1, 1701, "RC_CHANNELS")

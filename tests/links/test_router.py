@@ -444,7 +444,7 @@ def test_a_station_that_floods_us_is_looked_away_from_until_the_next_tick() -> N
     assert forward.fileno() == 17
 
 
-def test_what_a_broken_line_to_the_vehicle_does_not_take_is_not_counted_as_passed_on() -> None:
+def test_frames_lost_on_a_broken_link_are_not_counted_as_forwarded() -> None:
     companion, vehicle, forward, station = rig()
     vehicle.send(packed(BEAT, speaker(1, 1)))
     companion.receive(0.1)

@@ -248,7 +248,7 @@ def test_mavutil_with_its_own_setup_signing_hears_us_and_is_heard(tmp_path: Path
     assert codec.refused == 0
 
 
-def test_each_link_of_a_process_signs_under_a_number_of_its_own_and_refusals_are_summed() -> None:
+def test_each_link_signs_under_its_own_number() -> None:
     signing = Signing(KEY, CountingTimestamps(NOW))
     assert signing.summary == ""
     beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)

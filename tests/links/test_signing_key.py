@@ -194,7 +194,7 @@ def test_the_clock_counts_units_of_ten_microseconds_since_2015(monkeypatch: pyte
     assert clock_timestamp() == 25_000
 
 
-def test_a_new_run_and_a_program_beside_it_begin_where_the_clock_is_and_go_on_a_second_later(key: Path) -> None:
+def test_two_programs_with_one_key_reserve_different_timestamps(key: Path) -> None:
     """A block is a second of timestamps: a hundred restarts in a minute come no further ahead than 100 s."""
     blocks = [TimestampBlocks(key, lambda: NOW) for _ in range(3)]
     assert [each.current for each in blocks] == [NOW, NOW + 100_000, NOW + 200_000]
@@ -210,7 +210,7 @@ def test_the_first_packet_hears_of_no_block_of_its_own_before_it_sent_any(key: P
     assert blocks.current == NOW + 5 and blocks.next() > NOW
 
 
-def test_a_peer_half_a_minute_ahead_is_caught_up_with_at_once_and_one_less_far_in_its_time(key: Path) -> None:
+def test_the_clock_jumps_to_a_peer_half_a_minute_ahead(key: Path) -> None:
     for ahead, is_wanted in ((3_000_000, False), (3_000_001, True)):
         blocks = TimestampBlocks(key, lambda: NOW)
         first = blocks.next()

@@ -148,7 +148,7 @@ def test_a_command_is_carried_out_with_all_its_parameters_at_the_newest_tick() -
 
 
 @pytest.mark.parametrize("frame", [0, 3, 5, 6, 10, 11])
-def test_the_place_of_a_command_is_in_tens_of_nanodegrees_and_other_numbers_are_as_they_are(frame: int) -> None:
+def test_positions_in_command_int_are_scaled_and_other_numbers_are_not(frame: int) -> None:
     desk = Desk()
 
     def order(command: int, where: int) -> list[tuple[Any, ...]]:
@@ -436,7 +436,7 @@ BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
         (Mode.FAULT, False, 0x41, 0, 6),
     ],
 )
-def test_the_heartbeat(mode: Mode | None, armed: bool, flags: int, custom: int, state: int) -> None:
+def test_the_heartbeat_says_boat_and_state(mode: Mode | None, armed: bool, flags: int, custom: int, state: int) -> None:
     bench = Linked()
     bench.carrier.armed = armed
     if mode is not None:
@@ -505,7 +505,7 @@ def test_what_is_for_us(system: int, component: int, is_ours: bool) -> None:
     assert bool(bench.carrier.given) is is_ours
 
 
-def test_a_station_that_beats_is_missed_when_it_is_silent_and_we_are_not_our_own_station() -> None:
+def test_a_station_that_falls_silent_is_reported_missing() -> None:
     bench = Linked()
     assert bench.say(0.0, BEAT) == []
     assert bench.link.receive(5.0) == []

@@ -355,7 +355,7 @@ def test_a_connection_is_made_within_three_seconds_and_sends_at_once(
     everywhere.close()
 
 
-def test_one_client_at_a_time_is_heard_and_the_next_one_when_it_is_let_go_of(server: TcpServerTransport) -> None:
+def test_one_tcp_client_at_a_time_is_served(server: TcpServerTransport) -> None:
     assert server.receive() == [] and server.send(b"x") is False and not server.connected
     assert server.fileno() == server._listener.fileno()
     first = client_of(server)

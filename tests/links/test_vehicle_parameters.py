@@ -55,7 +55,7 @@ def test_what_is_known_of_the_channels_says_what_else_is_needed() -> None:
     assert "RC3_TRIM" not in with_throttle.missing
 
 
-def test_each_name_is_asked_for_every_half_second_and_so_often_as_it_may_be_missing() -> None:
+def test_each_parameter_is_requested_every_half_second_until_given_up() -> None:
     times = tries(known(MAV_GCS_SYSID=255.0), 12.0)
     assert {name: len(times[name]) for name in ("MANUAL_STR_EXPO", "RC_OVERRIDE_TIME", "MAV_GCS_SYSID_HI")} == {
         "MANUAL_STR_EXPO": 3,

@@ -300,7 +300,7 @@ def test_times_of_day_count_on_over_midnight(tmp_path: Path) -> None:
         ("22:60:00 ", None),
     ],
 )
-def test_time_stamps(prefix: str, seconds: float | None) -> None:
+def test_nmea_time_stamps_of_every_kind_are_read(prefix: str, seconds: float | None) -> None:
     found = stamp_of(prefix)
     assert (found is None) == (seconds is None)
     if found is not None:

@@ -129,7 +129,7 @@ def test_the_boat_is_identified_from_a_servo_log_through_the_steering_gear(tmp_p
     assert model.time_constant == pytest.approx(5.0, rel=0.03)
 
 
-def test_without_the_steering_gear_the_same_log_gives_a_slower_boat_and_says_what_was_assumed(tmp_path: Path) -> None:
+def test_without_the_steering_gear_the_log_gives_a_slower_boat_and_says_so(tmp_path: Path) -> None:
     path = written(tmp_path, tlog(tlog_events(BOAT)), "trial.tlog")
     run = load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL)))
     assert any("taken to stand where it was ordered" in note for note in run.notes)

@@ -147,7 +147,7 @@ def test_lift_rises_to_the_stall_and_drag_is_even(angle: float) -> None:
     assert drag == naval.drag_coefficient(NAVAL_RUDDERS, -angle) >= 0.0
 
 
-def test_rudder_figures() -> None:
+def test_the_naval_vessel_s_rudder_has_the_published_figures() -> None:
     """Ten degrees at 15 knots by hand: Y = 0.5 x 1014 x 3 x 0.54 x 7.7167^2 N to port."""
     load = naval.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, math.radians(10.0))
     assert pytest.approx(-0.5 * 1014.0 * 3.0 * 0.54 * SERVICE_SPEED**2) == load.Y

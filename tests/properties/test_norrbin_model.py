@@ -95,9 +95,7 @@ def test_the_models_compute_elementwise_over_arrays() -> None:
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-1.0, 1.0), st.floats(0.1, 1.5))
-def test_the_damping_counts_for_the_rudder_there_is_and_in_full_up_to_its_steady_rate(
-    rate: float, acceleration: float, ratio: float
-) -> None:
+def test_the_damping_counts_in_full_up_to_the_steady_rate(rate: float, acceleration: float, ratio: float) -> None:
     model, most = at_speed(LANXIN, 4.63 * ratio), math.radians(30.0)
     reached = steady_rate(model, most)
     needed = rudder_within(model, rate, acceleration, most)

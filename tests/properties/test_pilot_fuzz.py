@@ -79,7 +79,9 @@ ACTIONS = ["release", "amidships", "hold", "dead_reckoning", "windward", "firmwa
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(step, min_size=8, max_size=30), st.sampled_from(ACTIONS), st.integers(2, 6))
-def test_nor_does_it_in_any_fail_safe(steps: list[tuple[float, list[object], Order]], action: str, lost: int) -> None:
+def test_no_command_leaves_its_limits_in_any_fail_safe(
+    steps: list[tuple[float, list[object], Order]], action: str, lost: int
+) -> None:
     """The heading is there for some ticks of one order, and then only what else comes in."""
     failsafe = dataclasses.replace(VESSEL.failsafe, action=action)  # type: ignore[arg-type]
     pilot = build_pilot(dataclasses.replace(VESSEL, failsafe=failsafe))

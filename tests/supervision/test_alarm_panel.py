@@ -97,7 +97,7 @@ def test_what_is_over_is_said_as_past_until_it_is_acknowledged() -> None:
     assert panel.update(661.0, LOST, (), COURSE) == ((LOST["heading_lost"],), Siren.SOUNDING), "lost again"
 
 
-def test_what_was_acknowledged_goes_when_it_is_over_and_a_moment_later_it_is_the_same_one() -> None:
+def test_an_acknowledged_alarm_ends_and_soon_after_counts_as_the_same() -> None:
     panel = AlarmPanel()
     panel.update(0.0, LOST, (AcknowledgeSample(0.0),), COURSE)
     assert panel.update(1.0, LOST, (AcknowledgeSample(1.0),), COURSE) == ((LOST["heading_lost"],), Siren.QUIET)

@@ -369,7 +369,7 @@ class Looks:
         return found
 
 
-def test_a_heading_is_judged_by_the_rudder_in_the_middle_since_the_last_and_by_that_of_0_4_s_before(
+def test_the_prediction_uses_the_rudder_midway_and_0_4_s_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of headings at every other tick the middle is the tick between; 0.4 s before that the later of two counts."""

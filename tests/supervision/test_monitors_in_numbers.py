@@ -169,7 +169,7 @@ def test_heading_and_rate_must_differ_for_a_second(side: float, alone: bool) -> 
     assert apart(side, 0.042, 60.0, alone).endswith("deg apart")
 
 
-def test_what_is_known_after_the_first_heading_is_that_and_a_usual_share_of_three_quarters() -> None:
+def test_after_the_first_heading_the_usual_response_is_three_quarters() -> None:
     noise = Noise(1e-4, 1e-5, 1e-6, 1e-3, 0.5)
     memory = first_memory(noise, 3.0, 0.7)
     assert memory.time == 3.0
@@ -267,7 +267,7 @@ def steps(start: float, end: float, heading: float) -> list[tuple[float, float]]
 
 
 @SIDES
-def test_a_heading_that_jumps_for_good_is_said_by_how_much_after_half_a_second_and_for_five(side: float) -> None:
+def test_a_lasting_heading_jump_alarms_after_half_a_second_for_five(side: float) -> None:
     before, after = steps(0.0, 2.0, 350.0), [(time, 350.0 + side * 40.0) for time, _ in steps(2.0, 2.5, 0.0)]
     settled = (2.5, 350.0 + side * 40.0)
     said = f"by {'+' if side > 0.0 else '-'}40 deg"
@@ -282,7 +282,7 @@ def test_a_heading_that_jumps_for_good_is_said_by_how_much_after_half_a_second_a
     assert jumped(*slow, (3.2, 350.0 + side * 40.0)) == said, "three"
 
 
-def test_a_boat_that_turns_by_its_rate_does_not_jump_and_one_that_was_silent_begins_anew() -> None:
+def test_a_turn_at_the_measured_rate_is_no_heading_jump() -> None:
     turning = [(1.9 * n, 1.9 * 20.0 * n) for n in range(6)]
     assert jumped(*turning, rate=math.radians(20.0)) == ""
     assert jumped((0.0, 0.0), (2.0, 60.0), (2.3, 60.0), (2.6, 60.0)) == "by +60 deg"
@@ -322,7 +322,7 @@ def test_how_long_it_is_said_that_heading_and_rate_differ(side: float) -> None:
     assert said == [0.1 * tick for tick in range(round(10.0 * said[0]), 400)]
 
 
-def test_what_the_rudder_makes_of_a_heading_counts_from_the_second_that_is_the_same_on() -> None:
+def test_the_rudder_counts_from_the_second_frozen_heading_on() -> None:
     """A compass that is read every other second, at ticks between, in a steady turn: until the tenth, 18 s after the
     first, 16 s are worth 14.1 deg at 0.88 deg/s and 15.2 deg at 0.95 deg/s."""
     for rate_deg_s, is_found in ((0.88, False), (0.95, True)):
@@ -382,7 +382,7 @@ def test_a_rate_goes_with_a_heading_for_two_seconds(side: float, step: float, ra
     assert (monitor.found != "") is is_said
 
 
-def test_that_heading_and_rate_differ_is_said_after_a_second_to_the_bit_and_for_twenty() -> None:
+def test_rate_and_heading_that_disagree_alarm_after_a_second_for_twenty() -> None:
     monitor, said = RateAgainstHeading(), []
     for tick in range(100):
         now = 0.25 * tick

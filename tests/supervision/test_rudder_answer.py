@@ -216,7 +216,7 @@ def test_a_gust_in_a_trial_ends_it_and_accuses_no_rudder(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_rudder_that_fails_in_a_trial_is_told_by_the_course_that_is_held_after_it(seed: int) -> None:
+def test_a_rudder_that_fails_in_a_trial_is_detected_on_the_course_after_it(seed: int) -> None:
     helm = Helm(push=seaway, seed=seed, trial=True)
     assert helm.steer(30.0, 0.0) == ("", "")
     helm.gear = reversed_gear

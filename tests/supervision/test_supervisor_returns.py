@@ -80,7 +80,7 @@ def rebooted(tested: Supervisor, at: float = 10.0) -> Supervisor:
     return tested
 
 
-def test_after_a_reboot_it_engages_again_when_the_vehicle_is_ready_where_the_file_says_so() -> None:
+def test_after_a_reboot_it_reengages_only_if_the_file_allows() -> None:
     tested = rebooted(made(reengage=True))
     assert tested.decide(12.0, COURSE, state()) is Mode.OVERRIDE
     assert tested.decide(15.0, COURSE, state()) is Mode.OVERRIDE
@@ -171,7 +171,7 @@ def test_a_rudder_trouble_ends_a_fail_safe_that_moves_the_rudder(trouble: str, m
     assert tested.check(2.0, COURSE, 0.2, 0.0, 0.0, DT).engaged is (trouble != "rudder_stuck")
 
 
-def test_a_state_that_is_no_number_ends_a_fail_safe_that_moves_the_rudder_in_a_fault() -> None:
+def test_a_state_that_is_not_a_number_turns_a_steering_fail_safe_into_a_fault() -> None:
     tested = made()
     tested.decide(1.0, COURSE, state(2.0))
     assert tested.decide(2.0, COURSE, state()._replace(rate=math.nan)) is Mode.FAULT
@@ -190,7 +190,7 @@ def test_what_is_worst_counts() -> None:
 
 
 @pytest.mark.parametrize("action", ["dead_reckoning", "windward"])
-def test_the_law_s_command_leaves_in_a_fail_safe_that_steers_until_its_time_is_up(action: str) -> None:
+def test_a_steering_fail_safe_sends_the_law_s_command_until_its_time_is_up(action: str) -> None:
     tested = made(action)
     assert tested.decide(1.0, COURSE, state(2.0)) is Mode.FAILSAFE
     assert tested.law_steers

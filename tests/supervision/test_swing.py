@@ -76,7 +76,7 @@ def test_a_speed_below_the_trial_s_makes_no_turn_too_fast(trial: float, allowed:
     assert speed_ratio(model, watched(0.0, 0.0)._replace(trial_speed=trial)) == (4.0 / trial if trial else 1.0)
 
 
-def test_the_spin_of_a_boat_that_another_steers_or_that_stands_in_time_is_forgotten_or_kept() -> None:
+def test_the_turn_count_is_reset_when_another_steers() -> None:
     spinning = Spinning()
     for tick in range(100):
         assert (spinning.too_fast(BOAT, watched(tick * DT, 2.0 * tick * DT, 0.3)) != 0.0) is (tick > 1)
@@ -110,7 +110,7 @@ def test_a_whole_turn_and_30_degrees_are_going_round(side: float) -> None:
 
 
 @SIDES
-def test_an_order_that_leads_the_boat_round_is_followed_and_one_that_turns_the_other_way_is_not(side: float) -> None:
+def test_circles_count_only_turns_that_no_order_leads(side: float) -> None:
     led, against = Circles(), Circles()
     for tick in range(1000):
         turned = side * 0.02 * tick
@@ -342,7 +342,7 @@ def swept(ratio: float, *, grows: str) -> int:
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.3, 1.55, 1.0 / 1.3, 1.0 / 1.55])
-def test_sweeps_as_long_and_as_far_as_each_other_within_a_factor_of_1_6_are_one_swing(ratio: float) -> None:
+def test_sweeps_within_a_factor_of_1_6_are_one_swing(ratio: float) -> None:
     assert swept(ratio, grows="time") >= 5
     assert swept(min(max(ratio, 1.0 / 1.1), 1.3), grows="swing") >= 5
 

@@ -90,7 +90,7 @@ def test_a_steady_turn_is_told_alike_at_any_pace(step: float) -> None:
     assert are_opposite(turns)
 
 
-def test_turns_fade_with_their_times_and_a_rate_that_cannot_be_counts_as_half_a_turn() -> None:
+def test_turn_evidence_fades_and_impossible_rates_are_capped() -> None:
     """apart over 5 s, each turn over 2 s, their squares over 4 s."""
     once = turns_told(NO_TURNS, 0.2, -0.1, 0.0)
     assert once[:3] == pytest.approx((0.3, 0.2, -0.1)) and once[3:] == (0.0, 0.0)

@@ -141,7 +141,7 @@ def test_alarms_come_go_and_are_acknowledged_here(sea: Watched) -> None:
     assert sea.station.alarms.shown == []
 
 
-def test_what_is_acknowledged_is_quiet_on_board_and_what_nobody_sees_is_said_again_as_one(sea: Watched) -> None:
+def test_acknowledging_on_a_display_silences_the_boat(sea: Watched) -> None:
     sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     sea.watch(35.0)
     assert sea.tick is not None and sea.tick.siren is Siren.ESCALATED
