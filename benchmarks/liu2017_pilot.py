@@ -37,6 +37,18 @@ from liu2017_roll import (
     sea_from,
     text_of,
 )
+from naval_vessel import (
+    NAVAL_HULL,
+    NAVAL_RUDDERS,
+    SERVICE_SPEED,
+    Load,
+    Sea,
+    drag_coefficient,
+    inverse_mass,
+    linear_motion,
+    motion_step,
+    rudder_load,
+)
 
 from autopilot.angles import wrap
 from autopilot.control.law import LawInForce, LawInput
@@ -45,19 +57,7 @@ from autopilot.control.sliding_roll import RollMemory, RollNumbers, place_of
 from autopilot.control.sliding_roll import steered as steered_by
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment
-from autopilot.models.naval_vessel import (
-    NAVAL_HULL,
-    NAVAL_RUDDERS,
-    SERVICE_SPEED,
-    Load,
-    Motion,
-    Sea,
-    drag_coefficient,
-    inverse_mass,
-    linear_motion,
-    motion_step,
-    rudder_load,
-)
+from autopilot.models.motion import Motion
 from autopilot.models.norrbin import rudder_for
 from autopilot.models.steering_gear import gear_step
 from autopilot.pilot import Pilot

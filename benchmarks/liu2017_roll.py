@@ -17,6 +17,27 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from naval_vessel import (
+    NAVAL_HULL,
+    NAVAL_RUDDERS,
+    NAVAL_STRIPS,
+    SERVICE_SPEED,
+    Hull,
+    InverseMass,
+    Load,
+    Rudders,
+    Sea,
+    calm_resistance,
+    drag_coefficient,
+    extra_resistance,
+    inverse_mass,
+    linear_motion,
+    motion_step,
+    printed_speed_ratio,
+    rudder_load,
+    sea_forces,
+    true_speed_ratio,
+)
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
@@ -39,30 +60,7 @@ from autopilot.control.sliding_heading import (
 )
 from autopilot.control.sliding_roll import STEERING, quiet_at
 from autopilot.errors import InputError
-from autopilot.models.naval_vessel import (
-    NAVAL_HULL,
-    NAVAL_RUDDERS,
-    NAVAL_STRIPS,
-    SERVICE_SPEED,
-    Hull,
-    InverseMass,
-    Load,
-    Motion,
-    Rudders,
-    Sea,
-    drag_coefficient,
-    inverse_mass,
-    linear_motion,
-    motion_step,
-    rudder_load,
-    sea_forces,
-)
-from autopilot.models.resistance import (
-    calm_resistance,
-    extra_resistance,
-    printed_speed_ratio,
-    true_speed_ratio,
-)
+from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from sitl.compiled import compiled
 

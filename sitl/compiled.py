@@ -18,7 +18,7 @@ from typing import Any
 from autopilot.errors import InputError
 from sitl import quick_math
 
-OURS = ("autopilot.", "sitl.", "benchmarks.", "__main__", "test_", "liu2017", "pareto")
+OURS = ("autopilot.", "sitl.", "benchmarks.", "__main__", "test_", "liu2017", "naval_vessel", "pareto")
 
 
 ARITHMETIC = {"arcp", "contract", "reassoc", "nsz"}

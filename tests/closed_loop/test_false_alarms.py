@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
+import endurance_alarms
 import numpy as np
 import pytest
 from alarm_texts import words_of
@@ -18,10 +17,6 @@ from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderSample, Sample
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-import endurance_alarms
 
 STEP = 0.1
 SHIP = vessel_of(Boat(0.03, 100.0, 1.0e4, 1.0, 8.0, 2.5))

@@ -7,6 +7,24 @@ import math
 
 import numpy as np
 import pytest
+from naval_vessel import (
+    NAVAL_HULL,
+    NAVAL_RUDDERS,
+    NAVAL_STRIPS,
+    SERVICE_SPEED,
+    Load,
+    Sea,
+    SeaForces,
+    calm_resistance,
+    drag_coefficient,
+    extra_resistance,
+    inverse_mass,
+    linear_motion,
+    motion_step,
+    rudder_load,
+    sea_forces,
+    true_speed_ratio,
+)
 
 from autopilot.angles import wrap
 from autopilot.control.rudder_roll import (
@@ -23,23 +41,7 @@ from autopilot.control.rudder_roll import (
 )
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import RollMemory, quiet_at
-from autopilot.models.naval_vessel import (
-    NAVAL_HULL,
-    NAVAL_RUDDERS,
-    NAVAL_STRIPS,
-    SERVICE_SPEED,
-    Load,
-    Motion,
-    Sea,
-    SeaForces,
-    drag_coefficient,
-    inverse_mass,
-    linear_motion,
-    motion_step,
-    rudder_load,
-    sea_forces,
-)
-from autopilot.models.resistance import calm_resistance, extra_resistance, true_speed_ratio
+from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, RudderSample

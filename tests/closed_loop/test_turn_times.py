@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import statistics
-import sys
-from pathlib import Path
-from types import ModuleType
 
 import pytest
+import time_optimal
+import turns
 
 from autopilot.guidance.turn import VirtualBoat, in_company, paced, reference_of, turn_limits
 from autopilot.models.norrbin import rate_step, rudder_for
 from autopilot.signals import NavState
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-
-
-def loaded(name: str) -> ModuleType:
-    """Return a module of the benchmarks' folder, which is no package."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
-
-
-time_optimal, turns = loaded("time_optimal"), loaded("turns")
 SLOWEST = {"lanxin": 1.2, "esso": 1.2, "unstable": 1.2}
 """Settling over the quickest turn, as the median of SEEDS: the last degree hangs on the compass's noise."""
 SEEDS = (11, 12, 13)

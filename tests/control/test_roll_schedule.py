@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, linear_motion
 from scipy.linalg import expm
 
 from autopilot.control.rudder_roll import (
@@ -34,7 +35,7 @@ from autopilot.control.rudder_roll import (
 )
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import quiet_at
-from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
+from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 
 SHIP = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)

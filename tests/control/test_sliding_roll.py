@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, linear_motion
 from steersman import Steersman
 
 from autopilot.control.rudder_roll import RollGains, linear_response, linear_step_of, roll_rudder
@@ -31,7 +32,7 @@ from autopilot.control.sliding_roll import (
     slowest,
 )
 from autopilot.errors import InputError, RefusedError
-from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
+from autopilot.models.motion import Motion
 from autopilot.models.norrbin import at_speed, rudder_for
 from autopilot.models.steering_gear import gear_step
 from autopilot.runtime.build import build_pilot, law_of, model_of

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 
+import naval_vessel as naval
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Load
 from scipy import integrate, linalg
 
-from autopilot.models import naval_vessel as naval
-from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Load, Motion
+from autopilot.models.motion import Motion
 
 INVERSE = naval.inverse_mass(NAVAL_HULL)
 STRAIGHT = Motion(0.0, 0.0, 0.0, 0.0, 0.0)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 
+import naval_vessel as naval
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from autopilot.models import resistance
-from autopilot.models.naval_vessel import (
+from naval_vessel import (
     NAVAL_HULL,
     NAVAL_RUDDERS,
     NAVAL_STRIPS,
@@ -23,6 +22,7 @@ from autopilot.models.naval_vessel import (
     strip_load,
     water_acceleration,
 )
+
 from autopilot.models.waves import GRAVITY
 
 FREQUENCY = np.linspace(0.35, 2.2, 60)
@@ -105,33 +105,33 @@ def test_a_strip_radiates_what_it_feels() -> None:
 @given(extra=st.floats(-0.9, 50.0))
 def test_speed_at_constant_power(extra: float) -> None:
     """(R_t(y U) + dR) y U = R_t(U) U, and the printed formula overstates every loss."""
-    y = resistance.true_speed_ratio(extra)
+    y = naval.true_speed_ratio(extra)
     assert (y * y + extra) * y == pytest.approx(1.0, rel=1e-12)
     if extra > 1e-9:
-        assert 1.0 - resistance.printed_speed_ratio(extra) > 1.0 - y > 0.0
+        assert 1.0 - naval.printed_speed_ratio(extra) > 1.0 - y > 0.0
 
 
 def test_the_papers_own_loss_shrinks_to_a_third() -> None:
     """The paper's 12.93 kn of 15: by eq. (26) dR/R_t is 0.160, which really costs 5 %, 2.6 to 3 times less."""
     extra = 15.0 / 12.93 - 1.0
-    assert resistance.printed_speed_ratio(extra) == pytest.approx(12.93 / 15.0)
-    ratio = (1.0 - 12.93 / 15.0) / (1.0 - resistance.true_speed_ratio(extra))
+    assert naval.printed_speed_ratio(extra) == pytest.approx(12.93 / 15.0)
+    ratio = (1.0 - 12.93 / 15.0) / (1.0 - naval.true_speed_ratio(extra))
     assert 2.4 < ratio < 3.0
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_resistance_that_is_no_number_is_refused(bad: float) -> None:
     with pytest.raises(ValueError, match="finite"):
-        resistance.true_speed_ratio(bad)
+        naval.true_speed_ratio(bad)
 
 
 def test_each_part_of_the_extra_resistance_by_hand() -> None:
     ten = np.full(7, drag_coefficient(NAVAL_RUDDERS, math.radians(10.0)))
     drag = 0.5 * 1014.0 * 3.0 * 0.54**2 / (2.7 * math.pi) * SERVICE_SPEED**2
-    assert resistance.rudder_resistance(NAVAL_RUDDERS, SERVICE_SPEED, ten) == pytest.approx(drag)
+    assert naval.rudder_resistance(NAVAL_RUDDERS, SERVICE_SPEED, ten) == pytest.approx(drag)
     sway, rate = np.array([-1.0, -1.0]), np.array([0.05, 0.05])
     expected = (NAVAL_HULL.mass + 393e3) * (1.0 + 3.38 * 0.05) * 0.05
-    assert resistance.centrifugal_resistance(NAVAL_HULL, sway, rate) == pytest.approx(expected)
+    assert naval.centrifugal_resistance(NAVAL_HULL, sway, rate) == pytest.approx(expected)
 
 
 def test_a_hull_that_goes_with_the_water_radiates_nothing() -> None:
@@ -140,10 +140,10 @@ def test_a_hull_that_goes_with_the_water_radiates_nothing() -> None:
     motion = generator.standard_normal((50, 3))
     motion[:, 1] = 0.0
     water = motion[:, :1] + motion[:, 2:] * x
-    assert resistance.radiated_power(NAVAL_STRIPS, 1.2, motion, water) == pytest.approx(0.0, abs=1e-9)
-    still = resistance.radiated_power(NAVAL_STRIPS, 1.2, motion, 0.0 * water)
+    assert naval.radiated_power(NAVAL_STRIPS, 1.2, motion, water) == pytest.approx(0.0, abs=1e-9)
+    still = naval.radiated_power(NAVAL_STRIPS, 1.2, motion, 0.0 * water)
     assert still > 0.0
-    assert resistance.radiated_power(NAVAL_STRIPS, 1.2, 2.0 * motion, 0.0 * water) == pytest.approx(4.0 * still)
-    assert resistance.radiated_resistance(NAVAL_STRIPS, Sea(4.0, 7.0, math.pi / 2.0), 5.0, still) == pytest.approx(
+    assert naval.radiated_power(NAVAL_STRIPS, 1.2, 2.0 * motion, 0.0 * water) == pytest.approx(4.0 * still)
+    assert naval.radiated_resistance(NAVAL_STRIPS, Sea(4.0, 7.0, math.pi / 2.0), 5.0, still) == pytest.approx(
         0.0, abs=1e-9
     )

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fuzz_everything import NUMBER, REFUSALS, STRANGE_NUMBERS, STRANGE_TEXTS, STRANGE_WORDS, must_end
+from fuzz_file_targets import SENTENCES, targets
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -21,9 +23,6 @@ from autopilot.links.nmea.sentences import checksum
 from autopilot.logs.nmea_text import MILLISECONDS_FROM, stamp_of
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-from fuzz_everything import NUMBER, REFUSALS, STRANGE_NUMBERS, STRANGE_TEXTS, STRANGE_WORDS, must_end  # noqa: E402
-from fuzz_file_targets import SENTENCES, targets  # noqa: E402
 
 BINARY = ("telemetry log", "own log", "DataFlash log", "ULog", "MAVLink order")
 EDITS = "CSV numbers"

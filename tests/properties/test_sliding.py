@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, linear_motion
 from steersman import asked
 
 from autopilot.angles import wrap
@@ -16,7 +17,7 @@ from autopilot.control.backstepping import BacksteppingGains, BoundedGains, back
 from autopilot.control.law import LawBoat
 from autopilot.control.limits import RudderLimits
 from autopilot.control.sliding_heading import PAPER_SWAY_YAW, Sliding, SlidingGains
-from autopilot.models.naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Motion, linear_motion
+from autopilot.models.motion import Motion
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import Reference

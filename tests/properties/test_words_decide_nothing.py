@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import random
-import sys
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from boat_at_sea import NoParameters
+from fault_boat import FaultBoat, bring_into
+from fault_cells import in_child
+from fault_rows import ROWS
 
 from autopilot.guidance.trials import TrialLimits, TrialWatch
 from autopilot.links.ground_station.boat_link import BoatLink
@@ -26,13 +27,6 @@ from autopilot.supervision import alarms, panel
 from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.supervisor import waits_to_engage
 from autopilot.web.view import AlarmBoard
-
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-from fault_boat import FaultBoat, bring_into  # noqa: E402 - the boat of the fault matrix
-from fault_cells import in_child  # noqa: E402
-from fault_rows import ROWS  # noqa: E402
 
 WINDOW_S = 9.0
 SCENES = {

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from autopilot.errors import InputError
-from autopilot.models.naval_vessel import (
+from naval_vessel import (
     NAVAL_HULL,
     NAVAL_RUDDERS,
     SERVICE_SPEED,
     Hull,
     InverseMass,
     Load,
-    Motion,
     Rudders,
     inverse_mass,
     motion_step,
     rudder_load,
 )
+
+from autopilot.errors import InputError
+from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from sitl.compiled import compiled
 from sitl.quick_math import cosine, sine
