@@ -11,6 +11,7 @@ from autopilot.errors import ExitCode, InputError
 if TYPE_CHECKING:
     from autopilot.cli.identify_report import Result
     from autopilot.identification.identified import ModelKind, SteadyTurns
+    from autopilot.identification.methods import Method
     from autopilot.identification.runs import Run
 
 DESCRIPTION = """\
@@ -60,7 +61,6 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--method",
-        default="output-error",
         metavar="METHOD",
         help="output-error (default), two-stage, ...; `--method list` says what each does",
     )
@@ -129,7 +129,10 @@ def run(arguments: argparse.Namespace) -> int:
 
         print(identify_wave_glider(arguments))
         return int(ExitCode.OK)
-    _check(arguments)
+    from autopilot.identification.registry import method_named
+
+    method = method_named(arguments.method, arguments.gain)  # said before the logs are read
+    _check(arguments, method)
     if arguments.report:
         from autopilot.report import require_extra
 
@@ -150,10 +153,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
     from autopilot.cli.log_measures import log_options, refuse_twice, say_newer, vessel_of
-    from autopilot.identification.registry import method_named
     from autopilot.logs.reading import load_run
 
-    method_named(arguments.method, arguments.gain)  # said before the logs are read
     vessel = vessel_of(arguments)
     options = log_options(arguments, vessel)
     refuse_twice(arguments.logs)
@@ -189,23 +190,21 @@ def _methods() -> str:
     return "\n".join(f"{method.name:19} {method.summary}" for method in METHODS)
 
 
-def _check(arguments: argparse.Namespace) -> None:
+def _check(arguments: argparse.Namespace, method: Method) -> None:
     from autopilot.cli.identify_report import check_model
+    from autopilot.identification.registry import that_take
 
-    check_model(arguments)
+    check_model(arguments, method)
     if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
         raise InputError(
             "--course-unstable needs n3 fitted from the LOGs: leave out --model nomoto and --steady-turns."
         )
     if arguments.weighting == "prediction-error" and (
-        arguments.method != "output-error"
-        or arguments.course_unstable
-        or arguments.fit_rudder
-        or arguments.steady_turns
+        "weighting" not in method.takes or arguments.course_unstable or arguments.fit_rudder or arguments.steady_turns
     ):
         raise InputError(
-            "--weighting prediction-error goes with --method output-error alone: leave out --course-unstable, "
-            "--fit-rudder and --steady-turns."
+            f"--weighting prediction-error goes with --method {that_take('weighting')} alone: leave out "
+            "--course-unstable, --fit-rudder and --steady-turns."
         )
     if arguments.logs:
         return
@@ -263,14 +262,18 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None, fitted:
 
 def rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return the fields of RudderTrain that are asked for. Raises InputError."""
+    from autopilot.identification.registry import method_named, that_take
     from autopilot.identification.rudder_path import RudderTrain
 
+    can_fit = "rudder" in method_named(arguments.method).takes
     names = tuple(part.strip().replace("-", "_") for part in arguments.fit_rudder.split(",") if part.strip())
     unknown = [name for name in names if name not in RudderTrain._fields]
     if unknown:
         raise InputError(f"--fit-rudder {unknown[0].replace('_', '-')}: write some of delay,lag,lead,dead-band.")
-    if names and (arguments.method != "output-error" or arguments.model != "norrbin" or arguments.course_unstable):
-        raise InputError("--fit-rudder goes with --method output-error and --model norrbin, without --course-unstable.")
+    if names and (not can_fit or arguments.model != "norrbin" or arguments.course_unstable):
+        raise InputError(
+            f"--fit-rudder goes with --method {that_take('rudder')} and --model norrbin, without --course-unstable."
+        )
     if names and arguments.steady_turns:
         raise InputError("--fit-rudder and --steady-turns exclude each other: turns tell nothing of a lag.")
     return names
@@ -281,24 +284,24 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import save_page
     from autopilot.identification.methods import Question
-    from autopilot.identification.registry import METHODS
+    from autopilot.identification.registry import METHODS, method_named
     from autopilot.report.identification import Findings, identification_page
 
-    fitted = [run for run, role, _ in result.predictions if role == "fit"]
+    fitted, asked = [run for run, role, _ in result.predictions if role == "fit"], method_named(arguments.method)
     convergence = {}
     with ProgressBar("reporting") as bar:
         for number, method in enumerate(METHODS):
             bar.show(number, len(METHODS))
             try:
                 found = result.found
-                if method.name != arguments.method:
+                if method.name != asked.name:
                     question = Question(_kind(result), found.model.reference_speed, found.model.n1 < 0.0)
                     found = method.identify(fitted, question._replace(forgetting=arguments.forgetting))
             except InputError:
                 continue  # a method that these runs do not suit has nothing to show
             if found.convergence is not None:
                 convergence[method.name] = found.convergence
-    findings = Findings(arguments.method, result.found, result.predictions, result.residual_tests, steady, convergence)
+    findings = Findings(asked.name, result.found, result.predictions, result.residual_tests, steady, convergence)
     if result.choice is not None:
         from autopilot.cli.identify_report import choice_rows, choice_sentence
 

@@ -18,9 +18,9 @@ from autopilot.errors import InputError
 from autopilot.files.printable import fixed
 from autopilot.identification.identified import Identified, SteadyTurns
 from autopilot.identification.identify import identify, mean_speed
-from autopilot.identification.methods import Question
+from autopilot.identification.methods import Method, Question
 from autopilot.identification.model_choice import FORMS, Candidate, Choice, Form, choose
-from autopilot.identification.registry import method_named
+from autopilot.identification.registry import method_named, that_take
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
@@ -42,13 +42,13 @@ def form_of(arguments: argparse.Namespace) -> Form:
     return named._replace(course_unstable=arguments.course_unstable, rudder_train=train, trim=arguments.trim)
 
 
-def check_model(arguments: argparse.Namespace) -> None:
+def check_model(arguments: argparse.Namespace, method: Method) -> None:
     """Raise InputError where --model or --trim do not go with the other options."""
     asked = f"--model {arguments.model}" if arguments.model in ("auto", "nomoto2", "norrbin-n2") else ""
-    asked = asked or ("--trim per-run" if arguments.trim == "per-run" else "")
-    if asked and arguments.method != "output-error":
+    asked, option = (asked, "models") if asked else ("--trim per-run" if arguments.trim == "per-run" else "", "trim")
+    if asked and option not in method.takes:
         raise InputError(
-            f"{asked} goes with --method output-error, not with {arguments.method}; leave one of them out."
+            f"{asked} goes with --method {that_take(option)}, not with {method.name}; leave one of them out."
         )
     if asked and arguments.weighting == "prediction-error":
         raise InputError(f"{asked} and --weighting prediction-error exclude each other; leave one of them out.")

@@ -18,7 +18,7 @@ from autopilot.identification.gust_strength import RunNoise, gust_strength, inst
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified
 from autopilot.identification.identified import Steps as ProgressSteps
 from autopilot.identification.identify import sources_of
-from autopilot.identification.methods import Question, begin, identified_as
+from autopilot.identification.methods import NOTHING_MORE, Method, Question, begin, identified_as
 from autopilot.identification.norrbin_case import HELD_STEPS_PER_TIME_CONSTANT as HELD
 from autopilot.identification.norrbin_case import (
     NAMES,
@@ -185,6 +185,7 @@ class KalmanMethod:
 
     name = "ekf"
     summary = "extended Kalman filter over heading, rate and parameters; knows gusts from instrument noise"
+    takes = NOTHING_MORE
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
         """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be told."""
@@ -199,9 +200,14 @@ class ParticleMethod:
 
     name = "fpf"
     summary = "feedback particle filter (Zheng et al. 2019), 300 particles; --gain constant, galerkin or kernel"
+    takes = frozenset({"gain"})
 
     def __init__(self, gain: str = "constant", particles: int = PARTICLES) -> None:
         self._gain, self._particles = GAINS[gain], particles
+
+    def with_gain(self, gain: str) -> ParticleMethod:
+        """Return the method with another gain."""
+        return ParticleMethod(gain, self._particles)
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
         """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be told."""
@@ -263,3 +269,6 @@ def _identified(passes: Passes, result: Passed, reasons: dict[str, str], notes: 
         model, passes.runs, errors, unidentifiable=reasons, notes=notes, convergence=result.convergence
     )
     return found._replace(free=free, covariance=covariance)
+
+
+METHODS: tuple[Method, ...] = (KalmanMethod(), ParticleMethod())

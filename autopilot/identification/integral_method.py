@@ -19,7 +19,7 @@ from autopilot.identification.integral_window import (
     RecursionSettings,
     recursion_step,
 )
-from autopilot.identification.methods import Question, begin, identified_as
+from autopilot.identification.methods import NOTHING_MORE, Method, Question, begin, identified_as
 from autopilot.identification.runs import Run, gap_limit
 from autopilot.models.norrbin import Norrbin
 
@@ -66,6 +66,7 @@ class IntegralMethod:
 
     name = "integral"
     summary = "the yaw equation integrated over windows, solved for all windows together; runs live too"
+    takes = NOTHING_MORE
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
         """Return the estimate; see `Method.identify`. n3 is held at 0, with the reason, where it cannot be told."""
@@ -115,6 +116,7 @@ class IntegralRecursionMethod:
 
     name = "integral-recursion"
     summary = "the integral method's recursion as published, one parameter after another; slow where n3 counts"
+    takes = NOTHING_MORE
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
         """Return where the recursion has come to after ten times through the runs; see `Method.identify`.
@@ -143,3 +145,6 @@ class IntegralRecursionMethod:
         return identified_as(
             state.model, runs, {}, notes=[NO_ERRORS], convergence=Convergence(last[:, 0], NAMES[:3], last[:, 1:])
         )
+
+
+METHODS: tuple[Method, ...] = (IntegralMethod(), IntegralRecursionMethod())

@@ -8,7 +8,7 @@ The two stages of Jiang et al. 2016 behind the interface of all methods.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -74,6 +74,11 @@ class Method(Protocol):
     def summary(self) -> str:
         """What it does, in a line."""
 
+    @property
+    def takes(self) -> frozenset[str]:
+        """What it can be asked beyond the usual question: `models` (n2, Nomoto's second order, or to choose), `trim`,
+        `rudder` (what lies before it), `weighting`, and the `gain` of a particle filter."""
+
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
         """Return the model that all runs together give. The runs are not changed; the same runs give the same model.
 
@@ -128,11 +133,24 @@ def identified_as(
     )
 
 
+NOTHING_MORE: frozenset[str] = frozenset()
+"""Of a method that answers the usual question alone."""
+
+
+@runtime_checkable
+class TakesGain(Protocol):
+    """A method with a gain to choose."""
+
+    def with_gain(self, gain: str) -> Method:
+        """Return the method with another gain."""
+
+
 class OutputErrorMethod:
     """Simulate with the recorded rudder, minimise the residuals of heading and rate: the estimate that ships."""
 
     name = "output-error"
     summary = "simulates the model with the recorded rudder and fits heading and rate; with standard errors"
+    takes = frozenset({"models", "trim", "rudder", "weighting"})
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
         """Return `identification.identify.identify` of the runs."""
@@ -168,6 +186,7 @@ class TwoStageMethod:
 
     name = "two-stage"
     summary = "recursive least squares for K and T, n3 from steady turns (Jiang et al. 2016)"
+    takes = NOTHING_MORE
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
         """Return K, T and, with steady turns, n3; see `Method.identify`. A course-unstable boat is refused."""
@@ -204,3 +223,6 @@ def _convergence(time: FloatArray, values: FloatArray, end: Norrbin) -> Converge
     share = values / (end.gain, end.time_constant)
     begins = int(np.argmax(np.all((share > 1.0 / FAR) & (share < FAR), axis=1)))
     return Convergence(time[begins:], ("gain", "time_constant"), values[begins:])
+
+
+METHODS: tuple[Method, ...] = (OutputErrorMethod(), TwoStageMethod())

@@ -1,32 +1,38 @@
-"""Every identification method there is, by name."""
+"""Every identification method there is, by name: one line each module in MODULES."""
 
 from __future__ import annotations
 
-from autopilot.errors import InputError
-from autopilot.identification.filter_methods import KalmanMethod, ParticleMethod
-from autopilot.identification.integral_method import IntegralMethod, IntegralRecursionMethod
-from autopilot.identification.methods import Method, OutputErrorMethod, TwoStageMethod
+from importlib import import_module
 
-METHODS: tuple[Method, ...] = (
-    OutputErrorMethod(),
-    TwoStageMethod(),
-    IntegralMethod(),
-    IntegralRecursionMethod(),
-    KalmanMethod(),
-    ParticleMethod(),
+from autopilot.errors import InputError
+from autopilot.identification.methods import Method, TakesGain
+
+MODULES = (
+    "methods",
+    "integral_method",
+    "filter_methods",
+)
+"""Modules of this room with a tuple METHODS."""
+METHODS: tuple[Method, ...] = tuple(
+    method for module in MODULES for method in import_module(f"autopilot.identification.{module}").METHODS
 )
 """The one to use unless told otherwise comes first."""
 
 NAMES = tuple(method.name for method in METHODS)
 
 
-def method_named(name: str, gain: str = "constant") -> Method:
-    """Return the method called `name`; gain: of the feedback particle filter, one of `GAINS`. Raises InputError."""
-    if gain != "constant":
-        if name != ParticleMethod.name:
-            raise InputError(f"--gain {gain} goes with --method {ParticleMethod.name} alone; leave one of them out.")
-        return ParticleMethod(gain)
-    for method in METHODS:
-        if method.name == name:
-            return method
-    raise InputError(f"{name!r} is no identification method; there are {', '.join(NAMES)}.")
+def that_take(option: str) -> str:
+    """Return the names of the methods that can be asked an `option` of `Method.takes`."""
+    return " or ".join(method.name for method in METHODS if option in method.takes)
+
+
+def method_named(name: str | None, gain: str = "constant") -> Method:
+    """Return the method called `name`, None: the first. gain: of one that has a choice of them. Raises InputError."""
+    method = next((each for each in METHODS if name in (None, each.name)), None)
+    if method is None:
+        raise InputError(f"{name!r} is no identification method; there are {', '.join(NAMES)}.")
+    if gain == "constant":
+        return method
+    if not isinstance(method, TakesGain):
+        raise InputError(f"--gain {gain} goes with --method {that_take('gain')} alone; leave one of them out.")
+    return method.with_gain(gain)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import functools
+import json
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from autopilot.cli.main import main
 from autopilot.errors import InputError
+from autopilot.identification import registry
 from autopilot.identification.filter_methods import ParticleMethod
 from autopilot.identification.identified import Identified
-from autopilot.identification.methods import PARAMETERS, Method, Question
+from autopilot.identification.methods import PARAMETERS, Method, Question, begin, identified_as
 from autopilot.identification.registry import METHODS, NAMES, method_named
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 
@@ -216,3 +220,27 @@ def test_a_course_unstable_boat_is_found_or_refused_in_a_sentence(method: Method
     assert found.model.n1 == -1.0
     assert found.model.gain == pytest.approx(K, rel=0.2)
     assert found.model.n3 == pytest.approx(20.0, rel=0.3)
+
+
+class SteadyRatio:
+    """A toy: K from the mean rate over the mean rudder, T a second."""
+
+    name, summary, takes = "steady-ratio", "mean rate over mean rudder", frozenset[str]()
+
+    def identify(self, runs: Sequence[Run], question: Question) -> Identified:
+        begun = begin(runs, question).model
+        return identified_as(begun._replace(time_constant=1.0), runs, {})
+
+
+def test_a_method_is_one_line_in_the_registry(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(registry, "METHODS", (*METHODS, SteadyRatio()))
+    path, table = tmp_path / "zigzag.csv", zigzag()
+    np.savetxt(path, np.stack(list(table.values()), axis=1), delimiter=",", header=",".join(table), comments="")
+    assert main(["identify", "--method", "list"]) == 0
+    assert "steady-ratio        mean rate over mean rudder" in capsys.readouterr().out
+    assert main(["identify", str(path), "--method", "steady-ratio", "--model", "nomoto", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"]["T"]["value"] == 1.0
+    assert main(["identify", str(path), "--method", "steady-ratio", "--trim", "per-run"]) != 0
+    assert "--trim per-run goes with --method output-error, not with steady-ratio" in capsys.readouterr().err
