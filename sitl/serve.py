@@ -432,8 +432,8 @@ def mavlink_port(firmware: Firmware, url: str, signing: LinkSigning | None = Non
     link = parse_url(url)
     if link.protocol != "mavlink":
         raise InputError(f"--mavlink {url}: an NMEA link; the instruments are served by --nmea PATH:BAUD.")
-    is_stream = link.medium in ("tcp", "tcpin", "serial")
     transport = open_transport(link)
+    is_stream = transport.is_stream
     if isinstance(transport, TcpServerTransport):
         transport = FirmwareTcpServer(transport, lambda: firmware.world.time)
     return Port(transport, MavlinkVehicle(firmware, is_stream, signing))
@@ -451,9 +451,9 @@ def nmea_port(world: World, text: str, sentences: str) -> tuple[str, Port]:
             f"--nmea {text}: write PATH:BAUD, or an NMEA link without options such as nmea-tcpin:HOST:PORT."
         )
     baud = link.baud or NETWORK_BAUD
-    is_stream = link.medium in ("tcp", "tcpin", "serial")
-    instruments = NmeaInstruments(world, chosen_rates(sentences, baud), baud, is_stream)
-    return f"nmea {text}", Port(open_transport(link), instruments)
+    rates = chosen_rates(sentences, baud)
+    transport = open_transport(link)
+    return f"nmea {text}", Port(transport, NmeaInstruments(world, rates, baud, transport.is_stream))
 
 
 def drive_port(world: World, text: str) -> tuple[str, Port]:

@@ -4,78 +4,47 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple
+from importlib import import_module
 
 from autopilot.links.base import LinkError, Transport
+from autopilot.links.drives import DRIVES
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, is_mavlink
 from autopilot.links.mavlink.signing import LinkSigning
 from autopilot.links.nmea.sentences import is_nmea
-from autopilot.links.transports import (
-    SerialTransport,
-    TcpClientTransport,
-    TcpServerTransport,
-    UdpInTransport,
-    UdpOutTransport,
-)
+from autopilot.links.transports import UdpInTransport
+from autopilot.links.transports.medium import BAUD_MAX as BAUD_MAX
+from autopilot.links.transports.medium import BAUD_MIN as BAUD_MIN
+from autopilot.links.transports.medium import LinkUrl as LinkUrl
+from autopilot.links.transports.medium import Medium, Scheme, Written
 from autopilot.links.transports.sockets import Network, is_everywhere, only_from
 from autopilot.links.url_options import UrlOptions, parse_options
 
-Protocol = Literal["mavlink", "nmea", "pypilot", "jrk", "maestro", "n2k"]
-Medium = Literal["udpin", "udpout", "tcp", "tcpin", "serial", "can"]
-
-EXAMPLES = {
-    "udpin": "udpin:127.0.0.1:14550",
-    "udpout": "udpout:192.168.1.10:14550",
-    "tcp": "tcp:127.0.0.1:5760",
-    "tcpin": "tcpin:127.0.0.1:5760",
-    "serial": "serial:/dev/ttyUSB0:115200",
-    "nmea": "nmea:/dev/ttyUSB1:4800",
-    "nmea-udp": "nmea-udp:127.0.0.1:10110",
-    "nmea-udpout": "nmea-udpout:192.168.1.20:10110",
-    "nmea-tcp": "nmea-tcp:192.168.1.20:10110",
-    "nmea-tcpin": "nmea-tcpin:wlan0:10110",
-    "pypilot": "pypilot:/dev/ttyUSB2:38400",
-    "jrk": "jrk:/dev/ttyACM0:115200",
-    "maestro": "maestro:/dev/ttyACM0:115200",
-    "n2k": "n2k:socketcan:can0",
+MODULES = (
+    "udp",
+    "tcp",
+    "serial_line",
+    "can_bus",
+)
+"""Modules of `autopilot.links.transports` with a tuple MEDIA: one line for every kind of transport."""
+MEDIA: dict[str, Medium] = {
+    medium.name: medium for module in MODULES for medium in import_module(f"autopilot.links.transports.{module}").MEDIA
 }
-SCHEMES: dict[str, tuple[Protocol, Medium]] = {
-    "udpin": ("mavlink", "udpin"),
-    "udpout": ("mavlink", "udpout"),
-    "tcp": ("mavlink", "tcp"),
-    "tcpin": ("mavlink", "tcpin"),
-    "serial": ("mavlink", "serial"),
-    "nmea": ("nmea", "serial"),
-    "nmea-udp": ("nmea", "udpin"),
-    "nmea-udpout": ("nmea", "udpout"),
-    "nmea-tcp": ("nmea", "tcp"),
-    "nmea-tcpin": ("nmea", "tcpin"),
-    "pypilot": ("pypilot", "serial"),
-    "jrk": ("jrk", "serial"),
-    "maestro": ("maestro", "serial"),
-    "n2k": ("n2k", "can"),
-}
-OPTIONS: dict[Protocol, tuple[str, ...]] = {"nmea": ("steer", "send", "talker"), "n2k": ("steer",)}
-"""What may stand behind the `?`, by what is spoken."""
-LISTENING = ("udpin", "tcpin")
-"""Media that others come to; these also take `allow`."""
-BAUD_MIN, BAUD_MAX = 300, 4_000_000
 
 
-class LinkUrl(NamedTuple):
-    """A link: what is spoken, over what, and where. host and port on networks, path and baud on serial lines.
+def _schemes() -> dict[str, tuple[Scheme, str]]:
+    """Return every scheme with its medium: what speaks MAVLink first; rudder drives are on serial lines."""
+    of_media = [(scheme, medium.name) for medium in MEDIA.values() for scheme in medium.schemes]
+    of_drives = [(Scheme(name, name, drive.example), "serial") for name, drive in DRIVES.items()]
+    order = ["mavlink", "nmea", *DRIVES]
+    found = sorted([*of_media, *of_drives], key=lambda each: [*order, each[0].protocol].index(each[0].protocol))
+    return {scheme.name: (scheme, medium) for scheme, medium in found}
 
-    On a CAN bus `host` is python-can's interface and `path` its channel.
-    """
 
-    text: str
-    protocol: Protocol
-    medium: Medium
-    host: str = ""
-    port: int = 0
-    path: str = ""
-    baud: int = 0
-    options: UrlOptions = UrlOptions()
+EXAMPLES = {name: scheme.example for name, (scheme, _) in _schemes().items()}
+SCHEMES: dict[str, tuple[str, str]] = {name: (scheme.protocol, over) for name, (scheme, over) in _schemes().items()}
+"""What is spoken, and over which medium, by the beginning of a URL."""
+OPTIONS: dict[str, tuple[str, ...]] = {"nmea": ("steer", "send", "talker"), "n2k": ("steer",)}
+"""What may stand behind the `?`, by what is spoken; a medium that others come to also takes `allow`."""
 
 
 def parse_url(text: str) -> LinkUrl:
@@ -86,20 +55,13 @@ def parse_url(text: str) -> LinkUrl:
         raise LinkError(f"link {text!r}: unknown kind {scheme!r}; write one of {allowed}")
     protocol, medium = SCHEMES[scheme]
     rest, mark, query = rest.partition("?")
-    takes = (*OPTIONS.get(protocol, ()), *(("allow",) if medium in LISTENING else ()))
+    takes = (*OPTIONS.get(protocol, ()), *(("allow",) if MEDIA[medium].listens else ()))
     options = parse_options(text, query, takes) if mark else UrlOptions()
     place, colon, number = rest.rpartition(":")
     if not colon or not place:
         raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
-    if medium == "serial":
-        baud = _number(text, scheme, "baud rate", number, BAUD_MIN, BAUD_MAX)
-        return LinkUrl(text, protocol, medium, path=place, baud=baud, options=options)
-    if medium == "can":
-        if not number or any(c.isspace() for c in place + number):
-            raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
-        return LinkUrl(text, protocol, medium, host=place, path=number, options=options)
-    port = _number(text, scheme, "port", number, 0 if medium in LISTENING else 1, 65535)
-    return LinkUrl(text, protocol, medium, host=_host(text, scheme, place), port=port, options=options)
+    where = MEDIA[medium].place(Written(text, EXAMPLES[scheme], place, number))
+    return LinkUrl(text, protocol, medium, *where, options=options)
 
 
 def open_transport(url: LinkUrl | str, allow: Sequence[Network] = ()) -> Transport:
@@ -109,19 +71,10 @@ def open_transport(url: LinkUrl | str, allow: Sequence[Network] = ()) -> Transpo
     listens on every interface of the machine says so on the terminal.
     """
     link = parse_url(url) if isinstance(url, str) else url
-    if link.medium == "serial":
-        return SerialTransport(link.text, link.path, link.baud)
-    if link.medium == "can":
-        raise LinkError(f"link {link.text!r}: NMEA 2000 is no stream of bytes; use it with autopilot run")
-    allows = only_from(link.options.allow or allow)
-    if link.medium == "udpin":
-        accepts: Callable[[bytes], bool] = is_mavlink if link.protocol == "mavlink" else is_nmea
-        return _exposed(link, UdpInTransport(link.text, link.host, link.port, accepts, allows))
-    if link.medium == "udpout":
-        return UdpOutTransport(link.text, link.host, link.port)
-    if link.medium == "tcp":
-        return TcpClientTransport(link.text, link.host, link.port)
-    return _exposed(link, TcpServerTransport(link.text, link.host, link.port, allows))
+    medium = MEDIA[link.medium]
+    accepts = is_mavlink if link.protocol == "mavlink" else is_nmea
+    transport = medium.open(link, accepts, only_from(link.options.allow or allow))
+    return _exposed(link, transport) if medium.listens else transport
 
 
 def _exposed(link: LinkUrl, transport: Transport) -> Transport:
@@ -159,21 +112,3 @@ def let_in(transport: Transport, accepts: Callable[[bytes], bool]) -> None:
         listening = inside
     if isinstance(listening, UdpInTransport):
         listening.accepts = accepts
-
-
-def _number(text: str, scheme: str, what: str, digits: str, low: int, high: int) -> int:
-    value = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 9 else -1
-    if not low <= value <= high:
-        raise LinkError(
-            f"link {text!r}: {what} {digits!r} is not a whole number from {low} to {high}; "
-            f"write it like {EXAMPLES[scheme]}"
-        )
-    return value
-
-
-def _host(text: str, scheme: str, place: str) -> str:
-    bracketed = place.startswith("[") and place.endswith("]")
-    host = place[1:-1] if bracketed else place
-    if not host or (":" in host and not bracketed) or any(c.isspace() or c in "/[]" for c in host):
-        raise LinkError(f"link {text!r}: host {place!r} is not an address; write it like {EXAMPLES[scheme]}")
-    return host

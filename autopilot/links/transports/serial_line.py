@@ -18,6 +18,7 @@ from typing import Protocol
 import serial
 
 from autopilot.links.base import LinkError, NotThereError
+from autopilot.links.transports.medium import Medium, Scheme, line
 
 USB = "usb="
 
@@ -182,3 +183,16 @@ def _open_error(name: str, path: str, baud: int, error: Exception) -> LinkError:
     if code in (errno.ENOTTY, errno.EINVAL, errno.EISDIR) or isinstance(error, termios.error) or "configure" in text:
         return LinkError(f"{name}: {path} is not a serial port; name a device such as /dev/ttyUSB0")
     return LinkError(f"{name}: cannot open {path}: {text}; check the device")
+
+
+MEDIA = (
+    Medium(
+        "serial",
+        (
+            Scheme("serial", "mavlink", "serial:/dev/ttyUSB0:115200"),
+            Scheme("nmea", "nmea", "nmea:/dev/ttyUSB1:4800"),
+        ),
+        line,
+        lambda link, *_: SerialTransport(link.text, link.path, link.baud),
+    ),
+)

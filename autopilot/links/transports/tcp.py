@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 
 from autopilot.links.base import LinkError
+from autopilot.links.transports.medium import Medium, Scheme, own_address, peer
 from autopilot.links.transports.sockets import Allows, everyone, is_loopback, open_error, resolve
 
 CONNECT_TIMEOUT_S = 3.0
@@ -214,3 +215,26 @@ class TcpServerTransport:
             return None
         self.peer = sender
         return _Connection(sock)
+
+
+MEDIA = (
+    Medium(
+        "tcp",
+        (
+            Scheme("tcp", "mavlink", "tcp:127.0.0.1:5760"),
+            Scheme("nmea-tcp", "nmea", "nmea-tcp:192.168.1.20:10110"),
+        ),
+        peer,
+        lambda link, *_: TcpClientTransport(link.text, link.host, link.port),
+    ),
+    Medium(
+        "tcpin",
+        (
+            Scheme("tcpin", "mavlink", "tcpin:127.0.0.1:5760"),
+            Scheme("nmea-tcpin", "nmea", "nmea-tcpin:wlan0:10110"),
+        ),
+        own_address,
+        lambda link, _, allows: TcpServerTransport(link.text, link.host, link.port, allows),
+        listens=True,
+    ),
+)

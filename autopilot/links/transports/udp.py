@@ -10,6 +10,7 @@ import socket
 from collections.abc import Callable
 
 from autopilot.links.base import LinkError
+from autopilot.links.transports.medium import Medium, Scheme, own_address, peer
 from autopilot.links.transports.sockets import (
     Allows,
     disconnect,
@@ -216,3 +217,26 @@ class UdpOutTransport(_UdpTransport):
 
     def forget_peer(self) -> None:
         """Do nothing: the peer is the one the user wrote."""
+
+
+MEDIA = (
+    Medium(
+        "udpin",
+        (
+            Scheme("udpin", "mavlink", "udpin:127.0.0.1:14550"),
+            Scheme("nmea-udp", "nmea", "nmea-udp:127.0.0.1:10110"),
+        ),
+        own_address,
+        lambda link, accepts, allows: UdpInTransport(link.text, link.host, link.port, accepts, allows),
+        listens=True,
+    ),
+    Medium(
+        "udpout",
+        (
+            Scheme("udpout", "mavlink", "udpout:192.168.1.10:14550"),
+            Scheme("nmea-udpout", "nmea", "nmea-udpout:192.168.1.20:10110"),
+        ),
+        peer,
+        lambda link, *_: UdpOutTransport(link.text, link.host, link.port),
+    ),
+)
