@@ -77,7 +77,8 @@ class ControlAuthority:
     Attributes:
         obstacle: why this vehicle cannot be steered at all; empty where it can.
         misfit: why its steering parameters cannot be used; empty where they can.
-        mode, armed, system_state, heartbeat_time: from the last heartbeat, -inf before the first.
+        mode, armed, heartbeat_time: from the last heartbeat, -inf before the first.
+        booted: whether the vehicle has come up far enough to take commands: earlier ones can crash the firmware.
         heard_time: when the vehicle last sent anything.
         steering: whether we have commanded something that we have not released.
         recent_pulses: input pulses [us] commanded in the last `HISTORY_S`, each once, the newest last.
@@ -89,8 +90,7 @@ class ControlAuthority:
         self.obstacle = "waiting for the heartbeat of a vehicle"
         self.misfit = ""
         self.mode = -1
-        self.armed = False
-        self.system_state = 0
+        self.armed = self.booted = False
         self.heartbeat_time = self.heard_time = -math.inf
         self.steering = False
         self.recent_pulses: list[int] = []
@@ -115,17 +115,12 @@ class ControlAuthority:
         self._judged: tuple[int, int] | None = None
         self._parameter_reason = ""
 
-    @property
-    def booted(self) -> bool:
-        """Whether the vehicle has come up far enough to take commands: earlier ones can crash the firmware."""
-        return self.system_state >= STANDBY_STATE
-
     def heartbeat(self, now: float, mode: int, armed: bool, system_state: int) -> None:
         """Take the vehicle's heartbeat."""
         self.heartbeat_time = now
         self.mode = mode
         self.armed = armed
-        self.system_state = system_state
+        self.booted = system_state >= STANDBY_STATE
 
     def commanded(self, now: float, pulse: int | None) -> None:
         """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for a heading."""
@@ -145,8 +140,7 @@ class ControlAuthority:
     def rebooted(self) -> None:
         """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew."""
         self._rebooted = True
-        self.armed = False
-        self.system_state = 0
+        self.armed = self.booted = False
         self.released()
         self.misfit = self.radio = ""
 
@@ -210,9 +204,12 @@ class ControlAuthority:
 
     def stick(self, number: int, pulse: int) -> None:
         """Take where a stick stands that does not steer: moved while we steer, it takes the helm."""
+        stood = self._sticks.get(number)
         if not self.steering or not pulse:
             self._sticks.pop(number, None)
-        elif abs(pulse - self._sticks.setdefault(number, pulse)) > STICK_MOVED_US:
+        elif stood is None:
+            self._sticks[number] = pulse
+        elif not -STICK_MOVED_US <= pulse - stood <= STICK_MOVED_US:
             self.disobeyed = f"the stick on RC channel {number} was moved: the helm is yours"
 
     def cleared_by_stick(self) -> None:
@@ -336,8 +333,9 @@ class OverrideProbe:
     """One proof when the vehicle starts and one for each engagement. `may_share`: others may override the input too.
 
     Attributes:
-        reason: why the helm is not ours yet; empty once the vehicle has shown that it takes our steering.
+        reason: why control is not ours yet; empty once the vehicle has shown that it takes our steering.
         stage: how far the proof is.
+        pulse [us]: the input that the proof asks for.
     """
 
     def __init__(self, output: SteeringOutput, may_share: bool = False) -> None:
@@ -353,7 +351,7 @@ class OverrideProbe:
         self._reported: int | None = None
         self._report_time = -math.inf  # unheard of for ever is silent
         self._message: Message | None = None
-        self._pulse = 0
+        self.pulse = 0
         self._began = self._next = -math.inf
         self._base = self._seen = self._strange = self._moves = 0
         self._has_shown = False
@@ -371,11 +369,6 @@ class OverrideProbe:
             self.stage, self.reason = Stage.CHECKING, CHECKING
         elif not waits and self.passed:
             self.stage, self.reason = Stage.GROWN_OLD, CHECKED_ON_ENGAGING
-
-    @property
-    def pulse(self) -> int:
-        """The input [us] that the proof asks for."""
-        return self._pulse
 
     @property
     def passed(self) -> bool:
@@ -396,12 +389,12 @@ class OverrideProbe:
         if self._paused is not None:
             self._judge_pause(now, number, pulse)
             return
-        self._seen = self._seen + 1 if pulse == self._pulse else 0
+        self._seen = self._seen + 1 if pulse == self.pulse else 0
         self._has_shown = self._has_shown or self._seen > 0
         # an override stays for seconds: what shows behind ours is no stick
-        self._strange += self._has_shown and pulse != self._pulse
+        self._strange += self._has_shown and pulse != self.pulse
         if self._strange >= STRANGE_PROBES and not self._may_share:
-            self._refuse(now, Stage.SHARED, OTHER.format(number=number, pulse=pulse, ours=self._pulse))
+            self._refuse(now, Stage.SHARED, OTHER.format(number=number, pulse=pulse, ours=self.pulse))
         elif self._seen >= SEEN_REPORTS:
             self._paused, self._seen = now, 0
             if self._may_share:
@@ -412,7 +405,7 @@ class OverrideProbe:
             self._refuse(
                 now,
                 Stage.NOT_TAKEN,
-                f"the vehicle does not take our steering: RC channel {number} stays at {pulse} us while {self._pulse} "
+                f"the vehicle does not take our steering: RC channel {number} stays at {pulse} us while {self.pulse} "
                 "us is sent; switch radio override on, close other ground stations, or start with --as-gcs",
             )
         elif not self._has_shown and abs(pulse - self._base) > TOLD_APART_US:
@@ -424,12 +417,12 @@ class OverrideProbe:
         found = self._output.unmoving(pulse)
         if found is not None:
             self._base = pulse
-            self._message, self._pulse = found
+            self._message, self.pulse = found
 
     def _judge_pause(self, now: float, number: int, pulse: int) -> None:
         assert self._paused is not None
-        if pulse != self._pulse:
-            self._refuse(now, Stage.SHARED, OTHER.format(number=number, pulse=pulse, ours=self._pulse))
+        if pulse != self.pulse:
+            self._refuse(now, Stage.SHARED, OTHER.format(number=number, pulse=pulse, ours=self.pulse))
             return
         self._seen += 1
         if now - self._paused >= PAUSE_S and self._seen >= PAUSE_REPORTS:

@@ -176,6 +176,7 @@ class MavlinkCodec:
             if message is not None:
                 if self._signing is None or self._is_authentic(message, self._signing):
                     messages.append(message)
+                    self.received += 1
                 start += length
                 in_noise = False
                 continue
@@ -186,7 +187,6 @@ class MavlinkCodec:
             start = next_magic(buffer, start + 1) if tries else end
         if self._is_stream:
             self._rest = bytes(buffer[start:])
-        self.received += len(messages)
         return messages
 
     def _is_authentic(self, message: Message, signing: LinkSigning) -> bool:

@@ -87,6 +87,7 @@ class CompanionSession:
         state: MAV_STATE in our heartbeat.
         packets: (time, raw packet) of what has been received; who carries the bytes adds what was sent, and empties it.
         vehicle: system id of the vehicle latched on to, 0 before its heartbeat.
+        heard_time: when the vehicle last said anything, -inf before it has.
         is_gone: whether the line was found broken; who carries the bytes says so.
     """
 
@@ -102,6 +103,7 @@ class CompanionSession:
         self.state: int = dialect.MAV_STATE_STANDBY
         self.packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self.vehicle = 0
+        self.heard_time = -math.inf
         self.is_gone = False
         self._settings = settings
         self._signing = signing
@@ -126,17 +128,13 @@ class CompanionSession:
         self._judge_at = -math.inf
         self._looked_at = math.inf
         self._may_prove = False
+        self._revision, self._steers_as = (-1, 0), 0
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._noted: dict[str, AlarmEvent | None] = {"other pilot": None, "attitude rate": None, "guided": None}
         self._leaving: float | None = None
         self._next_release, self._released_at = -math.inf, math.inf
         self._has_steered = False
         self._marking: Message | None = None
-
-    @property
-    def heard_time(self) -> float:
-        """When the vehicle last said anything, -inf before it has."""
-        return self._authority.heard_time
 
     @property
     def parameters(self) -> VehicleParameters:
@@ -176,6 +174,7 @@ class CompanionSession:
                     news = True
                 else:
                     self._other.take(now, message)
+        self.heard_time = authority.heard_time
         if authority.heartbeat_time != beat:
             self._helm = None
         if news or not authority.booted:
@@ -252,9 +251,10 @@ class CompanionSession:
         """Return the requests, the mode of a fail-safe, the sound of an alarm, word to another pilot, texts."""
         asked: list[Message] = []
         vehicle, is_up = self.vehicle, self._authority.booted
-        if is_up:
-            asked += [interval_request(vehicle, *stream) for stream in self._reader.streams.due(now)]
-            asked += [parameter_request(vehicle, name) for name in self._reader.parameters.due(now)]
+        if is_up and (streams := self._reader.streams.due(now)):
+            asked += [interval_request(vehicle, *stream) for stream in streams]
+        if is_up and (names := self._reader.parameters.due(now)):
+            asked += [parameter_request(vehicle, name) for name in names]
         for aside in (self._handover, self._sounder):
             if aside is not None:
                 asked += aside.due(now, vehicle)
@@ -361,9 +361,12 @@ class CompanionSession:
     def _judge(self, now: float, samples: list[Sample]) -> None:
         """Work out whether control is ours, and put word of a change before the other samples, of alarms behind."""
         reader, authority = self._reader, self._authority
-        if self._settings.as_gcs and self._settings.gcs_system is None:
-            self._gcs_codec.system = reader.parameters.gcs_system or DEFAULT_GCS
-        obstacle = authority.reason(now, reader.parameters, self._steering_codec.system)
+        if self._revision != (reader.parameters.revision, self.vehicle):
+            self._revision = reader.parameters.revision, self.vehicle
+            if self._settings.as_gcs and self._settings.gcs_system is None:
+                self._gcs_codec.system = reader.parameters.gcs_system or DEFAULT_GCS
+            self._steers_as = self._steering_codec.system
+        obstacle = authority.reason(now, reader.parameters, self._steers_as)
         if not obstacle and not authority.steering:
             obstacle = self._other.obstacle(now)
         proof = self._probe if self._guided is None else self._guided
@@ -380,7 +383,7 @@ class CompanionSession:
             samples.insert(0, self._helm)
         overridden = AlarmEvent("input_shared") if authority.others_override(now) else None
         found: dict[str, AlarmEvent | None] = {
-            "other pilot": self._other.alarm(now, authority.steering) or overridden,
+            "other pilot": (self._other.alarm(now, True) if authority.steering else None) or overridden,
             "attitude rate": reader.streams.slow,
             "guided": self._guided.alarm if self._guided is not None else None,
         }
@@ -426,11 +429,13 @@ class CompanionLink:
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command, or the release. LinkError when the transport is gone."""
-        self._write(now, self.session.send(now, command))
+        if packets := self.session.send(now, command):
+            self._write(now, packets)
 
     def show(self, tick: Tick) -> None:
         """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""
-        self._write(tick.now, self.session.on_tick(tick))
+        if packets := self.session.on_tick(tick):
+            self._write(tick.now, packets)
 
     def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Take who has the rudder and what is wrong, for heartbeat and texts."""
@@ -438,7 +443,8 @@ class CompanionLink:
 
     def keep(self, now: float) -> None:
         """Send what falls due; let go of a peer without a word of the vehicle. LinkError when the transport is gone."""
-        self._write(now, self.session.poll(now))
+        if packets := self.session.poll(now):
+            self._write(now, packets)
         heard = self.session.heard_time
         if self._vacant_since is None:
             self._vacant_since = now

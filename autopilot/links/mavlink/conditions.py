@@ -145,7 +145,7 @@ class RadioWatch:
         seen, rssi, count = self._seen, message.rssi, message.chancount
         if RSSI_THERE <= rssi < RSSI_UNKNOWN:
             seen.add("rssi")
-        if count > 0:
+        if count > 0 and "count" not in seen:
             seen.add("count")
         limit, channel = parameters.throttle_failsafe, parameters.throttle_input
         pulse = getattr(message, f"chan{channel}_raw") if limit is not None else 0
@@ -256,7 +256,7 @@ class OtherPilot:
     def obstacle(self, now: float) -> str:
         """Return why we may not try to take the helm at `now` [s]; empty where nobody else is known to have it."""
         self._began = now if self._began is None else self._began
-        return STEERED if self._steers(now) and not self._is_forced else ""
+        return STEERED if now - self._steers_time <= SILENT_S and not self._is_forced else ""
 
     def waiting(self, now: float) -> str:
         """Return that it is not yet known whether anybody else is there."""
@@ -267,9 +267,6 @@ class OtherPilot:
         """Return what the skipper of a boat that we steer should know of another pilot."""
         if not is_steering:
             return None
-        if self._steers(now):
+        if now - self._steers_time <= SILENT_S:
             return AlarmEvent("other_pilot")
         return AlarmEvent("other_pilot_waits") if now - self._waits_time <= SILENT_S else None
-
-    def _steers(self, now: float) -> bool:
-        return now - self._steers_time <= SILENT_S

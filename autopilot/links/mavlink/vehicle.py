@@ -351,8 +351,7 @@ class VehicleReader:
         return self._clock.local(now, boot)
 
     def _servo_time(self, now: float, time_usec: int) -> float:
-        offset = self._clock.offset
-        if offset is None:
+        if (offset := self._clock.offset) is None:
             return now
         # 32 bits of microseconds begin again every 71.6 minutes: take the turn that lies nearest.
         boot = time_usec * 1.0e-6
