@@ -78,7 +78,7 @@ def test_on_a_slow_line_the_newest_command_wins() -> None:
     got = orders(far)
     each = len(encoders.encode_ror(math.radians(5.0), True)) * 10 / 4800.0
     assert len(got) == pytest.approx(1.0 / each, abs=3), "no more than the line can carry"
-    assert link.replaced == pytest.approx(100 - len(got), abs=1)
+    assert link.session.replaced == pytest.approx(100 - len(got), abs=1)
     link.keep(1.2)
     assert orders(far)[-1] == (9.9, "A"), "what waited last leaves as soon as the line is free"
 
@@ -146,7 +146,7 @@ def test_counts_add_up() -> None:
     far.send(b"$HEHDT,41.87,T*25\r\n$HEHDT,400.0,T*15\r\n$GPGSV,1,1,00*79\r\n")
     far.send(b"$HEHDT,400.0,T*" + b"%02X\r\n" % 0x2B)
     link.receive(0.0)
-    counts = link.counts
+    counts = link.session.counts
     assert counts.sentences == 3 - (counts.checksum_errors - 1)
     assert counts.ignored == 1
     assert counts.checksum_errors + counts.malformed == 2
@@ -266,7 +266,7 @@ def test_a_peer_silent_for_five_seconds_is_let_go_of_and_noise_is_no_word() -> N
 def test_twelve_repeated_sentences_wait_for_a_slow_line_and_the_oldest_are_left_out() -> None:
     near, far = loopback_pair()
     link = NmeaLink(near, NmeaSettings(baud=4800, steers=False))
-    link._repeated.extend(b"$%02d\r\n" % number for number in range(20))
+    link.session._repeated.extend(b"$%02d\r\n" % number for number in range(20))
     for step in range(100):
         link.keep(0.1 * step)
     assert [int(data[1:3]) for data in far.receive()] == list(range(8, 20))
@@ -275,7 +275,7 @@ def test_twelve_repeated_sentences_wait_for_a_slow_line_and_the_oldest_are_left_
 def test_a_line_is_busy_for_ten_bits_a_byte() -> None:
     near, far = loopback_pair()
     link = NmeaLink(near, NmeaSettings(baud=4800, steers=False))
-    link._repeated.extend([b"$" + b"x" * 45 + b"\r\n"] * 3)
+    link.session._repeated.extend([b"$" + b"x" * 45 + b"\r\n"] * 3)
     times = []
     for step in range(50):
         link.keep(0.01 * step + 1e-6)
@@ -286,7 +286,7 @@ def test_a_line_is_busy_for_ten_bits_a_byte() -> None:
 def test_on_a_full_line_a_repeated_sentence_leaves_after_three_orders() -> None:
     near, far = loopback_pair()
     link = NmeaLink(near, NmeaSettings(baud=4800))
-    link._repeated.extend([b"$R\r\n"] * 9)
+    link.session._repeated.extend([b"$R\r\n"] * 9)
     for step in range(100):
         link.send(0.01 * step, RudderCommand(0.01 * step, 0.1, True))
         link.keep(0.01 * step)

@@ -157,8 +157,8 @@ def test_a_url_says_what_is_sent() -> None:
     link = build_link(vessel, "nmea-udpout:127.0.0.1:10119?steer=no&send=HDT:5,HTD", LinkOptions())
     try:
         assert isinstance(link, NmeaLink)
-        assert link._settings.sends == (("HDT", 5.0), ("HTD", 1.0))
-        assert not link._settings.steers
+        assert link.session.settings.sends == (("HDT", 5.0), ("HTD", 1.0))
+        assert not link.session.settings.steers
     finally:
         link.close()
 

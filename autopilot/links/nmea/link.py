@@ -16,7 +16,7 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.nmea.repeater import NmeaRepeater
 from autopilot.links.nmea.samples import OWN_TALKER, Deviation, NmeaReader
-from autopilot.links.nmea.sentences import Counts, NmeaFramer, Sentence, encode_ror
+from autopilot.links.nmea.sentences import Counts, NmeaFramer, encode_ror
 from autopilot.links.north import UnusableHeadings
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES, FollowSettings, RudderFollow
@@ -33,9 +33,9 @@ from autopilot.signals import (
 )
 
 BITS_PER_BYTE = 10
+"""Start bit, eight data bits, stop bit."""
 SILENT_PEER_S = 5.0
 """Time without a sentence after which another peer may take the place on a listening socket."""
-"""Start bit, eight data bits, stop bit."""
 REPEAT_S = 0.5
 """A drive releases the rudder when no order has come for 2 s or so: the last one is repeated at least this often."""
 REPEATED_WAITING = 12
@@ -67,31 +67,36 @@ class NmeaSettings(NamedTuple):
     magnetic: bool = False
 
 
-class NmeaLink:
-    """A `Link` over NMEA 0183. ValueError where the settings cannot be.
+class NmeaSession:
+    """What is said over one NMEA 0183 line: bytes in, samples out; rudder orders and ticks in, sentences out.
+
+    It owns no transport and no clock, and never raises. ValueError where the settings cannot be. What `due` returns is
+    said to be on its way by `sent`: a line that is busy, or takes nothing, keeps it waiting.
 
     Attributes:
         replaced: commands not sent because the line was still busy with an earlier one; the newest is sent.
+        heard_time: when a sentence last came [s], -inf before the first.
     """
 
     def __init__(
         self,
-        transport: Transport,
+        name: str,
         settings: NmeaSettings = NmeaSettings(),  # noqa: B008 - immutable
+        is_stream: bool = True,
         guide: PlotterGuide | None = None,
     ) -> None:
-        self.name = transport.name
+        self.name = name
         self.replaced = 0
-        self._transport = transport
-        self._settings = settings
+        self.heard_time = -math.inf
+        self.settings = settings
+        self._is_stream = is_stream
         self._framer = NmeaFramer()
         self._reader = NmeaReader(
             settings.variation, Deviation(settings.deviation), guide, settings.talker, settings.magnetic
         )
-        self._unusable = UnusableHeadings(self.name)
+        self._unusable = UnusableHeadings(name)
         self._guide = guide
         self._guide_alarm: AlarmEvent | None = None
-        self._heard = -math.inf
         self._repeater = NmeaRepeater(settings.sends, settings.variation, settings.talker, settings.magnetic)
         self._repeated: deque[bytes] = deque(maxlen=REPEATED_WAITING)
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
@@ -102,9 +107,10 @@ class NmeaLink:
         self._pending = False
         self._releases_left = 0
         self._orders_in_row = 0
+        self._offered = 0
         self._follow = RudderFollow(settings.follow)
         self._helm_reason: str | None = None
-        self._release = UnshownRelease(self.name, LAPSE)
+        self._release = UnshownRelease(name, LAPSE)
 
     @property
     def counts(self) -> Counts:
@@ -122,25 +128,16 @@ class NmeaLink:
         """Magnetic headings dropped because no variation is known; configure one where this grows."""
         return self._reader.waiting_for_variation
 
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return self._transport.fileno()
-
-    def receive(self, now: float) -> list[Sample]:
-        """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone."""
+    def receive(self, now: float, chunks: list[bytes]) -> list[Sample]:
+        """Take what has arrived by `now` [s], datagrams or pieces of a stream, and return the samples in it."""
         samples: list[Sample] = []
-        chunks = self._transport.receive()
         if chunks:
             known = self._framer.counts
             self._read(now, chunks, samples)
             if (self._framer.counts.sentences, self._framer.counts.ignored) != (known.sentences, known.ignored):
-                self._heard = now
-        if now - self._heard > SILENT_PEER_S:
-            # an instrument that starts again speaks from another port
-            self._heard = now
-            self._transport.forget_peer()
+                self.heard_time = now
         reason = self._follow.reason(now)
-        if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
+        if reason != self._helm_reason and (self.settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
             samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
         samples += self._unusable.news(now, samples, self._reader.unusable)
@@ -150,33 +147,33 @@ class NmeaLink:
         return samples
 
     def _read(self, now: float, chunks: list[bytes], samples: list[Sample]) -> None:
-        if not self._transport.is_stream:
+        if not self._is_stream:
             self._framer.reset()
             chunks = [chunk if chunk.endswith(b"\n") else chunk + b"\r\n" for chunk in chunks]
-        sentences = self._framer.feed(b"".join(chunks))
-        for sentence in sentences:
-            sample = self._reader.read(self._measured(now, sentence), sentence)
+        for sentence in self._framer.feed(b"".join(chunks)):
+            measured = now - (self._framer.taken - sentence.start) * self._seconds_per_byte
+            sample = self._reader.read(measured, sentence)
+            if sample is None:
+                continue
             if isinstance(sample, HeadingSample):
-                sample = sample._replace(time=sample.time - self._settings.heading_latency)
+                sample = sample._replace(time=sample.time - self.settings.heading_latency)
             elif isinstance(sample, RudderSample) and not sample.ordered:
                 self._follow.measured(sample.time, sample.angle, sample.source)
-            if sample is not None:
-                samples.append(sample)
-                position = self._reader.take_position()
-                if position is not None:
-                    samples.append(position._replace(source=sample.source))
+            samples.append(sample)
+            if (position := self._reader.take_position()) is not None:
+                samples.append(position._replace(source=sample.source))
 
     def send(self, now: float, command: RudderCommand) -> None:
-        """Send the rudder order; a line still busy takes the newest one as soon as it is free.
+        """Take the rudder order of `now` [s].
 
-        A command that is not engaged, or not finite, is sent as a release: status V, several times.
+        A command that is not engaged, or not finite, is a release: status V, several times.
         """
         engaged = command.engaged and math.isfinite(command.angle)
         if engaged:
             self._follow.ordered(now, command.angle)
         else:
             self._follow.released()
-        if not self._settings.steers:
+        if not self.settings.steers:
             return
         if engaged:
             if self._pending:
@@ -186,39 +183,128 @@ class NmeaLink:
             self._releases_left = RELEASES
         else:
             self._command, self._pending = None, False
-        self._push(now)
+
+    def poll(self, now: float) -> None:
+        """Have the newest command repeated where that falls due at `now` [s]."""
+        if self._command is not None and now - self._last_sent >= REPEAT_S and now - self._given <= ORDER_AGE_S:
+            self._pending = True
+
+    def on_tick(self, tick: Tick) -> None:
+        """Queue the sentences that fall due with `tick`; they leave when the line has no rudder order to carry."""
+        self._repeated.extend(self._repeater.due(tick))
+
+    def due(self, now: float) -> list[bytes]:
+        """Return the sentences that may leave at `now` [s], the order or release first: one on a line with a baud rate,
+        which is then busy with it."""
+        self._offered = 0
+        if now < self._line_free:
+            return []
+        orders = []
+        if self._command is not None and self._orders_in_row < ORDERS_IN_ROW:
+            if self._pending:
+                orders = [encode_ror(self._command.angle, True)]
+        elif (
+            self._command is None
+            and self._releases_left
+            and (now - self._last_sent >= RELEASE_SPACING_S or self._releases_left == RELEASES)
+        ):
+            orders = [encode_ror(0.0, False)]
+        self._offered = len(orders)
+        offered = [*orders, *self._repeated]
+        return offered[:1] if self._seconds_per_byte else offered
+
+    def sent(self, now: float, sentences: list[bytes]) -> None:
+        """Take that the first of what was `due` have left at `now` [s]."""
+        for number, sentence in enumerate(sentences):
+            self._line_free = now + len(sentence) * self._seconds_per_byte
+            if number >= self._offered:
+                self._repeated.popleft()
+                self._orders_in_row = 0
+                continue
+            self._last_sent = now
+            if self._command is not None:
+                self._pending = False
+                self._orders_in_row += bool(self._repeated)
+            else:
+                self._releases_left -= 1
+
+    def release(self) -> list[bytes]:
+        """Return the sentences that give the rudder back at once; none where it was never taken."""
+        if not self.settings.steers or (self._command is None and not self._releases_left):
+            return []
+        releases = [encode_ror(0.0, False)] * max(self._releases_left, 1)
+        self._command, self._pending, self._releases_left = None, False, 0
+        return releases
+
+    def released(self, now: float, is_gone: bool) -> None:
+        """Take that the releases have left at `now` [s]; `is_gone`: they could not."""
+        self._release.asked(now, is_gone)
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder after `release`, None while it is on its way."""
+        return self._release.result(now)
+
+
+class NmeaLink:
+    """A `Link` over NMEA 0183: a session carried over any transport. ValueError where the settings cannot be."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        settings: NmeaSettings = NmeaSettings(),  # noqa: B008 - immutable
+        guide: PlotterGuide | None = None,
+    ) -> None:
+        self.name = transport.name
+        self.session = NmeaSession(transport.name, settings, transport.is_stream, guide)
+        self._transport = transport
+        self._vacant_since = -math.inf
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return self._transport.fileno()
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone."""
+        samples = self.session.receive(now, self._transport.receive())
+        if now - max(self._vacant_since, self.session.heard_time) > SILENT_PEER_S:
+            # an instrument that starts again speaks from another port
+            self._vacant_since = now
+            self._transport.forget_peer()
+        return samples
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Send the rudder order; a line still busy takes the newest one as soon as it is free."""
+        self.session.send(now, command)
+        self._write(now)
 
     def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Nothing: a rudder drive knows no modes."""
 
     def keep(self, now: float) -> None:
         """Send what waits: the newest command, its repetition, or the releases that are left."""
-        if self._command is not None and now - self._last_sent >= REPEAT_S and now - self._given <= ORDER_AGE_S:
-            self._pending = True
-        self._push(now)
+        self.session.poll(now)
+        self._write(now)
 
     def show(self, tick: Tick) -> None:
-        """Queue the sentences that fall due with `tick`; they leave when the line has no rudder order to carry."""
-        self._repeated.extend(self._repeater.due(tick))
-        self._push(tick.now)
+        """Send on what falls due with `tick`, where the line has room for it."""
+        self.session.on_tick(tick)
+        self._write(tick.now)
 
     def release(self, now: float) -> None:
         """Give the rudder back, several times over; never raises."""
-        if self._settings.steers and (self._command is not None or self._releases_left):
-            self._command, self._pending = None, False
-            is_gone = False
-            for _ in range(max(self._releases_left, 1)):
-                try:
-                    self._transport.send(encode_ror(0.0, False))
-                except LinkError:
-                    is_gone = True  # the drive releases by its own timeout
-                    break
-            self._releases_left = 0
-            self._release.asked(now, is_gone)
+        if not (releases := self.session.release()):
+            return
+        is_gone = False
+        try:
+            for sentence in releases:
+                self._transport.send(sentence)
+        except LinkError:
+            is_gone = True  # the drive releases by its own timeout
+        self.session.released(now, is_gone)
 
     def release_result(self, now: float) -> Release | None:
         """Return what became of the rudder after `release`, None while it is on its way."""
-        return self._release.result(now)
+        return self.session.release_result(now)
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return []: NMEA carries no MAVLink packets."""
@@ -228,36 +314,11 @@ class NmeaLink:
         """Close the transport; call `release` first."""
         self._transport.close()
 
-    def _measured(self, now: float, sentence: Sentence) -> float:
-        return now - (self._framer.taken - sentence.start) * self._seconds_per_byte
-
-    def _push(self, now: float) -> None:
-        if now < self._line_free:
-            return
-        if self._command is not None and self._orders_in_row < ORDERS_IN_ROW:
-            if self._pending:
-                self._pending = not self._write(now, encode_ror(self._command.angle, True))
-                self._orders_in_row += bool(self._repeated)
-        elif (
-            self._command is None
-            and self._releases_left
-            and (now - self._last_sent >= RELEASE_SPACING_S or self._releases_left == RELEASES)
-        ):
-            self._releases_left -= self._write(now, encode_ror(0.0, False))
-        while self._repeated and now >= self._line_free and self._write_one(now, self._repeated[0]):
-            self._repeated.popleft()
-            self._orders_in_row = 0
-
-    def _write_one(self, now: float, sentence: bytes) -> bool:
-        """Send a sentence that is no order: it does not count as one."""
-        last_order = self._last_sent
-        sent = self._write(now, sentence)
-        self._last_sent = last_order
-        return sent
-
-    def _write(self, now: float, sentence: bytes) -> bool:
-        if not self._transport.send(sentence):
-            return False
-        self._last_sent = now
-        self._line_free = now + len(sentence) * self._seconds_per_byte
-        return True
+    def _write(self, now: float) -> None:
+        left: list[bytes] = []
+        for sentence in self.session.due(now):
+            if not self._transport.send(sentence):
+                break
+            left.append(sentence)
+        if left:
+            self.session.sent(now, left)
