@@ -151,7 +151,7 @@ def _entries(text: str, recording: Recording) -> Iterator[Entry]:
     from autopilot.logs.export import message_entries, series_entries, tick_entries
     from autopilot.logs.merge import sources_of
     from autopilot.logs.own_log import began_of
-    from autopilot.logs.reading import Kind, bytes_of, kind_of
+    from autopilot.logs.reading import bytes_of, format_of
     from autopilot.runtime.record import read_log
 
     entries = series_entries(recording)
@@ -160,11 +160,11 @@ def _entries(text: str, recording: Recording) -> Iterator[Entry]:
         return entries
     path = sources[0].path
     data = bytes_of(path)
-    kind = kind_of(path, data)
-    if kind is Kind.OWN:
+    found = format_of(path, data)
+    if found.ticks:
         log = read_log(Path(path))
         entries = chain(entries, tick_entries(log, began_of(path, log) or 0.0))
-    return chain(entries, message_entries(data)) if kind in (Kind.OWN, Kind.TLOG) else entries
+    return chain(entries, message_entries(data)) if found.packets else entries
 
 
 NOTHING = (

@@ -19,7 +19,8 @@ from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 from autopilot.files.printable import printable
 from autopilot.files.strict_yaml import read_document
-from autopilot.logs.series import LARGEST, STEPS_S, check_steps, clock_of
+from autopilot.logs.format import LogFormat
+from autopilot.logs.series import LARGEST, STEPS_S, Recording, check_steps, clock_of, on_one_clock, series_of
 
 KNOT_M_S = 1852.0 / 3600.0
 NAMED_MOST, NAME_MOST, COMPARED_MOST = 30, 40, 1000
@@ -231,3 +232,21 @@ def _check_time(path: str, lines: Sequence[int], time: NDArray[np.float64]) -> N
             f"{path}, line {lines[after]}: time {time[after]:g} s does not come after {time[before]:g} s of line "
             f"{lines[before]}; it must increase from row to row, by {STEPS_S[0]:g} s at least."
         )
+
+
+def read_table(path: str, column_map: Mapping[str, str] | None) -> Recording:
+    """Return the recording in a CSV table. Raises InputError."""
+    columns, notes = read_csv(path, column_map, (("time_s",),))
+    time = columns.pop("time_s")
+    series = [s for name, values in columns.items() for s in series_of(name, "table", time, values)]
+    return on_one_clock(Recording(path, "CSV table", tuple(series), None, notes))
+
+
+FORMAT = LogFormat(
+    "a CSV table",
+    lambda data: True,
+    lambda path, data, options: read_table(path, options.columns),
+    is_text=True,
+    run=lambda path, options: read_csv(path, options.columns, RUN_NEEDS),
+)
+"""What is text and nothing else: the last to be asked."""

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from autopilot.errors import InputError
 from autopilot.links.mavlink.steering import FULL
+from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -310,3 +311,12 @@ def _damage(path: str, log: DataFlash) -> list[str]:
     if log.torn:
         notes.append(f"{path}: the last {log.torn} bytes are a torn message and left out.")
     return notes
+
+
+FORMAT = LogFormat(
+    "an ArduPilot .BIN",
+    lambda data: data.startswith(HEAD),
+    lambda path, data, options: read_dataflash(path, data, options.servo),
+    ".bin",
+    "does not begin with a DataFlash message (A3 95): this is no .BIN of ArduPilot",
+)

@@ -34,6 +34,7 @@ from autopilot.links.nmea.sentences import (
     number,
     status,
 )
+from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -316,3 +317,11 @@ def _around(sentence: Sentence) -> list[tuple[str, float]]:
     except (ValueError, KeyError, NoDataError):
         return []
     return []
+
+
+FORMAT = LogFormat(
+    "NMEA sentences in text",
+    is_nmea_text,
+    lambda path, data, options: read_nmea(path, data, options.variation),
+    is_text=True,
+)

@@ -9,11 +9,13 @@ from pathlib import Path
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.signing import MAGIC_V2
+from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
     LONGITUDE,
     ORDER,
+    PILOT,
     RATE,
     RUDDER,
     SPEED,
@@ -22,11 +24,9 @@ from autopilot.logs.series import (
     on_one_clock,
     series_of,
 )
+from autopilot.logs.tlog import is_tlog
 from autopilot.runtime.record import PAYLOAD_TYPE, Log, read_logs, read_packets
 from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample, Tick
-
-PILOT = "pilot"
-"""Source of what the pilot's estimator made of the samples: rudder (fed back, or by the steering-gear model), speed."""
 
 
 def is_own(data: bytes) -> bool:
@@ -98,3 +98,12 @@ def _values(sample: Sample) -> list[tuple[str, float]]:
         case PositionSample(latitude=latitude, longitude=longitude):
             return [(LATITUDE, latitude), (LONGITUDE, longitude)]
     return []
+
+
+FORMAT = LogFormat(
+    "",
+    lambda data: is_tlog(data) and is_own(data),
+    lambda path, data, options: read_own(path),
+    packets=True,
+    ticks=True,
+)

@@ -23,8 +23,8 @@ from autopilot.links.mavlink.signing import Signing, identity_of
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.logs.own_log import is_own
-from autopilot.logs.reading import bytes_of, is_tlog
-from autopilot.logs.tlog import TlogPackets
+from autopilot.logs.reading import bytes_of
+from autopilot.logs.tlog import TlogPackets, is_tlog
 from autopilot.runtime.build_links import nmea_settings_of
 from autopilot.runtime.clock import Clock
 from autopilot.runtime.log_files import following_parts

@@ -62,6 +62,10 @@ class Series(NamedTuple):
         return float(np.max(np.diff(self.time))) if self.time.size > 1 else 0.0
 
 
+PILOT = "pilot"
+"""Source of what the pilot's estimator made of the samples: rudder (fed back, or by the steering-gear model), speed."""
+
+
 class Recording(NamedTuple):
     """One log.
 

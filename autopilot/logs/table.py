@@ -27,13 +27,13 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.identification.runs import RudderOrigin, gap_limit
 from autopilot.links.mavlink.steering import LONGEST_US, SHORTEST_US
-from autopilot.logs.own_log import PILOT
 from autopilot.logs.series import (
     ANGLES,
     HEADING,
     LATITUDE,
     LONGITUDE,
     ORDER,
+    PILOT,
     PROPELLER,
     RATE,
     RUDDER,

@@ -24,6 +24,7 @@ from autopilot.errors import InputError
 from autopilot.firmware.protocol import BYTEWISE_AUTOPILOTS, decode
 from autopilot.links.mavlink.codec import MAGIC_V1, MavlinkCodec, Message, message_id, next_magic
 from autopilot.links.mavlink.signing import MAGIC_V2, SIGNED
+from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -363,3 +364,18 @@ def _steering(path: str, vehicle: VehicleLog, servo: Servo | ServoScale | None) 
         ]
     time, pulses = vehicle.on_one_clock(vehicle.pulses.get(known.number, []))
     return series_of(SHARE, f"SERVO_OUTPUT_RAW servo {known.number}", time, known.share(pulses)), []
+
+
+def is_tlog(data: bytes) -> bool:
+    """Return whether a file begins as a .tlog does: eight bytes of time, then a MAVLink packet."""
+    return len(data) > 8 and data[8] in (MAGIC_V1, MAGIC_V2) and data[0] == 0
+
+
+FORMAT = LogFormat(
+    "a .tlog",
+    is_tlog,
+    lambda path, data, options: read_tlog(path, data, options.system, options.servo),
+    ".tlog",
+    "no MAVLink packet at byte 8: this is not a .tlog, or it is damaged there",
+    packets=True,
+)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from autopilot.errors import InputError
+from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -67,6 +68,9 @@ class _Bounded(io.BytesIO):
             if self._ends > MOST_ENDS:
                 raise _StuckError
         return data
+
+
+HEAD = b"ULog\x01\x12\x35"
 
 
 def read_ulog(path: str, data: bytes, servo: Servo | ServoScale | None = None) -> Recording:
@@ -190,3 +194,12 @@ def _began(topics: Mapping[str, Topic]) -> float | None:
                 at = known[0]
                 return float(topic["time_utc_usec"][at]) * MICRO - float(topic["timestamp"][at]) * MICRO
     return None
+
+
+FORMAT = LogFormat(
+    "a PX4 .ulg",
+    lambda data: data.startswith(HEAD),
+    lambda path, data, options: read_ulog(path, data, options.servo),
+    ".ulg",
+    "does not begin as a PX4 log does: this is no .ulg, or it is damaged there",
+)

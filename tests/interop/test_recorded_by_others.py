@@ -16,9 +16,10 @@ import pytest
 from two_processes import free_port, patient_vessel, simulator
 
 from autopilot.identification.identify import identify
-from autopilot.logs.reading import Kind, LogOptions, bytes_of, kind_of, load_run, read_recording
+from autopilot.logs.reading import LogOptions, bytes_of, format_of, load_run, read_recording
 from autopilot.logs.series import HEADING, SHARE
 from autopilot.logs.table import RudderSettings
+from autopilot.logs.tlog import FORMAT as TLOG
 from autopilot.runtime.build import gear_of
 from autopilot.vessel.file import load_vessel
 
@@ -53,7 +54,7 @@ def test_the_boat_is_identified_from_what_mavproxy_recorded(tmp_path: Path) -> N
         assert (done.returncode, done.stderr) == (0, "")
         time.sleep(1.0)
     path = str(tmp_path / "mav.tlog")
-    assert kind_of(path, bytes_of(path)) is Kind.TLOG
+    assert format_of(path, bytes_of(path)) is TLOG
     recording = read_recording(path)
     heading = recording.best(HEADING)
     assert heading is not None
