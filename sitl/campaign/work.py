@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-import pickle
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,8 +13,9 @@ from typing import Any, NamedTuple
 
 from autopilot.control.registry import own_step
 from autopilot.errors import InputError, RefusedError
+from autopilot.vessel.file import dump_vessel, parse_vessel
 from sitl.campaign.setting import measured_every, rooms_of, run_fully, setting_of
-from sitl.campaign.study import Job, case_and_seed, steps_of
+from sitl.campaign.study import BoatSection, Job, Study, case_and_seed, steps_of, vessel_of
 from sitl.campaign.swift import Figures, figures, run_swiftly
 from sitl.compiled import is_kept
 from sitl.world import STEP
@@ -57,8 +57,8 @@ def warm(job: Job, is_compiled: bool) -> None:
     for law in job.study.laws:
         quick, own = swift(law), job._replace(study=replace(job.study, laws=(law,)))
         if quick is not None and not is_kept(quick):
-            short = replace(own.study, seconds=3.0, measured_from_s=1.0)
-            subprocess.run([sys.executable, "-m", __name__], input=pickle.dumps(own._replace(study=short)), check=False)
+            boat = dump_vessel(vessel_of(own, case_and_seed(own, 0)[0]))
+            subprocess.run([sys.executable, "-m", __name__, law], input=boat, text=True, check=False)
         load(own)
 
 
@@ -103,4 +103,6 @@ def batches_of(job: Job, runs: int) -> list[tuple[int, int]]:
 
 
 if __name__ == "__main__":
-    load(pickle.load(sys.stdin.buffer))
+    # every study of a law has the same types, whatever it sails
+    short = Study(1, "short", {"boat": BoatSection("lanxin")}, laws=(sys.argv[1],), seconds=3.0, measured_from_s=1.0)
+    load(Job(short, ".", parse_vessel(sys.stdin.read())))

@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from autopilot.control import margins
+from autopilot.control.law import LawInput
 from autopilot.control.limits import RudderLimits
 from autopilot.control.margins import Loop, Recovery, Trace, recoveries, trace
 from autopilot.models.norrbin import Norrbin
@@ -29,14 +30,15 @@ class Ordered:
         self.shown: list[tuple[NavState, float, float]] = []
         self.resets: list[float] = []
 
-    def reset(self, rudder: float) -> None:
+    def first(self, rudder: float) -> int:
         self.resets.append(rudder)
         self.shown = []
+        return 0
 
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
-        assert model == BOAT and reference == Reference(0.0)
-        self.shown.append((state, last_rudder, dt))
-        return self.order(state.time, state)
+    def step(self, memory: int, given: LawInput) -> tuple[float, int]:
+        assert given.model == BOAT and given.reference == Reference(0.0) and memory == len(self.shown)
+        self.shown.append((given.state, given.last_rudder, given.dt))
+        return self.order(given.state.time, given.state), memory + 1
 
 
 def test_the_motion_is_that_of_the_boat_behind_its_lag_and_dead_time() -> None:
@@ -119,10 +121,10 @@ def test_the_last_fifth_of_the_time_has_to_lie_within(late: float, is_corrected:
 class Counting(Ordered):
     """A law that asks for nothing."""
 
-    def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
+    def step(self, memory: int, given: LawInput) -> tuple[float, int]:
         """Take note of the state."""
-        self.shown.append((state, last_rudder, dt))
-        return 0.0
+        self.shown.append((given.state, given.last_rudder, given.dt))
+        return 0.0, memory
 
 
 @pytest.mark.parametrize(

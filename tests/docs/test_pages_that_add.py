@@ -23,6 +23,22 @@ BLOCK = re.compile(r"^```(python|diff)\n# (\S+)\n(.*?)^```$", re.MULTILINE | re.
 LONGEST = 40
 """Lines of a page."""
 PROOFS = {
+    "add_a_log_format": """
+from autopilot.errors import InputError
+from autopilot.logs.reading import examples, load_run, read_recording
+
+run = load_run("run.boatlog")
+assert len(run.segments) == 1 and run.segments[0].speed[0] == 4.0
+assert "a boat log" in examples()
+with open("bad.boatlog", "w") as file:
+    file.write("BOATLOG 1\\n0 0 0\\n")
+try:
+    read_recording("bad.boatlog")
+except InputError as error:
+    assert "bad.boatlog: a line is not four numbers" in str(error), error
+else:
+    raise AssertionError
+""",
     "add_a_drive": """
 import math, os, pty
 from autopilot.links.url import EXAMPLES
