@@ -10,6 +10,9 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
+MOST_SAMPLES = 255
+"""Samples one tick can hold: the log counts them in one byte."""
+
 
 class HeadingSample(NamedTuple):
     """True heading [rad], with the yaw rate [rad/s] where the same instrument measures it."""

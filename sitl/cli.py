@@ -10,7 +10,7 @@ from pathlib import Path
 from types import FrameType
 
 from autopilot import __version__
-from autopilot.cli.option_numbers import SEED, SPEEDUP, number, whole_number
+from autopilot.cli.options import SEED, SPEEDUP, number, whole_number
 from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
 from autopilot.files.printable import brief, escaped, printable_output
 from autopilot.interruption import say_end

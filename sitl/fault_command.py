@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from autopilot.cli.waiting import add_waiting_option, patience_of
+from autopilot.cli.options import add_waiting_option, patience_of
 from autopilot.errors import ExitCode, InputError
 
 DEFAULT_DESK = "127.0.0.1:14599"

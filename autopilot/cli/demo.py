@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from autopilot.cli.option_numbers import SEED
+from autopilot.cli.options import SEED
 from autopilot.errors import ExitCode, InputError
 
 

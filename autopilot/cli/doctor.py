@@ -23,8 +23,7 @@ way; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go, as wh
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
-    from autopilot.cli.option_numbers import number
-    from autopilot.cli.waiting import add_waiting_option
+    from autopilot.cli.options import add_waiting_option, number
 
     parser = subparsers.add_parser(
         "doctor", help="check whether this machine and these links are fit to steer", description=DESCRIPTION
@@ -90,7 +89,7 @@ def _findings(arguments: argparse.Namespace) -> list[Finding]:
 def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
     from functools import partial
 
-    from autopilot.cli.waiting import patience_of
+    from autopilot.cli.options import patience_of
     from autopilot.doctor.vehicle import examine
     from autopilot.links.arrivals import HeardTransport, came
     from autopilot.runtime.build_links import LinkOptions, open_links

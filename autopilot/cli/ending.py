@@ -16,7 +16,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from autopilot.angles import wrap
-from autopilot.cli.option_numbers import number
+from autopilot.cli.options import number
 from autopilot.cli.terminal import degrees_text
 from autopilot.errors import InputError, RefusedError
 from autopilot.interruption import NAMES, ended_by
@@ -24,12 +24,12 @@ from autopilot.links.arrivals import came
 from autopilot.links.base import LinkError
 from autopilot.links.mavlink.signing import hint_of
 from autopilot.links.release import Release, release_sentence
-from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, Sink, ThreadedSink
 from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.panel import sentences_of
 
 if TYPE_CHECKING:
     from autopilot.runtime.app import Plan
+    from autopilot.runtime.log_files import Sink
     from autopilot.runtime.record import Recorder
 
 PART_MB = 64.0
@@ -63,6 +63,8 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 def log_place(arguments: argparse.Namespace) -> Sink:
     """Return where the options want the log, which is written from a thread of its own. Raises InputError."""
+    from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, ThreadedSink
+
     total = arguments.log_total_mb
     if arguments.log is not None:
         folder = arguments.log.parent

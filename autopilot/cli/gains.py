@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from autopilot.cli import gains_tune
-from autopilot.cli.option_numbers import NumberOption, number, whole_number
+from autopilot.cli.options import NumberOption, number, whole_number
 from autopilot.control.registry import designed_laws, filed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
 

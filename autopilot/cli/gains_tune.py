@@ -12,7 +12,7 @@ import sys
 from dataclasses import replace
 from typing import Any
 
-from autopilot.cli.option_numbers import number, whole_number
+from autopilot.cli.options import number, whole_number
 from autopilot.control.registry import designed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
 

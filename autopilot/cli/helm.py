@@ -22,8 +22,7 @@ ESCAPE = 27
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
-    from autopilot.cli.signing import add_signing_option
-    from autopilot.cli.waiting import add_waiting_option
+    from autopilot.cli.options import add_signing_option, add_waiting_option
 
     parser = subparsers.add_parser(
         "helm",
@@ -48,8 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     import os
 
     from autopilot.cli.helm_keys import HelmKeys
-    from autopilot.cli.signing import signing_of
-    from autopilot.cli.waiting import patience_of
+    from autopilot.cli.options import patience_of, signing_of
     from autopilot.interruption import as_exceptions
     from autopilot.web.station import BoatLine, Station
 

@@ -31,7 +31,7 @@ Heading or yaw rate may be absent. Where the table calls them otherwise, MAP.yam
 def add_parser(subparsers: Any) -> None:
     """Add the `identify` subcommand."""
     from autopilot.cli.log_measures import add_log_options
-    from autopilot.cli.option_numbers import number
+    from autopilot.cli.options import number
 
     parser = subparsers.add_parser(
         "identify",

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.option_numbers import SEED, whole_number
+from autopilot.cli.options import SEED, whole_number
 from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:

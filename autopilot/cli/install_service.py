@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from autopilot.cli.option_numbers import number
+from autopilot.cli.options import number
 from autopilot.errors import ExitCode, InputError
 
 WATCHDOG_MIN_S = 3.0

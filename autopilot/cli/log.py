@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def add_parser(subparsers: Any) -> None:
     """Add the `log` subcommand with its actions."""
     from autopilot.cli.log_measures import KINDS_HELP, add_log_options
-    from autopilot.cli.option_numbers import number
+    from autopilot.cli.options import number
 
     parser = subparsers.add_parser("log", help="show what a log holds, and convert it", description=KINDS_HELP)
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)

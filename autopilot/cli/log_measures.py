@@ -15,7 +15,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.option_numbers import SYSTEM_ID, number
+from autopilot.cli.options import SYSTEM_ID, number
 from autopilot.errors import InputError
 from autopilot.files.printable import SENTENCE, printable
 from autopilot.files.saving import newer_numbered

@@ -7,7 +7,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
-from autopilot.cli.option_numbers import SYSTEM_ID, WAITING
+from autopilot.cli.options import SYSTEM_ID, WAITING
 from autopilot.interruption import as_exceptions
 
 SIGNING_HELP = "sign with the key in FILE, and accept only what is signed with it"

@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.cli.options import patience_of, signing_of
 from autopilot.cli.params_files import formatted
-from autopilot.cli.signing import signing_of
 from autopilot.cli.terminal import ProgressBar
-from autopilot.cli.waiting import patience_of
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.printable import escaped
 from autopilot.files.saving import refuse_existing, save_text, save_unused

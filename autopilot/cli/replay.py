@@ -7,13 +7,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from autopilot.cli.option_numbers import number
+from autopilot.cli.options import number
 from autopilot.errors import ExitCode
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
-    from autopilot.cli.signing import add_signing_option
+    from autopilot.cli.options import add_signing_option
 
     parser = subparsers.add_parser(
         "replay",
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _play(arguments: argparse.Namespace) -> int:
     import signal
 
-    from autopilot.cli.signing import signing_of
+    from autopilot.cli.options import signing_of
     from autopilot.interruption import say_end
     from autopilot.logs.replay_onto import replay_onto
     from autopilot.runtime.clock import MonotonicClock

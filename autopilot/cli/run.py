@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
-    from autopilot.cli.option_numbers import SECONDS, NumberOption
+    from autopilot.cli.options import SECONDS, NumberOption
     from autopilot.cli.serving import add_serving_options
     from autopilot.cli.steering import add_steering_options
 
@@ -150,12 +150,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float | None) -> Vessel:
     """Return the vessel with the preset rate [deg/s] and radius [m] of its turns; None: the file's. InputError."""
+    asked = {"turn_rate_max_deg_s": rate_deg_s, "turn_radius_m": radius_m}
+    given: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
+    if not given:
+        return vessel
     from dataclasses import replace
 
     from autopilot.vessel.parameters import parameters_of
 
-    asked = {"turn_rate_max_deg_s": rate_deg_s, "turn_radius_m": radius_m}
-    given: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
     turning = replace(vessel, guidance=replace(vessel.guidance, **given))
     allowed = {parameter.path: parameter for parameter in parameters_of(turning)}
     for key, value in given.items():

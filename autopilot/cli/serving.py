@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from autopilot.cli.option_numbers import SYSTEM_ID
+from autopilot.cli.options import SYSTEM_ID
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 from autopilot.guidance.track import TrackGuide

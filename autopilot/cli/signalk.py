@@ -13,8 +13,7 @@ PLUGIN = "plugin"
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
-    from autopilot.cli.signing import add_signing_option
-    from autopilot.cli.waiting import add_waiting_option
+    from autopilot.cli.options import add_signing_option, add_waiting_option
 
     parser = subparsers.add_parser(
         "signalk",
@@ -58,8 +57,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     import signal
     import time
 
-    from autopilot.cli.signing import signing_of
-    from autopilot.cli.waiting import patience_of
+    from autopilot.cli.options import patience_of, signing_of
     from autopilot.cli.web import listening_address
     from autopilot.interruption import say_end
     from autopilot.signalk.bridge import Bridge, LineClients

@@ -11,10 +11,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from autopilot.cli.ending import Ending, Held, add_log_options, last_line, log_place
-from autopilot.cli.option_numbers import SPEEDUP, SYSTEM_ID, WAITING, whole_number
-from autopilot.cli.signing import add_signing_option, signing_of
+from autopilot.cli.options import (
+    SPEEDUP,
+    SYSTEM_ID,
+    WAITING,
+    add_signing_option,
+    add_waiting_option,
+    patience_of,
+    signing_of,
+    whole_number,
+)
 from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
-from autopilot.cli.waiting import add_waiting_option, patience_of
 from autopilot.errors import ExitCode
 from autopilot.files.printable import terminal_of
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules

@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.option_numbers import SECONDS, SEED, NumberOption, number
+from autopilot.cli.options import SECONDS, SEED, NumberOption, number
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.operators.trial_script import HOLDS, LASTING, SPEEDS
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from autopilot.cli.option_numbers import NumberOption, number
+from autopilot.cli.options import NumberOption, number
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.outside import typed_number
 

@@ -12,8 +12,7 @@ from autopilot.errors import ExitCode, InputError
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
-    from autopilot.cli.signing import add_signing_option
-    from autopilot.cli.waiting import add_waiting_option
+    from autopilot.cli.options import add_signing_option, add_waiting_option
 
     parser = subparsers.add_parser(
         "web",
@@ -41,8 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.web import require_extra
 
     require_extra()
-    from autopilot.cli.signing import signing_of
-    from autopilot.cli.waiting import patience_of
+    from autopilot.cli.options import patience_of, signing_of
     from autopilot.web.hub import Access, Hub, token_of
     from autopilot.web.server import LogShelf, build_app, known_hosts, serve
     from autopilot.web.station import BoatLine, Station

@@ -12,7 +12,6 @@ written, and fails with a RecursionError.
 from __future__ import annotations
 
 import errno
-import hmac
 import json
 import math
 import os
@@ -154,4 +153,6 @@ def is_same_token(given: object, token: str) -> bool:
     """Return whether `given` is the token, which is not empty, in a time that says nothing of how far it is right."""
     if not isinstance(given, str) or not token:
         return False
+    import hmac
+
     return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), token.encode())

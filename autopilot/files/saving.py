@@ -17,7 +17,6 @@ import os
 import shutil
 import stat
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -202,6 +201,8 @@ def _is_replaced(path: Path) -> bool:
 
 def _write_into(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a file elsewhere, and pass on what it holds to the pipe or device. Raises OSError."""
+    import tempfile
+
     with open(_open_as_it_is(path), "wb") as into, tempfile.TemporaryDirectory() as folder:
         whole = Path(folder) / "whole"
         write(whole)
@@ -267,6 +268,8 @@ def write_new(path: Path, write: Callable[[Path], object], *, private: bool = Fa
     refuse_in_use(path)
     if private and path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "Not a file but a pipe, socket or device")
+    import tempfile
+
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         write(Path(temporary))

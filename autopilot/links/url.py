@@ -10,7 +10,6 @@ from autopilot.links.base import LinkError, Transport
 from autopilot.links.drives import DRIVES
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, is_mavlink
 from autopilot.links.mavlink.signing import LinkSigning
-from autopilot.links.nmea.sentences import is_nmea
 from autopilot.links.transports import UdpInTransport
 from autopilot.links.transports.medium import BAUD_MAX as BAUD_MAX
 from autopilot.links.transports.medium import BAUD_MIN as BAUD_MIN
@@ -72,9 +71,17 @@ def open_transport(url: LinkUrl | str, allow: Sequence[Network] = ()) -> Transpo
     """
     link = parse_url(url) if isinstance(url, str) else url
     medium = MEDIA[link.medium]
-    accepts = is_mavlink if link.protocol == "mavlink" else is_nmea
-    transport = medium.open(link, accepts, only_from(link.options.allow or allow))
+    transport = medium.open(link, _accepts(link.protocol), only_from(link.options.allow or allow))
     return _exposed(link, transport) if medium.listens else transport
+
+
+def _accepts(protocol: str) -> Callable[[bytes], bool]:
+    """Return what tells a datagram of the protocol from noise."""
+    if protocol == "mavlink":
+        return is_mavlink
+    from autopilot.links.nmea.sentences import is_nmea
+
+    return is_nmea
 
 
 def _exposed(link: LinkUrl, transport: Transport) -> Transport:

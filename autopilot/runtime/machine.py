@@ -9,7 +9,6 @@ Each is asked for, none is needed: what cannot be had is one sentence with the w
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import os
 import resource
@@ -158,6 +157,8 @@ def _lock_memory() -> str:
     if limit != resource.RLIM_INFINITY and os.geteuid() != 0:
         # locked within a limit, memory that is asked for later would be refused
         return f"memory is not locked (at most {limit // 1024} kB are allowed): {way_out}"
+    import ctypes
+
     library = ctypes.CDLL(None, use_errno=True)
     if library.mlockall(MCL_CURRENT | MCL_FUTURE) != 0:
         return f"memory is not locked ({os.strerror(ctypes.get_errno())}): {way_out}"

@@ -9,14 +9,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
 from autopilot.links.base import ConfirmsRelease, Link, Shows
 from autopilot.links.release import LONGEST_S, Release, ReleaseState
 from autopilot.pilot import Pilot
 from autopilot.runtime.clock import Clock
-from autopilot.runtime.record import Recorder
-from autopilot.runtime.tick_codec import MOST_SAMPLES
 from autopilot.signals import (
+    MOST_SAMPLES,
     AcknowledgeSample,
     AlarmSample,
     ConditionSample,
@@ -26,6 +26,9 @@ from autopilot.signals import (
     Sample,
     Tick,
 )
+
+if TYPE_CHECKING:
+    from autopilot.runtime.record import Recorder
 
 SHORTEST_PERIOD = 0.4
 """Headings that come quicker than this share of the control period wait for the next tick."""

@@ -65,9 +65,6 @@ TICK = 7
 TICKS = (TICK, TICK_BEFORE_EVENTS, TICK_BEFORE_ACKNOWLEDGING, TICK_BEFORE_SUPERVISOR, TICK_BEFORE_WAVES)
 """Every kind of record that is a tick."""
 
-MOST_SAMPLES = 255
-"""Samples one tick can hold: their count is one byte."""
-
 _INPUTS = struct.Struct("<IdBdddIB")
 """number, now, order kind (with LED where a guide leads), order heading, rudder, heading change, serial, count of
 samples."""

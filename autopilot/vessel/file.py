@@ -13,10 +13,9 @@ import re
 import typing
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from importlib import resources
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -36,6 +35,9 @@ from autopilot.files.strict_yaml import (
 from autopilot.files.typed import Bounds, hints_of, nearest
 from autopilot.models.norrbin import Norrbin, folds
 from autopilot.vessel.schema import Model, StandardErrors, Vessel
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 _BARE_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
@@ -64,7 +66,7 @@ def vessel_document(path_or_name: str | Path, also_shipped: tuple[str, ...] = ()
         near = nearest(name, [*shipped, *also_shipped])
         hint = f"did you mean {near}?" if near else f"shipped are {', '.join([*shipped, *also_shipped])}."
         raise InputError(f"{name}: neither a file nor shipped; {hint}")
-    text = (resources.files("firmware_params") / "vessels" / f"{name}.yaml").read_text(encoding="utf-8")
+    text = (_shipped() / f"{name}.yaml").read_text(encoding="utf-8")
     return parse_document(text, f"{name}.yaml (shipped)")
 
 
@@ -85,9 +87,14 @@ def parse_vessel(text: str, file: str = "<text>") -> Vessel:
 
 def shipped_vessels() -> list[str]:
     """Return the names of the vessel files that come with the product."""
-    folder = resources.files("firmware_params") / "vessels"
-    names = (entry.name for entry in folder.iterdir())
+    names = (entry.name for entry in _shipped().iterdir())
     return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+
+
+def _shipped() -> Traversable:
+    from importlib import resources
+
+    return resources.files("firmware_params") / "vessels"
 
 
 def vessel_from(root: Node) -> Vessel:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.option_numbers import whole_number
+from autopilot.cli.options import whole_number
 from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import as_exceptions
 

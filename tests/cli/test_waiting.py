@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from autopilot.cli.waiting import Patience
+from autopilot.cli.options import Patience
 from autopilot.links.base import LinkError, NotThereError, Transport
 from autopilot.links.url import open_transport
 

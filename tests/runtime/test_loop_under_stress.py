@@ -12,8 +12,17 @@ from autopilot.runtime.build import build_pilot
 from autopilot.runtime.clock import ManualClock
 from autopilot.runtime.record import Recorder, read_log
 from autopilot.runtime.session import Session, newest
-from autopilot.runtime.tick_codec import MOST_SAMPLES
-from autopilot.signals import AlarmEvent, HeadingSample, HelmSample, Mode, Order, OrderKind, RudderCommand, Sample
+from autopilot.signals import (
+    MOST_SAMPLES,
+    AlarmEvent,
+    HeadingSample,
+    HelmSample,
+    Mode,
+    Order,
+    OrderKind,
+    RudderCommand,
+    Sample,
+)
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")

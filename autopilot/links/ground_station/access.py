@@ -14,7 +14,6 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import Transport
-from autopilot.links.ground_station.commands import MANUAL
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.signals import ConditionSample, Sample
 
@@ -66,6 +65,8 @@ LOOKING_ONLY = (
 )
 NOT_THE_PEER = "datagrams from others than the station that is heard"
 NO_KEY = "orders without a key over a link that others can reach"
+MANUAL = 0
+"""Our custom mode in which the rudder is free, as ArduRover numbers it."""
 NOT_ALLOWED, TOO_MANY_COMMANDS, TOO_MANY_WRITES = "from system ids not allowed", "commands too many", "writes too many"
 
 

@@ -23,13 +23,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.guidance.track import Waypoint
+from autopilot.links.ground_station.access import MANUAL as MANUAL
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.messages import AvailableModes, CurrentMode
 from autopilot.links.north import MAGNETIC_LEADS
 from autopilot.signals import Mode, OrderKind, Tick
 
-MANUAL, HEADING, TRACK, TRIAL = 0, 15, 10, 3
+HEADING, TRACK, TRIAL = 15, 10, 3
 NON_STANDARD, MISSION = 0, 6
 """MAV_STANDARD_MODE."""
 NOT_SELECTABLE = 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import fcntl
 import ipaddress
@@ -90,6 +89,8 @@ def peer_of(transport: object) -> str:
 def disconnect(sock: socket.socket) -> None:
     """Let a connected UDP socket hear everybody again, at the port it has. Python itself has no way to say so."""
     bound = sock.getsockname()
+    import ctypes
+
     ctypes.CDLL(None).connect(sock.fileno(), bytes(16), 16)  # 16 zeros: an address of the family AF_UNSPEC, see udp(7)
     if sock.getsockname()[1] != bound[1]:
         sock.bind(bound)  # Linux forgets a port that it chose itself

@@ -13,7 +13,7 @@ import pytest
 
 from autopilot.cli.main import build_parser as autopilot_parser
 from autopilot.cli.main import main as autopilot
-from autopilot.cli.option_numbers import NumberOption
+from autopilot.cli.options import NumberOption
 from autopilot.errors import InputError
 from sitl.cli import build_parser as sitl_parser
 from sitl.cli import main as sitl
