@@ -22,7 +22,7 @@ import numpy as np
 from steady_wind import sailed, swings
 from study_boats import CONTROL_HZ, SEAS, Figures, StudyBoat, boats, figures, lanxin_as_filed, sail
 
-from autopilot.runtime.gain_design import GainRequest, designed
+from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Estimator
 

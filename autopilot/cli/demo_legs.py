@@ -36,9 +36,9 @@ from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import model_of
 from autopilot.runtime.build_links import LinkOptions
 from autopilot.runtime.clock import MonotonicClock
-from autopilot.runtime.gain_design import designed
 from autopilot.runtime.log_files import FileSink
 from autopilot.runtime.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
+from autopilot.runtime.tuning import designed
 from autopilot.signals import Tick
 from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.file import dump_vessel, load_vessel, model_section

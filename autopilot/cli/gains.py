@@ -15,7 +15,7 @@ from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
     from autopilot.report.gains import Judged
-    from autopilot.runtime.gain_design import GainRequest
+    from autopilot.runtime.tuning import GainRequest
     from autopilot.vessel.schema import Vessel
 
 
@@ -58,7 +58,7 @@ def in_hand(vessel: Vessel, request: GainRequest, is_chosen: bool) -> Vessel:
     Where the level is not chosen, the next quicker one that does is taken. Raises RefusedError where none does.
     """
     from autopilot.report.gains import survives
-    from autopilot.runtime.gain_design import designed
+    from autopilot.runtime.tuning import designed
 
     better = designed(vessel, request)
     if survives(better):
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
     from autopilot.control.design import DESIGNED
     from autopilot.report.gains import as_json, as_text, judged, speeds_as_json, speeds_as_text
-    from autopilot.runtime.gain_design import designed
+    from autopilot.runtime.tuning import designed
     from autopilot.vessel.file import load_vessel
 
     gains_tune.check_options(arguments)
@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _request(arguments: argparse.Namespace) -> GainRequest:
-    from autopilot.runtime.gain_design import GainRequest
+    from autopilot.runtime.tuning import GainRequest
 
     level, bandwidth, damping = arguments.level, arguments.bandwidth_rad_s, arguments.damping
     if level is not None and bandwidth is not None:
@@ -188,7 +188,7 @@ def _write_report(arguments: argparse.Namespace, vessel: Vessel, spares: bool | 
     from autopilot.control.design import DESIGNED
     from autopilot.files.saving import save_page
     from autopilot.report.gains import gains_page, judged
-    from autopilot.runtime.gain_design import GainRequest, designed
+    from autopilot.runtime.tuning import GainRequest, designed
 
     levels = {}
     for level in range(1, 10):

@@ -12,14 +12,18 @@ from autopilot.control.registry import filed_laws
 from autopilot.errors import InputError
 
 if TYPE_CHECKING:
+    from autopilot.links.ground_station.mission import Mission, MissionItem
     from autopilot.runtime.app import App
+    from autopilot.runtime.build_links import Stations
     from autopilot.vessel.schema import Vessel
+
+
+ROUTE_MOST_BYTES = 1 << 20
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
-    from autopilot.cli.options import SECONDS, NumberOption
-    from autopilot.cli.serving import add_serving_options
+    from autopilot.cli.options import SECONDS, SYSTEM_ID, NumberOption
     from autopilot.cli.steering import add_steering_options
 
     parser = subparsers.add_parser(
@@ -28,7 +32,16 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         description="Steer a boat in real time. On a terminal, type: e 90 (engage on 90 deg), +10, -1, r 5, f, s, q.",
     )
     add_steering_options(parser)
-    add_serving_options(parser)
+    parser.add_argument(
+        "--serve",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="be a MAVLink surface boat for ground stations: udpout:127.0.0.1:14550, tcpin:127.0.0.1:5762; repeatable",
+    )
+    parser.add_argument(
+        "--system", action=SYSTEM_ID, default=1, metavar="ID", help="Norrbin's system id for --serve (default 1)"
+    )
     parser.add_argument(
         "--engage",
         metavar="HEADING",
@@ -78,7 +91,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from dataclasses import replace
 
-    from autopilot.cli.serving import load_mission, stations_of
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.cli.terminal import TypedLines
     from autopilot.files.printable import rewrite_line
@@ -177,3 +189,49 @@ def law_of_run(vessel: Vessel, law: str | None) -> str | None:
     if law is not None:
         raise InputError(f"--law {law}: with --steer guided the firmware's own controller steers; leave --law out")
     return TRIAL_LAW
+
+
+def stations_of(arguments: argparse.Namespace) -> Stations:
+    """Return the ground stations that the options name. Raises InputError."""
+    from autopilot.links.url import parse_url
+    from autopilot.runtime.build_links import Stations
+
+    for url in arguments.serve:
+        if parse_url(url).protocol != "mavlink":
+            raise InputError(f"--serve {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")
+    return Stations(tuple(arguments.serve), arguments.system)
+
+
+def load_mission(vessel_path: str, route: Path | None) -> Mission:
+    """Return the route of a file, or as an earlier run has left it; it is followed only when that is ordered.
+
+    Raises InputError where the file named is none; one that was left is said and not used.
+    """
+    from autopilot.guidance.track import TrackGuide
+    from autopilot.links.ground_station.mission import Mission
+    from autopilot.runtime.app import mission_file
+
+    kept = mission_file(vessel_path)
+    items: tuple[MissionItem, ...] = ()
+    if route is not None:
+        items = _read(route)
+    elif kept.exists():
+        try:
+            items = _read(kept)
+        except InputError as error:
+            print(f"the route of an earlier run is not used: {error}", file=sys.stderr)
+    if items:
+        print(f"route of {len(items)} waypoints from {route or kept}; followed when `t` is typed or mode AUTO is set")
+    return Mission(TrackGuide(), items)
+
+
+def _read(path: Path) -> tuple[MissionItem, ...]:
+    from autopilot.files.outside import read_regular
+    from autopilot.links.ground_station.mission import parse_items
+
+    try:
+        return parse_items(read_regular(path, ROUTE_MOST_BYTES).decode(), str(path))
+    except OSError as error:
+        raise InputError(f"route {path}: {error.strerror}; give a waypoint file that can be read") from error
+    except UnicodeDecodeError:
+        raise InputError(f"route {path}: not a text; give a waypoint file") from None

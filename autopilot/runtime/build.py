@@ -44,11 +44,6 @@ def model_of(vessel: Vessel) -> Norrbin:
     )
 
 
-def gain_per_speed_of(vessel: Vessel) -> float:
-    """Return K/U [1/m] of the vessel, which no speed changes."""
-    return vessel.model.K_1_s / vessel.model.reference_speed_m_s
-
-
 def gear_of(vessel: Vessel) -> SteeringGear:
     """Return the steering gear of the vessel file."""
     rudder = vessel.rudder

@@ -1,9 +1,8 @@
-"""Response levels and learnt models as ground stations order them: gains are designed beside the loop, in a thread.
+"""Gains by a response level or a bandwidth, and learnt models: designed for a vessel, put in force while it steers.
 
-Designing takes some hundred milliseconds, which is several ticks; what comes out is put in force between two ticks, by
-the loop itself.
-
-`run --learn`: what was learnt is shown, and adopted or taken back only when the skipper says so.
+Designing takes some hundred milliseconds, which is several ticks: it is done beside the loop, in a thread, and what
+comes out is put in force between two ticks, by the loop itself. What was learnt (`run --learn`) is told, and adopted or
+taken back only when the skipper says so.
 """
 
 from __future__ import annotations
@@ -11,17 +10,17 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Callable
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import astuple, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from autopilot.control.design import DESIGNED
-from autopilot.control.registry import designed_laws
+from autopilot.control.design import DESIGNED, design_backstepping, placed, spared_gains
+from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import Norrbin
-from autopilot.runtime.gain_design import GainRequest, designed
+from autopilot.runtime.build import gear_of, law_boat_of, limits_of, model_of
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import Tick
-from autopilot.vessel.file import model_section
+from autopilot.vessel.file import model_section, rounded
 from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
@@ -31,6 +30,42 @@ if TYPE_CHECKING:
 
 LOOK_PERIOD = 2.0
 """Seconds between looks at the learner for something to tell."""
+
+
+class GainRequest(NamedTuple):
+    """What the loop is to be like: a response level, or a bandwidth [rad/s] with its damping ratio; whether it spares
+    the rudder, None: as the file's gains do."""
+
+    level: int = 5
+    bandwidth: float | None = None
+    damping: float = 0.8
+    spares: bool | None = None
+
+
+def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  # noqa: B008 - nobody can change it
+    """Return the vessel with gains designed for it. Raises RefusedError where no gain serves."""
+    model, spares = model_of(vessel), spares_rudder(vessel, request)
+    try:
+        if request.bandwidth is not None:
+            loop = spared_gains(model, request.bandwidth) if spares else placed(request.bandwidth, request.damping)
+        else:
+            rate_max, delay = limits_of(vessel).rate_max, vessel.control.loop_delay_s
+            loop = design_backstepping(model, gear_of(vessel), rate_max, delay, request.level, spares=spares)
+    except ValueError as error:
+        raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
+    boat = law_boat_of(vessel)
+    sections = {name: _rounded(law.design.of(boat, loop)) for name, law in LAWS.items() if law.design}
+    return replace(vessel, control=replace(vessel.control, **sections))
+
+
+def _rounded(section: Any) -> Any:
+    return type(section)(*(rounded(gain) for gain in astuple(section)))
+
+
+def spares_rudder(vessel: Vessel, request: GainRequest) -> bool:
+    """Return whether designed gains are to weigh the rudder's rate."""
+    filed = getattr(vessel.control, DESIGNED)
+    return request.spares if request.spares is not None else filed is not None and filed.smoothing_s > 0.0
 
 
 class LearningService:
@@ -142,8 +177,8 @@ class LearningService:
 
 def steered_as(vessel: Vessel, other: Vessel) -> Vessel:
     """Return the vessel with the model and the designed gains of the other."""
-    designed = {law: getattr(other.control, law) for law in designed_laws()}
-    return replace(vessel, model=other.model, control=replace(vessel.control, **designed))
+    gains = {law: getattr(other.control, law) for law in designed_laws()}
+    return replace(vessel, model=other.model, control=replace(vessel.control, **gains))
 
 
 def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:

@@ -18,7 +18,7 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import at_speed_ratio
 from autopilot.report import gains as weaker_turn
 from autopilot.runtime.build import build_pilot, law_of, model_of, verdict_of
-from autopilot.runtime.gain_design import GainRequest, designed
+from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Control, Vessel
 

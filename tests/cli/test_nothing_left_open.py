@@ -38,7 +38,12 @@ def is_interrupted(*_: Any, **__: Any) -> Any:
 
 WIRED = ("alarm_outputs_of", "GuideAlarms", "LoopHealth", "Session", "track_settings_of", "build_station_links")
 PLACES = [
-    *("cli.ending.FileSink", "cli.steering.StatusLine", "runtime.record.Recorder", "runtime.tuning.TuningService"),
+    *(
+        "runtime.log_files.FileSink",
+        "cli.steering.StatusLine",
+        "runtime.record.Recorder",
+        "runtime.tuning.TuningService",
+    ),
     *("runtime.service.SlackCollector", *(f"runtime.app.{name}" for name in WIRED)),
 ]
 

@@ -13,7 +13,7 @@ from autopilot.control.backstepping import Backstepping
 from autopilot.control.margins import ObservedMargins, observed_margins
 from autopilot.errors import RefusedError
 from autopilot.runtime.build import build_pilot, gear_of, model_of, observed_of, verdict_of
-from autopilot.runtime.gain_design import GainRequest, designed
+from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.signals import Order, OrderKind
 from autopilot.vessel.schema import Estimator, Vessel
 

@@ -13,7 +13,7 @@ from autopilot.angles import wrap
 from autopilot.control.sliding_heading import Sliding
 from autopilot.errors import RefusedError
 from autopilot.runtime.build import build_pilot, gear_of, model_of
-from autopilot.runtime.gain_design import designed
+from autopilot.runtime.tuning import designed
 from autopilot.signals import Mode, Order, OrderKind
 
 

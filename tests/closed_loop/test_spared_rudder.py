@@ -12,7 +12,7 @@ from plant import Plant, sail
 
 from autopilot.angles import wrap
 from autopilot.runtime.build import build_pilot, gear_of, model_of
-from autopilot.runtime.gain_design import GainRequest, designed
+from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.signals import Order, OrderKind, Tick
 from autopilot.vessel.schema import Vessel
 

@@ -10,7 +10,7 @@ import pytest
 from boat_at_sea import item, place
 from two_processes import free_port
 
-from autopilot.cli.serving import load_mission
+from autopilot.cli.run import load_mission
 from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.ground_station.mission import dump_items, from_message

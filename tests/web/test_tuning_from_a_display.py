@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from watched_boat import AtOnce, Watched
 
 from autopilot.errors import InputError, RefusedError
-from autopilot.runtime.gain_design import GainRequest, designed
+from autopilot.runtime.tuning import GainRequest, designed
 
 
 class NoGains(AtOnce):
