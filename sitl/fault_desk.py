@@ -13,7 +13,6 @@ from __future__ import annotations
 import difflib
 import math
 import socket
-from typing import cast
 
 from autopilot.errors import InputError
 from autopilot.files.outside import typed_number
@@ -109,7 +108,7 @@ def _kind(name: str) -> FaultKind:
         near = difflib.get_close_matches(name, KINDS, 1)
         hint = f"did you mean {near[0]}?" if near else "`sitl fault --kinds` lists them."
         raise InputError(f"{name}: no such fault; {hint}")
-    return cast(FaultKind, name)
+    return name
 
 
 def _source(words: list[str]) -> tuple[Source, list[str]]:

@@ -1,24 +1,17 @@
-"""Which faults are at work at a given time, how large they are, and since when.
-
-What faults do to rudder, engine and boat, between the orders and the physics.
-
-What happens to the flight controller: reboots, hands on its sticks and switches, warnings, a clock that steps.
-
-Texts are those of ArduRover 4.6: AC_Fence.cpp ("Polygon fence breached", notice) and AP_BattMonitor.cpp ("Battery 1 is
-low ...", warning). ArduRover has no text of its own for shallow water; boats say it from a script.
-"""
+"""Which faults are at work at a given time, how large they are, and since when; and where those act that do something
+to boat and vehicle."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from autopilot.models.steering_gear import SteeringGear, clip
+from autopilot.models.steering_gear import SteeringGear
 from sitl.boat import Disturbance
+from sitl.fault_kind import Acting, Moved, Ordered
 from sitl.fault_kinds import KINDS, FaultKind, Source
 from sitl.scenario import FaultSection
 
@@ -127,106 +120,60 @@ def _occurrences(section: FaultSection, rng: np.random.Generator) -> list[Fault]
     return found
 
 
-TRAILING_S = 0.5
-"""A rudder that nothing holds trails amidships with this time constant; assumed."""
+class Effects:
+    """The faults that act at one place, in the order of their kinds. Memory: what they remember while they last."""
+
+    def __init__(self, faults: FaultBoard, place: str) -> None:
+        self._faults = faults
+        self._kinds = [(name, getattr(kind, place)) for name, kind in KINDS.items() if getattr(kind, place) is not None]
+        self._memory: dict[str, dict[str, Any]] = {}
+
+    def acting(self, time: float, source: Source = "first") -> Iterator[tuple[Acting, Callable[..., Any]]]:
+        """Yield the faults at work at `time` [s] in `source`, and what each does."""
+        if not self._faults and not self._memory:
+            return
+        for name, effect in self._kinds:
+            size = self._faults.size(name, time, source)
+            if size is None:
+                self._memory.pop(name, None)
+            else:
+                yield Acting(size, time, self._memory.setdefault(name, {})), effect
 
 
-class RudderFaults:
-    """The steering gear with its faults. `order` comes before the gear, `reached` after it, once a step each."""
+class BoatFaults:
+    """What faults do to rudder, engine and boat, between the orders and the physics; called once a step each."""
 
     def __init__(self, faults: FaultBoard, gear: SteeringGear) -> None:
-        self._faults = faults
         self._gear = gear
-        self._on_their_way: deque[tuple[float, float]] = deque()
+        self._order, self._reached = Effects(faults, "order"), Effects(faults, "reached")
+        self._thrust, self._push = Effects(faults, "thrust"), Effects(faults, "push")
 
     def order(self, time: float, order: float, rudder: float) -> float:
         """Return what the gear makes of the `order` [rad], the rudder being at `rudder` [rad]."""
-        faults = self._faults
-        if (late := faults.size("rudder_late", time)) is None:
-            self._on_their_way.clear()
-        else:
-            order = delayed(self._on_their_way, time, order, late)
-        if faults.is_on("rudder_reversed", time):
-            order = -order
-        if (offset := faults.size("rudder_offset", time)) is not None:
-            order += math.radians(offset)
-        if (side := faults.size("rudder_hard_over", time)) is not None:
-            order = math.copysign(self._gear.angle_max, side)
-        if (play := faults.size("rudder_play", time)) is not None:
-            # the gear drags the rudder along at either end of the play
-            half = math.radians(play)
-            order = clip(rudder, order - half, order + half)
+        for fault, effect in self._order.acting(time):
+            order = effect(fault, Ordered(self._gear, order, rudder))
         return order
 
     def reached(self, time: float, before: float, after: float, dt: float) -> float:
         """Return where the rudder [rad] really is after a step of `dt` [s] from `before` to `after`."""
-        faults = self._faults
-        if faults.is_on("rudder_stuck", time):
-            return before
-        if faults.is_on("rudder_free", time):
-            return before * math.exp(-dt / TRAILING_S)
-        if (share := faults.size("rudder_slow", time)) is not None:
-            rate = self._gear.rate_max if math.isfinite(self._gear.rate_max) else math.radians(20.0)
-            after = clip(after, before - share * rate * dt, before + share * rate * dt)
-        if (stop := faults.size("rudder_limited", time)) is not None:
-            after = clip(after, -math.radians(stop), math.radians(stop))
+        for fault, effect in self._reached.acting(time):
+            after = effect(fault, Moved(self._gear, before, after, dt))
         return after
 
+    def thrust(self, time: float, thrust_speed: float, cruise_speed: float) -> float:
+        """Return the speed [m/s] that the engine would reach."""
+        for fault, effect in self._thrust.acting(time):
+            thrust_speed = effect(fault, thrust_speed, cruise_speed)
+        return thrust_speed
 
-def thrust_left(faults: FaultBoard, time: float, thrust_speed: float, cruise_speed: float) -> float:
-    """Return the speed [m/s] that the engine would reach, with its faults."""
-    if faults.is_on("engine_stopped", time):
-        return 0.0
-    astern = faults.size("engine_astern", time)
-    return thrust_speed if astern is None else -astern * cruise_speed
-
-
-class Pushes:
-    """What acts on the boat from outside, with what is injected. Memory: where a stream sets to."""
-
-    def __init__(self, faults: FaultBoard) -> None:
-        self._faults = faults
-        self._towards: float | None = None
-
-    def on(self, time: float, heading: float, disturbance: Disturbance) -> Disturbance:
+    def pushed(self, time: float, heading: float, disturbance: Disturbance) -> Disturbance:
         """Return the `disturbance` of a boat that heads for `heading` [rad], and the pushes on top of it."""
-        faults = self._faults
-        if (push := faults.size("yaw_push", time)) is not None:
-            disturbance = disturbance._replace(rudder=disturbance.rudder + math.radians(push))
-        if (heel := faults.size("heel", time)) is not None:
-            disturbance = disturbance._replace(roll_slope=disturbance.roll_slope + math.radians(heel))
-        if (stream := faults.size("stream", time)) is None:
-            self._towards = None
-            return disturbance
-        self._towards = towards = heading if self._towards is None else self._towards
-        return disturbance._replace(
-            current_north=disturbance.current_north + stream * math.cos(towards),
-            current_east=disturbance.current_east + stream * math.sin(towards),
-        )
+        for fault, effect in self._push.acting(time):
+            disturbance = effect(fault, heading, disturbance)
+        return disturbance
 
 
-def delayed(waiting: deque[tuple[float, float]], time: float, value: float, delay: float) -> float:
-    """Return the value that was `delay` [s] ago, the first of all where `waiting` does not go back so far.
-
-    `waiting` holds (time [s], value), the oldest first; `value` is added to it.
-    """
-    waiting.append((time, value))
-    while len(waiting) > 1 and waiting[1][0] <= time - delay + 1.0e-9:
-        waiting.popleft()
-    return waiting[0][1]
-
-
-STICK_FULL_US = 500
-SWITCH_LOW_US, SWITCH_HIGH_US = 1000, 2000
-EMPTY_MV, FULL_MV = 10500, 12600
-CAPACITY_MAH = 10000
-ONCE: tuple[FaultKind, ...] = ("reboot", "mode", "disarm", "battery_low", "geofence", "shallow", "clock_step")
-"""Faults that happen when they begin; the others last."""
-
-
-def battery_mv(per_cent: float) -> int:
-    """Return the voltage [mV] of a battery that is so full; linear, assumed."""
-    return round(EMPTY_MV + (FULL_MV - EMPTY_MV) * per_cent / 100.0)
+SWITCH_HIGH_US = 2000
 
 
 class VehicleFaults:
@@ -235,60 +182,30 @@ class VehicleFaults:
     def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
         self._faults = firmware.world.faults
-        self._begun: set[FaultKind] = set()
+        self._once, self._sticks = Effects(self._faults, "happens"), Effects(self._faults, "sticks")
         self._rest: dict[int, int] = {}
 
     def work(self, time: float) -> None:
         """Do what the faults do at `time` [s]."""
         if not self._faults and not self._rest:
             return
-        for kind in ONCE:
-            size = self._faults.size(kind, time)
-            if size is None:
-                self._begun.discard(kind)
-            elif kind not in self._begun:
-                self._begun.add(kind)
-                self._happen(kind, size, time)
+        for fault, happen in self._once.acting(time):
+            if not fault.memory.get("has_happened"):
+                fault.memory["has_happened"] = True
+                happen(fault, self._firmware)
         self._move_sticks(time)
         self._firmware.receiver = self._firmware.has_receiver and not self._faults.is_on("receiver_lost", time)
 
-    def _happen(self, kind: FaultKind, size: float, time: float) -> None:
-        firmware = self._firmware
-        if kind == "reboot":
-            firmware.reboot(time)
-        elif kind == "mode":
-            firmware.set_mode(round(size))
-        elif kind == "disarm":
-            firmware.set_armed(False)
-        elif kind == "clock_step":
-            firmware.boot_time -= size
-        elif kind == "geofence":
-            firmware.notices.append((5, "Polygon fence breached"))
-        elif kind == "shallow":
-            firmware.notices.append((4, f"Shallow water {size:.1f} m"))
-        else:
-            volts, used = battery_mv(size) / 1000.0, CAPACITY_MAH * (1.0 - size / 100.0)
-            firmware.notices.append((4, f"Battery 1 is low {volts:.2f}V used {used:.0f} mAh"))
-
     def _move_sticks(self, time: float) -> None:
         """Put the sticks where the faults have them, and back to where they were."""
-        setup = self._firmware.setup
         wanted: dict[int, int] = {}
-        if (share := self._faults.size("stick", time)) is not None:
-            # a hand that grabs a stick moves both of its axes
-            for channel in (setup.steering_channel, setup.pitch_channel):
-                wanted[channel] = 1500 + round(share * STICK_FULL_US)
-        if (share := self._faults.size("steering_stick", time)) is not None:
-            wanted[setup.steering_channel] = 1500 + round(share * STICK_FULL_US)
-        if (pulse_us := self._faults.size("receiver_low", time)) is not None:
-            wanted[setup.throttle_channel] = round(pulse_us)
-        if self._faults.is_on("switch", time) and setup.override_switch is not None:
-            wanted[setup.override_switch] = SWITCH_LOW_US
+        for fault, moved in self._sticks.acting(time):
+            wanted.update(moved(fault, self._firmware))
         sticks = self._firmware.sticks
         for channel in [channel for channel in self._rest if channel not in wanted]:
             sticks[channel - 1] = self._rest.pop(channel)
         for channel, pulse in wanted.items():
             # a switch that was never touched rests in between, where it allows nothing anew
-            is_switch = channel == setup.override_switch
+            is_switch = channel == self._firmware.setup.override_switch
             self._rest.setdefault(channel, SWITCH_HIGH_US if is_switch else sticks[channel - 1])
             sticks[channel - 1] = pulse

@@ -17,7 +17,8 @@ from autopilot.angles import wrap, wrap_positive
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState
 from sitl.fault_kinds import FaultKind, Source
-from sitl.faults import FaultBoard, delayed
+from sitl.faults import Effects, FaultBoard
+from sitl.faults_of_the_boat import delayed
 from sitl.scenario import Scenario
 from sitl.sea import Deviates
 
@@ -58,6 +59,7 @@ class SensorFaults:
         self._chance = rng.random
         self._held: dict[str, tuple[float, ...]] = {}
         self._on_their_way: dict[str, deque[tuple[float, float]]] = {}
+        self._effects = Effects(faults, "reads")
 
     def spoil(self, time: float, reading: Reading) -> Reading:
         """Return the reading measured at `time` [s] as the faults of that time leave it."""
@@ -66,6 +68,8 @@ class SensorFaults:
         rate, roll_rate = self._rates(time, reading)
         water_speed, ground_speed, north_speed, east_speed = self._speeds(time, reading)
         jump = self._size("position_jump", time) or 0.0
+        for fault, effect in self._effects.acting(time, self._source):
+            reading = effect(fault, reading)
         return reading._replace(
             heading=self._heading(time, reading.heading),
             rate=rate,

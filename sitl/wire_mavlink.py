@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -18,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.signing import LinkSigning
 from sitl import firmware_setup
-from sitl.fault_kinds import FaultKind
+from sitl.fault_kinds import that_silence
 from sitl.firmware import Firmware
 from sitl.firmware_parameters import Parameter, ParameterTable
 from sitl.guided import Target
@@ -112,15 +111,7 @@ def _whole(value: float) -> int:
     return int(value) if math.isfinite(value) and value == int(value) else -1
 
 
-SILENCED_BY: Mapping[int, tuple[FaultKind, ...]] = {
-    dialect.MAVLINK_MSG_ID_HEARTBEAT: ("heartbeat_lost",),
-    dialect.MAVLINK_MSG_ID_ATTITUDE: ("heading_dropout",),
-    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: ("speed_lost",),
-    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: ("speed_lost",),
-    dialect.MAVLINK_MSG_ID_VFR_HUD: ("speed_lost",),
-    dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: ("feedback_lost",),
-    dialect.MAVLINK_MSG_ID_RC_CHANNELS: ("feedback_lost",),
-}
+SILENCED_BY = {identity: that_silence(dialect.mavlink_map[identity].msgname) for identity in BUILDERS}
 """Faults that keep a message from being sent."""
 PASSED_ON = frozenset(
     (
@@ -216,7 +207,7 @@ class MavlinkVehicle:
         reading = self.world.sensors.latest(time)
         if identity not in BUILDERS or reading is None:
             return False
-        if any(self.world.faults.is_on(fault, time) for fault in SILENCED_BY.get(identity, ())):
+        if any(self.world.faults.is_on(fault, time) for fault in SILENCED_BY[identity]):
             return False
         message = BUILDERS[identity](self.firmware, time, reading)
         if message is None:

@@ -18,7 +18,7 @@ from autopilot.files.outside import typed_number
 from autopilot.links.nmea import sentences as encode
 from autopilot.links.nmea.sentences import NmeaFramer, Sentence
 from sitl.drives import UartLine
-from sitl.fault_kinds import FaultKind
+from sitl.fault_kinds import that_silence
 from sitl.plotter import ChartPlotter
 from sitl.sensors import Reading
 from sitl.world import Orders, World
@@ -59,13 +59,6 @@ PLOTTER = ("APB", "RMB", "XTE", "HTD")
 """What a chart plotter says; it needs a route in the scenario."""
 """Bytes of a sentence with its line end, for sharing out a slow line."""
 
-SILENCED_BY: Mapping[str, tuple[FaultKind, ...]] = {
-    "VHW": ("speed_lost", "log_lost"),
-    "VTG": ("speed_lost",),
-    "RMC": ("position_lost",),
-    "RSA": ("feedback_lost",),
-}
-"""Faults that keep a sentence from being said."""
 FULLEST_LINE = 0.8
 """Default rates are lowered until the line is this full at most: a full line makes every heading late."""
 
@@ -228,7 +221,7 @@ class NmeaInstruments:
             self._plotter.update(reading)
         if name in ("HDG", "HDM", "HDT") and not sensors.has_heading(time, "second"):
             return
-        if any(self.world.faults.is_on(fault, time) for fault in SILENCED_BY.get(name, ())):
+        if any(self.world.faults.is_on(fault, time) for fault in that_silence(name)):
             return
         if self._to_listener.backlog(time) > BACKLOG_MAX_S:
             self.skipped += 1

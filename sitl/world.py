@@ -12,7 +12,7 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState, Hull, Plant
-from sitl.faults import FaultBoard, Pushes, RudderFaults, thrust_left
+from sitl.faults import BoatFaults, FaultBoard
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.sensors import Sensors
@@ -73,8 +73,7 @@ class World:
             ),
         )
         self._sea = Sea(scenario, plant.hull, sea_seed, felt_every * STEP)
-        self._rudder_faults = RudderFaults(self.faults, plant.gear)
-        self._pushes = Pushes(self.faults)
+        self._boat_faults = BoatFaults(self.faults, plant.gear)
         self.sensors = Sensors(vessel, scenario, sensor_seed, self.faults)
         self.helms: list[Helm] = []
         self.watchers: list[Callable[[float], None]] = []
@@ -110,13 +109,13 @@ class World:
         time = self.time
         state = self.boat.state
         order, thrust = self._orders(time)
-        order = self._rudder_faults.order(time, order, state.rudder)
-        thrust = thrust_left(self.faults, time, thrust, self.cruise_speed)
+        order = self._boat_faults.order(time, order, state.rudder)
+        thrust = self._boat_faults.thrust(time, thrust, self.cruise_speed)
         if self._steps % self._felt_every == 0:
             self._felt = self._sea.step(time, state)
-        disturbance = self._pushes.on(time, state.heading, self._felt)
+        disturbance = self._boat_faults.pushed(time, state.heading, self._felt)
         after = self.boat.step(time, order, thrust, disturbance, STEP)
-        rudder = self._rudder_faults.reached(time, state.rudder, after.rudder, STEP)
+        rudder = self._boat_faults.reached(time, state.rudder, after.rudder, STEP)
         if rudder != after.rudder:
             after = self.boat.state = after._replace(rudder=rudder)
         state = after

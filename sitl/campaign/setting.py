@@ -44,34 +44,19 @@ from sitl.campaign.swift import (
     scored,
 )
 from sitl.campaign.waters import Water, surface_of
-from sitl.fault_kinds import FaultKind
+from sitl.fault_kinds import KINDS
 from sitl.faults import FaultBoard
 from sitl.scenario import Scenario
 from sitl.sea import IttcWaves, ittc_waves, second_order_waves
 from sitl.sensors import Reading, SensorFaults, or_else
 from sitl.world import STEP, Orders, World, plant_of
 
-TABLED: frozenset[FaultKind] = frozenset(
-    {
-        "silence",
-        "heading_dropout",
-        "heading_jump",
-        "heading_drift",
-        "heading_noise",
-        "heading_spikes",
-        "rate_bias",
-        "rate_noise",
-        "rate_reversed",
-        "speed_lost",
-        "speed_wrong",
-    }
-)
 UNIT = Reading(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def can_be_tabled(scenario: Scenario) -> bool:
     """Return whether all faults of the scenario are known before it begins."""
-    return all(fault.kind in TABLED for fault in scenario.faults)
+    return all(KINDS[fault.kind].is_tabled for fault in scenario.faults)
 
 
 def failing(instruments: Instruments, faults: FaultBoard, seed: np.random.SeedSequence) -> Instruments:

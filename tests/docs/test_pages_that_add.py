@@ -23,6 +23,25 @@ BLOCK = re.compile(r"^```(python|diff)\n# (\S+)\n(.*?)^```$", re.MULTILINE | re.
 LONGEST = 40
 """Lines of a page."""
 PROOFS = {
+    "add_a_fault": """
+import math
+from autopilot.vessel.file import load_vessel
+from sitl.scenario import FaultSection, Scenario
+from sitl.world import Orders, World
+
+class Helm:
+    rudder = math.radians(2.0)
+    def orders(self, time):
+        return Orders(self.rudder)
+
+world = World(load_vessel("lanxin"), Scenario(1, "stiff", faults=(FaultSection("rudder_stiff", 0.0),)))
+world.helms.append(Helm())
+world.advance(3.0)
+assert world.boat.state.rudder == 0.0
+Helm.rudder = math.radians(10.0)
+world.advance(6.0)
+assert abs(math.degrees(world.boat.state.rudder) - 7.0) < 1.0, world.boat.state.rudder
+""",
     "add_a_log_format": """
 from autopilot.errors import InputError
 from autopilot.logs.reading import examples, load_run, read_recording

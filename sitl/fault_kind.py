@@ -1,0 +1,71 @@
+"""What a kind of fault says of itself: what it does, how large it is, and where in the simulator it acts.
+
+A kind is a line in the table KINDS of one of the modules that `sitl.fault_kinds` names. It acts by a function at one of
+the places below, which is called while it is at work; instruments, wires and lines look up by its name what they do by
+themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from autopilot.models.steering_gear import SteeringGear
+from sitl.boat import Disturbance
+
+if TYPE_CHECKING:
+    from sitl.firmware import Firmware
+    from sitl.sensors import Reading
+
+
+class Acting(NamedTuple):
+    """A fault at work: its size, the time [s since the start], and what it remembers while it lasts."""
+
+    size: float
+    time: float
+    memory: dict[str, Any]
+
+
+class Ordered(NamedTuple):
+    """An order [rad] on its way to the steering gear, and the rudder [rad] as it stands."""
+
+    gear: SteeringGear
+    order: float
+    rudder: float
+
+
+class Moved(NamedTuple):
+    """A rudder [rad] that the gear has moved in `dt` [s]."""
+
+    gear: SteeringGear
+    before: float
+    after: float
+    dt: float
+
+
+class Kind(NamedTuple):
+    """What a fault does; `unit` of its size, empty where it has none, the size unless told, and its range.
+
+    of_a_compass: one of two compasses may have it, with its rate gyro. is_tabled: what it does is known before a run
+    begins, so that compiled campaigns have it. silences: messages and sentences that it keeps from being sent.
+    order: what the gear is given for an order [rad]. reached: where the rudder [rad] really is. thrust: the speed [m/s]
+    that the engine reaches, of that which is asked for and that of the start. push: what acts on the boat, of its
+    heading [rad]. reads: what an instrument shows. happens: what is done to the firmware, once, when it begins. sticks:
+    where a hand has the radio's channels [us].
+    """
+
+    what: str
+    unit: str = ""
+    size: float = 1.0
+    low: float = 1.0
+    high: float = 1.0
+    of_a_compass: bool = False
+    is_tabled: bool = False
+    silences: tuple[str, ...] = ()
+    order: Callable[[Acting, Ordered], float] | None = None
+    reached: Callable[[Acting, Moved], float] | None = None
+    thrust: Callable[[Acting, float, float], float] | None = None
+    push: Callable[[Acting, float, Disturbance], Disturbance] | None = None
+    reads: Callable[[Acting, Reading], Reading] | None = None
+    happens: Callable[[Acting, Firmware], None] | None = None
+    sticks: Callable[[Acting, Firmware], dict[int, int]] | None = None
