@@ -24,7 +24,7 @@ from autopilot.files.outside import read_regular
 from autopilot.links.mavlink.codec import MavlinkCodec, frame_length, message_id
 from autopilot.links.mavlink.signing import MAGIC_V2, identity_of, without_signature
 from autopilot.runtime.log_files import FileSink, Sink
-from autopilot.runtime.tick_codec import HEADER, TICKS, VESSEL, decode_header, decode_tick, encode_header, encode_tick
+from autopilot.runtime.tick_codec import HEADER, TICK, VESSEL, decode_header, decode_tick, encode_header, encode_tick
 from autopilot.signals import AlarmEvent, Tick
 from autopilot.supervision.alarms import VERBATIM
 
@@ -218,7 +218,7 @@ def is_headless(log: Log) -> bool:
 def _take(logs: list[Log], record: bytes) -> None:
     if record[0] == HEADER:
         _take_header(logs, decode_header(record))
-    elif record[0] in TICKS and logs:
+    elif record[0] == TICK and logs:
         _take_tick(logs[-1].ticks, decode_tick(record))
     elif record[0] == VESSEL and logs:
         logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")

@@ -1,10 +1,7 @@
 """One tick as bytes and back, exactly: every float keeps its 64 bits, so that a log replays bit for bit.
 
 Little-endian. A record is its kind (one byte) and its body: HEADER is JSON text, TICK is described by the
-structures below. Sources and reasons are UTF-8 with a length byte before them.
-
-Alarms are events by name. Older logs hold their sentences, and the reason alone of a lost helm: here, and nowhere else,
-is looked at how those were worded, to find out what they were.
+structures below. Sources and reasons are UTF-8 with a length byte before them. Alarms are events by name.
 """
 
 from __future__ import annotations
@@ -44,26 +41,16 @@ from autopilot.signals import (
     Tick,
     WindSample,
 )
-from autopilot.supervision.alarms import CATALOGUE, OTHER, VERBATIM
-from autopilot.supervision.panel import FORMS, UNHEARD
+from autopilot.supervision.alarms import CATALOGUE, OTHER
+from autopilot.supervision.panel import FORMS
 
 HEADER = 1
 HEADER_MOST = 1 << 20
 """Bytes of a header; ours hold a vessel file and little else."""
-TICK_BEFORE_WAVES = 2
-"""A tick as the first version wrote it: its state knows no waves."""
 VESSEL = 3
 """A vessel file's text, in force from the next tick on."""
-
-TICK_BEFORE_SUPERVISOR = 4
-"""A tick whose mode is all that is known of the supervisor."""
-TICK_BEFORE_ACKNOWLEDGING = 5
-"""A tick that does not know which of its alarms have been acknowledged."""
-TICK_BEFORE_EVENTS = 6
-"""A tick that holds its alarms as sentences."""
 TICK = 7
-TICKS = (TICK, TICK_BEFORE_EVENTS, TICK_BEFORE_ACKNOWLEDGING, TICK_BEFORE_SUPERVISOR, TICK_BEFORE_WAVES)
-"""Every kind of record that is a tick."""
+"""2 and 4 to 6 were ticks before the first release."""
 
 _INPUTS = struct.Struct("<IdBdddIB")
 """number, now, order kind (with LED where a guide leads), order heading, rudder, heading change, serial, count of
@@ -71,22 +58,9 @@ samples."""
 _OUTPUTS = struct.Struct("<7d?4d3dd?dBBB")
 """state: heading, rate, speed, rudder, bias, age, time; valid; its four of the waves; reference; demand; engaged;
 angle; mode; state of the supervisor; siren."""
-_OUTPUTS_BEFORE_SUPERVISOR = struct.Struct("<7d?4d3dd?dB")
-_OUTPUTS_BEFORE_WAVES = struct.Struct("<7d?3dd?dB")
 _SAMPLE = struct.Struct("<Bdd")
 _NUMBER = struct.Struct("<d")
 _LED = 0x80
-_OLD_CAUSES = {
-    "the vehicle has rebooted": HelmCause.REBOOTED,
-    "no heartbeat from the vehicle": HelmCause.SILENT,
-    "the radio is lost": HelmCause.RADIO_LOST,
-}
-_OLD_BEGINNINGS = {
-    "the boat does not move as ": "innovation",
-    "the boat turns against ": "runaway",
-    "the boat is pushed harder than ": "overpowered",
-}
-"""Alarms that older logs put into other words: how their sentences began."""
 _READ_AGAIN: dict[str, tuple[Callable[[object], bool], str]] = {
     "part": (lambda value: type(value) is int and 1 <= value < 1 << 32, "a whole number from 1"),
     "first": (lambda value: type(value) is int and 0 <= value < 1 << 32, "a whole number from 0"),
@@ -162,7 +136,7 @@ def decode_tick(record: bytes) -> Tick:
     """Return the tick of a record. Raises InputError where it is damaged."""
     try:
         return _decode_tick(record)
-    except (struct.error, IndexError, ValueError, OverflowError) as error:
+    except (struct.error, LookupError, ValueError, OverflowError) as error:
         raise InputError(f"a tick in the log is damaged: {error}; give another log.") from error
 
 
@@ -173,28 +147,13 @@ def _decode_tick(record: bytes) -> Tick:
     for _ in range(count):
         sample, place = _decode_sample(record, place)
         samples.append(sample)
-    if record[0] == TICK_BEFORE_WAVES:
-        old = _OUTPUTS_BEFORE_WAVES.unpack_from(record, place)
-        out = (*old[:8], 0.0, 0.0, 0.0, 0.0, *old[8:], _STATES[old[-1]], 0)
-        place += _OUTPUTS_BEFORE_WAVES.size
-    elif record[0] == TICK_BEFORE_SUPERVISOR:
-        old = _OUTPUTS_BEFORE_SUPERVISOR.unpack_from(record, place)
-        out = (*old, _STATES[old[-1]], 0)
-        place += _OUTPUTS_BEFORE_SUPERVISOR.size
-    else:
-        out = _OUTPUTS.unpack_from(record, place)
-        place += _OUTPUTS.size
+    out = _OUTPUTS.unpack_from(record, place)
+    place += _OUTPUTS.size
     alarms: list[AlarmEvent] = []
     heard: list[int] = []
     while place < len(record):
-        if record[0] in (TICK, TICK_BEFORE_EVENTS):
-            heard.append(record[place])
-            place += 1
-        if record[0] == TICK:
-            alarm, place = _decode_event(record, place)
-        else:
-            sentence, place = _read_text(record, place)
-            alarm = _event_of(sentence)
+        heard.append(record[place])
+        alarm, place = _decode_event(record, place + 1)
         alarms.append(alarm)
     return Tick(
         number=number,
@@ -213,30 +172,26 @@ def _decode_tick(record: bytes) -> Tick:
     )
 
 
-_KINDS: tuple[type[Any], ...] = (
-    HeadingSample,
-    RateSample,
-    RudderSample,
-    SpeedSample,
-    RollSample,
-    HelmSample,
-    AlarmSample,
-    PositionSample,
-    ConditionSample,
-    AcknowledgeSample,
-    WindSample,
-)
-_SENTENCE = _KINDS.index(AlarmSample)
-"""An `AlarmSample` of an older log: its sentence, empty where it takes back."""
-_EVENT = len(_KINDS)
-_STATES = (SupervisorState.STANDBY, SupervisorState.HEADING, SupervisorState.OVERRIDE, SupervisorState.FAILSAFE)
-"""What an old log's mode comes to."""
+_KINDS: dict[type[Any], int] = {
+    HeadingSample: 0,
+    RateSample: 1,
+    RudderSample: 2,
+    SpeedSample: 3,
+    RollSample: 4,
+    HelmSample: 5,
+    PositionSample: 7,
+    ConditionSample: 8,
+    AcknowledgeSample: 9,
+    WindSample: 10,
+    AlarmSample: 11,
+}
+_TYPES = {number: kind for kind, number in _KINDS.items()}
 
 
 def _encode_sample(sample: Sample) -> bytes:
-    kind = _EVENT if isinstance(sample, AlarmSample) else _KINDS.index(type(sample))
+    kind = _KINDS[type(sample)]
     if isinstance(sample, HelmSample):
-        # the cause counts up from 1 where the helm is ours, else down from -1; older logs have 1 and 0
+        # the cause counts up from 1 where the helm is ours, else down from -1
         value = 1.0 + sample.cause if sample.available else -1.0 - sample.cause
         body = _SAMPLE.pack(kind, sample.time, value) + _text(sample.reason)
     elif isinstance(sample, AlarmSample):
@@ -263,29 +218,18 @@ def _encode_sample(sample: Sample) -> bytes:
     return body + _text(sample.source)
 
 
-def _cause_of(value: float, reason: str) -> HelmCause:
-    """Return the cause of a lost helm; in older logs the beginning of the reason has it."""
-    if value == 0.0:
-        return next((cause for begins, cause in _OLD_CAUSES.items() if reason.startswith(begins)), HelmCause.TAKEN)
-    return HelmCause(int(abs(value) - 1.0))
-
-
 def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     kind, time, value = _SAMPLE.unpack_from(record, place)
     place += _SAMPLE.size
-    if kind == _EVENT:
+    made = _TYPES[kind]
+    if made is AlarmSample:
         event, place = _decode_event(record, place) if value else (None, place)
         source, place = _read_text(record, place)
         return AlarmSample(time, event, source), place
-    made = _KINDS[kind]
     if made is HelmSample:
         reason, place = _read_text(record, place)
         source, place = _read_text(record, place)
-        return HelmSample(time, value > 0.0, reason, source, _cause_of(value, reason)), place
-    if kind == _SENTENCE:
-        text, place = _read_text(record, place)
-        source, place = _read_text(record, place)
-        return AlarmSample(time, _event_of(text) if text else None, source), place
+        return HelmSample(time, value > 0.0, reason, source, HelmCause(int(abs(value) - 1.0))), place
     if made is ConditionSample:
         (name, detail, source), place = _read_texts(record, place, 3)
         return ConditionSample(time, name, bool(value), detail, source), place
@@ -332,14 +276,6 @@ def _decode_event(record: bytes, place: int, is_behind: bool = False) -> tuple[A
             raise ValueError("an alarm stands behind one that stands behind another")
         because, place = _decode_event(record, place, is_behind=True)
     return AlarmEvent(name, detail, form, because, bool(flags & _PAST), bool(flags & _ESCALATED)), place
-
-
-def _event_of(sentence: str) -> AlarmEvent:
-    """Return the alarm that a sentence of an older log is of, by how it begins; the sentence stays as it was."""
-    said = sentence.removeprefix(UNHEARD)
-    begins = {kind.text: name for name, kind in CATALOGUE.items()} | _OLD_BEGINNINGS
-    name = next((name for text, name in begins.items() if said.startswith(text)), OTHER)
-    return AlarmEvent(name, said, VERBATIM, is_escalated=said != sentence)
 
 
 _ABSENT = struct.pack("<Q", 0x7FF8_4E4F_4E45_0000)

@@ -793,7 +793,7 @@ _LINES = [
         "what has no kind of its own",
         "as it says",
         _LINK,
-        "only in logs of older versions, which hold no more than its words",
+        "only in logs of other versions, whose kinds are not known here",
         "{detail}",
     ),
 ]

@@ -28,7 +28,6 @@ SENTENCES = (
 MAKERS = ("sentence_of", "sentences_of")
 EDGES = {
     "supervision/panel.py": "makes the sentences",
-    "runtime/tick_codec.py": "reads older logs, which hold sentences alone",
     "links/mavlink/conditions.py": "reads the vehicle's STATUSTEXT",
     "links/mavlink/vehicle.py": "reads the vehicle's STATUSTEXT",
     "links/transports/serial_line.py": "reads the system's errors",

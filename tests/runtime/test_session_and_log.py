@@ -26,10 +26,6 @@ from autopilot.runtime.replay import replay
 from autopilot.runtime.session import Session
 from autopilot.runtime.tick_codec import (
     HEADER,
-    TICK_BEFORE_ACKNOWLEDGING,
-    TICK_BEFORE_EVENTS,
-    TICK_BEFORE_SUPERVISOR,
-    TICK_BEFORE_WAVES,
     decode_tick,
     encode_tick,
 )
@@ -59,8 +55,8 @@ from autopilot.signals import (
     Tick,
     WindSample,
 )
-from autopilot.supervision.alarms import CATALOGUE, OTHER, VERBATIM
-from autopilot.supervision.panel import FORMS, UNHEARD, sentence_of
+from autopilot.supervision.alarms import CATALOGUE
+from autopilot.supervision.panel import FORMS
 from autopilot.vessel.file import dump_vessel, load_vessel
 
 VESSEL = load_vessel("lanxin")
@@ -357,119 +353,6 @@ def test_a_tick_comes_back_with_every_bit(tick: Tick) -> None:
     tick = tick._replace(command=tick.command._replace(time=tick.now))
     assert repr(decode_tick(encode_tick(tick))) == repr(tick)
     assert encode_tick(decode_tick(encode_tick(tick))) == encode_tick(tick)
-
-
-def old_tick(tick: Tick) -> Tick:
-    """A tick as it comes out of an old log: of the supervisor it knows the mode, of the order not who leads."""
-    states = {Mode.STANDBY: SupervisorState.STANDBY, Mode.ENGAGED: SupervisorState.HEADING}
-    states |= {Mode.OVERRIDE: SupervisorState.OVERRIDE, Mode.FAILSAFE: SupervisorState.FAILSAFE}
-    mode = Mode.FAILSAFE if tick.mode is Mode.FAULT else tick.mode
-    return tick._replace(
-        command=tick.command._replace(time=tick.now),
-        order=tick.order._replace(is_led=False),
-        mode=mode,
-        supervisor=states[mode],
-        siren=Siren.QUIET,
-        heard=(),
-    )
-
-
-def with_sentences(tick: Tick) -> Tick:
-    """A tick as it comes out of a log that holds its alarms as sentences, here of no kind that is known."""
-    alarms = tuple(AlarmEvent(OTHER, f"x {event.detail}", VERBATIM) for event in tick.alarms)
-    return tick._replace(command=tick.command._replace(time=tick.now), alarms=alarms)
-
-
-def sentence_bytes(tick: Tick) -> list[bytes]:
-    """Return the alarms' sentences as older versions wrote them."""
-    texts = [alarm.detail.encode()[:255] for alarm in tick.alarms]
-    return [bytes([len(text)]) + text for text in texts]
-
-
-def without_states(tick: Tick) -> bytes:
-    """Return the record as it was before the alarms had states."""
-    bare = encode_tick(tick._replace(alarms=(), heard=()))
-    return bytes([TICK_BEFORE_ACKNOWLEDGING]) + bare[1:] + b"".join(sentence_bytes(tick))
-
-
-@given(ticks)
-def test_a_tick_from_before_alarms_were_events_is_read(tick: Tick) -> None:
-    tick = with_sentences(tick)
-    bare = encode_tick(tick._replace(alarms=(), heard=()))
-    states = tick.heard if len(tick.heard) == len(tick.alarms) else (0xFF,) * len(tick.alarms)
-    told = b"".join(bytes([state]) + text for state, text in zip(states, sentence_bytes(tick), strict=True))
-    assert repr(decode_tick(bytes([TICK_BEFORE_EVENTS]) + bare[1:] + told)) == repr(tick)
-
-
-def sentence_record(told: str) -> bytes:
-    """Return the record of a tick as older versions wrote it, with one alarm told in that sentence."""
-    tick = Tick(1, 0.0, (), Order(), STATE, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, ())
-    return bytes([TICK_BEFORE_ACKNOWLEDGING]) + encode_tick(tick)[1:] + bytes([len(told)]) + told.encode()
-
-
-@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind.sentence.startswith("{text}")])
-def test_a_sentence_of_an_older_log_is_the_alarm_that_it_begins_like(name: str) -> None:
-    """The only place where anything goes by wording: what an older log holds."""
-    told = sentence_of(AlarmEvent(name, "17 deg"))
-    for before, is_escalated in (("", False), (UNHEARD, True)):
-        (alarm,) = decode_tick(sentence_record(before + told)).alarms
-        assert alarm == AlarmEvent(name, told, VERBATIM, is_escalated=is_escalated)
-        assert sentence_of(alarm) == before + told
-
-
-@pytest.mark.parametrize(
-    ("told", "name"),
-    [
-        ("the boat does not move as her model says (12 deg)", "innovation"),
-        ("the boat turns against her rudder (to port)", "runaway"),
-        ("the boat is pushed harder than her rudder can hold (to port)", "overpowered"),
-    ],
-)
-def test_a_sentence_that_is_worded_otherwise_now_is_still_its_alarm(told: str, name: str) -> None:
-    assert decode_tick(sentence_record(told)).alarms == (AlarmEvent(name, told, VERBATIM),)
-
-
-def test_an_alarm_sample_of_an_older_log_is_read_by_its_sentence() -> None:
-    sample = AlarmSample(1.0, None, "compass")
-    tick = Tick(
-        1, 0.0, (sample,), Order(), STATE, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, ()
-    )
-    record = encode_tick(tick)
-    was = bytes([11]) + struct.pack("<dd", 1.0, 0.0)
-    told = "two compasses disagree by 20 deg: HC 010.0, HE 030.0; compare with a bearing"
-    for sentence, event in (("", None), (told, AlarmEvent("heading_disagrees", told, VERBATIM))):
-        old = bytes([6]) + struct.pack("<dd", 1.0, 0.0) + bytes([len(sentence)]) + sentence.encode()
-        assert record.count(was) == 1
-        assert decode_tick(record.replace(was, old)).samples == (sample._replace(event=event),)
-
-
-@given(ticks)
-def test_a_tick_from_before_acknowledgements_is_read(tick: Tick) -> None:
-    tick = with_sentences(tick)._replace(heard=())
-    assert repr(decode_tick(without_states(tick))) == repr(tick)
-
-
-def cut_out(record: bytes, tick: Tick, kind: int, behind: str, count: int) -> bytes:
-    """Return the record under another kind, without the `count` bytes before what `behind` describes."""
-    at = len(record) - struct.calcsize(behind) - count - sum(map(len, sentence_bytes(tick)))
-    assert record[at : at + count].strip(bytes(range(8))) == b""
-    return bytes([kind]) + record[1:at] + record[at + count :]
-
-
-@given(ticks)
-def test_a_tick_from_before_the_supervisor_is_read(tick: Tick) -> None:
-    tick = with_sentences(old_tick(tick))
-    before = cut_out(without_states(tick), tick, TICK_BEFORE_SUPERVISOR, "<", 2)
-    assert repr(decode_tick(before)) == repr(tick)
-
-
-@given(ticks)
-def test_a_tick_of_the_first_version_is_read(tick: Tick) -> None:
-    state = tick.state._replace(wave_heading=0.0, wave_rate=0.0, wave_deviation=0.0, wave_frequency=0.0)
-    tick = with_sentences(old_tick(tick)._replace(state=state))
-    without_waves = cut_out(without_states(tick), tick, TICK_BEFORE_WAVES, "<3dd?dBBB", 32)
-    before = cut_out(without_waves, tick, TICK_BEFORE_WAVES, "<", 2)
-    assert repr(decode_tick(before)) == repr(tick)
 
 
 @given(ticks, st.integers(1, 200))
