@@ -6,6 +6,7 @@ The demo's result as a table and as JSON.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import shutil
 import socket
@@ -22,6 +23,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from autopilot.angles import wrap
 from autopilot.control.trial import TRIAL_LAW
 from autopilot.errors import RefusedError
 from autopilot.files.saving import save_text
@@ -37,7 +39,6 @@ from autopilot.runtime.build import model_of
 from autopilot.runtime.build_links import LinkOptions
 from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.log_files import FileSink
-from autopilot.runtime.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
 from autopilot.runtime.tuning import designed
 from autopilot.signals import Tick
 from autopilot.supervision.panel import sentences_of
@@ -59,6 +60,41 @@ FIRST_GUESS = (0.3, 1.0)
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[int, int], None]
+SETTLED = math.radians(1.0)
+"""A turn is over when the heading stays within this [rad] of the new one."""
+
+
+class TurnMeasures(NamedTuple):
+    """overshoot [rad] past the new heading, settling [s] until within 1 deg for good (nan: never), travel [rad]."""
+
+    overshoot: float
+    settling: float
+    travel: float
+
+
+def turn_measures(ticks: Sequence[Tick], begun: float, start: float, target: float) -> TurnMeasures:
+    """Return the measures of a turn ordered at `begun` [s] from heading `start` to `target` [rad]."""
+    after = [tick for tick in ticks if tick.now >= begun]
+    side = math.copysign(1.0, wrap(target - start))
+    errors = [wrap(tick.state.heading - target) for tick in after]
+    outside = [tick.now for tick, error in zip(after, errors, strict=True) if abs(error) > SETTLED]
+    settled = not outside or outside[-1] < after[-1].now
+    return TurnMeasures(
+        overshoot=max(0.0, max((side * error for error in errors if abs(error) < 0.5 * math.pi), default=0.0)),
+        settling=(outside[-1] - begun if outside else 0.0) if settled else math.nan,
+        travel=sum(abs(b.command.angle - a.command.angle) for a, b in itertools.pairwise(after)),
+    )
+
+
+def heading_rms(heading: npt.NDArray[np.float64], target: float) -> float:
+    """Return the root mean square [rad] of the headings' errors against `target` [rad]."""
+    error = np.angle(np.exp(1j * (heading - target)))
+    return float(np.sqrt(np.mean(np.square(error))))
+
+
+def travel_rate(time: npt.NDArray[np.float64], rudder: npt.NDArray[np.float64]) -> float:
+    """Return the rudder's way [rad] per second over a record."""
+    return float(np.sum(np.abs(np.diff(rudder))) / (time[-1] - time[0]))
 
 
 class Leg(NamedTuple):

@@ -1,10 +1,7 @@
-"""What the loop asks of its machine and sees of it: real time, late ticks, clocks that are set, the service manager.
+"""What the loop sees of its machine, and asks of it.
 
-What the loop sees of itself: ticks that come late, and a wall clock that somebody has set.
-
-What the machine can do for a loop that must not be late: priority, memory that stays, a core, quiet collections.
-
-Each is asked for, none is needed: what cannot be had is one sentence with the way to get it.
+Seen: ticks that come late, and a wall clock that somebody has set. Asked for: priority, memory that stays, a core,
+quiet collections. Nothing of it is needed: what cannot be had is one sentence with the way to get it.
 """
 
 from __future__ import annotations

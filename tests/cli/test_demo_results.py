@@ -11,13 +11,21 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from autopilot.cli.demo_legs import DemoResult, Hold, as_json, as_text
+from autopilot.cli.demo_legs import (
+    DemoResult,
+    Hold,
+    TurnMeasures,
+    as_json,
+    as_text,
+    heading_rms,
+    travel_rate,
+    turn_measures,
+)
 from autopilot.identification.identified import Identified
 from autopilot.identification.residuals import Noise
 from autopilot.models.norrbin import Norrbin
 from autopilot.report.demo import DemoFigures, write_demo_report
 from autopilot.report.page import Line, Panel, Section, render, time_figure
-from autopilot.runtime.measures import TurnMeasures, heading_rms, travel_rate, turn_measures
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 from autopilot.vessel.file import load_vessel
 
