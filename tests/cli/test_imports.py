@@ -32,6 +32,9 @@ print(len(os.listdir("/proc/self/task")))
 """
 PLOT_AND_PAGE = {"matplotlib", "jinja2", "starlette", "uvicorn"}
 ENGINES_AND_READERS = {"numba", "distributed", "can", "pyulog", "mcap", "pyarrow", "ruamel"}
+OTHER_LINKS = ("links.n2k", "links.nmea.link", "links.drives.drive_link", "links.ground_station.boat_link")
+NOT_ASKED_FOR = (*OTHER_LINKS, "links.mavlink.router", "runtime.record", "runtime.tuning", "runtime.vessel_store")
+"""What speaks other protocols than the links given, serves ground stations, learns or keeps a log."""
 HEAVY = {"numpy", "scipy", *PLOT_AND_PAGE, *ENGINES_AND_READERS}
 
 
@@ -54,6 +57,7 @@ def test_steering_loads_neither_numpy_nor_what_is_heavier() -> None:
     loaded = modules_of("run", "lanxin", "--link", "udpin:256.0.0.1:1")
     assert {"autopilot.pilot", "autopilot.runtime.session", "pymavlink"} <= loaded
     assert not loaded & HEAVY
+    assert not loaded & {f"autopilot.{name}" for name in NOT_ASKED_FOR}
 
 
 @pytest.mark.parametrize("command", SUBCOMMANDS)
