@@ -14,11 +14,11 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from compiled_particles import CompiledParticleFilter
 
-from autopilot.filters.compiled_particles import CompiledParticleFilter
 from autopilot.filters.feedback_particle import fpf_predict, fpf_start, fpf_update
+from autopilot.identification.augmented_state import Case, Steps
 from autopilot.identification.dynamic_positioning import SCENARIOS, simulate_scenario, trial_steps
-from autopilot.identification.recursive import Case, Steps
 from autopilot.models.dynamic_positioning import DREDGER
 
 BLOCK = 50

@@ -13,17 +13,19 @@ import json
 from typing import NamedTuple
 
 import numpy as np
+from compiled_particles import by_compiled_particles
 
-from autopilot.filters.kalman import FloatArray
-from autopilot.identification.dynamic_positioning import SCENARIOS, Scenario, simulate_scenario, trial_steps
-from autopilot.identification.prediction_error import by_prediction_errors
-from autopilot.identification.recursive import (
+from autopilot.filters.kalman import FloatArray, Gaussian, ekf_predict, ekf_update
+from autopilot.identification.augmented_state import (
+    UNIDENTIFIED,
+    Case,
+    Found,
+    Steps,
     by_kalman_filter,
     by_particle_filter,
-    information_bound,
-    normalised_error,
-    unidentified,
+    by_prediction_errors,
 )
+from autopilot.identification.dynamic_positioning import SCENARIOS, Scenario, simulate_scenario, trial_steps
 from autopilot.models.dynamic_positioning import DREDGER
 
 PARTICLES = 500
@@ -41,14 +43,41 @@ class Seed(NamedTuple):
     unidentified: dict[str, tuple[str, ...]]
 
 
+def information_bound(case: Case, steps: Steps, truth: FloatArray) -> FloatArray:
+    """Return the Cramer-Rao bound of the parameters' covariance, prior included, shape (p, p).
+
+    truth: state and parameters at the begin of every step and at the end of the last, shape (n + 1, d). The covariance
+    recursion of the Kalman filter, linearised where the ship really was (Taylor 1979; Tichavsky et al. 1998).
+    """
+    P = case.prior.covariance
+    for k, (dt, inputs) in enumerate(zip(steps.dt, steps.inputs, strict=True)):
+        moved = ekf_predict(Gaussian(truth[k], P), case.drift, inputs, case.noise, float(dt), case.substeps)
+        P = ekf_update(Gaussian(truth[k + 1], moved.covariance), case.observe, steps.measured[k], case.R)[0].covariance
+    return np.asarray(P[case.states :, case.states :])
+
+
+def unidentified(case: Case, deviation: FloatArray) -> tuple[str, ...]:
+    """Return the parameters of which the record tells next to nothing: more than `UNIDENTIFIED` of the prior standard
+    deviation is left in `deviation`, shape (p,)."""
+    left = deviation / case.prior_deviation
+    return tuple(name for name, share in zip(case.names, left, strict=True) if share > UNIDENTIFIED)
+
+
+def normalised_error(found: Found, truth: FloatArray) -> float:
+    """Return e' P^-1 e / p at the end: 1 on average where a filter knows how wrong it is, more where it is too sure."""
+    error = found.estimate[-1] - truth
+    return float(error @ np.linalg.solve(found.covariance, error) / error.size)
+
+
 def run_seed(scenario: Scenario, seed: int, compiled: bool = False) -> Seed:
     """Simulate one trial and identify it every way."""
     random = np.random.default_rng(seed)
     case, trial, states = simulate_scenario(scenario, random)
     truth, steps = np.array(scenario.truth), trial_steps(DREDGER, trial)
+    particle_filter = by_compiled_particles if compiled else by_particle_filter
     filters = {
         "EKF": by_kalman_filter(case, steps),
-        "FPF": by_particle_filter(case, steps, PARTICLES, random, compiled=compiled),
+        "FPF": particle_filter(case, steps, PARTICLES, random),
     }
     batch = by_prediction_errors(case, steps, filters["EKF"].estimate[-1])
     bound = np.sqrt(np.diag(information_bound(case, steps, states)))

@@ -101,9 +101,8 @@ def _answers(arguments: argparse.Namespace, ship_trial: ShipTrial, random: np.ra
     from autopilot.cli.identify_dp_files import Answers
     from autopilot.cli.terminal import ProgressBar
     from autopilot.filters.feedback_particle import GAINS
+    from autopilot.identification.augmented_state import by_kalman_filter, by_particle_filter, by_prediction_errors
     from autopilot.identification.dynamic_positioning import trial_steps
-    from autopilot.identification.prediction_error import by_prediction_errors
-    from autopilot.identification.recursive import by_kalman_filter, by_particle_filter
 
     case, steps = ship_trial.case, trial_steps(ship_trial.hull, ship_trial.trial)
     with ProgressBar("identifying") as bar:

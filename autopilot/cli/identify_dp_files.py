@@ -16,9 +16,8 @@ from autopilot.errors import InputError
 from autopilot.files.saving import save_unused
 from autopilot.files.strict_yaml import Node, read_document
 from autopilot.filters.kalman import FloatArray
+from autopilot.identification.augmented_state import UNIDENTIFIED, BatchFit, Case, Found, Steps
 from autopilot.identification.dynamic_positioning import Noise, Trial, surge_case, sway_yaw_case
-from autopilot.identification.prediction_error import BatchFit
-from autopilot.identification.recursive import UNIDENTIFIED, Case, Found, Steps
 from autopilot.logs.csv_log import read_csv
 from autopilot.models.dynamic_positioning import DREDGER, REALISTIC, TABLE_1_SURGE, Hull, SurgeParameters
 from autopilot.models.dynamic_positioning import SwayYawParameters as SwayYaw

@@ -1,4 +1,4 @@
-"""A ship's thrust and damping from trials under its thrusters: Zheng et al. 2019 as cases for `recursive`.
+"""A ship's thrust and damping from trials under its thrusters: Zheng et al. 2019 as cases for `augmented_state`.
 
 Trials of Zheng's dredger to try the identification on: the paper's 60 s, and the length that it takes.
 """
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.filters.kalman import FloatArray, Gaussian, midpoint_step
-from autopilot.identification.recursive import Case, Steps
+from autopilot.identification.augmented_state import Case, Steps
 from autopilot.models.dynamic_positioning import (
     DREDGER,
     REALISTIC,

@@ -14,6 +14,7 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.filters.feedback_particle import GAINS
 from autopilot.filters.kalman import Gaussian
+from autopilot.identification.augmented_state import Case, Found, Steps, by_particle_filter
 from autopilot.identification.gust_strength import RunNoise, gust_strength, instruments
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified
 from autopilot.identification.identified import Steps as ProgressSteps
@@ -30,7 +31,6 @@ from autopilot.identification.norrbin_case import (
     yaw_case,
 )
 from autopilot.identification.norrbin_case import STEPS_PER_TIME_CONSTANT as RUNNING
-from autopilot.identification.recursive import Case, Found, Steps, by_particle_filter
 from autopilot.identification.residuals import typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
 from autopilot.identification.separated_filter import Innovations, Separated, beliefs, covariance_of, together_told

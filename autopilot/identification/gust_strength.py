@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.filters.kalman import FloatArray
-from autopilot.identification.recursive import Steps
+from autopilot.identification.augmented_state import Steps
 from autopilot.identification.residual_tests import simulate_run
 from autopilot.identification.residuals import instrument_noise
 from autopilot.identification.runs import Run

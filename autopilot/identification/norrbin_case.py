@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autopilot.filters.kalman import Gaussian
+from autopilot.identification.augmented_state import Case, Steps
 from autopilot.identification.gust_strength import Passage, RunNoise
-from autopilot.identification.recursive import Case, Steps
 from autopilot.identification.residuals import initial_state
 from autopilot.identification.rudder_path import with_corners
 from autopilot.identification.runs import FloatArray, Segment

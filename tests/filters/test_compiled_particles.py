@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from compiled_particles import CompiledParticleFilter, _damped_by_one, _damped_by_two
 
 from autopilot.errors import InputError
-from autopilot.filters.compiled_particles import CompiledParticleFilter, _damped_by_one, _damped_by_two
 from autopilot.filters.feedback_particle import damping_matrices, fpf_predict, fpf_update
 from autopilot.filters.kalman import FloatArray, Gaussian
 from autopilot.identification.norrbin_case import YawDrive, cubic_rates, heading_and_rate

@@ -9,12 +9,12 @@ from zigzag_trials import zigzag
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.filters.kalman import Gaussian
+from autopilot.identification.augmented_state import by_kalman_filter
 from autopilot.identification.filter_methods import KalmanMethod, ParticleMethod
 from autopilot.identification.gust_strength import RunNoise, gust_strength
 from autopilot.identification.identified import Identified
 from autopilot.identification.methods import Question
 from autopilot.identification.norrbin_case import entered, passage, prior_about, segment_steps, yaw_case
-from autopilot.identification.recursive import by_kalman_filter
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.identification.separated_filter import Innovations, Separated, beliefs, covariance_of, together_told

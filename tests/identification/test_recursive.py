@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from zheng2019_dynamic_positioning import information_bound, normalised_error, unidentified
 
-from autopilot.identification.dynamic_positioning import SCENARIOS, pseudo_random_binary, simulate_scenario, trial_steps
-from autopilot.identification.prediction_error import by_prediction_errors
-from autopilot.identification.recursive import (
+from autopilot.identification.augmented_state import (
     Found,
     Steps,
     by_kalman_filter,
     by_particle_filter,
-    information_bound,
-    normalised_error,
-    unidentified,
+    by_prediction_errors,
 )
+from autopilot.identification.dynamic_positioning import SCENARIOS, pseudo_random_binary, simulate_scenario, trial_steps
 from autopilot.models.dynamic_positioning import DREDGER
 
 FRESH = 4000

@@ -1,26 +1,132 @@
-"""The batch fit beside the filters: parameters that minimise whitened prediction errors over the whole record.
+"""Parameters appended to the state of the model, as states that stay as they are, and found from a record.
 
-For fixed parameters a Kalman filter follows the state alone; its innovations e_k with covariances S_k are white where
-the parameters are right. Minimised is  sum e_k' S_k^-1 e_k + (theta - theta_0)' P_0^-1 (theta - theta_0), by Gauss and
-Newton with the damping of Levenberg and Marquardt. Where there is no process noise this is the output-error fit.
-Source: Ljung 1999, chapter 7. The logarithm of det S_k, which hardly moves with the parameters, is left out.
+One description of the problem, `Case`, serves three answers, so that they can be held against each other: the extended
+Kalman filter, the feedback particle filter, and a batch fit.
+
+The batch fit: for fixed parameters a Kalman filter follows the state alone; its innovations e_k with covariances S_k
+are white where the parameters are right. Minimised is
+
+    sum e_k' S_k^-1 e_k + (theta - theta_0)' P_0^-1 (theta - theta_0)
+
+by Gauss and Newton with the damping of Levenberg and Marquardt. Where there is no process noise this is the
+output-error fit. Source: Ljung 1999, chapter 7. The logarithm of det S_k, which hardly moves with the parameters, is
+left out.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from autopilot.filters.kalman import FloatArray, midpoint_step, observed
-from autopilot.identification.recursive import Case, Steps
+from autopilot.filters.feedback_particle import Gain, fpf_belief, fpf_predict, fpf_start, fpf_update
+from autopilot.filters.kalman import (
+    Drift,
+    FloatArray,
+    Gaussian,
+    Observe,
+    ekf_predict,
+    ekf_update,
+    midpoint_step,
+    observed,
+)
+
+UNIDENTIFIED = 0.8
+"""A parameter of which more than this share of the prior standard deviation is left has not been identified."""
+
 
 SLOPE_SHARE = 1.0e-4
 """Part of a parameter's prior deviation over which the innovations' slope is taken."""
 
 STATE_STEP = 1.0e-6
 """The same for the state, of the deviation that the filter's own covariance gives."""
+
+
+class Case(NamedTuple):
+    """What is to be identified: p parameters `names`, the last p of the d components of the state.
+
+    drift, observe, noise (d, q), R (m, m) as in the filters; substeps of the midpoint rule between samples; prior: the
+    belief about state and parameters before the record.
+    """
+
+    names: tuple[str, ...]
+    drift: Drift
+    observe: Observe
+    noise: FloatArray
+    R: FloatArray
+    prior: Gaussian
+    substeps: int = 1
+
+    @property
+    def states(self) -> int:
+        """How many components of the state are not parameters."""
+        return self.prior.mean.size - len(self.names)
+
+    @property
+    def prior_deviation(self) -> FloatArray:
+        """Standard deviations of the parameters before the record, shape (p,)."""
+        return np.asarray(np.sqrt(np.diag(self.prior.covariance)[self.states :]))
+
+
+class Steps(NamedTuple):
+    """A record: for each of n steps its length dt, shape (n,), the inputs held over it, and what was measured at its
+    end, shape (n, m), nan where nothing was."""
+
+    dt: FloatArray
+    inputs: Sequence[Any]
+    measured: FloatArray
+
+
+class Found(NamedTuple):
+    """Parameters after each step with their standard deviations, shape (n, p), and the parameters' covariance at the
+    end, shape (p, p)."""
+
+    names: tuple[str, ...]
+    estimate: FloatArray
+    deviation: FloatArray
+    covariance: FloatArray
+
+
+class _Told:
+    """Keeps what a filter says of the parameters after each step."""
+
+    def __init__(self, case: Case) -> None:
+        self._case, self._means, self._variances = case, list[FloatArray](), list[FloatArray]()
+
+    def add(self, mean: FloatArray, variance: FloatArray) -> None:
+        """Keep the parameters' part of mean and variances of the state, shape (d,)."""
+        self._means.append(mean[self._case.states :])
+        self._variances.append(variance[self._case.states :])
+
+    def found(self, covariance: FloatArray) -> Found:
+        """Return everything, with the state's covariance at the end."""
+        first = self._case.states
+        deviation = np.sqrt(np.array(self._variances))
+        return Found(self._case.names, np.array(self._means), deviation, covariance[first:, first:])
+
+
+def by_kalman_filter(case: Case, steps: Steps) -> Found:
+    """Return the extended Kalman filter's estimates."""
+    belief, told = case.prior, _Told(case)
+    for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
+        belief = ekf_predict(belief, case.drift, inputs, case.noise, float(dt), case.substeps)
+        belief = ekf_update(belief, case.observe, z, case.R).belief
+        told.add(belief.mean, np.diagonal(belief.covariance))
+    return told.found(belief.covariance)
+
+
+def by_particle_filter(
+    case: Case, steps: Steps, count: int, random: np.random.Generator, gain: Gain | None = None
+) -> Found:
+    """Return the feedback particle filter's estimates with `count` particles; gain: constant by default."""
+    particles, told = fpf_start(case.prior, count, random), _Told(case)
+    for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
+        particles = fpf_predict(particles, case.drift, inputs, case.noise, float(dt), random, case.substeps)
+        particles = fpf_update(particles, case.observe, z, case.R, gain)
+        told.add(particles.mean(axis=0), particles.var(axis=0, ddof=1))
+    return told.found(fpf_belief(particles).covariance)
 
 
 class BatchFit(NamedTuple):

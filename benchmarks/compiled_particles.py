@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.filters.feedback_particle import LARGEST_STEP, MOST_STEPS, fpf_start, fpf_update
+from autopilot.filters.feedback_particle import LARGEST_STEP, MOST_STEPS, fpf_belief, fpf_start, fpf_update
 from autopilot.filters.kalman import Drift, FloatArray, Gaussian, Observe
+from autopilot.identification.augmented_state import Case, Found, Steps
 
 REORDERED = {"reassoc", "contract", "nsz", "arcp"}
 """What the compiler may assume of arithmetic: sums in any order, but nan stays nan."""
@@ -69,6 +70,19 @@ class CompiledParticleFilter:
             self._update(_components(particles), measured, self._whiten)
         else:
             particles[:] = fpf_update(particles, self._observe, measured, self._R)
+
+
+def by_compiled_particles(case: Case, steps: Steps, count: int, random: np.random.Generator) -> Found:
+    """Return what `by_particle_filter` with the constant gain does. Raises InputError where numba is not installed."""
+    filter_ = CompiledParticleFilter(case.drift, case.observe, case.noise, case.R, case.states)
+    particles, first, means, variances = filter_.start(case.prior, count, random), case.states, [], []
+    for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
+        filter_.predict(particles, inputs, float(dt), random, case.substeps)
+        filter_.update(particles, z)
+        means.append(particles.mean(axis=0)[first:])
+        variances.append(particles.var(axis=0, ddof=1)[first:])
+    covariance = fpf_belief(particles).covariance[first:, first:]
+    return Found(case.names, np.array(means), np.sqrt(np.array(variances)), covariance)
 
 
 def _components(particles: FloatArray) -> FloatArray:
