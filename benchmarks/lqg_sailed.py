@@ -80,7 +80,7 @@ def run_lqg(setting: Setting, rooms: Rooms, helm: LqgHelm) -> Score:
             for place in range(len(x)):
                 wanted -= helm.feedback[place] * x[place]
             next_told = limit(limits, told, wanted, every)
-            score = scored(score, setting.course, time, state.heading, state.speed, told, next_told)
+            score = scored(score, setting.course, time, state, told, next_told)
             moved, told, ticks = next_told - told, next_told, ticks + 1
         afloat = afloat_step(setting, rooms, afloat, step, told)
         if (step + 1) % instruments.every == 0:

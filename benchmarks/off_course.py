@@ -111,7 +111,7 @@ def watched_run(setting: Setting, rooms: Rooms, limits: AlarmLimits, jams_at: fl
         if step % setting.water_every == 0:
             water, acting = water_step(setting.water, rooms.surface, water, step // setting.water_every, felt_dt, state)
         steered = jam if now >= jams_at else order
-        state = boat_step(setting.plant, setting.shares, state, steered, setting.thrust_speed, acting, dt)
+        state = boat_step(setting.plant, setting.step, state, steered, setting.thrust_speed, acting)
         if (step + 1) % instruments.every == 0:
             reading = (step + 1) // instruments.every
             heading, rate, speed = readings(instruments, reading, state)

@@ -96,7 +96,7 @@ def afloat_step(setting: Setting, rooms: Rooms, afloat: Afloat, step: int, told:
     if step % setting.water_every == 0:
         number, felt_dt = step // setting.water_every, dt * setting.water_every
         water, acting = water_step(setting.water, rooms.surface, water, number, felt_dt, afloat.state)
-    state = boat_step(setting.plant, setting.shares, afloat.state, order, setting.thrust_speed, acting, dt)
+    state = boat_step(setting.plant, setting.step, afloat.state, order, setting.thrust_speed, acting)
     return Afloat(state, water, acting, taken, order)
 
 
@@ -111,7 +111,7 @@ def run_peer(setting: Setting, rooms: Rooms, peer: Peer) -> Score:
         if step % instruments.every == 0:
             time, state = step * setting.dt, afloat.state
             mind = peer_tick(peer, limits, mind, every, wrap(heading), ordered(course, time))
-            score = scored(score, course, time, state.heading, state.speed, told, mind.rest.told)
+            score = scored(score, course, time, state, told, mind.rest.told)
             told = mind.rest.told
         afloat = afloat_step(setting, rooms, afloat, step, told)
         if (step + 1) % instruments.every == 0:

@@ -26,7 +26,7 @@ from autopilot.estimation.heading_ekf import initial
 from autopilot.runtime.build import bias_time_of, model_of, verdict_of
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
-from sitl.boat import shares_of
+from sitl.boat import step_of
 from sitl.campaign.setting import brain_of, rooms_of, setting_of
 from sitl.campaign.study import BoatSection, Case, Job, MismatchSection, SeaSection, Study, case_and_seed, cases_of
 from sitl.campaign.swift import Rooms, Setting, figures, run_swiftly
@@ -134,7 +134,7 @@ def stepped(setting: Setting) -> Setting:
         steps=setting.steps // times,
         dt=STEP_S,
         plant=plant,
-        shares=shares_of(plant, STEP_S),
+        step=step_of(plant, STEP_S),
         water_every=1,
         instruments=setting.instruments._replace(every=setting.instruments.every // times),
         is_watched=False,

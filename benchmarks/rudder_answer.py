@@ -130,7 +130,7 @@ def watched_run(
             held = state.rudder if math.isnan(held) else held
             steered = spoilt(fault, order, held)
             moved = now - begins if moved == math.inf and abs(told - held) > math.radians(5.0) else moved
-        state = boat_step(setting.plant, setting.shares, state, steered, setting.thrust_speed, acting, dt)
+        state = boat_step(setting.plant, setting.step, state, steered, setting.thrust_speed, acting)
         if (step + 1) % instruments.every == 0:
             reading = (step + 1) // instruments.every
             heading, rate, speed = readings(instruments, reading, state)

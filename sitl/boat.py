@@ -79,35 +79,30 @@ class BoatState(NamedTuple):
     east_speed: float = 0.0
 
 
-class Shares(NamedTuple):
-    """The share of its way that rudder, speed and drift cover in one step: the same for every step of a length."""
+class Step(NamedTuple):
+    """A step of `dt` [s], and the shares of their way that rudder, speed and drift cover in it."""
 
+    dt: float
     rudder: float
     speed: float
     sway: float
 
 
-def shares_of(plant: Plant, dt: float) -> Shares:
-    """Return the shares of a step of `dt` [s]."""
+def step_of(plant: Plant, dt: float) -> Step:
+    """Return a step of `dt` [s]: the same for every step of that length."""
     hull = plant.hull
-    return Shares(lag_share(plant.gear, dt), -math.expm1(-dt / hull.speed_time), -math.expm1(-dt / hull.sway_time))
+    return Step(dt, lag_share(plant.gear, dt), -math.expm1(-dt / hull.speed_time), -math.expm1(-dt / hull.sway_time))
 
 
 def boat_step(
-    plant: Plant,
-    shares: Shares,
-    state: BoatState,
-    order: float,
-    thrust_speed: float,
-    disturbance: Disturbance,
-    dt: float,
+    plant: Plant, step: Step, state: BoatState, order: float, thrust_speed: float, disturbance: Disturbance
 ) -> BoatState:
-    """Return the state `dt` [s] later (dt of about 10 ms), the rudder `order` [rad] and all else held.
+    """Return the state a `step` of about 10 ms later, the rudder `order` [rad] and all else held.
 
-    `shares` are those of `dt`; `thrust_speed` [m/s] is the speed that the propulsion would reach on a straight course.
+    `thrust_speed` [m/s] is the speed that the propulsion would reach on a straight course.
     """
-    hull = plant.hull
-    rudder = gear_step_by(plant.gear, shares.rudder, state.rudder, order, dt)
+    hull, dt = plant.hull, step.dt
+    rudder = gear_step_by(plant.gear, step.rudder, state.rudder, order, dt)
     rate = state.rate
     if abs(state.speed) > 1.0e-3:
         model = at_speed(plant.model, state.speed)
@@ -118,8 +113,8 @@ def boat_step(
     else:
         rate *= math.exp(-dt / plant.model.time_constant)
     heading = state.heading + 0.5 * dt * (state.rate + rate)
-    speed = _speed_step(hull, shares.speed, state.speed, rate, thrust_speed)
-    sway = state.sway + (disturbance.sway_speed - hull.drift_lever * rate - state.sway) * shares.sway
+    speed = _speed_step(hull, step.speed, state.speed, rate, thrust_speed)
+    sway = state.sway + (disturbance.sway_speed - hull.drift_lever * rate - state.sway) * step.sway
     roll, roll_rate = _roll_step(hull, state, speed, rate, disturbance.roll_slope, dt)
     cosine, sine = math.cos(heading), math.sin(heading)
     north_speed = speed * cosine - sway * sine + disturbance.current_north
@@ -161,14 +156,14 @@ class Boat:
     def __init__(self, plant: Plant, initial: BoatState | None = None) -> None:
         self.plant = plant
         self.state = BoatState() if initial is None else initial
-        self._shares, self._step = shares_of(plant, 0.0), 0.0
+        self._step = step_of(plant, 0.0)
         self._orders = DelayLine(plant.gear.delay, self.state.rudder)
 
     def step(self, now: float, order: float, thrust_speed: float, disturbance: Disturbance, dt: float) -> BoatState:
         """Give the rudder `order` [rad] at `now` [s], move `dt` [s] on and return the new state."""
         self._orders.give(now, order)
         effective = self._orders.effective(now)
-        if dt != self._step:
-            self._shares, self._step = shares_of(self.plant, dt), dt
-        self.state = boat_step(self.plant, self._shares, self.state, effective, thrust_speed, disturbance, dt)
+        if dt != self._step.dt:
+            self._step = step_of(self.plant, dt)
+        self.state = boat_step(self.plant, self._step, self.state, effective, thrust_speed, disturbance)
         return self.state

@@ -60,6 +60,16 @@ COLUMNS = (
 )
 
 
+class Moment(NamedTuple):
+    """A time [s], with rudder [rad], speed [m/s], both bodies, and the waves' own yaw -1 ... 1."""
+
+    time: float
+    rudder: float
+    speed: float
+    bodies: TwoBodies
+    wave: float
+
+
 def sail(setting: Setting, duration: float, seed: int) -> list[tuple[float, ...]]:
     """Return the rows of a zigzag that lasts `duration` [s], in the order and the units of `COLUMNS`."""
     random = np.random.default_rng(seed)
@@ -71,7 +81,7 @@ def sail(setting: Setting, duration: float, seed: int) -> list[tuple[float, ...]
         wave = math.sin(2.0 * math.pi * time / setting.wave_period)
         speed = setting.speed * (1.0 + setting.wave_speed * wave)
         if i % every == 0:
-            rows.append(_measured(setting, random, time, rudder, speed, bodies, wave))
+            rows.append(_measured(setting, random, Moment(time, rudder, speed, bodies, wave)))
         if bodies.glider_heading * math.copysign(1.0, order) >= setting.heading_change:
             order = -order
         rudder = gear_step(setting.gear, rudder, order, STEP_S)
@@ -81,19 +91,11 @@ def sail(setting: Setting, duration: float, seed: int) -> list[tuple[float, ...]
     return rows
 
 
-def _measured(
-    setting: Setting,
-    random: np.random.Generator,
-    time: float,
-    rudder: float,
-    speed: float,
-    bodies: TwoBodies,
-    wave: float,
-) -> tuple[float, ...]:
+def _measured(setting: Setting, random: np.random.Generator, now: Moment) -> tuple[float, ...]:
     """Return a row: what the instruments show, the waves' own yaw on top of the equations' motion."""
     omega = 2.0 * math.pi / setting.wave_period
-    swing = math.cos(omega * time) / omega
-    row = [time, math.degrees(rudder), speed]
+    swing = math.cos(omega * now.time) / omega
+    bodies, row = now.bodies, [now.time, math.degrees(now.rudder), now.speed]
     for heading, rate, share in (
         (bodies.surface_heading, bodies.surface_rate, setting.shake),
         (bodies.glider_heading, bodies.glider_rate, 0.25 * setting.shake),
@@ -101,7 +103,7 @@ def _measured(
         seen = heading - share * swing + setting.heading_noise * random.standard_normal()
         row += [
             math.degrees(seen) % 360.0,
-            math.degrees(rate + share * wave + setting.rate_noise * random.standard_normal()),
+            math.degrees(rate + share * now.wave + setting.rate_noise * random.standard_normal()),
         ]
     return tuple(row)
 

@@ -35,13 +35,19 @@ class Helm(Protocol):
         """Return the orders at `time` [s]; called once for each step of the world."""
 
 
+class Pace(NamedTuple):
+    """Sensors measure, and the sea is felt anew, at every so many steps."""
+
+    measured_every: int = 1
+    felt_every: int = 1
+
+
 class World:
     """Boat, sea and sensors of one run. Time is seconds since the start of the run: simulated time.
 
     `helms` are asked for their orders before each step, `watchers` are called with the time after each.
     The same vessel, scenario, seed and orders give the same readings, bit for bit. A `plant` takes the place of the one
-    that vessel and scenario describe; sensors measure at each step, or at every so many with `measured_every`,
-    and the sea is felt anew at each, or at every so many with `felt_every`.
+    that vessel and scenario describe; `pace` says how often sensors measure and the sea is felt anew.
     """
 
     def __init__(
@@ -51,8 +57,7 @@ class World:
         seed: int | None = None,
         epoch: float = 0.0,
         plant: Plant | None = None,
-        measured_every: int = 1,
-        felt_every: int = 1,
+        pace: Pace = Pace(),  # noqa: B008 - a tuple that nobody can change
     ) -> None:
         self.vessel = vessel
         self.scenario = scenario
@@ -72,14 +77,14 @@ class World:
                 east_speed=self.cruise_speed * math.sin(heading),
             ),
         )
-        self._sea = Sea(scenario, plant.hull, sea_seed, felt_every * STEP)
+        self._sea = Sea(scenario, plant.hull, sea_seed, pace.felt_every * STEP)
         self._boat_faults = BoatFaults(self.faults, plant.gear)
         self.sensors = Sensors(vessel, scenario, sensor_seed, self.faults)
         self.helms: list[Helm] = []
         self.watchers: list[Callable[[float], None]] = []
         self._epoch = epoch
         self._steps = 0
-        self._measured_every, self._felt_every = measured_every, felt_every
+        self._pace = pace
         self._felt = STILL
         self.sensors.sample(0.0, self.boat.state)
 
@@ -111,7 +116,7 @@ class World:
         order, thrust = self._orders(time)
         order = self._boat_faults.order(time, order, state.rudder)
         thrust = self._boat_faults.thrust(time, thrust, self.cruise_speed)
-        if self._steps % self._felt_every == 0:
+        if self._steps % self._pace.felt_every == 0:
             self._felt = self._sea.step(time, state)
         disturbance = self._boat_faults.pushed(time, state.heading, self._felt)
         after = self.boat.step(time, order, thrust, disturbance, STEP)
@@ -120,7 +125,7 @@ class World:
             after = self.boat.state = after._replace(rudder=rudder)
         state = after
         self._steps += 1
-        if self._steps % self._measured_every == 0:
+        if self._steps % self._pace.measured_every == 0:
             self.sensors.sample(self.time, state)
 
     def _orders(self, time: float) -> tuple[float, float]:

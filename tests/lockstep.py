@@ -21,7 +21,7 @@ from autopilot.vessel.schema import Vessel
 from sitl.firmware import Firmware
 from sitl.scenario import load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
-from sitl.world import World
+from sitl.world import Pace, World
 
 STEP = 0.025
 GUIDED_AT_S = 1.5
@@ -121,7 +121,7 @@ class Lockstep:
     ) -> None:
         scenario = load_scenario("calm")
         scenario = dataclasses.replace(scenario, vehicle=dataclasses.replace(scenario.vehicle, **(vehicle or {})))
-        self.world = World(vessel, scenario, measured_every=measured_every, felt_every=measured_every)
+        self.world = World(vessel, scenario, pace=Pace(measured_every, measured_every))
         self.firmware = Firmware(self.world)
         for name, value in (parameters or {}).items():
             assert self.firmware.parameters.set(name, value) is not None, name

@@ -25,7 +25,7 @@ from autopilot.pilot import steering_of
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
 from autopilot.vessel.schema import Vessel
-from sitl.boat import BoatState, Plant, shares_of
+from sitl.boat import BoatState, Plant, step_of
 from sitl.campaign.brain import Brain
 from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.campaign.swift import (
@@ -49,7 +49,7 @@ from sitl.faults import FaultBoard
 from sitl.scenario import Scenario
 from sitl.sea import IttcWaves, ittc_waves, second_order_waves
 from sitl.sensors import Reading, SensorFaults, or_else
-from sitl.world import STEP, Orders, World, plant_of
+from sitl.world import STEP, Orders, Pace, World, plant_of
 
 UNIT = Reading(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -116,8 +116,7 @@ def run_fully(job: Job, run: int) -> Figures:
         scenario,
         seed,
         plant=plant_of(real_boat(job, case), scenario),
-        measured_every=every,
-        felt_every=WATER_EVERY,
+        pace=Pace(every, WATER_EVERY),
     )
     pilot, helm, course = build_pilot(vessel, case.law), _Told(), course_of(study)
     world.helms.append(helm)
@@ -153,8 +152,7 @@ def _samples(world: World, reading: Reading, now: float, with_speed: bool, with_
 
 
 def _scored(score: Score, course: Course, world: World, before: float, told: float) -> Score:
-    state = world.boat.state
-    return scored(score, course, world.time, state.heading, state.speed, before, told)
+    return scored(score, course, world.time, world.boat.state, before, told)
 
 
 DEVIATES_A_SET = 10
@@ -227,7 +225,7 @@ def setting_of(job: Job, run: int) -> Setting | None:
         steps=steps,
         dt=STEP,
         plant=shared.plant,
-        shares=shares_of(shared.plant, STEP),
+        step=step_of(shared.plant, STEP),
         start=shared.start,
         thrust_speed=shared.start.speed,
         water_every=WATER_EVERY,

@@ -18,7 +18,7 @@ from autopilot.estimation.fusion import Measured
 from autopilot.estimation.heading_ekf import FilterState
 from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.waves import WaveState
-from sitl.boat import BoatState, Disturbance, Plant, Shares, boat_step
+from sitl.boat import BoatState, Disturbance, Plant, Step, boat_step
 from sitl.campaign.brain import Brain, Heard, first_mind, tick
 from sitl.campaign.waters import Surface, Water, WaterState, water_step
 
@@ -58,11 +58,9 @@ def ordered(course: Course, now: float) -> float:
     return wrap(course.heading + course.turn) if now >= course.turn_at else course.heading
 
 
-def scored(
-    score: Score, course: Course, now: float, heading: float, speed: float, told_before: float, told: float
-) -> Score:
-    """Return the score after a tick at `now` [s]: true `heading` [rad] and `speed` [m/s], rudder orders [rad]."""
-    error = wrap(heading - ordered(course, now))
+def scored(score: Score, course: Course, now: float, state: BoatState, told_before: float, told: float) -> Score:
+    """Return the score after a tick at `now` [s]: the boat's true state, and rudder orders [rad]."""
+    error = wrap(state.heading - ordered(course, now))
     overshoot, settled = score.overshoot, score.settled
     if course.turn != 0.0 and now >= course.turn_at:
         beyond = error if course.turn > 0.0 else -error
@@ -88,7 +86,7 @@ def scored(
         max(score.error_most, abs(error)),
         score.travel + abs(told - told_before),
         score.rudder_square + told * told,
-        score.speed + speed,
+        score.speed + state.speed,
         overshoot,
         settled,
     )
@@ -172,7 +170,7 @@ class Setting(NamedTuple):
     steps: int
     dt: float
     plant: Plant
-    shares: Shares
+    step: Step
     start: BoatState
     thrust_speed: float
     water_every: int
@@ -221,7 +219,7 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
             mind = tick(setting.brain, mind, rooms.rudder, time, heard, ordered(course, time))
             if mind.gone and setting.is_watched:
                 return score, False
-            score = scored(score, course, time, state.heading, state.speed, told, mind.told)
+            score = scored(score, course, time, state, told, mind.told)
             told = mind.told
         rooms.orders[step & orders_ring] = told
         while taken <= step and taken * dt + setting.plant.gear.delay <= time:
@@ -230,7 +228,7 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
         if step == next_water:
             water, acting = water_step(setting.water, rooms.surface, water, felt, felt_dt, state)
             next_water, felt = next_water + setting.water_every, felt + 1
-        state = boat_step(setting.plant, setting.shares, state, order, setting.thrust_speed, acting, dt)
+        state = boat_step(setting.plant, setting.step, state, order, setting.thrust_speed, acting)
         if step == next_reading:
             next_reading, reading = next_reading + instruments.every, reading + 1
             heading, rate, speed = readings(instruments, reading, state)

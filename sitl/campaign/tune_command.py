@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.vessel.file import load_vessel
     from sitl.campaign.engines import default_workers
     from sitl.campaign.study import Job, load_study
-    from sitl.campaign.tuning import tune
+    from sitl.campaign.tuning import Search, tune
 
     vessel = load_vessel(arguments.vessel)
     study, _ = load_study(arguments.study)
@@ -52,9 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = tune(
             job,
             vessel,
-            arguments.law,
-            arguments.weight,
-            arguments.generations,
+            Search(arguments.law, arguments.weight, arguments.generations),
             arguments.workers or default_workers(),
             bar.show,
         )

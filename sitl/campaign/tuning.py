@@ -92,20 +92,21 @@ def begun(vessel: Vessel, law: str) -> Any:
     return design.begin(section) if design else section
 
 
-def tune(
-    job: Job,
-    vessel: Vessel,
-    law: str,
-    weight: float,
-    generations: int,
-    workers: int,
-    progress: Callable[[int, int], None],
-) -> Tuned:
+class Search(NamedTuple):
+    """What is searched for, and how long: gains of a law, for a `weight` of rudder travel [deg per deg/s]."""
+
+    law: str
+    weight: float
+    generations: int
+
+
+def tune(job: Job, vessel: Vessel, search: Search, workers: int, progress: Callable[[int, int], None]) -> Tuned:
     """Return the vessel with gains tuned in the study of `job`.
 
     Raises InputError where numba is missing or a gain is 0, RefusedError where the vessel has no gains for the law, or
     none is found with margins.
     """
+    law, weight, generations = search
     law_of(vessel, law)
     if swift(law) is None:
         raise InputError("tuning needs numba, which makes it a matter of minutes: pip install '.[fast]'")

@@ -13,7 +13,7 @@ from autopilot.errors import ExitCode, RefusedError
 from autopilot.runtime.build import verdict_of
 from autopilot.vessel.file import load_vessel
 from sitl.campaign.study import BoatSection, Job, SeaSection, Study
-from sitl.campaign.tuning import REFUSED_COST, Trial, tune, with_gains
+from sitl.campaign.tuning import REFUSED_COST, Search, Trial, tune, with_gains
 from sitl.scenario import WindSection
 
 # one process compiles for all of them
@@ -33,7 +33,9 @@ STUDY = Study(
 def test_tuned_gains_are_better_on_held_out_seeds_and_have_margins() -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
     vessel, shown = load_vessel("lanxin"), []
-    found = tune(Job(STUDY, "."), vessel, "backstepping", 1.0, 3, 1, lambda done, total: shown.append((done, total)))
+    found = tune(
+        Job(STUDY, "."), vessel, Search("backstepping", 1.0, 3), 1, lambda done, total: shown.append((done, total))
+    )
     assert shown == [(1, 3), (2, 3), (3, 3)]
     assert found.tuned.cost < 0.9 * found.before.cost
     assert found.training.cost != found.tuned.cost
@@ -51,7 +53,7 @@ def test_a_law_without_gains_has_nothing_to_begin_with() -> None:
     vessel = load_vessel("lanxin")
     vessel = replace(vessel, control=replace(vessel.control, sliding=None))
     with pytest.raises(RefusedError, match="no gains for the law 'sliding'"):
-        tune(Job(STUDY, "."), vessel, "sliding", 1.0, 1, 1, lambda done, total: None)
+        tune(Job(STUDY, "."), vessel, Search("sliding", 1.0, 1), 1, lambda done, total: None)
 
 
 def test_the_command_writes_the_tuned_vessel(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
