@@ -17,11 +17,11 @@ from endurance_page import Reading, reading_of
 from lockstep import STEP, Lockstep
 from plant import Plant
 
-from autopilot.runtime.build import build_pilot, gear_of, model_of
+from autopilot.runtime.app import App, Plan
+from autopilot.runtime.build import gear_of, model_of
 from autopilot.runtime.clock import ManualClock
 from autopilot.runtime.log_files import FolderLimits, FolderSink
 from autopilot.runtime.record import Recorder
-from autopilot.runtime.session import Session
 from autopilot.signals import HelmSample, Mode, Order, OrderKind, RudderCommand, Sample, Tick
 from autopilot.vessel.file import dump_vessel, load_vessel
 from sitl.sea import Deviates
@@ -109,11 +109,12 @@ class Day:
         self._last_mode, self._since, self._is_judged, self._last_tick = Mode.STANDBY, 0.0, True, 0.0
         if self._wire is not None:
             self.session = self._wire.session
-            self.session._recorder, self.session._orders = self.recorder, Skipper()
+            self.session._orders = Skipper()
         else:
             self._link = DirectLink()
-            pilot = build_pilot(vessel)
-            self.session = Session(pilot, [self._link], self._clock, 20.0, Skipper(), self.recorder)
+            plan = Plan(vessel, Skipper(), links=(self._link,))
+            self.session = App(plan, self._clock).session
+        self.session._recorder = self.recorder
 
     @property
     def readings(self) -> list[Reading]:

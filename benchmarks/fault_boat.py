@@ -26,9 +26,9 @@ from autopilot.links.nmea.link import NmeaLink, NmeaSettings
 from autopilot.links.reconnect import GuideAlarms, SelectingLink
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.operators.skipper import RouteSkipper
-from autopilot.runtime.build import build_pilot, follow_of, limits_of, track_settings_of
+from autopilot.runtime.app import App, Plan
+from autopilot.runtime.build import follow_of, limits_of, track_settings_of
 from autopilot.runtime.build_links import selection_of
-from autopilot.runtime.session import Session
 from autopilot.signals import Mode, Order, OrderKind, SupervisorState, Tick
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
@@ -113,9 +113,8 @@ class FaultBoat:
             links = [SelectingLink(link, priority) for link in links]
         links.append(GuideAlarms(track, "track"))
         self.track = track
-        pilot = build_pilot(vessel)
-        self.law, self.config = pilot.law, pilot.config
-        self.session = Session(pilot, links, self.clock, vessel.control.rate_hz, self._order)
+        app = App(Plan(vessel, self._order, links=tuple(links)), self.clock)
+        self.law, self.config, self.session = app.pilot.law, app.pilot.config, app.session
 
     def _companion(self, vessel: Vessel) -> Link:
         self.firmware = Firmware(self.world)

@@ -18,8 +18,7 @@ from autopilot.control.trial import TRIAL_LAW
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import loopback_pair
-from autopilot.runtime.build import build_pilot
-from autopilot.runtime.session import Session
+from autopilot.runtime.app import App, Plan
 from autopilot.signals import Mode, Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
@@ -63,9 +62,8 @@ def sail(vessel: Vessel, scenario_name: str, gains: dict[str, float], seconds: f
     full = math.radians(vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg)
     link = CompanionLink(near, CompanionSettings(full, method=vessel.helm.method, as_gcs=True))
     clock, order = _Clock(), Order(OrderKind.HEADING, TURN, serial=1)
-    session = Session(
-        build_pilot(vessel, TRIAL_LAW if guided else None), [link], clock, vessel.control.rate_hz, lambda _, __: order
-    )
+    plan = Plan(vessel, lambda _, __: order, law=TRIAL_LAW if guided else None, links=(link,))
+    session = App(plan, clock).session
     rows, engaged_at = [], math.inf
     for number in range(1, round(seconds / STEP) + 1):
         clock.time = now = round(number * STEP, 9)
