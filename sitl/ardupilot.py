@@ -27,9 +27,10 @@ from autopilot.models.waves import GRAVITY
 from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState
 from sitl.firmware_setup import SERVO_US, travel
+from sitl.plants import PLANTS
 from sitl.scenario import Scenario
 from sitl.sea import Sea
-from sitl.world import STEP, plant_of
+from sitl.world import STEP
 
 CHANNELS_OF_MAGIC = {18458: 16, 29569: 32}
 HEAD = struct.Struct("<HHI")
@@ -89,8 +90,9 @@ class ArdupilotPhysics:
         self._begin()
 
     def _begin(self) -> None:
-        plant = plant_of(self._vessel, self._scenario)
-        self._boat = Boat(plant, BoatState(heading=math.radians(self._scenario.start.heading_deg)))
+        kind = PLANTS[self._scenario.plant]
+        plant, start = kind.of(self._vessel, self._scenario), self._scenario.start
+        self._boat = Boat(plant, BoatState(heading=math.radians(start.heading_deg)), kind.step)
         self._sea = Sea(self._scenario, plant.hull, np.random.SeedSequence(self._seed), STEP)
         self._disturbance, self._sea_steps = STILL, 0
         self.time = 0.0

@@ -8,11 +8,16 @@ no randomness: disturbances are arguments.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share
 from autopilot.models.waves import GRAVITY
+from sitl.plant_kind import PlantKind, PlantStep
+
+if TYPE_CHECKING:
+    from autopilot.vessel.schema import Vessel
+    from sitl.scenario import Scenario
 
 
 class Hull(NamedTuple):
@@ -150,13 +155,51 @@ def _roll_step(hull: Hull, state: BoatState, speed: float, rate: float, slope: f
     return state.roll + dt * roll_rate, roll_rate
 
 
-class Boat:
-    """A plant with its state and the orders that are still on their way to the rudder."""
+def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
+    """Return the plant that a vessel and a scenario describe, in radians."""
+    model, rudder, hull = vessel.model, vessel.rudder, scenario.hull
+    return Plant(
+        model=Norrbin(
+            gain=model.K_1_s,
+            time_constant=model.T_s,
+            n3=model.n3_s2_rad2,
+            n2=model.n2_s_rad,
+            n1=model.n1,
+            n0=model.n0_rad_s,
+            reference_speed=model.reference_speed_m_s,
+        ),
+        gear=SteeringGear(
+            angle_max=math.radians(rudder.angle_max_deg),
+            rate_max=math.inf if rudder.rate_max_deg_s is None else math.radians(rudder.rate_max_deg_s),
+            lag=rudder.lag_s,
+            dead_band=math.radians(rudder.dead_band_deg),
+            delay=rudder.delay_s,
+        ),
+        hull=Hull(
+            length=hull.length_m,
+            beam=hull.beam_m,
+            draught=hull.draught_m,
+            speed_time=hull.speed_time_s,
+            turn_speed_loss=hull.turn_speed_loss,
+            drift_lever=hull.drift_lever_m,
+            sway_time=hull.sway_time_s,
+            roll_period=hull.roll_period_s,
+            roll_damping=hull.roll_damping,
+            roll_lever=hull.roll_lever,
+        ),
+    )
 
-    def __init__(self, plant: Plant, initial: BoatState | None = None) -> None:
+
+PLANT = PlantKind("norrbin", plant_of, boat_step)
+
+
+class Boat:
+    """A plant with its state and the orders that are still on their way to the rudder; `moved` is its equations."""
+
+    def __init__(self, plant: Plant, initial: BoatState | None = None, moved: PlantStep = boat_step) -> None:
         self.plant = plant
         self.state = BoatState() if initial is None else initial
-        self._step = step_of(plant, 0.0)
+        self._step, self._moved = step_of(plant, 0.0), moved
         self._orders = DelayLine(plant.gear.delay, self.state.rudder)
 
     def step(self, now: float, order: float, thrust_speed: float, disturbance: Disturbance, dt: float) -> BoatState:
@@ -165,5 +208,5 @@ class Boat:
         effective = self._orders.effective(now)
         if dt != self._step.dt:
             self._step = step_of(self.plant, dt)
-        self.state = boat_step(self.plant, self._step, self.state, effective, thrust_speed, disturbance)
+        self.state = self._moved(self.plant, self._step, self.state, effective, thrust_speed, disturbance)
         return self.state

@@ -14,6 +14,7 @@ from autopilot.files import typed
 from autopilot.files.strict_yaml import Node, parse_document, read_document
 from autopilot.files.typed import Bounds, nearest
 from sitl.fault_kinds import FaultKind, Source, wrong_size, wrong_source
+from sitl.plants import USUAL, PlantName
 
 SCHEMA_VERSION = 1
 
@@ -168,6 +169,8 @@ class Scenario:
     description: str = ""
     seed: Annotated[int, Bounds(0, 2**63 - 1, "seed of all random numbers")] = 1
     start: Start = field(default_factory=Start)
+    plant: PlantName = USUAL
+    """Whose equations move the boat; the vessel file and `hull` give the numbers."""
     hull: HullSection = field(default_factory=HullSection)
     waves: WavesSection = field(default_factory=WavesSection)
     wind: WindSection = field(default_factory=WindSection)

@@ -8,11 +8,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear
 from autopilot.vessel.schema import Vessel
-from sitl.boat import STILL, Boat, BoatState, Hull, Plant
+from sitl.boat import STILL, Boat, BoatState, Plant
 from sitl.faults import BoatFaults, FaultBoard
+from sitl.plants import PLANTS
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.sensors import Sensors
@@ -64,7 +63,8 @@ class World:
         seeds = np.random.SeedSequence(scenario.seed if seed is None else seed).spawn(4)
         sea_seed, sensor_seed, fault_seed, self.chaos_seed = seeds
         self.faults = FaultBoard(scenario.faults, fault_seed)
-        plant = plant_of(vessel, scenario) if plant is None else plant
+        kind = PLANTS[scenario.plant]
+        plant = kind.of(vessel, scenario) if plant is None else plant
         start = scenario.start
         self.cruise_speed = vessel.model.reference_speed_m_s if start.speed_m_s is None else start.speed_m_s
         heading = math.radians(start.heading_deg)
@@ -76,6 +76,7 @@ class World:
                 north_speed=self.cruise_speed * math.cos(heading),
                 east_speed=self.cruise_speed * math.sin(heading),
             ),
+            kind.step,
         )
         self._sea = Sea(scenario, plant.hull, sea_seed, pace.felt_every * STEP)
         self._boat_faults = BoatFaults(self.faults, plant.gear)
@@ -135,38 +136,3 @@ class World:
             next((order.rudder for order in orders if order.rudder is not None), 0.0),
             next((order.thrust_speed for order in orders if order.thrust_speed is not None), self.cruise_speed),
         )
-
-
-def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
-    """Return the plant that a vessel and a scenario describe, in radians."""
-    model, rudder, hull = vessel.model, vessel.rudder, scenario.hull
-    return Plant(
-        model=Norrbin(
-            gain=model.K_1_s,
-            time_constant=model.T_s,
-            n3=model.n3_s2_rad2,
-            n2=model.n2_s_rad,
-            n1=model.n1,
-            n0=model.n0_rad_s,
-            reference_speed=model.reference_speed_m_s,
-        ),
-        gear=SteeringGear(
-            angle_max=math.radians(rudder.angle_max_deg),
-            rate_max=math.inf if rudder.rate_max_deg_s is None else math.radians(rudder.rate_max_deg_s),
-            lag=rudder.lag_s,
-            dead_band=math.radians(rudder.dead_band_deg),
-            delay=rudder.delay_s,
-        ),
-        hull=Hull(
-            length=hull.length_m,
-            beam=hull.beam_m,
-            draught=hull.draught_m,
-            speed_time=hull.speed_time_s,
-            turn_speed_loss=hull.turn_speed_loss,
-            drift_lever=hull.drift_lever_m,
-            sway_time=hull.sway_time_s,
-            roll_period=hull.roll_period_s,
-            roll_damping=hull.roll_damping,
-            roll_lever=hull.roll_lever,
-        ),
-    )

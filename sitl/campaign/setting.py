@@ -25,7 +25,7 @@ from autopilot.pilot import steering_of
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
 from autopilot.vessel.schema import Vessel
-from sitl.boat import BoatState, Plant, step_of
+from sitl.boat import BoatState, Plant, plant_of, step_of
 from sitl.campaign.brain import Brain
 from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.campaign.swift import (
@@ -49,7 +49,7 @@ from sitl.faults import FaultBoard
 from sitl.scenario import Scenario
 from sitl.sea import IttcWaves, ittc_waves, second_order_waves
 from sitl.sensors import Reading, SensorFaults, or_else
-from sitl.world import STEP, Orders, Pace, World, plant_of
+from sitl.world import STEP, Orders, Pace, World
 
 UNIT = Reading(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

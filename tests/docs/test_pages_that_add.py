@@ -23,6 +23,27 @@ BLOCK = re.compile(r"^```(python|diff)\n# (\S+)\n(.*?)^```$", re.MULTILINE | re.
 LONGEST = 40
 """Lines of a page."""
 PROOFS = {
+    "add_a_plant": """
+import math
+from autopilot.vessel.file import load_vessel
+from sitl.scenario import load_scenario
+from sitl.world import Orders, World
+
+class Helm:
+    def orders(self, time):
+        return Orders(math.radians(10.0))
+
+with open("skiff.yaml", "w") as file:
+    file.write("schema_version: 1\\nname: skiff\\nplant: skiff\\n")
+vessel = load_vessel("lanxin")
+world = World(vessel, load_scenario("skiff.yaml"))
+world.helms.append(Helm())
+world.advance(20.0)
+drive, state = vessel.model.K_1_s / vessel.model.T_s, world.boat.state
+assert type(world.boat.plant).__name__ == "Skiff" and state.rudder > 0.17
+# drive rudder = rate + 9 rate^2 in a steady turn
+assert abs(state.rate + 9.0 * state.rate**2 - drive * state.rudder) < 1e-6
+""",
     "add_a_fault": """
 import math
 from autopilot.vessel.file import load_vessel

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from autopilot.models.norrbin import at_speed, steady_rate
 from autopilot.vessel.file import load_vessel
 from sitl.ardupilot import ArdupilotPhysics, read_packet
+from sitl.boat import plant_of
 from sitl.scenario import load_scenario
-from sitl.world import plant_of
 
 LANXIN = load_vessel("lanxin")
 
