@@ -57,9 +57,7 @@ class Rudder:
     lag_s: Annotated[float, RESTART, Bounds(0.0, 60.0, "first-order lag of the steering gear")] = 0.0
     delay_s: Annotated[float, RESTART, Bounds(0.0, 10.0, "dead time from order to first movement")] = 0.0
     dead_band_deg: Annotated[float, RESTART, Bounds(0.0, 10.0, "smallest error the gear moves for")] = 0.0
-    follow_tolerance_deg: Annotated[
-        float, RESTART, Bounds(0.5, 90.0, "rudder this far off its order does not obey")
-    ] = 5.0
+    follow_tolerance_deg: Annotated[float, RESTART, Bounds(0.5, 90.0, "rudder this far off its order disobeys")] = 5.0
     source: Annotated[str, RESTART] = ""
     date: Annotated[str, RESTART] = ""
 
@@ -78,9 +76,7 @@ class Sensors:
     """Compass deviation table: [compass heading deg, deviation deg, east positive], interpolated round the card."""
     priority: Annotated[tuple[tuple[str, float], ...], RESTART] = ()
     """Instruments, the one to believe first: [name or pattern such as HEHDT, "HC*", attitude, age in s when stale]."""
-    source_timeout_s: Annotated[float, RESTART, Bounds(0.1, 60.0, "age at which an instrument not listed is stale")] = (
-        2.0
-    )
+    source_timeout_s: Annotated[float, RESTART, Bounds(0.1, 60.0, "age at which an unlisted instrument is stale")] = 2.0
     heading_monitor_deg: (
         Annotated[float, RESTART, Bounds(1.0, 180.0, "two compasses this far apart are an alarm")] | None
     ) = 15.0
@@ -92,9 +88,7 @@ class Sensors:
 class Roll:
     """Rudder against roll rate beside the heading law, where the link brings roll; kept on only while it helps."""
 
-    rate_gain_s: Annotated[
-        float, NOW, Bounds(-100.0, 100.0, "rudder angle per roll rate; above 0 for displacement hulls")
-    ]
+    rate_gain_s: Annotated[float, NOW, Bounds(-100.0, 100.0, "rudder per roll rate; above 0 for displacement hulls")]
     rudder_max_deg: Annotated[float, NOW, Bounds(0.1, 45.0, "most rudder it may add")] = 5.0
     lowest_rad_s: Annotated[float, NOW, Bounds(0.0, 10.0, "off where the boat rolls at lower frequencies")] = 0.0
 
@@ -174,9 +168,7 @@ class Limits:
 
     angle_max_deg: Annotated[float, NOW, Bounds(1.0, 90.0, "largest rudder angle commanded")] | None = None
     rate_max_deg_s: Annotated[float, NOW, Bounds(0.1, 1000.0, "fastest change of the command")] | None = None
-    dead_band_deg: Annotated[float, NOW, Bounds(0.0, 5.0, "on a course the rudder rests until it is wrong by more")] = (
-        0.0
-    )
+    dead_band_deg: Annotated[float, NOW, Bounds(0.0, 5.0, "on a course the rudder rests until wrong by more")] = 0.0
     source: Annotated[str, NOW] = ""
     date: Annotated[str, NOW] = ""
 
@@ -193,9 +185,7 @@ class Failsafe:
     release, and order the flight controller into firmware_mode."""
     firmware_mode: Annotated[Literal["HOLD", "LOITER", "RTL"], RESTART] = "HOLD"
     windward_rudder_deg: Annotated[float, NOW, Bounds(1.0, 45.0, "rudder of the slow turn to windward")] = 10.0
-    release_after_s: Annotated[float, NOW, Bounds(0.0, 600.0, "action held this long, then the rudder is released")] = (
-        10.0
-    )
+    release_after_s: Annotated[float, NOW, Bounds(0.0, 600.0, "action held this long, then rudder released")] = 10.0
     resume: Annotated[bool, NOW] = False
     """Engage again by itself when the heading is back: only where the skipper has said so."""
     reengage_after_reboot: Annotated[bool, NOW] = False
@@ -233,9 +223,7 @@ class Alarms:
     outputs: Annotated[tuple[str, ...], RESTART] = ("bell",)
     """Where alarms are heard: bell (the terminal's), tune (the vehicle's buzzer), relay:N (the vehicle's relay N),
     file:PATH (1 is written while an alarm sounds, else 0: a GPIO's value)."""
-    battery_percent: Annotated[float, RESTART, Bounds(1.0, 90.0, "alarm below this charge of the vehicle")] | None = (
-        20.0
-    )
+    battery_percent: Annotated[float, RESTART, Bounds(1.0, 90.0, "alarm below this vehicle charge")] | None = 20.0
 
 
 Pulse = Annotated[float, Bounds(500.0, 2500.0, "pulse of the steering servo in us")]
@@ -248,9 +236,7 @@ class Helm:
     method: Annotated[Literal["rc_override", "manual_control", "guided"], RESTART] = "rc_override"
     """guided: the firmware steers by itself to the headings it is given; the other two move the rudder."""
     rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
-    rudder_at_full_pwm_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "rudder angle at full servo travel")] | None = (
-        None
-    )
+    rudder_at_full_pwm_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "rudder at full servo travel")] | None = None
     servo_us: Annotated[tuple[Pulse, Pulse, Pulse], RESTART] | None = None
     """Pulses at full rudder to one side, amidships and to the other, for which that angle was measured; null: whatever
     SERVOn_MIN, _TRIM and _MAX of the flight controller are."""
@@ -266,16 +252,12 @@ class Helm:
 class Drive:
     """A rudder drive on a line of its own (pypilot, Jrk, Maestro): what its scale from -1 to 1 means."""
 
-    angle_at_full_deg: Annotated[float, RESTART, Bounds(1.0, 180.0, "rudder angle at each end of the scale")] | None = (
-        None
-    )
+    angle_at_full_deg: Annotated[float, RESTART, Bounds(1.0, 180.0, "rudder at each end of the scale")] | None = None
     amidships: Annotated[float, RESTART, Bounds(-0.9, 0.9, "where amidships is on the scale from -1 to 1")] = 0.0
     reversed: Annotated[bool, RESTART] = False
     current_max_a: Annotated[float, RESTART, Bounds(0.1, 60.0, "motor current of a stall")] | None = None
     channel: Annotated[int, RESTART, Bounds(0, 23, "servo channel of a Maestro")] = 0
-    device: Annotated[int, RESTART, Bounds(0, 127, "number in the Pololu protocol; null: compact protocol")] | None = (
-        None
-    )
+    device: Annotated[int, RESTART, Bounds(0, 127, "Pololu device number; null: compact protocol")] | None = None
     rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "how often orders leave")] = 20.0
 
 
@@ -289,11 +271,9 @@ class Security:
     """Ground stations that are heard over --serve and --forward; empty: all."""
     allow_addresses: Annotated[tuple[str, ...], RESTART] = ()
     """Addresses and networks that may come to listening links (192.168.1.20, 10.0.0.0/24); empty: all."""
-    commands_per_s: Annotated[float, RESTART, Bounds(0.1, 1000.0, "commands heeded, four seconds' worth at once")] = (
-        10.0
-    )
+    commands_per_s: Annotated[float, RESTART, Bounds(0.1, 1000.0, "commands taken, four seconds' worth at once")] = 10.0
     writes_per_s: Annotated[
-        float, RESTART, Bounds(0.1, 1000.0, "parameter writes heeded, four seconds' worth at once")
+        float, RESTART, Bounds(0.1, 1000.0, "parameter writes taken, four seconds' worth at once")
     ] = 25.0
     orders_without_key: Annotated[bool, RESTART] = False
     """Whether orders are taken over --serve from other machines and serial lines where no signing key is set."""
