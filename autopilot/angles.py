@@ -30,7 +30,8 @@ def wrap_positive(angle: float) -> float:
 
 def shortest_turn(from_heading: float, to_heading: float) -> float:
     """Return the signed turn [rad] in (-pi, pi] that leads from one heading [rad] to another."""
-    return wrap(to_heading - from_heading)
+    turn = to_heading - from_heading
+    return turn if -math.pi < turn <= math.pi else wrap(turn)
 
 
 def unwrap_next(previous: float, heading: float) -> float:

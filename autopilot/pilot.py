@@ -54,7 +54,8 @@ from autopilot.signals import (
 from autopilot.supervision.alarms import kind_of
 from autopilot.supervision.envelope import Envelope, Picture
 from autopilot.supervision.failsafe import FailsafeSteering, error_of
-from autopilot.supervision.monitors import AlarmLimits, Monitors, Watched
+from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
+from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Supervisor
 from autopilot.tick import LONGEST_STEP, NOT_TURNING, Config, Moved, referred, steered_by, turning_at, wave_rudder
@@ -211,7 +212,7 @@ class Pilot:
         self.estimate = estimated(self._steering.estimator, self.estimate, now, timely)
         state = nav_state(self._steering.estimator, self.estimate, now)
         was = self.supervisor.mode
-        self.monitors.look(self.estimate.model, self._watched(now, state, gap))
+        self.monitors.update(self._monitor_input(now, state, gap))
         doubts = {event.name: event for event in self.supervisor.noted.values() if kind_of(event).is_doubt}
         found = {**self.monitors.findings, **doubts}
         mode = self.supervisor.decide(now, order, state, found)
@@ -308,7 +309,7 @@ class Pilot:
         error = error_of(state, reference) if follows else math.nan
         return Picture(state.time, state.heading_age, error, state.rate, state.bias)
 
-    def _watched(self, now: float, state: NavState, gap: float) -> Watched:
+    def _monitor_input(self, now: float, state: NavState, gap: float) -> MonitorInput:
         """Return what the monitors look at: the course that was being held until this tick, and how.
 
         `gap` [s] is the time since the tick before.
@@ -317,8 +318,9 @@ class Pilot:
         ours = is_engaged and self.config.rudder_is_ours
         is_turned = self._guide.is_late(now) and not self._waits
         holds = is_engaged and self._order.kind is OrderKind.HEADING and is_turned
-        return Watched(
+        return MonitorInput(
             now,
+            self.estimate.model,
             state,
             ours,
             holds,
@@ -339,7 +341,7 @@ class Pilot:
         )
 
     def _listen(self, now: float, samples: tuple[Sample, ...]) -> None:
-        self.monitors.hear(samples)
+        self.monitors.on_samples(samples)
         if any(isinstance(sample, HelmSample) and sample.cause is HelmCause.STOOD_STILL for sample in samples):
             self.monitors.forget_past()
         if self.config.failsafe.action in STEERING_ACTIONS:

@@ -31,8 +31,8 @@ from autopilot.control.registry import own_step
 from autopilot.estimation.fusion import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.runtime.build import alarm_limits_of
-from autopilot.supervision.monitors import AlarmLimits
-from autopilot.supervision.monitors.course import course_step
+from autopilot.supervision.course_watch import course_step
+from autopilot.supervision.monitor_input import AlarmLimits
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
 from sitl.campaign.brain import Heard, first_mind, tick

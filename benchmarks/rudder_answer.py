@@ -2,7 +2,7 @@
 
     python benchmarks/rudder_answer.py [--hours 20] [--faults 60]
 
-The closed loop is `sitl.campaign`'s, compiled, and so is the watch, `autopilot.supervision.monitors.answer` itself. The
+The closed loop is `sitl.campaign`'s, compiled, and so is the watch, `autopilot.supervision.rudder_response` itself. The
 courses are held for a minute each, and then changed by 10 to 60 deg. The sea is that of `off_course.py`, from five
 sides; K of the real boat is the model's, 30 % less, and 40 % more. `evidence` is how much likelier, as a natural
 logarithm, the watch ever held it that the boat does not answer: 10.4 and more is an alarm.
@@ -25,7 +25,8 @@ from autopilot.estimation import waves
 from autopilot.estimation.fusion import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast, tick_at
 from autopilot.runtime.build import alarm_limits_of
-from autopilot.supervision.monitors.answer import LATE_S, answer_noise, answer_step, first_memory, verdict
+from autopilot.supervision.rudder_response import Rudders, first_response, noise_of, response_step, verdict
+from autopilot.supervision.rudder_watch import LATE_S
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
 from sitl.campaign.brain import Heard, first_mind, tick
@@ -81,7 +82,7 @@ def watched_run(
     rooms.readings[0, 0], rooms.readings[0, 1], rooms.readings[0, 2] = heading, rate, speed
     heard = Heard(Measured(0.0, wrap(heading), rate), speed)
     mind = first_mind(setting.brain, setting.filtered, lag * dt, heard, rooms.rudder)
-    memory = first_memory(answer_noise(mind.model, variance, 0.0, 0.0), lag * dt - instruments.latency, wrap(heading))
+    memory = first_response(noise_of(mind.model, variance, 0.0, 0.0), lag * dt - instruments.latency, wrap(heading))
     alarms, evidence, seen, off, is_reversed, moved = 0, 0.0, math.inf, 0.0, False, math.inf
     held = math.nan
     for step in range(setting.steps):
@@ -98,16 +99,15 @@ def watched_run(
                 sea = mind.fusion.state.sea
                 pace = waves.frequency(sea)
                 middle = 0.5 * (memory.time + heard.measured.time)
-                memory = answer_step(
+                memory = response_step(
                     memory,
                     mind.model,
-                    answer_noise(mind.model, variance, math.sqrt(sea.heading), pace),
+                    noise_of(mind.model, variance, math.sqrt(sea.heading), pace),
                     felt.rate,
                     (heard.measured.time, heard.measured.heading),
-                    rudder_at(past, middle),
-                    rudder_at(past, middle - LATE_S),
+                    Rudders(rudder_at(past, middle), rudder_at(past, middle - LATE_S), rudder_at(past, middle)),
                 )
-                sure = max(min(memory.silent, memory.silent_late), min(memory.opposite, memory.opposite_late))
+                sure = max(min(memory.stuck, memory.stuck_late), min(memory.reversed, memory.reversed_late))
                 if now < begins:
                     evidence = max(evidence, sure)
                 found = verdict(memory)
@@ -116,8 +116,8 @@ def watched_run(
                         off = abs(shortest_turn(target, state.heading))
                         return Seen(alarms, evidence, now - begins, off, found < 0, moved)
                     alarms += 1
-                    memory = first_memory(
-                        answer_noise(mind.model, variance, 0.0, 0.0), heard.measured.time, heard.measured.heading
+                    memory = first_response(
+                        noise_of(mind.model, variance, 0.0, 0.0), heard.measured.time, heard.measured.heading
                     )
         rooms.orders[step % len(rooms.orders)] = told
         while taken <= step and taken * dt + setting.plant.gear.delay <= now:

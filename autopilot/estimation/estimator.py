@@ -13,7 +13,7 @@ that the boat goes as fast as the ground says, s, and that it goes as in the tri
 wrong by sqrt(s) at most, whichever is true. s counts for no less than STREAM_LEAST, so that this is 1.7 against a
 current of two thirds of the boat's speed, and more. Where log and ground differ by more than APART, one of them is
 wrong or the current is strong, and the mean of both is taken in the same way. A speed that the boat's own turns have
-proven wrong (`autopilot.supervision.monitors.answer`) is not gone by at all.
+proven wrong (`autopilot.supervision.rudder_watch`) is not gone by at all.
 """
 
 from __future__ import annotations

@@ -21,8 +21,7 @@ from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, steady_rate
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.pilot import Pilot, PilotConfig
-from autopilot.supervision.monitors import AlarmLimits
-from autopilot.supervision.monitors.watched import LATE_PERIODS
+from autopilot.supervision.monitor_input import LATE_PERIODS, AlarmLimits
 from autopilot.supervision.supervisor import FailsafeAction
 from autopilot.vessel.schema import Vessel
 

@@ -33,9 +33,9 @@ from autopilot.guidance.turn import NOTHING_SHOWN, VirtualBoat, is_turning, refe
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState
+from autopilot.supervision.compass_watch import FROZEN_SAMPLES, NO_TURNS, Turns, are_opposite, turns_step
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
-from autopilot.supervision.monitors import AT_THE_STOP, FROZEN_SAMPLES
-from autopilot.supervision.monitors.compass import NO_TURNS, Turns, are_opposite, turns_told
+from autopilot.supervision.monitor_input import AT_THE_STOP
 from autopilot.tick import (
     LONGEST_STEP,
     NOT_TURNING,
@@ -268,6 +268,6 @@ def _listen(brain: Brain, mind: Mind, memory: RudderMemory, now: float, heard: H
 def _compass(before: Compass, measured: Measured) -> tuple[Compass, float]:
     """Return the compass after another heading, and how far [rad] that turned."""
     since, turned = measured.time - before.time, shortest_turn(before.heading, measured.heading)
-    turns = turns_told(before.turns, turned, measured.rate * since, since)
+    turns = turns_step(before.turns, turned, measured.rate * since, since)
     same = before.same + 1 if measured.heading == before.heading else 1
     return Compass(measured.heading, measured.time, same, turns), turned

@@ -97,16 +97,16 @@ def change_every_sentence(boat: FaultBoat) -> None:
         alarms.CATALOGUE[name] = changed
     panel._said = lambda event: word_for(repr(event._replace(is_escalated=False)))  # type: ignore[assignment]
     panel.UNHEARD = word_for(panel.UNHEARD)
-    look = Monitors.look
+    update = Monitors.update
 
-    def look_on(self: Monitors, *given: Any) -> None:
-        look(self, *given)
+    def update_on(self: Monitors, *given: Any) -> None:
+        update(self, *given)
         self.findings = {
             name: event._replace(detail=word_for(event.detail)) if event.detail else event
             for name, event in self.findings.items()
         }
 
-    Monitors.look = look_on  # type: ignore[method-assign]
+    Monitors.update = update_on  # type: ignore[method-assign]
     for link in boat.session._links:
         receive = link.receive
         link.receive = lambda now, receive=receive: [unworded(each) for each in receive(now)]

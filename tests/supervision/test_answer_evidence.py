@@ -10,28 +10,33 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from watches import Answering
 
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, NavState
-from autopilot.supervision.monitors.answer import (
+from autopilot.supervision.monitor_input import MonitorInput
+from autopilot.supervision.rudder_response import (
     NO_OTHERS,
-    Memory,
+    Mean,
+    Noise,
     Others,
-    RudderAnswer,
+    Response,
+    Rudders,
     acquitted,
-    answer_noise,
-    answer_step,
-    first_memory,
+    first_response,
     is_doubtful,
+    moved,
+    noise_met,
+    noise_of,
     other_verdict,
+    predicted,
     push_at_least,
-    sea_met,
+    response_step,
     seaway_step,
+    transition_of,
     verdict,
     without_evidence,
 )
-from autopilot.supervision.monitors.answer_filter import Mean, Noise, moved, spread_moved, step_of
-from autopilot.supervision.monitors.watched import Watched
 
 Matrix = npt.NDArray[np.float64]
 BOAT = Norrbin(0.3, 4.0, n3=1.0)
@@ -55,19 +60,19 @@ class Judge:
         self.left, self.colour = 0.0, 1.0
 
     def hear(self, heading: float, rate: float, rudders: dict[str, float]) -> None:
-        step = step_of(BOAT, rate, NOISE, DT)
+        turn, drift, decay, gain, kept = transition_of(BOAT, rate, NOISE.pace, DT)
         f = np.eye(4)
-        f[0, 1:] = step.turn, step.drift, step.drift
-        f[1, 1:] = step.decay, step.gain, step.gain
-        f[3, 3] = step.kept
+        f[0, 1:] = turn, drift, drift
+        f[1, 1:] = decay, gain, gain
+        f[3, 3] = kept
         q = np.zeros((4, 4))
         q[:2, :2] = NOISE.acceleration * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
         q[2, 2] = (NOISE.push + (math.radians(25.0) ** 2 if self.odd > 3.0 else 0.0)) * DT
-        q[3, 3] = (1.0 - step.kept**2) * NOISE.sea
+        q[3, 3] = (1.0 - kept**2) * NOISE.sea
         self.p = f @ self.p @ f.T + q
         self.x = f @ self.x
         for name, rudder in rudders.items():
-            self.answers[name] = f @ self.answers[name] + np.array([step.drift, step.gain, 0.0, 0.0]) * rudder
+            self.answers[name] = f @ self.answers[name] + np.array([drift, gain, 0.0, 0.0]) * rudder
         total = self.p[0, 0] + NOISE.heading
         off = heading - self.x[0]
         s, late, slow = (float(self.answers[name][0]) for name in ("in time", "late", "slow"))
@@ -135,10 +140,10 @@ def are_close(found: Sequence[float], wanted: Sequence[float] | Matrix, most: fl
     return len(found) == len(wanted) and all(abs(a - b) <= most for a, b in zip(found, wanted, strict=True))
 
 
-def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -> list[tuple[Memory, Judge]]:
+def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -> list[tuple[Response, Judge]]:
     """A boat that answers by `share` of the model to a rudder that trails by `slowness` [s]; both judges of it."""
     random = np.random.default_rng(5)
-    memory, judge = first_memory(NOISE, 0.0, 0.1)._replace(usual=60.0 * usual), Judge(0.1)
+    memory, judge = first_response(NOISE, 0.0, 0.1)._replace(usual=60.0 * usual), Judge(0.1)
     judge.usual = 60.0 * usual
     heading, rate, moves, trail, found = 0.1, 0.0, 0.0, 0.0, []
     for tick in range(1, round(seconds / DT)):
@@ -151,7 +156,7 @@ def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -
             rate += 0.1 * DT * (0.3 * share * moves - rate - rate**3) / 4.0
             heading += 0.1 * DT * rate
         shown = heading + 0.005 * random.standard_normal()
-        memory = answer_step(memory, BOAT, NOISE, rate, (now, shown), order, late, trail)
+        memory = response_step(memory, BOAT, NOISE, rate, (now, shown), Rudders(order, late, trail))
         judge.hear(shown, rate, {"in time": order, "late": late, "slow": trail})
         found.append((memory, judge_copy(judge)))
     return found
@@ -174,43 +179,43 @@ def test_the_evidence_is_the_difference_of_log_likelihoods(share: float, slownes
         means = [*memory.mean, *memory.answer, *memory.late, *others.slow]
         names = ("in time", "late", "slow")
         assert are_close(means, np.concatenate([judge.x, *(judge.answers[name] for name in names)]), 1e-9)
-        evidence = [memory.silent, memory.silent_late, memory.opposite, memory.opposite_late]
+        evidence = [memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late]
         evidence += [others.weak, others.right, others.strong, others.late, *others.lively, *others.quick]
         assert are_close(evidence, [*sums.values(), *judge.pairs["lively"], *judge.pairs["quick"]], 1e-6)
         assert are_close([others.strange, others.strange_slow], [judge.strange, judge.strange_slow], 1e-9)
         assert are_close([memory.usual / judge.usual, memory.shown / judge.shown], [1.0, 1.0], 1e-9)
         assert are_close([others.left, others.colour / judge.colour], [judge.left, 1.0], 1e-6)
-        assert are_close([memory.odd], [judge.odd], 1e-5)
-        assert memory.wild == 0
+        assert are_close([memory.unexplained], [judge.odd], 1e-5)
+        assert memory.outliers == 0
 
 
 @pytest.mark.parametrize("wild_so_far", range(6))
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_wild_heading_is_left_out_four_times_in_a_row(wild_so_far: int, side: float) -> None:
-    before = first_memory(NOISE, 0.0, 0.0)
+    before = first_response(NOISE, 0.0, 0.0)
     for tick in range(1, 50):
-        before = answer_step(before, BOAT, NOISE, 0.0, (DT * tick, 0.0), 0.0, 0.0)
-    before = before._replace(wild=wild_so_far, silent=3.0, usual=50.0)
-    after = answer_step(before, BOAT, NOISE, 0.0, (before.time + DT, side * 1.0), 0.1, 0.1)
+        before = response_step(before, BOAT, NOISE, 0.0, (DT * tick, 0.0), Rudders(0.0, 0.0, 0.0))
+    before = before._replace(outliers=wild_so_far, stuck=3.0, usual=50.0)
+    after = response_step(before, BOAT, NOISE, 0.0, (before.time + DT, side * 1.0), Rudders(0.1, 0.1, 0.1))
     if wild_so_far < 4:
-        assert after.wild == wild_so_far + 1
+        assert after.outliers == wild_so_far + 1
         assert after.mean == pytest.approx((before.mean.psi, 0.0, 0.0, 0.0), abs=1e-3)
-        assert (after.silent, after.usual, after.odd) == (3.0, 50.0, before.odd)
-        assert after.answer.psi > 0.0 and after.spread.p00 > before.spread.p00
+        assert (after.stuck, after.usual, after.unexplained) == (3.0, 50.0, before.unexplained)
+        assert after.answer.psi > 0.0 and after.covariance.p00 > before.covariance.p00
     else:
-        assert after.wild == 0
+        assert after.outliers == 0
         assert side * after.mean.psi > 0.1
 
 
 def test_the_noise_of_a_boat_in_a_sea() -> None:
     """K = 0.3, T = 4 s; the sea yaws by w psi, for which the rudder would be worth w psi sqrt(1 + (w T)^2)/K."""
-    noise = answer_noise(BOAT, 2.0e-4, 0.05, 0.8)
+    noise = noise_of(BOAT, 2.0e-4, 0.05, 0.8)
     assert noise.heading == 2.0e-4
     assert noise.acceleration == pytest.approx((0.3 / 4.0) ** 2 * math.radians(0.5) ** 2 * 0.2)
     assert noise.push == pytest.approx(math.radians(0.6) ** 2)
     assert noise.sea == pytest.approx((0.05 * 0.8 / 0.3) ** 2 * (1.0 + (0.8 * 4.0) ** 2))
     assert noise.pace == 0.8
-    calm = answer_noise(BOAT, 2.0e-4, 0.0, 0.1)
+    calm = noise_of(BOAT, 2.0e-4, 0.0, 0.1)
     assert (calm.sea, calm.pace) == (pytest.approx(math.radians(1.0) ** 2), 0.5)
 
 
@@ -229,16 +234,16 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
         seaway = seaway_step(seaway, tick + 1.0, 1.0, 0.0)
     assert seaway.swing == pytest.approx(swing * math.exp(-age / 900.0))
     # the sea that is estimated turns the boat as much as what was met 900 s ago, at the slowest pace
-    noise = answer_noise(BOAT, 2.0e-4, swing / math.e, 0.5)
-    met = sea_met(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg))
-    assert met == (answer_noise(BOAT, 2.0e-4, seaway.swing, 0.5) if is_met else noise)
+    noise = noise_of(BOAT, 2.0e-4, swing / math.e, 0.5)
+    met = noise_met(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg))
+    assert met == (noise_of(BOAT, 2.0e-4, seaway.swing, 0.5) if is_met else noise)
     seaway = seaway_step(seaway._replace(time=0.0), 2.0 * math.pi / 0.4, 1.0 + side * math.radians(25.0), 0.0)
     assert math.atan2(seaway.east, seaway.north) == pytest.approx(1.0 + side * 0.2767, abs=1e-4)
 
 
 def test_calm_water_stays_calm_in_a_turn() -> None:
-    noise = answer_noise(BOAT, 2.0e-4, 0.0, 0.0)
-    assert sea_met(BOAT, noise, seaway_step(None, 0.0, 0.0, 0.0), 2.0) == noise
+    noise = noise_of(BOAT, 2.0e-4, 0.0, 0.0)
+    assert noise_met(BOAT, noise, seaway_step(None, 0.0, 0.0, 0.0), 2.0) == noise
 
 
 @pytest.mark.parametrize(
@@ -255,8 +260,8 @@ def test_calm_water_stays_calm_in_a_turn() -> None:
 def test_a_verdict_takes_both_in_time_and_late(
     silent: float, silent_late: float, opposite: float, opposite_late: float, wanted: int
 ) -> None:
-    memory = first_memory(NOISE, 0.0, 0.0)._replace(silent=silent, silent_late=silent_late)
-    accused = memory._replace(opposite=opposite, opposite_late=opposite_late)
+    memory = first_response(NOISE, 0.0, 0.0)._replace(stuck=silent, stuck_late=silent_late)
+    accused = memory._replace(reversed=opposite, reversed_late=opposite_late)
     assert verdict(accused) == wanted
     assert verdict(accused._replace(usual_colour=2.5)) == wanted
     assert verdict(accused._replace(usual_colour=2.6)) == (1 if silent > SURE and wanted else 0)
@@ -266,12 +271,12 @@ def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() ->
     """Of a sea eight times as coloured as noise; what is suspect is not the sea's."""
     for share, wanted in ((1.01, -1), (0.99, 0)):
         evidence = share * 8.0 / 2.5 * SURE
-        memory = first_memory(NOISE, 0.0, 0.0)._replace(opposite=evidence, opposite_late=evidence, usual_colour=8.0)
+        memory = first_response(NOISE, 0.0, 0.0)._replace(reversed=evidence, reversed_late=evidence, usual_colour=8.0)
         assert verdict(memory) == wanted
     for opposite, learns in ((0.0, True), (5.0, False)):
-        memory = first_memory(NOISE, 0.0, 0.0)._replace(opposite=opposite)
+        memory = first_response(NOISE, 0.0, 0.0)._replace(reversed=opposite)
         memory = memory._replace(others=NO_OTHERS._replace(left=8.0, colour=8.0))
-        after = answer_step(memory, BOAT, NOISE, 0.0, (DT, 0.0), 0.1, 0.1)
+        after = response_step(memory, BOAT, NOISE, 0.0, (DT, 0.0), Rudders(0.1, 0.1, 0.1))
         assert after.usual_colour == (after.others.colour if learns else 1.0)
         assert after.others.colour > 7.0
 
@@ -293,10 +298,10 @@ def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer
 
 
 def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() -> None:
-    def memory(value: float) -> Memory:
+    def memory(value: float) -> Response:
         others = Others(Mean(value, 0.0, 0.0, 0.0), (value, value + 1), (value + 2, value + 3), *[value] * 6)
-        plain = first_memory(NOISE, value, 0.0)._replace(others=others)
-        return plain._replace(silent=value, silent_late=value, opposite=value, opposite_late=value)
+        plain = first_response(NOISE, value, 0.0)._replace(others=others)
+        return plain._replace(stuck=value, stuck_late=value, reversed=value, reversed_late=value)
 
     low, high = memory(2.0), memory(5.0)
     assert without_evidence(high, low) == low
@@ -309,18 +314,20 @@ def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() ->
 
 def test_a_push_counts_beyond_two_deviations_and_beside_the_usual_answer() -> None:
     """To either side; the share of the answer that is usual here is 0.5."""
-    before = first_memory(NOISE, 0.0, 0.0)
+    before = first_response(NOISE, 0.0, 0.0)
     for side in (-1.0, 1.0):
         memory = before._replace(
             mean=Mean(9.0, 9.0, side * 0.5, 9.0),
             answer=Mean(9.0, 9.0, side * 0.2, 9.0),
-            spread=before.spread._replace(p22=0.04),
+            covariance=before.covariance._replace(p22=0.04),
             usual=30.0,
             shown=60.0,
         )
         assert push_at_least(memory) == pytest.approx(side * (0.5 + 0.5 * 0.2 - 2.0 * 0.2))
-        assert push_at_least(memory._replace(spread=before.spread._replace(p22=0.1))) == 0.0
-        assert push_at_least(memory._replace(spread=before.spread._replace(p22=-1e-9))) == pytest.approx(side * 0.6)
+        assert push_at_least(memory._replace(covariance=before.covariance._replace(p22=0.1))) == 0.0
+        assert push_at_least(memory._replace(covariance=before.covariance._replace(p22=-1e-9))) == pytest.approx(
+            side * 0.6
+        )
 
 
 @pytest.mark.parametrize("silent", [(7.0, 7.0), (6.9, 99.0), (99.0, 6.9)])
@@ -328,13 +335,13 @@ def test_a_push_counts_beyond_two_deviations_and_beside_the_usual_answer() -> No
 def test_a_doubt_is_evidence_of_seven_and_what_was_doubted_begins_with_half_a_verdict(
     silent: tuple[float, float], opposite: tuple[float, float]
 ) -> None:
-    memory = first_memory(NOISE, 0.0, 0.0)._replace(silent=silent[0], silent_late=silent[1])
-    memory = memory._replace(opposite=opposite[0], opposite_late=opposite[1])
+    memory = first_response(NOISE, 0.0, 0.0)._replace(stuck=silent[0], stuck_late=silent[1])
+    memory = memory._replace(reversed=opposite[0], reversed_late=opposite[1])
     assert is_doubtful(memory) is (min(silent) >= 7.0 or min(opposite) >= 7.0)
     most = pytest.approx(SURE - 7.0)
     found = acquitted(memory)
-    assert (found.silent, found.silent_late, found.opposite, found.opposite_late) == (most, most, most, most)
-    little = memory._replace(silent=1.0, silent_late=2.0, opposite=3.0, opposite_late=0.5)
+    assert (found.stuck, found.stuck_late, found.reversed, found.reversed_late) == (most, most, most, most)
+    little = memory._replace(stuck=1.0, stuck_late=2.0, reversed=3.0, reversed_late=0.5)
     assert acquitted(little) == little
 
 
@@ -345,24 +352,22 @@ STOP = 0.5
 class Looks:
     """Ticks of an eighth of a second; what the watch hands on to its filter is written down."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, **memory: Any) -> None:
-        self.watch, self.number, self.taken = RudderAnswer(), 0, list[tuple[Any, ...]]()
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, speed: float = math.inf, **memory: Any) -> None:
+        self.watch, self.number, self.taken = Answering(2.0e-4, speed), 0, list[tuple[Any, ...]]()
         self.memory, self.doubts = memory, list[float]()
-        monkeypatch.setattr("autopilot.supervision.monitors.answer.answer_step", self.step)
+        monkeypatch.setattr("autopilot.supervision.rudder_watch.response_step", self.step)
 
-    def step(self, memory: Memory, *given: Any) -> Memory:
+    def step(self, memory: Response, *given: Any) -> Response:
         self.taken.append(given)
         return memory._replace(time=given[3][0], **self.memory)
 
-    def look(
-        self, rudder: float, rate: float = 0.0, heard: bool = True, speed: float = math.inf, **change: Any
-    ) -> tuple[str, str]:
+    def look(self, rudder: float, rate: float = 0.0, heard: bool = True, **change: Any) -> str:
         now = TICK * self.number
         if heard:
             self.watch.hear(HeadingSample(now, 1.0e-3 * self.number, None, change.pop("source", "compass")))
         state = NavState(now, 0.0, rate, 4.0, rudder, 0.0, 0.0, True, wave_deviation=0.03, wave_frequency=0.9)
-        watched = Watched(now, state, True, True, 0.0, rudder, STOP, True, follows=True)._replace(**change)
-        found = self.watch.look(BOAT, watched, 2.0e-4, speed)
+        seen = MonitorInput(now, BOAT, state, True, True, 0.0, rudder, STOP, True, follows=True)._replace(**change)
+        found = self.watch.found(seen)
         if self.watch.doubts_trial:
             self.doubts.append(now)
         self.number += 1
@@ -377,9 +382,9 @@ def test_the_prediction_uses_the_rudder_midway_and_0_4_s_before(
     for number in range(41):
         looks.look(0.01 * number, heard=number % 2 == 0)
     assert len(looks.taken) == 20
-    for number, (model, noise, _, heard, rudder, late, slow) in enumerate(looks.taken, 1):
-        assert (model, slow) == (BOAT, None)
-        assert noise == answer_noise(BOAT, 2.0e-4, 0.03, 0.9)
+    for number, (model, noise, _, heard, (rudder, late, slow)) in enumerate(looks.taken, 1):
+        assert (model, slow) == (BOAT, rudder), "a slow rudder is out of question"
+        assert noise == noise_of(BOAT, 2.0e-4, 0.03, 0.9)
         assert heard == (2 * number * TICK, 2.0e-3 * number)
         assert rudder == pytest.approx(0.01 * (2 * number - 1))
         assert late == pytest.approx(0.01 * max(2 * number - 1 - 3, 0))
@@ -399,15 +404,17 @@ def test_no_boat_turns_more_than_twice_as_fast_as_the_rudder_turns_it(
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_slow_rudder_would_go_a_quarter_as_fast(monkeypatch: pytest.MonkeyPatch, side: float) -> None:
     """From amidships to 0.03 rad at 0.08/4 rad/s: 0.0025 rad a tick."""
-    looks = Looks(monkeypatch)
-    looks.look(0.0, speed=0.08)
+    looks = Looks(monkeypatch, 0.08)
+    looks.look(0.0)
     for _ in range(20):
-        looks.look(side * 0.03, speed=0.08)
-    assert [given[6] for given in looks.taken] == pytest.approx([side * min(0.0025 * n, 0.03) for n in range(1, 21)])
-    looks.look(side * 0.03, speed=0.08, rudder_is_measured=True)
-    assert looks.taken[-1][6] is None
-    looks.look(side * 0.2, speed=0.08)
-    assert looks.taken[-1][6] == side * 0.2, "where it is known to stand"
+        looks.look(side * 0.03)
+    assert [given[4].slow for given in looks.taken] == pytest.approx(
+        [side * min(0.0025 * n, 0.03) for n in range(1, 21)]
+    )
+    looks.look(side * 0.03, rudder_is_measured=True)
+    assert looks.taken[-1][4].slow == looks.taken[-1][4].in_time
+    looks.look(side * 0.2)
+    assert looks.taken[-1][4].slow == side * 0.2, "where it is known to stand"
 
 
 @pytest.mark.parametrize(
@@ -426,9 +433,9 @@ def test_after_a_second_without_a_heading_and_with_another_compass_it_begins_ane
 
 
 def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks = Looks(monkeypatch, opposite=99.0, opposite_late=99.0)
+    looks = Looks(monkeypatch, reversed=99.0, reversed_late=99.0)
     looks.look(0.1, is_late=True)
-    assert [looks.look(0.1)[0] for _ in range(10)] == [""] * 8 + ["rudder_reversed"] * 2
+    assert [looks.look(0.1) for _ in range(10)] == [""] * 8 + ["rudder_reversed"] * 2
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -440,8 +447,8 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
 ) -> None:
     """Known after 2 pi/0.4 = 15.71 s, and then for 0.3 s: at 15.75 s, the first tick after, and 0.375 s later. It is
     said in one tick of a trial."""
-    still = first_memory(NOISE, 0.0, 0.0).spread._replace(p22=0.0)
-    looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -side * push, 0.0), spread=still)
+    still = first_response(NOISE, 0.0, 0.0).covariance._replace(p22=0.0)
+    looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -side * push, 0.0), covariance=still)
     for _ in range(160):
         looks.look(side * rudder, follows=False)
     assert looks.doubts == ([16.125] if is_doubted else [])
@@ -453,8 +460,8 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
 
 def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypatch: pytest.MonkeyPatch) -> None:
     """As far as it was over within the last 2.4 s counts."""
-    still = first_memory(NOISE, 0.0, 0.0).spread._replace(p22=0.0)
-    looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -0.2, 0.0), spread=still)
+    still = first_response(NOISE, 0.0, 0.0).covariance._replace(p22=0.0)
+    looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -0.2, 0.0), covariance=still)
     for number in range(200):
         looks.look(0.25 if number <= 144 else 0.1, follows=False)
     # the last of 0.25 rad at 18 s is forgotten at 20.5 s, the first tick more than 2.4 s later
@@ -463,7 +470,7 @@ def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypa
 
 def test_a_second_heading_of_the_same_instant_says_nothing_of_colour() -> None:
     before = sailed(1.0, 0.0, 0.75, 5.0)[-1][0]
-    after = answer_step(before, BOAT, NOISE, 0.0, (before.time, before.mean.psi + 0.01), 0.1, 0.1)
+    after = response_step(before, BOAT, NOISE, 0.0, (before.time, before.mean.psi + 0.01), Rudders(0.1, 0.1, 0.1))
     assert (after.others.fit, after.others.left, after.others.colour) == (
         before.others.fit,
         before.others.left,
@@ -471,39 +478,39 @@ def test_a_second_heading_of_the_same_instant_says_nothing_of_colour() -> None:
     )
 
 
-def stepped(share: float, seen: float, **change: Any) -> tuple[Memory, Memory]:
-    """Memory before and after a heading that is off by a share of the answer to the rudder, of which `seen` [rad] could
-    be seen before."""
+def stepped(share: float, seen: float, **change: Any) -> tuple[Response, Response]:
+    """What is known before and after a heading that is off by a share of the answer to the rudder, of which `seen`
+    [rad] could be seen before."""
     before = sailed(1.0, 0.0, 0.75, 6.0)[-1][0]
     others = {name: change.pop(name) for name in tuple(change) if name in Others._fields}
     before = before._replace(others=before.others._replace(**others), answer=Mean(seen, 0.0, 0.0, 0.0), **change)
-    step = step_of(BOAT, 0.1, NOISE, DT)
-    answer, mean = moved(step, before.answer, 0.3).psi, moved(step, before.mean, 0.0).psi
-    after = answer_step(before, BOAT, NOISE, 0.1, (before.time + DT, mean + share * answer), 0.3, 0.3, 0.3)
+    step = transition_of(BOAT, 0.1, NOISE.pace, DT)
+    answer, mean = moved(step, before.answer, 0.3)[0], moved(step, before.mean, 0.0)[0]
+    after = response_step(before, BOAT, NOISE, 0.1, (before.time + DT, mean + share * answer), Rudders(0.3, 0.3, 0.3))
     return before, after
 
 
 @pytest.mark.parametrize(("odd", "is_gust"), [(2.99, False), (3.0, False), (3.01, True)])
 def test_a_gust_is_three_times_what_any_answer_explains(odd: float, is_gust: bool) -> None:
-    before, after = stepped(0.0, 0.05, odd=odd, silent=1.0)
-    grown = (after.spread.p22 - before.spread.p22) / DT
+    before, after = stepped(0.0, 0.05, unexplained=odd, stuck=1.0)
+    grown = (after.covariance.p22 - before.covariance.p22) / DT
     assert grown == pytest.approx(math.radians(25.0) ** 2 if is_gust else 0.0, abs=0.1 * math.radians(25.0) ** 2)
-    assert (after.silent > 1.0) is not is_gust, "while it sets in nothing is evidence"
+    assert (after.stuck > 1.0) is not is_gust, "while it sets in nothing is evidence"
 
 
 @pytest.mark.parametrize(("sigmas", "is_wild"), [(5.99, False), (6.01, True), (-5.99, False), (-6.01, True)])
 def test_six_deviations_beyond_every_answer_are_wild(sigmas: float, is_wild: bool) -> None:
-    memory = first_memory(NOISE, 0.0, 0.1)
-    spread = spread_moved(step_of(BOAT, 0.0, NOISE, DT), memory.spread, NOISE, DT)
-    off = sigmas * math.sqrt(spread.p00 + NOISE.heading)
-    after = answer_step(memory, BOAT, NOISE, 0.0, (DT, 0.1 + off), 0.0, 0.0)
-    assert after.wild == is_wild
+    memory = first_response(NOISE, 0.0, 0.1)
+    covariance = predicted(transition_of(BOAT, 0.0, NOISE.pace, DT), memory.covariance, NOISE, NOISE.push, DT)
+    off = sigmas * math.sqrt(covariance.p00 + NOISE.heading)
+    after = response_step(memory, BOAT, NOISE, 0.0, (DT, 0.1 + off), Rudders(0.0, 0.0, 0.0))
+    assert after.outliers == is_wild
 
 
-@pytest.mark.parametrize("name", ["silent", "opposite"])
+@pytest.mark.parametrize("name", ["stuck", "reversed"])
 @pytest.mark.parametrize(("evidence", "learns"), [(1.9, True), (2.1, False)])
 def test_with_evidence_of_two_nothing_is_learnt(name: str, evidence: float, learns: bool) -> None:
-    before, after = stepped(1.0, 0.05, **{name: evidence + 0.8 * (name == "silent")})
+    before, after = stepped(1.0, 0.05, **{name: evidence + 0.8 * (name == "stuck")})
     assert (after.shown > before.shown) is learns
     assert (after.usual > before.usual) is learns
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,22 +11,21 @@ import pytest
 from scipy.linalg import expm
 
 from autopilot.models.norrbin import Norrbin
-from autopilot.supervision.monitors.answer_filter import (
+from autopilot.supervision.rudder_response import (
     NOTHING,
     PUSH_UNKNOWN,
     RATE_UNKNOWN,
     STEEPEST,
+    Covariance,
     Mean,
     Noise,
-    Spread,
-    Step,
     corrected,
-    first_spread,
+    first_response,
     gains_of,
+    measured,
     moved,
-    spread_measured,
-    spread_moved,
-    step_of,
+    predicted,
+    transition_of,
 )
 
 Matrix = npt.NDArray[np.float64]
@@ -37,15 +37,29 @@ BOATS = [
 ]
 
 
-def matrix_of(spread: Spread) -> Matrix:
+class Step(NamedTuple):
+    """A transition by the names of its entries."""
+
+    turn: float
+    drift: float
+    decay: float
+    gain: float
+    kept: float
+
+
+def step_of(model: Norrbin, rate: float, noise: Noise, dt: float) -> Step:
+    return Step(*transition_of(model, rate, noise.pace, dt))
+
+
+def matrix_of(covariance: Covariance) -> Matrix:
     p = np.zeros((4, 4))
-    for name, value in spread._asdict().items():
+    for name, value in covariance._asdict().items():
         p[int(name[1]), int(name[2])] = p[int(name[2]), int(name[1])] = value
     return p
 
 
-def spread_of(p: Matrix) -> Spread:
-    return Spread(*(float(p[int(name[1]), int(name[2])]) for name in Spread._fields))
+def covariance_of(p: Matrix) -> Covariance:
+    return Covariance(*(float(p[int(name[1]), int(name[2])]) for name in Covariance._fields))
 
 
 def transition(step: Step) -> Matrix:
@@ -60,13 +74,13 @@ def transition(step: Step) -> Matrix:
     )
 
 
-def some_spread(seed: int) -> Matrix:
+def some_covariance(seed: int) -> Matrix:
     root = np.random.default_rng(seed).normal(size=(4, 4)) * np.array([[0.1], [0.2], [0.3], [0.4]])
     return np.asarray(root @ root.T)
 
 
 def test_the_first_heading_tells_of_the_heading_alone() -> None:
-    p = matrix_of(first_spread(NOISE))
+    p = matrix_of(first_response(NOISE, 0.0, 0.1).covariance)
     assert np.array_equal(p, np.diag([NOISE.heading, RATE_UNKNOWN, PUSH_UNKNOWN, NOISE.sea]))
     assert math.sqrt(RATE_UNKNOWN) == pytest.approx(0.2)
     assert math.degrees(math.sqrt(PUSH_UNKNOWN)) == pytest.approx(20.0)
@@ -113,7 +127,7 @@ def test_the_growth_of_an_unstable_boat_is_cut() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_mean_and_the_covariance_move_by_the_same_matrix(model: Norrbin, seed: int) -> None:
     dt, rudder = 0.4, 0.15
-    step, p = step_of(model, 0.1, NOISE, dt), some_spread(seed)
+    step, p = step_of(model, 0.1, NOISE, dt), some_covariance(seed)
     f = transition(step)
     x = np.array([0.1, -0.05, 0.02, 0.03])
     driven = np.array([step.drift, step.gain, 0.0, 0.0]) * rudder
@@ -122,21 +136,21 @@ def test_the_mean_and_the_covariance_move_by_the_same_matrix(model: Norrbin, see
     noise[:2, :2] = NOISE.acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     noise[2, 2] = NOISE.push * dt
     noise[3, 3] = (1.0 - math.exp(-2.0 * NOISE.pace * dt)) * NOISE.sea
-    found = matrix_of(spread_moved(step, spread_of(p), NOISE, dt))
+    found = matrix_of(predicted(step, covariance_of(p), NOISE, NOISE.push, dt))
     assert np.allclose(found, f @ p @ f.T + noise, rtol=1e-10, atol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_heading_is_taken_in_as_a_kalman_filter_takes_it(seed: int) -> None:
-    p = some_spread(seed)
+    p = some_covariance(seed)
     h = np.array([[1.0, 0.0, 0.0, 0.0]])
     total = float((h @ p @ h.T)[0, 0]) + NOISE.heading
     gain = p @ h.T / total
     kept = np.eye(4) - gain @ h
-    gains = gains_of(spread_of(p), NOISE)
-    assert gains.variance == pytest.approx(total)
+    gains = gains_of(covariance_of(p), NOISE.heading)
+    assert gains[0] == pytest.approx(total)
     assert np.allclose(gains[1:], gain.ravel(), rtol=1e-12)
     after = kept @ p @ kept.T + NOISE.heading * gain @ gain.T
-    assert np.allclose(matrix_of(spread_measured(gains, spread_of(p))), after, rtol=1e-9, atol=1e-14)
+    assert np.allclose(matrix_of(measured(gains, covariance_of(p))), after, rtol=1e-9, atol=1e-14)
     mean = Mean(0.1, 0.2, -0.3, 0.4)
     assert np.allclose(corrected(gains, mean, -0.05), np.array(mean) - 0.05 * gain.ravel(), rtol=1e-12)

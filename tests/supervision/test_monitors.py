@@ -7,14 +7,16 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from watches import Jumping, alarms, trouble
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample, WindSample
-from autopilot.supervision.monitors import AlarmLimits, Monitors, Watched
-from autopilot.supervision.monitors.compass import JumpingHeading
-from autopilot.supervision.monitors.course import SWEEP, THROW
+from autopilot.supervision.course_watch import SWEEP, Spin, Swings
+from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
+from autopilot.supervision.monitors import Monitors, State
 from autopilot.supervision.panel import sentences_of
+from autopilot.supervision.rudder_watch import Answer
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
 LIMITS = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0, roll=math.radians(40.0))
@@ -32,9 +34,10 @@ def watched(
     holds: bool = True,
     bias: float = 0.0,
     rate: float = 0.0,
-) -> Watched:
+    boat: Norrbin = BOAT,
+) -> MonitorInput:
     state = NavState(now, heading, rate, 4.0, rudder, bias, 0.0, True)
-    return Watched(now, state, True, holds, wanted, rudder, STOP, True)
+    return MonitorInput(now, boat, state, True, holds, wanted, rudder, STOP, True)
 
 
 class Sailing:
@@ -55,9 +58,9 @@ class Sailing:
             if not frozen:
                 self.shown = round(self.heading / digits) * digits if digits else self.heading
             rate = self.rate if self.has_rate else None
-            self.monitors.hear((HeadingSample(self.now, wrap(self.shown), rate),))
-            self.monitors.look(BOAT, watched(self.now, wrap(self.shown), rudder, wanted=wrap(self.shown), bias=bias))
-            if self.monitors.trouble:
+            self.monitors.on_samples((HeadingSample(self.now, wrap(self.shown), rate),))
+            self.monitors.update(watched(self.now, wrap(self.shown), rudder, wanted=wrap(self.shown), bias=bias))
+            if trouble(self.monitors):
                 return self.now
         return None
 
@@ -68,10 +71,10 @@ def test_a_frozen_compass_is_seen_before_the_boat_has_turned_far(has_rate: bool)
     assert boat.sail(20.0, 0.05) is None
     turned = boat.heading
     assert boat.sail(60.0, 0.05, frozen=True) is not None
-    assert boat.monitors.trouble == AlarmEvent("heading_frozen")
+    assert trouble(boat.monitors) == AlarmEvent("heading_frozen")
     assert abs(boat.heading - turned) < math.radians(25.0)
     boat.sail(0.2, 0.05)
-    assert boat.monitors.trouble is None
+    assert trouble(boat.monitors) is None
 
 
 def test_a_coarse_compass_on_a_straight_course_is_not_frozen() -> None:
@@ -90,76 +93,76 @@ def test_a_rate_that_stands_still_too_does_not_speak_for_the_compass(rate_deg_s:
     """Both froze as a turn began: the rate adds up to next to nothing, the rudder is worth more."""
     monitors, turned = Monitors(LIMITS), 0.0
     for k in range(600):
-        monitors.hear((HeadingSample(k * DT, 0.3, math.radians(rate_deg_s)),))
-        monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3))
+        monitors.on_samples((HeadingSample(k * DT, 0.3, math.radians(rate_deg_s)),))
+        monitors.update(watched(k * DT, 0.3, 0.3, wanted=0.3))
         turned += steady_rate(BOAT, 0.3) * DT
-        if monitors.trouble:
+        if trouble(monitors):
             break
-    assert monitors.trouble == AlarmEvent("heading_frozen")
+    assert trouble(monitors) == AlarmEvent("heading_frozen")
     assert turned < math.radians(45.0)
 
 
 def test_a_boat_whose_gyro_says_that_it_lies_still_lies_still() -> None:
     monitors = Monitors(LIMITS)
     for k in range(600):
-        monitors.hear((HeadingSample(k * DT, 0.3, 0.0),))
-        monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3))
-        assert monitors.trouble is None
+        monitors.on_samples((HeadingSample(k * DT, 0.3, 0.0),))
+        monitors.update(watched(k * DT, 0.3, 0.3, wanted=0.3))
+        assert trouble(monitors) is None
 
 
 def test_without_way_the_rudder_proves_nothing() -> None:
     monitors = Monitors(LIMITS)
     for k in range(2000):
-        monitors.hear((HeadingSample(k * DT, 0.3),))
-        monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3)._replace(has_way=False))
-        assert monitors.trouble is None
+        monitors.on_samples((HeadingSample(k * DT, 0.3),))
+        monitors.update(watched(k * DT, 0.3, 0.3, wanted=0.3)._replace(has_way=False))
+        assert trouble(monitors) is None
 
 
 def test_what_another_does_with_the_rudder_proves_nothing() -> None:
     monitors = Monitors(LIMITS)
     for k in range(2000):
-        monitors.hear((HeadingSample(k * DT, 0.3),))
-        monitors.look(BOAT, watched(k * DT, 0.3, 0.3, wanted=0.3)._replace(steers=False))
-        assert monitors.trouble is None
+        monitors.on_samples((HeadingSample(k * DT, 0.3),))
+        monitors.update(watched(k * DT, 0.3, 0.3, wanted=0.3)._replace(steers=False))
+        assert trouble(monitors) is None
 
 
 def off_course(seconds: float, error: float, rudder: float = 0.0) -> Monitors:
     monitors = Monitors(LIMITS)
     for k in range(round(seconds / DT) + 1):
-        monitors.look(BOAT, watched(k * DT, error, rudder))
+        monitors.update(watched(k * DT, error, rudder))
     return monitors
 
 
 def test_off_course_is_said_after_its_time_and_unsaid_when_back() -> None:
-    assert off_course(9.0, math.radians(25.0)).alarms() == ()
+    assert alarms(off_course(9.0, math.radians(25.0))) == ()
     monitors = off_course(10.5, math.radians(-25.0))
-    assert "off course by 25 deg to port" in sentences_of(monitors.alarms())[0]
-    monitors.look(BOAT, watched(11.0, math.radians(-16.0)))
-    assert monitors.alarms() != ()
-    monitors.look(BOAT, watched(11.1, math.radians(-10.0)))
-    assert monitors.alarms() == ()
+    assert "off course by 25 deg to port" in sentences_of(alarms(monitors))[0]
+    monitors.update(watched(11.0, math.radians(-16.0)))
+    assert alarms(monitors) != ()
+    monitors.update(watched(11.1, math.radians(-10.0)))
+    assert alarms(monitors) == ()
 
 
 def test_at_the_stop_the_advice_is_another() -> None:
-    assert "rudder at its stop" in sentences_of(off_course(11.0, math.radians(25.0), -STOP).alarms())[0]
-    assert "check rudder" in sentences_of(off_course(11.0, math.radians(25.0), -0.1).alarms())[0]
+    assert "rudder at its stop" in sentences_of(alarms(off_course(11.0, math.radians(25.0), -STOP)))[0]
+    assert "check rudder" in sentences_of(alarms(off_course(11.0, math.radians(25.0), -0.1)))[0]
 
 
 def test_no_course_no_alarm() -> None:
     monitors = off_course(20.0, math.radians(25.0))
-    monitors.look(BOAT, watched(21.0, math.radians(25.0), holds=False))
-    assert monitors.alarms() == ()
+    monitors.update(watched(21.0, math.radians(25.0), holds=False))
+    assert alarms(monitors) == ()
 
 
 def helmed(monitors: Monitors, seconds: float, sign: float, gust: float = 0.0) -> float:
     """Steer a boat whose rudder works with `sign` in a gust [rad of rudder]; return how far [rad] it has turned."""
     heading, rate, now = math.radians(5.0), 0.0, 0.0
-    while not monitors.trouble and now < seconds:
+    while not trouble(monitors) and now < seconds:
         now += DT
         order = max(-STOP, min(STOP, -2.0 * wrap(heading)))
         rate = rate_step(BOAT, rate, sign * order + gust, DT)
         heading += rate * DT
-        monitors.look(BOAT, watched(now, wrap(heading), order, rate=rate))
+        monitors.update(watched(now, wrap(heading), order, rate=rate))
     return heading
 
 
@@ -167,20 +170,20 @@ def test_a_boat_that_turns_against_its_rudder_is_given_up() -> None:
     """A rudder wired the wrong way: hard over, and the boat goes round."""
     monitors = Monitors(LIMITS)
     helmed(monitors, 120.0, -1.0)
-    assert monitors.trouble == AlarmEvent("runaway")
+    assert trouble(monitors) == AlarmEvent("runaway")
 
 
 def pushed(push: float, *, jammed: bool = False) -> tuple[Monitors, float, float]:
     """Hold a course in a sudden `push` [rad of rudder], or with the rudder jammed there; return, of when steering ends
     or a minute is over, the monitors, and how far off [rad] the boat was when anything was first found, and is."""
     monitors, heading, rate, rudder, now, first = Monitors(LIMITS), 0.0, 0.0, 0.0, 0.0, math.inf
-    while not monitors.trouble and now < 60.0:
+    while not trouble(monitors) and now < 60.0:
         now += DT
         order = max(-STOP, min(STOP, -2.0 * heading - 2.0 * rate))
         rudder += max(-RUDDER_RATE * DT, min(RUDDER_RATE * DT, order - rudder))
         rate = rate_step(BOAT, rate, push if jammed else rudder + push, DT)
         heading += rate * DT
-        monitors.look(BOAT, watched(now, wrap(heading), rudder, rate=rate))
+        monitors.update(watched(now, wrap(heading), rudder, rate=rate))
         first = min(first, abs(heading)) if monitors.findings else first
     return monitors, first, abs(heading)
 
@@ -188,7 +191,7 @@ def pushed(push: float, *, jammed: bool = False) -> tuple[Monitors, float, float
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_rudder_at_the_other_stop_is_noticed_and_given_up(side: float) -> None:
     monitors, first, last = pushed(side * STOP, jammed=True)
-    assert monitors.trouble == AlarmEvent("runaway")
+    assert trouble(monitors) == AlarmEvent("runaway")
     assert first < math.radians(45.0)
     # three time constants of 5 s, and the time in which the rudder comes over
     assert last < math.radians(110.0)
@@ -197,7 +200,7 @@ def test_a_rudder_at_the_other_stop_is_noticed_and_given_up(side: float) -> None
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_push_heavier_than_the_rudder_is_said_before_the_boat_has_come_round(side: float) -> None:
     monitors, first, _ = pushed(1.5 * side * STOP)
-    assert monitors.trouble is None
+    assert trouble(monitors) is None
     assert ("starboard" if side > 0.0 else "port") in monitors.findings["overpowered"].detail
     assert first < math.radians(45.0)
 
@@ -207,7 +210,7 @@ def test_a_boat_that_is_overpowered_is_not_given_up(gust: float) -> None:
     """Up to 1.6 times what the rudder can do, for two minutes: an alarm, and the pilot keeps at it."""
     monitors = Monitors(LIMITS)
     helmed(monitors, 120.0, 1.0, gust)
-    assert monitors.trouble is None
+    assert trouble(monitors) is None
 
 
 def in_heavy_waves(boat: Norrbin, push: float, side: float) -> Monitors:
@@ -220,9 +223,9 @@ def in_heavy_waves(boat: Norrbin, push: float, side: float) -> Monitors:
         heading += rate * DT
         turned = heading + math.sqrt(2.0) * tall * math.sin(pace * now)
         turns = rate + math.sqrt(2.0) * tall * pace * math.cos(pace * now)
-        seen = watched(now, side * turned, -side * STOP, rate=side * turns)
-        monitors.look(boat, seen._replace(state=seen.state._replace(wave_deviation=tall, wave_frequency=pace)))
-        if monitors.trouble:
+        seen = watched(now, side * turned, -side * STOP, rate=side * turns, boat=boat)
+        monitors.update(seen._replace(state=seen.state._replace(wave_deviation=tall, wave_frequency=pace)))
+        if trouble(monitors):
             break
     return monitors
 
@@ -235,33 +238,33 @@ SLUGGISH = [Norrbin(0.1, 20.0, 50.0, reference_speed=4.0), Norrbin(0.05, 1.0, re
 def test_a_wave_that_turns_the_boat_against_its_rudder_is_no_runaway(boat: Norrbin, side: float) -> None:
     """Pushed as hard as the rudder can hold, far off: each wave turns the boat to and fro, and none takes it round."""
     monitors = in_heavy_waves(boat, 1.0, side)
-    assert monitors.trouble is None
+    assert trouble(monitors) is None
     assert "overpowered" in monitors.findings
 
 
 @pytest.mark.parametrize("boat", SLUGGISH, ids=["slow", "weak"])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_rudder_at_the_other_stop_is_given_up_in_heavy_waves_too(boat: Norrbin, side: float) -> None:
-    assert in_heavy_waves(boat, 2.0, side).trouble == AlarmEvent("runaway")
+    assert trouble(in_heavy_waves(boat, 2.0, side)) == AlarmEvent("runaway")
 
 
 def test_a_boat_that_comes_back_slowly_is_not_given_up() -> None:
     monitors = Monitors(LIMITS)
     for k in range(1200):
         error = math.radians(120.0) * math.exp(-k * DT / 60.0)
-        monitors.look(BOAT, watched(k * DT, error, -STOP, rate=-error / 60.0))
-        assert monitors.trouble is None
+        monitors.update(watched(k * DT, error, -STOP, rate=-error / 60.0))
+        assert trouble(monitors) is None
 
 
 def test_heel_is_said_when_it_lasts() -> None:
     monitors = Monitors(LIMITS)
     for k in range(30):
-        monitors.hear((RollSample(k * DT, math.radians(-50.0)),))
-    monitors.look(BOAT, watched(3.0, 0.0))
-    assert "heeling 50 deg" in sentences_of(monitors.alarms())[0]
-    monitors.hear((RollSample(4.0, 0.1),))
-    monitors.look(BOAT, watched(4.0, 0.0))
-    assert monitors.alarms() == ()
+        monitors.on_samples((RollSample(k * DT, math.radians(-50.0)),))
+    monitors.update(watched(3.0, 0.0))
+    assert "heeling 50 deg" in sentences_of(alarms(monitors))[0]
+    monitors.on_samples((RollSample(4.0, 0.1),))
+    monitors.update(watched(4.0, 0.0))
+    assert alarms(monitors) == ()
 
 
 def test_what_goes_on_is_not_said_anew_with_every_degree() -> None:
@@ -272,10 +275,10 @@ def test_what_goes_on_is_not_said_anew_with_every_degree() -> None:
         # the boat swings slowly by 60 deg, heels by 41 to 49 deg, and its gyro has the wrong sign
         heading, rate = math.radians(60.0) * math.sin(0.3 * now), math.radians(18.0) * math.cos(0.3 * now)
         roll = math.radians(45.0 + 4.0 * math.sin(now))
-        monitors.hear((HeadingSample(now, heading, -rate), RollSample(now, roll)))
-        seen = watched(now, heading, wanted=heading)._replace(surprise=4.0 + math.sin(now))
-        monitors.look(BOAT, seen)
-        said |= {text for text in sentences_of(monitors.alarms()) if "go together" in text}
+        monitors.on_samples((HeadingSample(now, heading, -rate), RollSample(now, roll)))
+        seen = watched(now, heading, wanted=heading)._replace(innovation=4.0 + math.sin(now))
+        monitors.update(seen)
+        said |= {text for text in sentences_of(alarms(monitors)) if "go together" in text}
         if now > 30.0:
             names = {"roll", "rate_disagrees", "innovation"}
             assert monitors.findings.keys() == names, "it comes and goes with the swing, and is one alarm"
@@ -289,8 +292,8 @@ def test_a_gyro_of_the_wrong_sign_is_told_in_one_swing_until_it_is_put_right() -
 
     def hear(now: float, sign: float, swing: float) -> None:
         heading, rate = swing * math.sin(now), swing * math.cos(now)
-        monitors.hear((HeadingSample(now, heading, sign * rate),))
-        monitors.look(BOAT, watched(now, heading))
+        monitors.on_samples((HeadingSample(now, heading, sign * rate),))
+        monitors.update(watched(now, heading))
         told.append(monitors.doubts_rate)
 
     for k in range(1, 100):
@@ -309,7 +312,7 @@ def test_a_gyro_of_the_wrong_sign_is_told_in_one_swing_until_it_is_put_right() -
 def test_a_gyro_of_the_wrong_sign_is_nobodys_business_where_that_is_not_watched() -> None:
     monitors = Monitors(LIMITS._replace(rate_disagrees=math.inf))
     for k in range(200):
-        monitors.hear((HeadingSample(0.1 * k, 0.5 * math.sin(0.1 * k), -0.5 * math.cos(0.1 * k)),))
+        monitors.on_samples((HeadingSample(0.1 * k, 0.5 * math.sin(0.1 * k), -0.5 * math.cos(0.1 * k)),))
         assert not monitors.doubts_rate
 
 
@@ -317,8 +320,8 @@ def test_a_gyro_that_is_right_again_is_believed_after_a_while() -> None:
     monitors, disagreed = Monitors(LIMITS._replace(rate_disagrees=math.radians(15.0))), []
     for k in range(500):
         rate = 0.2 if k < 100 else 0.0
-        monitors.hear((HeadingSample(0.1 * k, 0.0, rate),))
-        monitors.look(BOAT, watched(0.1 * k, 0.0))
+        monitors.on_samples((HeadingSample(0.1 * k, 0.0, rate),))
+        monitors.update(watched(0.1 * k, 0.0))
         disagreed.append("rate_disagrees" in monitors.findings)
     assert disagreed.index(True) < 40
     assert disagreed[250]
@@ -336,33 +339,35 @@ def test_a_gyro_that_is_right_again_is_believed_after_a_while() -> None:
 def test_nothing_that_comes_in_makes_it_stumble(ticks: list[tuple[float, float, bool, bool]]) -> None:
     monitors = Monitors(LIMITS)
     for k, (heading, rudder, holds, heels) in enumerate(ticks):
-        monitors.hear((HeadingSample(k * DT, heading, rudder), RollSample(k * DT, heading if heels else 0.0)))
-        monitors.look(BOAT, watched(k * DT, heading, rudder, holds=holds))
-        assert all(isinstance(text, str) for text in sentences_of(monitors.alarms()))
+        monitors.on_samples((HeadingSample(k * DT, heading, rudder), RollSample(k * DT, heading if heels else 0.0)))
+        monitors.update(watched(k * DT, heading, rudder, holds=holds))
+        assert all(isinstance(text, str) for text in sentences_of(alarms(monitors)))
 
 
 def test_what_others_see_is_said_until_they_take_it_back() -> None:
     monitors = Monitors(LIMITS)
-    monitors.hear((ConditionSample(0.0, "battery_low", True, "11 %", "vehicle"),))
-    monitors.hear((ConditionSample(0.0, "battery_low", True, "9 %", "second"), ConditionSample(0.0, "no such", True)))
-    monitors.look(BOAT, watched(0.0, 0.0))
+    monitors.on_samples((ConditionSample(0.0, "battery_low", True, "11 %", "vehicle"),))
+    monitors.on_samples(
+        (ConditionSample(0.0, "battery_low", True, "9 %", "second"), ConditionSample(0.0, "no such", True))
+    )
+    monitors.update(watched(0.0, 0.0))
     assert monitors.findings.keys() == {"battery_low"}
-    assert monitors.trouble is None
-    monitors.hear((ConditionSample(1.0, "battery_low", False, "", "second"),))
-    monitors.look(BOAT, watched(1.0, 0.0))
-    assert "11 %" in sentences_of(monitors.alarms())[0]
-    monitors.hear((ConditionSample(2.0, "battery_low", False, "", "vehicle"),))
-    monitors.look(BOAT, watched(2.0, 0.0))
-    assert monitors.alarms() == ()
+    assert trouble(monitors) is None
+    monitors.on_samples((ConditionSample(1.0, "battery_low", False, "", "second"),))
+    monitors.update(watched(1.0, 0.0))
+    assert "11 %" in sentences_of(alarms(monitors))[0]
+    monitors.on_samples((ConditionSample(2.0, "battery_low", False, "", "vehicle"),))
+    monitors.update(watched(2.0, 0.0))
+    assert alarms(monitors) == ()
 
 
 def jumped(period: float, seconds: float, back: float = math.inf) -> float:
     """When a compass that jumps by 40 deg after 2 s, and back after so long, is said to jump; inf: never."""
-    monitor = JumpingHeading()
+    monitor = Jumping(math.radians(20.0))
     for tick in range(round(seconds / period)):
         now = tick * period
         away = 2.0 - 1e-9 <= now < 2.0 + back - 1e-9
-        monitor.hear(HeadingSample(now, math.radians(40.0) if away else 0.0), math.radians(20.0))
+        monitor.hear(HeadingSample(now, math.radians(40.0) if away else 0.0))
         if monitor.found(watched(now, 0.0)):
             return now - 2.0
     return math.inf
@@ -376,43 +381,41 @@ def test_a_jump_for_good_is_said_after_half_a_second_and_three_samples(period: f
 
 def test_a_jump_is_said_for_five_seconds_with_its_side() -> None:
     for side in (-1.0, 1.0):
-        monitor, said = JumpingHeading(), []
+        monitor, said = Jumping(0.3), []
         for tick in range(100):
             now = 0.1 * tick
-            monitor.hear(HeadingSample(now, side * 0.7 if now > 1.95 else 0.0), 0.3)
+            monitor.hear(HeadingSample(now, side * 0.7 if now > 1.95 else 0.0))
             said.append(monitor.found(watched(now, 0.0)))
         assert said[24:26] == ["", f"by {side * 40.0:+.0f} deg"]
         assert said[74] == said[25] and said[75] == ""
-        monitor.reset()
-        assert vars(monitor) == vars(JumpingHeading())
 
 
 def test_three_spikes_within_ten_seconds_are_a_jump_and_two_or_slower_ones_are_not() -> None:
     for apart, count, is_said in ((4.9, 3, True), (4.9, 2, False), (5.1, 6, False)):
-        monitor, found = JumpingHeading(), ""
+        monitor, found = Jumping(0.3), ""
         for tick in range(400):
             now = 0.1 * tick
             is_spike = any(abs(now - 2.0 - apart * number) < 0.04 for number in range(count))
-            monitor.hear(HeadingSample(now, 1.0 if is_spike else 0.0), 0.3)
+            monitor.hear(HeadingSample(now, 1.0 if is_spike else 0.0))
             found = found or monitor.found(watched(now, 0.0))
         assert bool(found) is is_said
 
 
 @pytest.mark.parametrize(("gap", "is_seen"), [(1.9, True), (2.1, False)])
 def test_across_more_than_two_seconds_of_silence_no_jump_is_seen(gap: float, is_seen: bool) -> None:
-    monitor, found = JumpingHeading(), ""
-    monitor.hear(HeadingSample(0.0, 0.0), 0.3)
+    monitor, found = Jumping(0.3), ""
+    monitor.hear(HeadingSample(0.0, 0.0))
     for tick in range(20):
         now = gap + 0.1 * tick
-        monitor.hear(HeadingSample(now, 1.0), 0.3)
+        monitor.hear(HeadingSample(now, 1.0))
         found = found or monitor.found(watched(now, 0.0))
     assert bool(found) is is_seen
 
 
 def test_another_compass_that_shows_another_heading_has_not_jumped() -> None:
-    monitor, found = JumpingHeading(), ""
+    monitor, found = Jumping(0.3), ""
     for tick in range(40):
-        monitor.hear(HeadingSample(0.1 * tick, 1.0 if tick > 20 else 0.0, None, "b" if tick > 20 else "a"), 0.3)
+        monitor.hear(HeadingSample(0.1 * tick, 1.0 if tick > 20 else 0.0, None, "b" if tick > 20 else "a"))
         found = found or monitor.found(watched(0.1 * tick, 0.0))
     assert found == ""
 
@@ -427,7 +430,7 @@ def test_a_surprise_that_lasts_for_twenty_seconds_is_said_in_its_first_number(si
     monitors = Monitors(LIMITS._replace(innovation=3.0))
 
     def look(now: float, surprise: float, **change: bool) -> str:
-        monitors.look(BOAT, watched(now, 0.0)._replace(surprise=side * surprise, **change))
+        monitors.update(watched(now, 0.0)._replace(innovation=side * surprise, **change))
         return said(monitors, "innovation")
 
     assert [look(now, 3.1) for now in (1.0, 10.0, 20.75)] == ["", "", ""]
@@ -445,8 +448,8 @@ def test_heel_is_said_after_two_seconds_and_anew_with_ten_degrees_more(side: flo
     monitors = Monitors(LIMITS)
 
     def heel(now: float, degrees: float) -> str:
-        monitors.hear((RollSample(now, side * math.radians(degrees)),))
-        monitors.look(BOAT, watched(now, 0.0))
+        monitors.on_samples((RollSample(now, side * math.radians(degrees)),))
+        monitors.update(watched(now, 0.0))
         return said(monitors, "roll")
 
     assert [heel(now, 40.5) for now in (0.0, 1.0, 1.75)] == ["", "", ""]
@@ -462,62 +465,62 @@ def test_heel_is_said_after_two_seconds_and_anew_with_ten_degrees_more(side: flo
 def test_a_wind_that_is_wanted_and_not_heard_for_five_seconds_is_said(age: float, is_said: bool) -> None:
     for is_wanted in (True, False):
         monitors = Monitors(LIMITS._replace(wind_wanted=is_wanted))
-        monitors.look(BOAT, watched(0.0, 0.0))
+        monitors.update(watched(0.0, 0.0))
         assert ("no_wind" in monitors.findings) is is_wanted, "never heard"
-        monitors.hear((WindSample(1.0, 0.5, 6.0),))
-        monitors.look(BOAT, watched(1.0 + age, 0.0))
+        monitors.on_samples((WindSample(1.0, 0.5, 6.0),))
+        monitors.update(watched(1.0 + age, 0.0))
         assert ("no_wind" in monitors.findings) is (is_wanted and is_said)
 
 
 def test_what_waits_for_way_and_speeds_that_no_stream_explains_are_said_while_they_are() -> None:
     monitors = Monitors(LIMITS)
     for change, name in (({"waits": True}, "low_speed"), ({"speeds_apart": 0.1}, "speeds_disagree")):
-        monitors.look(BOAT, watched(0.0, 0.0)._replace(**change))  # type: ignore[arg-type]
-        assert monitors.findings.keys() == {name} and monitors.trouble is None
-        monitors.look(BOAT, watched(0.1, 0.0))
+        monitors.update(watched(0.0, 0.0)._replace(**change))  # type: ignore[arg-type]
+        assert monitors.findings.keys() == {name} and trouble(monitors) is None
+        monitors.update(watched(0.1, 0.0))
         assert monitors.findings == {}
 
 
 def test_a_reset_forgets_whatever_was_found() -> None:
     monitors = Monitors(LIMITS._replace(innovation=3.0, wind_wanted=False))
-    monitors.hear((ConditionSample(0.0, "battery_low", True, "11 %", "vehicle"),))
+    monitors.on_samples((ConditionSample(0.0, "battery_low", True, "11 %", "vehicle"),))
     for tick in range(300):
         now = 0.1 * tick
-        monitors.hear((RollSample(now, 1.0), HeadingSample(now, math.radians(25.0), 0.0)))
-        monitors.look(BOAT, watched(now, math.radians(25.0))._replace(surprise=4.0))
+        monitors.on_samples((RollSample(now, 1.0), HeadingSample(now, math.radians(25.0), 0.0)))
+        monitors.update(watched(now, math.radians(25.0))._replace(innovation=4.0))
     assert monitors.findings.keys() >= {"battery_low", "roll", "innovation", "off_course"}
     monitors.reset()
-    assert (monitors.findings, monitors.softer, monitors.trouble, monitors.alarms()) == ({}, 1.0, None, ())
-    monitors.look(BOAT, watched(30.1, math.radians(25.0))._replace(surprise=4.0))
+    assert (monitors.findings, monitors.state) == ({}, State())
+    monitors.update(watched(30.1, math.radians(25.0))._replace(innovation=4.0))
     assert monitors.findings == {}
 
 
 class Said:
-    """Stands for the monitors of swings, spins and the rudder's answer: what it says is given."""
+    """What the counts of swings, the rate of turn and the rudder's answer say, whatever the boat does."""
 
-    swings = throws = 0
+    swings = throws = verdict = 0
     rushes = outruns_speed = doubts_trial = False
-    rate, fast, other, answer = 0.3, 0.0, "", ""
+    fast, other = 0.0, ""
 
-    def __init__(self, sweep: float = math.nan) -> None:
-        self.sweep = sweep
+    @staticmethod
+    def of_swings(before: Swings, sweep: float, *_: object) -> Swings:
+        return Swings(sweeps=Said.swings if sweep == SWEEP else Said.throws)
 
-    def look(self, *_: object) -> object:
-        return {SWEEP: Said.swings, THROW: Said.throws}.get(self.sweep, (Said.answer, "so"))
+    @staticmethod
+    def of_spin(*_: object) -> Spin:
+        return Spin(
+            True, rate=Said.fast or 0.3, is_fast=Said.fast != 0.0, rushes=Said.rushes, outruns_speed=Said.outruns_speed
+        )
 
-    def too_fast(self, *_: object) -> float:
-        return Said.fast
-
-    def hear(self, *_: object) -> None:
-        pass
-
-    def reset(self) -> None:
-        pass
+    @staticmethod
+    def of_answer(*_: object) -> Answer:
+        return Answer(other=Said.other, verdict=Said.verdict, doubts_trial=Said.doubts_trial)
 
 
 def stubbed(monkeypatch: pytest.MonkeyPatch, **words: object) -> None:
-    for name in ("Swings", "Spinning", "RudderAnswer"):
-        monkeypatch.setattr(f"autopilot.supervision.monitors.watch.{name}", Said)
+    monkeypatch.setattr("autopilot.supervision.course_watch.swings_step", Said.of_swings)
+    monkeypatch.setattr("autopilot.supervision.course_watch.spin_step", Said.of_spin)
+    monkeypatch.setattr("autopilot.supervision.rudder_watch.answer_step", Said.of_answer)
     for name, value in words.items():
         monkeypatch.setattr(Said, name, value)
 
@@ -567,12 +570,12 @@ def test_of_swings_the_law_orders_less_and_where_that_is_not_enough_steering_end
     the likelier cause, and doubted first."""
     stubbed(monkeypatch, swings=4)
     monitors = Monitors(LIMITS)
-    seen = watched(0.0, 0.0)._replace(follows=True)
+    seen = watched(0.0, 0.0, boat=boat)._replace(follows=True)
     for _ in range(before):
-        monitors.look(boat, seen)
+        monitors.update(seen)
     stubbed(monkeypatch, swings=0)
     stubbed(monkeypatch, **words)
-    monitors.look(boat, seen._replace(**change))  # type: ignore[arg-type]
+    monitors.update(seen._replace(**change))  # type: ignore[arg-type]
     assert (tuple(sorted(monitors.findings)), monitors.softer) == (tuple(sorted(names)), softer)
     assert monitors.doubts_speed is (change == LOW)
 
@@ -605,29 +608,29 @@ def test_what_the_answer_tells_of_boat_and_rudder_counts_until_we_let_go(
     monitors = None
     for other in (*others, ""):
         stubbed(monkeypatch, other=other)
-        monitors = monitors or Monitors(LIMITS)
-        monitors.look(boat, watched(0.0, 0.0)._replace(**change))  # type: ignore[arg-type]
+        monitors = monitors or Monitors(LIMITS._replace(rudder_answer=True))
+        monitors.update(watched(0.0, 0.0, boat=boat)._replace(**change))  # type: ignore[arg-type]
     assert monitors is not None
     assert (set(monitors.findings), monitors.softer, monitors.rests_roll) == ({name}, softer, rests)
-    monitors.look(boat, watched(0.0, 0.0)._replace(steers=False))
+    monitors.update(watched(0.0, 0.0, boat=boat)._replace(steers=False))
     assert (monitors.findings, monitors.softer, monitors.rests_roll) == ({}, 1.0, False)
 
 
 def test_where_the_answer_is_not_watched_nothing_of_it_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    stubbed(monkeypatch, answer="rudder_stuck")
+    stubbed(monkeypatch, verdict=1)
     for is_watched in (True, False):
         monitors = Monitors(LIMITS._replace(rudder_answer=is_watched))
-        monitors.look(BOAT, watched(0.0, 0.0))
+        monitors.update(watched(0.0, 0.0))
         assert ("rudder_stuck" in monitors.findings) is is_watched
 
 
 def test_a_trial_that_is_doubted_is_said_for_ten_seconds_while_we_steer(monkeypatch: pytest.MonkeyPatch) -> None:
     stubbed(monkeypatch, doubts_trial=True)
     monitors = Monitors(LIMITS._replace(rudder_answer=True))
-    monitors.look(BOAT, watched(50.0, 0.0))
+    monitors.update(watched(50.0, 0.0))
     monkeypatch.setattr(Said, "doubts_trial", False)
     for later, steers, is_said in ((0.0, True, True), (9.9, False, False), (9.9, True, True), (10.0, True, False)):
-        monitors.look(BOAT, watched(50.0 + later, 0.0)._replace(steers=steers))
+        monitors.update(watched(50.0 + later, 0.0)._replace(steers=steers))
         assert ("trial_doubtful" in monitors.findings) is is_said
 
 
@@ -651,9 +654,10 @@ def test_what_a_wrong_speed_explains_is_no_fault_of_the_rudder(
     monkeypatch: pytest.MonkeyPatch, answer: str, other: str, trial: float, is_doubted: bool
 ) -> None:
     """At 4 m/s: a boat that answers more may be quicker than it reads, one that answers less slower, by a quarter."""
-    stubbed(monkeypatch, answer=answer, other=other)
+    verdicts = {"": 0, "rudder_stuck": 1, "rudder_reversed": -1}
+    stubbed(monkeypatch, verdict=verdicts[answer], other=other)
     monitors = Monitors(LIMITS._replace(rudder_answer=True))
-    monitors.look(BOAT, watched(0.0, 0.0)._replace(trial_speed=trial))
+    monitors.update(watched(0.0, 0.0)._replace(trial_speed=trial))
     assert monitors.doubts_speed is is_doubted
     assert (answer in monitors.findings) is (answer != "" and not is_doubted)
     assert ("speed_doubtful" in monitors.findings) is is_doubted

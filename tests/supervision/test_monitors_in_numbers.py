@@ -8,25 +8,26 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from alarm_texts import words
+from watches import Frozen, Jumping, consistency, off_course, overpowered, runaway
 
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
+from autopilot.supervision.compass_watch import Consistency, consistency_step
+from autopilot.supervision.course_watch import course_step
+from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.monitors import Monitors
-from autopilot.supervision.monitors.answer import first_memory
-from autopilot.supervision.monitors.answer_filter import NOTHING, Noise
-from autopilot.supervision.monitors.compass import FrozenHeading, JumpingHeading, RateAgainstHeading
-from autopilot.supervision.monitors.course import OffCourse, Runaway, course_step
-from autopilot.supervision.monitors.rudder import AtTheStop, Overpowered
-from autopilot.supervision.monitors.watched import AlarmLimits, Watched
+from autopilot.supervision.rudder_response import NOTHING, Noise, first_response
 
 BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)
 STOP = math.radians(30.0)
 SIDES = pytest.mark.parametrize("side", [-1.0, 1.0])
 
 
-def watched(now: float, heading: float = 0.0, rudder: float = 0.0, rate: float = 0.0, waves: float = 0.0) -> Watched:
+def watched(
+    now: float, heading: float = 0.0, rudder: float = 0.0, rate: float = 0.0, waves: float = 0.0
+) -> MonitorInput:
     state = NavState(now, heading, rate, 4.0, rudder, 0.0, 0.0, True, wave_deviation=waves)
-    return Watched(now, state, True, True, 0.0, rudder, STOP, True)
+    return MonitorInput(now, BOAT, state, True, True, 0.0, rudder, STOP, True)
 
 
 @SIDES
@@ -34,7 +35,7 @@ def watched(now: float, heading: float = 0.0, rudder: float = 0.0, rate: float =
 def test_a_push_beyond_the_rudder_is_said_after_two_seconds(
     side: float, share: float, seconds: float, is_said: bool
 ) -> None:
-    monitor = Overpowered()
+    monitor = overpowered()
     for tick in range(round(seconds / 0.1) + 1):
         monitor.look(watched(0.1 * tick, rudder=-side * STOP)._replace(push=side * share * STOP))
     name = "starboard" if side > 0.0 else "port"
@@ -53,7 +54,7 @@ def test_a_law_that_has_rudder_left_is_not_overpowered(
     side: float, rudder: float, follows: bool, is_said: bool
 ) -> None:
     """A sea that is not the one estimated was taken for a push of 59 deg of rudder, the rudder at 11 deg."""
-    monitor = Overpowered()
+    monitor = overpowered()
     for tick in range(100):
         at = watched(0.1 * tick, rudder=side * rudder * STOP)._replace(follows=follows)
         monitor.look(at._replace(push=side * 2.0 * STOP))
@@ -64,7 +65,7 @@ def test_a_law_that_has_rudder_left_is_not_overpowered(
 @pytest.mark.parametrize(("seconds", "is_said"), [(0.55, True), (0.45, False)])
 def test_a_rudder_on_its_way_to_its_stop_is_not_overpowered_yet(side: float, seconds: float, is_said: bool) -> None:
     """The gear comes after the order: at 33 deg off course the alarm was said with the rudder 4 deg from its stop."""
-    monitor, arrives = Overpowered(), 5.0
+    monitor, arrives = overpowered(), 5.0
     for tick in range(round((arrives + seconds) / 0.1) + 1):
         now = 0.1 * tick
         at = watched(now, rudder=-side * STOP * (0.95 if now >= arrives - 1e-9 else 0.5))._replace(follows=True)
@@ -81,20 +82,24 @@ def test_a_rudder_on_its_way_to_its_stop_is_not_overpowered_yet(side: float, sec
 def test_a_rudder_at_nine_tenths_for_fifteen_seconds_is_at_its_stop(
     side: float, share: float, seconds: float, is_said: bool
 ) -> None:
-    monitor, said = AtTheStop(), False
-    for tick in range(round(seconds / 0.1) + 1):
-        said = monitor.is_there(watched(0.1 * tick, rudder=side * share * STOP))
-    assert said is is_said
-    assert not monitor.is_there(watched(61.0, rudder=side * STOP)._replace(holds_course=False))
-    assert not monitor.is_there(watched(61.1, rudder=side * STOP)), "it begins anew"
+    monitors = Monitors(AlarmLimits())
+
+    def is_there(now: float, rudder: float, holds: bool = True) -> bool:
+        monitors.update(watched(now, rudder=side * rudder)._replace(holds_course=holds))
+        return "rudder_at_stop" in monitors.findings
+
+    said = [is_there(0.1 * tick, share * STOP) for tick in range(round(seconds / 0.1) + 1)]
+    assert said[-1] is is_said
+    assert not is_there(61.0, STOP, holds=False)
+    assert not is_there(61.1, STOP), "it begins anew"
 
 
 @SIDES
 def test_off_course_by_side_with_the_rudder_at_its_stop_and_back_within_seven_tenths(side: float) -> None:
-    limits, monitor = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0), OffCourse()
+    monitor = off_course(AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0))
 
     def look(now: float, error_deg: float, rudder: float = 0.0) -> str:
-        monitor.look(limits, watched(now, side * math.radians(error_deg), rudder))
+        monitor.look(watched(now, side * math.radians(error_deg), rudder))
         return words(monitor.found)
 
     name = "starboard" if side > 0.0 else "port"
@@ -112,12 +117,12 @@ def test_off_course_by_side_with_the_rudder_at_its_stop_and_back_within_seven_te
 def ran(side: float, share: float, seconds: float, turned_deg: float, waves: float = 0.0) -> tuple[bool, str]:
     """A rudder hard over to `side` while the boat turns so far the other way in so long; share: of its steady turn, at
     which it turns in the last 2.1 s. The rate sensor stands still."""
-    monitor, steady = Runaway(), math.degrees(steady_rate(BOAT, STOP))
+    monitor, steady = runaway(), math.degrees(steady_rate(BOAT, STOP))
     last = 2.1 if seconds > 6.0 else 0.0
     times, turns = (0.0, seconds - last, seconds), (0.0, turned_deg - last * share * steady, turned_deg)
     for tick in range(round(seconds / 0.05) + 1):
         heading = -side * math.radians(float(np.interp(0.05 * tick, times, turns)))
-        monitor.look(BOAT, watched(0.05 * tick, heading, side * STOP, 0.0, waves))
+        monitor.look(watched(0.05 * tick, heading, side * STOP, 0.0, waves))
     return monitor.has_run, monitor.overpowered
 
 
@@ -142,20 +147,20 @@ def test_a_boat_that_turns_twenty_degrees_against_its_rudder(side: float) -> Non
 @SIDES
 def test_a_zigzag_45_degrees_astray_has_run_away(side: float) -> None:
     for astray_deg, rate, has_run in ((45.5, -0.1, True), (44.5, -0.1, False), (45.5, 0.1, False)):
-        monitor = Runaway()
+        monitor = runaway()
         at = watched(0.0, 0.0, side * 0.1, side * rate)._replace(astray=math.radians(astray_deg))
-        monitor.look(BOAT, at)
+        monitor.look(at)
         assert monitor.has_run is has_run
 
 
 def apart(side: float, off: float, seconds: float, alone: bool = False) -> str:
     """Headings that stand against a rate `off` [rad/s] beside them; the two may differ by 0.2 rad over some 5 s."""
-    monitor = RateAgainstHeading()
+    monitor = consistency(0.2)
     for tick in range(round(seconds / 0.1) + 1):
         now = 0.1 * tick
         if alone:
-            monitor.hear(RateSample(now, side * off), 0.2)
-        monitor.hear(HeadingSample(now, 0.0, None if alone else side * off), 0.2)
+            monitor.look(RateSample(now, side * off))
+        monitor.look(HeadingSample(now, 0.0, None if alone else side * off))
     return monitor.found
 
 
@@ -171,14 +176,14 @@ def test_heading_and_rate_must_differ_for_a_second(side: float, alone: bool) -> 
 
 def test_after_the_first_heading_the_usual_response_is_three_quarters() -> None:
     noise = Noise(1e-4, 1e-5, 1e-6, 1e-3, 0.5)
-    memory = first_memory(noise, 3.0, 0.7)
+    memory = first_response(noise, 3.0, 0.7)
     assert memory.time == 3.0
     assert memory.mean == (0.7, 0.0, 0.0, 0.0)
     assert memory.answer == memory.late == memory.others.slow == NOTHING
     assert memory.usual / memory.shown == 0.75
     assert memory.shown == 60.0
-    assert (memory.silent, memory.silent_late, memory.opposite, memory.opposite_late) == (0.0, 0.0, 0.0, 0.0)
-    assert (memory.odd, memory.wild) == (1.0, 0)
+    assert (memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late) == (0.0, 0.0, 0.0, 0.0)
+    assert (memory.unexplained, memory.outliers) == (1.0, 0)
     others = memory.others
     assert others.lively == others.quick == (0.0, 0.0)
     assert (others.weak, others.right, others.strong, others.late) == (0.0, 0.0, 0.0, 0.0)
@@ -186,13 +191,13 @@ def test_after_the_first_heading_the_usual_response_is_three_quarters() -> None:
 
 def stood(sea_deg: float, digit_deg: float, felt: float, stands: float, holds: bool = True) -> bool:
     """Whether a heading in a sea that is felt so long on a course is frozen after it has stood for so long."""
-    monitor, is_frozen, last = FrozenHeading(), False, round(felt / 0.1)
+    monitor, is_frozen, last = Frozen(), False, round(felt / 0.1)
     for tick in range(last + round(stands / 0.1) + 1):
         now = 0.1 * tick
         heading = math.radians(digit_deg) * (min(tick, last) % 2)
         monitor.hear(HeadingSample(now, heading))
         at = watched(now, heading, waves=math.radians(sea_deg))._replace(holds_course=holds)
-        is_frozen = monitor.is_frozen(BOAT, at)
+        is_frozen = monitor.is_frozen(at)
     return is_frozen
 
 
@@ -208,12 +213,12 @@ def test_in_a_sea_no_heading_stands_for_three_seconds() -> None:
 
 def turned(rate_deg_s: float, seconds: float, rudder: float = 0.0, moves: bool = True) -> bool:
     """Whether a heading is frozen that stands from 1 s on while a rate beside it, or the rudder, turns the boat."""
-    monitor, is_frozen = FrozenHeading(), False
+    monitor, is_frozen = Frozen(), False
     for tick in range(round(seconds / 0.1) + 11):
         now = 0.1 * tick
         rate = math.radians(rate_deg_s) * (1.0 + (0.01 * (tick % 2) if moves else 0.0))
         monitor.hear(HeadingSample(now, 0.001 * min(tick, 10), rate))
-        is_frozen = monitor.is_frozen(BOAT, watched(now, 0.0, rudder))
+        is_frozen = monitor.is_frozen(watched(now, 0.0, rudder))
     return is_frozen
 
 
@@ -243,21 +248,21 @@ def test_a_heading_that_stands_while_the_rudder_must_have_turned_it_by_fifteen_d
 def test_nine_headings_alike_prove_nothing_and_the_tenth_does(gap: float) -> None:
     """However fast the rate beside them turns: a compass repeats itself for a moment."""
     for headings, is_found in ((9, False), (10, True)):
-        monitor = FrozenHeading()
+        monitor = Frozen()
         for tick in range(headings):
             monitor.hear(HeadingSample(gap * tick, 0.3, 20.0 + 0.1 * (tick % 2)))
-            found = monitor.is_frozen(BOAT, watched(gap * tick, 0.3))
+            found = monitor.is_frozen(watched(gap * tick, 0.3))
         assert found is is_found
         monitor.hear(HeadingSample(5.0, 0.31, 20.0))
-        assert not monitor.is_frozen(BOAT, watched(5.0, 0.31)), "it moves again"
+        assert not monitor.is_frozen(watched(5.0, 0.31)), "it moves again"
 
 
 def jumped(*headings: tuple[float, float], most: float = 0.3, rate: float = 0.0, looked_at: float = 0.0) -> str:
     """What is said at the end, or at `looked_at` [s], of headings (time, degrees)."""
-    monitor = JumpingHeading()
+    monitor = Jumping(most)
     for time, heading in headings:
         monitor.found(watched(time, rate=rate))
-        monitor.hear(HeadingSample(time, math.radians(heading)), most)
+        monitor.hear(HeadingSample(time, math.radians(heading)))
         monitor.found(watched(time, rate=rate))
     return monitor.found(watched(looked_at or headings[-1][0], rate=rate))
 
@@ -298,9 +303,9 @@ def test_three_jumps_there_and_back_within_ten_seconds_are_a_compass_that_jumps(
 
 @SIDES
 def test_ten_degrees_more_between_heading_and_rate_are_news(side: float) -> None:
-    monitor, said = RateAgainstHeading(), []
+    monitor, said = consistency(math.radians(10.0)), []
     for tick in range(300):
-        monitor.hear(HeadingSample(0.1 * tick, 0.0, side * math.radians(8.0)), math.radians(10.0))
+        monitor.look(HeadingSample(0.1 * tick, 0.0, side * math.radians(8.0)))
         said.append(monitor.found)
     told = [int(words.split(" ")[0]) for words in dict.fromkeys(said) if words]
     assert len(told) >= 3 and all(10 <= b - a <= 12 for a, b in pairwise(told))
@@ -309,16 +314,16 @@ def test_ten_degrees_more_between_heading_and_rate_are_news(side: float) -> None
 @SIDES
 def test_how_long_it_is_said_that_heading_and_rate_differ(side: float) -> None:
     """A fixed rate of 3 deg/s beside a heading that stands: 10 deg are passed, then for a second."""
-    monitor, said = RateAgainstHeading(), []
+    monitor, said = consistency(math.radians(10.0)), []
     for tick in range(400):
         now = 0.1 * tick
         rate = side * math.radians(3.0) if tick < 200 else 0.0
-        monitor.hear(HeadingSample(now, 0.0, rate), math.radians(10.0))
+        monitor.look(HeadingSample(now, 0.0, rate))
         if monitor.found:
             said.append(now)
     assert monitor.found and "deg apart" in monitor.found
-    monitor.hear(HeadingSample(39.9, 0.0, math.nan), math.radians(10.0))
-    monitor.hear(HeadingSample(math.nan, 0.0, 0.0), math.radians(10.0))
+    monitor.look(HeadingSample(39.9, 0.0, math.nan))
+    monitor.look(HeadingSample(math.nan, 0.0, 0.0))
     assert said == [0.1 * tick for tick in range(round(10.0 * said[0]), 400)]
 
 
@@ -326,12 +331,12 @@ def test_the_rudder_counts_from_the_second_frozen_heading_on() -> None:
     """A compass that is read every other second, at ticks between, in a steady turn: until the tenth, 18 s after the
     first, 16 s are worth 14.1 deg at 0.88 deg/s and 15.2 deg at 0.95 deg/s."""
     for rate_deg_s, is_found in ((0.88, False), (0.95, True)):
-        monitor, rate = FrozenHeading(), math.radians(rate_deg_s)
+        monitor, rate = Frozen(), math.radians(rate_deg_s)
         for tick in range(289):
             now = 0.0625 * tick
             if tick % 32 == 0:
                 monitor.hear(HeadingSample(now, 0.3))
-            found = monitor.is_frozen(BOAT, watched(now, 0.3, rate / 0.2, rate))
+            found = monitor.is_frozen(watched(now, 0.3, rate / 0.2, rate))
         assert found is is_found
 
 
@@ -359,9 +364,9 @@ HOP = 0.25
     ],
 )
 def test_what_is_a_jump_to_the_bit(side: float, headings: list[tuple[float, float]], is_said: bool) -> None:
-    monitor = JumpingHeading()
+    monitor = Jumping(HOP)
     for time, heading in headings:
-        monitor.hear(HeadingSample(time, side * heading), HOP)
+        monitor.hear(HeadingSample(time, side * heading))
     last = headings[-1][0]
     for later, is_yet in ((0.0, True), (4.9375, True), (5.0, False), (-0.0625, False)):
         assert (monitor.found(watched(last + later)) != "") is (is_said and is_yet)
@@ -373,21 +378,21 @@ def test_what_is_a_jump_to_the_bit(side: float, headings: list[tuple[float, floa
     [(2.0, None, True), (2.0625, None, False), (2.0, 2.0, True), (2.0, 2.0625, False), (1.0, -0.0625, False)],
 )
 def test_a_rate_goes_with_a_heading_for_two_seconds(side: float, step: float, rate_age: float, is_said: bool) -> None:
-    monitor = RateAgainstHeading()
+    monitor = consistency(0.01)
     for number in range(4):
         now, rate = step * number, side * 0.5
         if rate_age is not None:
-            monitor.hear(RateSample(now - rate_age, rate), 0.01)
-        monitor.hear(HeadingSample(now, 0.0, rate if rate_age is None else None), 0.01)
+            monitor.look(RateSample(now - rate_age, rate))
+        monitor.look(HeadingSample(now, 0.0, rate if rate_age is None else None))
     assert (monitor.found != "") is is_said
 
 
 def test_rate_and_heading_that_disagree_alarm_after_a_second_for_twenty() -> None:
-    monitor, said = RateAgainstHeading(), []
+    monitor, said = Consistency(), []
     for tick in range(100):
         now = 0.25 * tick
         # the difference begins at 0.25 s, and nobody asks for it after 1.25 s
-        monitor.hear(HeadingSample(now, 0.0, 0.5), 0.01 if now <= 1.25 else 99.0)
+        monitor = consistency_step(monitor, HeadingSample(now, 0.0, 0.5), 0.01 if now <= 1.25 else 99.0)
         if monitor.found:
             said.append(now)
     assert (said[0], said[-1]) == (1.25, 21.0)
@@ -417,26 +422,26 @@ def test_what_is_off_course_to_the_bit(
 
 @SIDES
 def test_ten_degrees_more_to_the_bit_are_no_news_yet(side: float) -> None:
-    limits, monitor, ten = AlarmLimits(off_course=0.1, off_course_time=0.0), OffCourse(), math.radians(10.0)
+    monitor, ten = off_course(AlarmLimits(off_course=0.1, off_course_time=0.0)), math.radians(10.0)
     for now, error in ((0.0, ten), (1.0, ten), (2.0, 2.0 * ten)):
-        monitor.look(limits, watched(now, side * error))
+        monitor.look(watched(now, side * error))
     assert words(monitor.found).startswith("off course by 10 deg")
-    monitor.look(limits, watched(3.0, side * (2.0 * ten + 1e-9)))
+    monitor.look(watched(3.0, side * (2.0 * ten + 1e-9)))
     assert words(monitor.found).startswith("off course by 20 deg")
     heel = Monitors(AlarmLimits(roll=0.1))
     for now, roll in ((0.0, ten), (2.0, ten), (3.0, 2.0 * ten)):
-        heel.hear((RollSample(now, side * roll),))
-    heel.look(BOAT, watched(3.0))
+        heel.on_samples((RollSample(now, side * roll),))
+    heel.update(watched(3.0))
     assert words(heel.findings["roll"]).startswith("heeling 10 deg")
 
 
 def test_a_heading_that_is_no_number_turns_nothing() -> None:
     """Of a boat that turns against its rudder: what is between two headings is not known, and counts as nothing."""
-    monitor = Runaway()
+    monitor = runaway()
     for tick, heading in enumerate((0.0, -0.1, math.nan, -0.2, -0.3)):
-        monitor.look(BOAT, watched(1.0 * tick, heading, STOP, -0.1))
+        monitor.look(watched(1.0 * tick, heading, STOP, -0.1))
         assert monitor.overpowered == ""
-    monitor.look(BOAT, watched(5.0, -0.46, STOP, -0.1))
+    monitor.look(watched(5.0, -0.46, STOP, -0.1))
     assert monitor.overpowered == "to port", "0.36 rad are more than 20 deg"
 
 
@@ -447,17 +452,17 @@ def test_a_heading_that_is_no_number_turns_nothing() -> None:
 def test_a_rudder_takes_hold_in_a_time_constant_to_the_bit(
     side: float, seconds: float, turned: float, far: bool
 ) -> None:
-    monitor = Runaway()
+    monitor = runaway()
     for now, heading in ((0.0, 0.0), (1.0, 0.5 * turned), (seconds, turned)):
-        monitor.look(BOAT, watched(now, -side * heading, side * STOP, -side * 0.1))
+        monitor.look(watched(now, -side * heading, side * STOP, -side * 0.1))
     assert (monitor.overpowered != "") is far
 
 
 @SIDES
 @pytest.mark.parametrize(("astray", "rate", "has_run"), [(45.0, -0.1, False), (45.001, -0.1, True), (60.0, 0.0, False)])
 def test_a_zigzag_is_astray_beyond_45_degrees(side: float, astray: float, rate: float, has_run: bool) -> None:
-    monitor = Runaway()
-    monitor.look(BOAT, watched(0.0, 0.0, side * 0.1, side * rate)._replace(astray=math.radians(astray)))
+    monitor = runaway()
+    monitor.look(watched(0.0, 0.0, side * 0.1, side * rate)._replace(astray=math.radians(astray)))
     assert monitor.has_run is has_run
 
 

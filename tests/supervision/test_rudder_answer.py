@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from watches import Answering
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.signals import HeadingSample, NavState
-from autopilot.supervision.monitors.answer import RudderAnswer
-from autopilot.supervision.monitors.watched import Watched
+from autopilot.supervision.monitor_input import MonitorInput
 
 MODEL = Norrbin(0.4, 1.5, n3=2.0, reference_speed=4.0)
 STOP = math.radians(30.0)
@@ -39,7 +39,7 @@ class Helm:
     gear: Callable[[float, float], float] = lambda order, before: order
     late: float = 0.0
     seed: int = 1
-    watch: RudderAnswer = field(default_factory=RudderAnswer)
+    watch: Answering = field(default_factory=lambda: Answering(NOISE**2))
     heading: float = 0.0
     rate: float = 0.0
     rudder: float = 0.0
@@ -54,7 +54,7 @@ class Helm:
         self.orders = [0.0] * 20
         self.told = 0.0
 
-    def steer(self, seconds: float, course: float) -> tuple[str, str]:
+    def steer(self, seconds: float, course: float) -> str:
         """Return the first alarm in `seconds` on a `course` [rad]."""
         for _ in range(round(seconds / DT)):
             self.now += DT
@@ -69,13 +69,13 @@ class Helm:
             state = NavState(self.now, seen, self.rate, 4.0, self.told, 0.0, 0.0, True, 0.0, 0.0, *self.wave)
             self.watch.hear(HeadingSample(self.now, seen, None, "compass"))
             holds = not self.trial
-            watched = Watched(self.now, state, True, holds, course, self.told, STOP, True, follows=holds)
-            found = self.watch.look(MODEL, watched, NOISE**2)
-            if found[0]:
+            seen_now = MonitorInput(self.now, MODEL, state, True, holds, course, self.told, STOP, True, follows=holds)
+            found = self.watch.found(seen_now)
+            if found:
                 return found
             if self.watch.doubts_trial:
-                return "trial_doubtful", ""
-        return "", ""
+                return "trial_doubtful"
+        return ""
 
     def zigzag(self, seen: float) -> float:
         """Return the rudder of the zigzag."""
@@ -83,7 +83,7 @@ class Helm:
             self.side = -self.side
         return self.side * TEN
 
-    def steer_late(self, seconds: float, courses: tuple[float, ...], latest: float, share: float) -> tuple[str, str]:
+    def steer_late(self, seconds: float, courses: tuple[float, ...], latest: float, share: float) -> str:
         """The same with ticks of which a `share` sends its order up to `latest` [s] late, the next one coming then."""
         random, queue, next_tick, last, leaving = np.random.default_rng(self.seed), [], 0.0, 0.0, 0.0
         for _ in range(round(seconds / DT)):
@@ -102,11 +102,11 @@ class Helm:
                     self.watch.hear(sample)
                 queue = []
                 is_late = gap > 0.15
-                watched = Watched(
-                    self.now, state, True, True, course, leaving, STOP, True, is_late=is_late, follows=True
+                seen_now = MonitorInput(
+                    self.now, MODEL, state, True, True, course, leaving, STOP, True, is_late=is_late, follows=True
                 )
-                found = self.watch.look(MODEL, watched, NOISE**2)
-                if found[0]:
+                found = self.watch.found(seen_now)
+                if found:
                     return found
                 if random.random() < share:
                     next_tick = self.now + random.uniform(0.1, latest)
@@ -115,7 +115,7 @@ class Helm:
             self.rudder = self.gear(leaving, self.rudder)
             self.rate = rate_step(self.boat, self.rate, self.rudder + self.push(self.now), DT)
             self.heading += self.rate * DT
-        return "", ""
+        return ""
 
 
 COURSES = (0.0, 0.5, 0.2, 1.5, 1.2, -1.0, 0.0, 1.0)
@@ -142,9 +142,9 @@ def test_a_rudder_that_fails_before_a_turn_is_seen(
     gear: Callable[[float, float], float], says: str, within: float, seed: int
 ) -> None:
     helm = Helm(push=seaway, seed=seed)
-    assert helm.steer(30.0, 0.0) == ("", "")
+    assert helm.steer(30.0, 0.0) == ""
     helm.gear, begins = gear, helm.now
-    name, _ = helm.steer(30.0, 1.0)
+    name = helm.steer(30.0, 1.0)
     assert name == says
     assert helm.now - begins < within
 
@@ -154,13 +154,13 @@ def test_on_a_course_it_is_seen_once_wind_or_sea_call_for_it(gear: Callable[[flo
     helm = Helm(push=lambda now: seaway(now) + (math.radians(9.0) if now > 32.0 else 0.0))
     helm.steer(30.0, 0.0)
     helm.gear = gear
-    assert helm.steer(60.0, 0.0)[0]
+    assert helm.steer(60.0, 0.0)
     assert abs(helm.heading) < math.radians(30.0)
 
 
 def test_a_rudder_that_is_stuck_where_it_should_be_tells_nothing_and_does_nothing() -> None:
     helm = Helm(gear=trailing, wave=(0.0, 0.0))
-    assert helm.steer(120.0, 0.0) == ("", "")
+    assert helm.steer(120.0, 0.0) == ""
     assert abs(helm.heading) < math.radians(1.0)
 
 
@@ -169,7 +169,7 @@ def test_a_rudder_that_is_stuck_where_it_should_be_tells_nothing_and_does_nothin
 def test_a_boat_that_answers_more_or_less_or_later_is_none(gain: float, late: float) -> None:
     helm = Helm(boat=MODEL._replace(gain=gain * MODEL.gain), push=seaway, late=late)
     for course in (0.0, 0.5, 0.2, 1.5, 1.2, -1.0):
-        assert helm.steer(20.0, course) == ("", "")
+        assert helm.steer(20.0, course) == ""
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 1.0])
@@ -177,58 +177,56 @@ def test_a_boat_that_answers_more_or_less_or_later_is_none(gain: float, late: fl
 @pytest.mark.parametrize("seed", [2, 4])
 def test_orders_that_leave_late_accuse_no_rudder(latest: float, share: float, seed: int) -> None:
     """0.7 s, and as much at six times real time."""
-    assert Helm(push=seaway, seed=seed).steer_late(300.0, COURSES, latest, share) == ("", "")
+    assert Helm(push=seaway, seed=seed).steer_late(300.0, COURSES, latest, share) == ""
 
 
 def test_a_loop_that_is_late_all_the_time_has_no_evidence_and_one_in_time_has() -> None:
     for is_late in (True, False):
         helm = Helm(push=seaway, gear=reversed_gear)
-        look = helm.watch.look
-        helm.watch.look = lambda model, seen, noise, look=look, is_late=is_late: look(  # type: ignore[method-assign]
-            model, seen._replace(is_late=is_late), noise
-        )
-        assert helm.steer(60.0, 0.5)[0] == ("" if is_late else "rudder_reversed")
+        step = helm.watch.step
+        helm.watch.step = lambda before, seen, step=step, is_late=is_late: step(before, seen._replace(is_late=is_late))
+        assert helm.steer(60.0, 0.5) == ("" if is_late else "rudder_reversed")
 
 
 def test_a_rudder_that_fails_is_seen_though_ticks_are_late_at_times() -> None:
     helm = Helm(push=seaway)
-    assert helm.steer_late(60.0, COURSES, 0.7, 0.01) == ("", "")
+    assert helm.steer_late(60.0, COURSES, 0.7, 0.01) == ""
     helm.gear = reversed_gear
-    assert helm.steer_late(60.0, COURSES, 0.7, 0.01)[0] == "rudder_reversed"
+    assert helm.steer_late(60.0, COURSES, 0.7, 0.01) == "rudder_reversed"
 
 
 @pytest.mark.parametrize("gust_deg", [15.0, -25.0, 45.0])
 def test_a_gust_is_none_even_one_heavier_than_the_rudder(gust_deg: float) -> None:
     helm = Helm(push=lambda now: seaway(now) + (math.radians(gust_deg) if 30.0 < now < 45.0 else 0.0))
-    assert helm.steer(60.0, 0.0) == ("", "")
+    assert helm.steer(60.0, 0.0) == ""
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_gust_in_a_trial_ends_it_and_accuses_no_rudder(seed: int) -> None:
     begins = 30.0
     helm = Helm(push=lambda now: seaway(now) + (math.radians(20.0) if now >= begins else 0.0), seed=seed, trial=True)
-    assert helm.steer(begins, 0.0) == ("", "")
-    assert helm.steer(10.0, 0.0)[0] == "trial_doubtful"
+    assert helm.steer(begins, 0.0) == ""
+    assert helm.steer(10.0, 0.0) == "trial_doubtful"
     assert abs(helm.heading) < math.radians(40.0)
     helm.trial = False
-    assert helm.steer(30.0, 0.0) == ("", "")
+    assert helm.steer(30.0, 0.0) == ""
     assert abs(helm.heading) < math.radians(20.0), "this helm does not learn the push"
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_rudder_that_fails_in_a_trial_is_detected_on_the_course_after_it(seed: int) -> None:
     helm = Helm(push=seaway, seed=seed, trial=True)
-    assert helm.steer(30.0, 0.0) == ("", "")
+    assert helm.steer(30.0, 0.0) == ""
     helm.gear = reversed_gear
-    assert helm.steer(10.0, 0.0)[0] == "trial_doubtful"
+    assert helm.steer(10.0, 0.0) == "trial_doubtful"
     helm.trial = False
-    assert helm.steer(10.0, 0.0)[0] == "rudder_reversed"
+    assert helm.steer(10.0, 0.0) == "rudder_reversed"
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_first_waves_are_no_push_before_the_sea_is_known(seed: int) -> None:
     helm = Helm(push=lambda now: math.radians(40.0) * math.sin(now + seed), seed=seed, trial=True)
-    assert helm.steer(12.0, 0.0) == ("", "")
+    assert helm.steer(12.0, 0.0) == ""
 
 
 def test_a_compass_that_stands_still_is_left_to_who_watches_for_that() -> None:
@@ -239,7 +237,7 @@ def test_a_compass_that_stands_still_is_left_to_who_watches_for_that() -> None:
         now, order = helm.now + (k + 1) * DT, math.radians(0.2 * k)
         state = NavState(now, 0.1, 0.0, 4.0, order, 0.0, 0.0, True)
         held.hear(HeadingSample(now, 0.1, None, "compass"))
-        assert held.look(MODEL, Watched(now, state, True, True, 0.0, order, STOP, True), NOISE**2) == ("", "")
+        assert held.found(MonitorInput(now, MODEL, state, True, True, 0.0, order, STOP, True)) == ""
 
 
 def test_single_wild_headings_and_a_jump_for_good_are_not_the_rudder_s() -> None:
@@ -254,16 +252,15 @@ def test_single_wild_headings_and_a_jump_for_good_are_not_the_rudder_s() -> None
         seen = wrap(helm.heading + wild)
         state = NavState(now, seen, helm.rate, 4.0, order, 0.0, 0.0, True, 0.0, 0.0, *helm.wave)
         helm.watch.hear(HeadingSample(now, seen, None, "compass"))
-        watched = Watched(now, state, True, True, 0.0, order, STOP, True)
-        assert helm.watch.look(MODEL, watched, NOISE**2) == ("", "")
+        assert helm.watch.found(MonitorInput(now, MODEL, state, True, True, 0.0, order, STOP, True)) == ""
 
 
 def test_nothing_is_known_while_another_steers_or_without_way() -> None:
     for spoilt in ({"steers": False}, {"has_way": False}):
-        watch = RudderAnswer()
+        watch = Answering(NOISE**2)
         for k in range(400):
             now, order = k * DT, math.radians(20.0 * math.sin(0.1 * k))
             state = NavState(now, 0.001 * (k % 7), 0.0, 4.0, order, 0.0, 0.0, True)
             watch.hear(HeadingSample(now, 0.001 * (k % 7), None, "compass"))
-            watched = Watched(now, state, True, True, 0.0, order, STOP, True)._replace(**spoilt)
-            assert watch.look(MODEL, watched, NOISE**2) == ("", "")
+            seen = MonitorInput(now, MODEL, state, True, True, 0.0, order, STOP, True)._replace(**spoilt)
+            assert watch.found(seen) == ""

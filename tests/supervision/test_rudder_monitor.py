@@ -6,25 +6,27 @@ import math
 from collections.abc import Callable
 
 import pytest
+from watches import Following
 
+from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, RudderSample
-from autopilot.supervision.monitors.rudder import RudderFollows
-from autopilot.supervision.monitors.watched import AlarmLimits, Watched
+from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 
 LIMITS = AlarmLimits(rudder_tolerance=math.radians(5.0), rudder_rate=math.radians(20.0), rudder_delay=0.1)
+BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)
 STATE = NavState(0.0, 0.0, 0.0, 4.6, 0.0, 0.0, 0.0, True)
 
 
 def seen(order: Callable[[float], float], angle: Callable[[float], float], seconds: float = 8.0) -> tuple[str, float]:
     """What was found, and when [s]; orders and angles in degrees."""
-    monitor = RudderFollows()
+    monitor = Following(LIMITS)
     for step in range(round(seconds / 0.1)):
         now = 0.1 * step
         monitor.hear(RudderSample(now, math.radians(angle(now)), False, "RSA"))
         told = math.radians(order(now))
-        monitor.look(Watched(now, STATE, True, True, 0.0, told, 0.6, True), LIMITS)
-        if monitor.found[0]:
-            return monitor.found[0], now
+        monitor.look(MonitorInput(now, BOAT, STATE, True, True, 0.0, told, 0.6, True))
+        if monitor.found:
+            return monitor.found, now
     return "", math.inf
 
 
@@ -69,45 +71,45 @@ def test_a_rudder_on_its_way_is_none_of_them(side: float, start: float) -> None:
 def test_less_than_a_third_of_the_filed_rate_for_two_seconds_is_slow(
     side: float, share: float, seconds: float, is_slow: bool
 ) -> None:
-    monitor = RudderFollows()
+    monitor = Following(LIMITS)
     for step in range(round(seconds / 0.1) + 1):
         now = 0.1 * step
         monitor.hear(RudderSample(now, side * share * LIMITS.rudder_rate * now, False, "RSA"))
-        monitor.look(Watched(now, STATE, True, True, 0.0, side * math.radians(200.0), 0.6, True), LIMITS)
-    assert monitor.found[0] == ""
+        monitor.look(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(200.0), 0.6, True))
+    assert monitor.found == ""
     assert monitor.is_slow is is_slow
 
 
 @pytest.mark.parametrize(("seconds", "is_slow"), [(2.0, False), (2.4, True)])
 def test_what_a_rudder_did_before_it_was_where_it_was_ordered_says_nothing(seconds: float, is_slow: bool) -> None:
     """Four seconds on its order, then slowly to another."""
-    monitor = RudderFollows()
+    monitor = Following(LIMITS)
     for step in range(41 + round(seconds / 0.1)):
         now, since = 0.1 * step, max(0.1 * (step - 40), 0.0)
         monitor.hear(RudderSample(now, 0.3 * LIMITS.rudder_rate * since, False, "RSA"))
         order = 0.0 if step < 40 else math.radians(200.0)
-        monitor.look(Watched(now, STATE, True, True, 0.0, order, 0.6, True), LIMITS)
+        monitor.look(MonitorInput(now, BOAT, STATE, True, True, 0.0, order, 0.6, True))
     assert monitor.is_slow is is_slow
 
 
 def test_a_rudder_of_unknown_rate_is_never_slow() -> None:
-    monitor = RudderFollows()
+    monitor = Following(LIMITS._replace(rudder_rate=math.inf))
     for step in range(60):
         monitor.hear(RudderSample(0.1 * step, math.radians(0.3 * step), False, "RSA"))
-        at = Watched(0.1 * step, STATE, True, True, 0.0, math.radians(100.0), 0.6, True)
-        monitor.look(at, LIMITS._replace(rudder_rate=math.inf))
+        at = MonitorInput(0.1 * step, BOAT, STATE, True, True, 0.0, math.radians(100.0), 0.6, True)
+        monitor.look(at)
     assert not monitor.is_slow
 
 
 def judged(
     rate_deg_s: float, ticks: int, dt: float = 0.125, order_deg: float = 60.0, side: float = 1.0, age: float = 0.0
-) -> RudderFollows:
+) -> Following:
     """The monitor of a rudder that is off its order from the beginning and moves at a rate, after so many ticks."""
-    monitor = RudderFollows()
+    monitor = Following(LIMITS)
     for tick in range(ticks + 1):
         now = dt * tick
         monitor.hear(RudderSample(now - age, side * math.radians(rate_deg_s) * now, False, "RSA"))
-        monitor.look(Watched(now, STATE, True, True, 0.0, side * math.radians(order_deg), 0.6, True), LIMITS)
+        monitor.look(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(order_deg), 0.6, True))
     return monitor
 
 
@@ -132,16 +134,16 @@ def test_the_limits_of_a_rudder_that_does_not_follow_in_numbers(
 ) -> None:
     """Of 20 deg/s and 0.1 s of delay, with 5 deg tolerated: 1.3 s without progress, which is 30 % of 5 deg/s; 0.5 deg
     from the second angle on is no movement; reversed beyond 5 deg and the 2 deg of the delay."""
-    assert judged(rate_deg_s, ticks, order_deg=order_deg, side=side).found[0] == name
+    assert judged(rate_deg_s, ticks, order_deg=order_deg, side=side).found == name
 
 
 @pytest.mark.parametrize(("dt", "is_found"), [(1.0, True), (1.0625, False)])
 def test_angles_more_than_a_second_apart_prove_nothing(dt: float, is_found: bool) -> None:
-    assert bool(judged(0.0, 9, dt).found[0]) is is_found
+    assert bool(judged(0.0, 9, dt).found) is is_found
 
 
 def test_angles_that_come_half_a_second_late_prove_as_much() -> None:
-    assert judged(0.0, 20, age=0.5).found[0] == "rudder_stuck"
+    assert judged(0.0, 20, age=0.5).found == "rudder_stuck"
 
 
 @pytest.mark.parametrize(("rate_deg_s", "is_slow"), [(0.0, False), (0.1, False), (1.0, True), (-1.0, False)])

@@ -8,10 +8,31 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.signals import RudderSample
-from autopilot.supervision.monitors.rudder import BELIEVED_S, REMEMBERED_S, TOLERANCE, ShownOrder
+from autopilot.models.norrbin import Norrbin
+from autopilot.signals import NavState, RudderSample
+from autopilot.supervision.monitor_input import MonitorInput
+from autopilot.supervision.rudder_watch import BELIEVED_S, REMEMBERED_S, TOLERANCE, is_anothers, lengthened
 
 angles = st.floats(-0.6, 0.6)
+BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)
+STATE = NavState(0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, True)
+
+
+class ShownOrder:
+    """The orders of late, and the newest report."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        self.past, self.report = (), None
+
+    def hear(self, sample: RudderSample) -> None:
+        self.report = sample
+
+    def is_anothers(self, now: float, told: float) -> bool:
+        self.past = lengthened(self.past, MonitorInput(now, BOAT, STATE, True, True, 0.0, told, 0.6, True))
+        return is_anothers(self.past, now, self.report)
 
 
 def told(shown: ShownOrder, orders: list[float], step: float = 0.1) -> float:

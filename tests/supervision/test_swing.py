@@ -6,25 +6,25 @@ import math
 from dataclasses import dataclass
 
 import pytest
+from watches import circles, spin, swings
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import NavState
-from autopilot.supervision.monitors.course import (
+from autopilot.supervision.course_watch import (
     BY_RUDDER,
     CIRCLES,
     HALF_SWINGS,
+    NO_SWINGS,
     SUSPECT_SWINGS,
     SWEEP,
     THROW,
     ByRudder,
-    Circles,
-    Spinning,
-    Swings,
-    speed_ratio,
+    Spin,
+    goes_round,
     widest_swing,
 )
-from autopilot.supervision.monitors.watched import Watched
+from autopilot.supervision.monitor_input import MonitorInput, speed_ratio
 
 BOAT = Norrbin(0.2, 2.0, n3=1.0, reference_speed=4.0)
 STOP = 0.5
@@ -32,19 +32,21 @@ DT = 0.1
 SIDES = pytest.mark.parametrize("side", [-1.0, 1.0])
 
 
-def watched(now: float, heading: float, rudder: float = 0.0, wanted: float = 0.0) -> Watched:
+def watched(
+    now: float, heading: float, rudder: float = 0.0, wanted: float = 0.0, model: Norrbin = BOAT
+) -> MonitorInput:
     # a rate that goes with the heading is one that some boat's rudder accounts for
     state = NavState(now, wrap(heading), heading, 4.0, rudder, 0.0, 0.0, True)
-    return Watched(now, state, True, True, wrap(wanted), rudder, STOP, True, follows=True)
+    return MonitorInput(now, model, state, True, True, wrap(wanted), rudder, STOP, True, follows=True)
 
 
 def spun(rate: float, rudder: float, seconds: float = 20.0, model: Norrbin = BOAT, trial: float = 0.0) -> float:
     """What is said in the end of a boat that turns at `rate`."""
-    spinning, found = Spinning(), 0.0
+    spinning = spin()
     for tick in range(round(seconds / DT)):
-        at = watched(tick * DT, rate * tick * DT, rudder)
-        found = spinning.too_fast(model, at._replace(trial_speed=trial))
-    return found
+        at = watched(tick * DT, rate * tick * DT, rudder, model=model)
+        spinning.look(at._replace(trial_speed=trial))
+    return spinning.rate if spinning.is_fast else 0.0
 
 
 @SIDES
@@ -73,26 +75,26 @@ def test_a_speed_below_the_trial_s_makes_no_turn_too_fast(trial: float, allowed:
     quickest = 3.0 * allowed * steady_rate(model, STOP)
     assert spun(1.02 * quickest, STOP, 20.0, model, trial) > 0.0
     assert spun(0.98 * quickest, STOP, 20.0, model, trial) == 0.0
-    assert speed_ratio(model, watched(0.0, 0.0)._replace(trial_speed=trial)) == (4.0 / trial if trial else 1.0)
+    assert speed_ratio(watched(0.0, 0.0, model=model)._replace(trial_speed=trial)) == (4.0 / trial if trial else 1.0)
 
 
 def test_the_turn_count_is_reset_when_another_steers() -> None:
-    spinning = Spinning()
+    spinning = spin()
     for tick in range(100):
-        assert (spinning.too_fast(BOAT, watched(tick * DT, 2.0 * tick * DT, 0.3)) != 0.0) is (tick > 1)
-    assert spinning.too_fast(BOAT, watched(9.9, 2.0 * 9.9, 0.3)) == 0.0, "no time has passed"
-    assert spinning.too_fast(BOAT, watched(10.0, 2.0 * 10.0, 0.3)) == pytest.approx(2.0, rel=1e-3)
-    assert spinning.too_fast(BOAT, watched(10.1, 2.0 * 10.1, 0.3)._replace(steers=False)) == 0.0
-    assert spinning.too_fast(BOAT, watched(10.2, 2.0 * 10.2, 0.3)) == 0.0, "it begins anew"
-    spinning.reset()
-    assert vars(spinning) == vars(Spinning())
+        assert spinning.look(watched(tick * DT, 2.0 * tick * DT, 0.3)).is_fast is (tick > 1)
+    assert not spinning.look(watched(9.9, 2.0 * 9.9, 0.3)).is_fast, "no time has passed"
+    assert spinning.look(watched(10.0, 2.0 * 10.0, 0.3)).rate == pytest.approx(2.0, rel=1e-3)
+    assert spinning.is_fast
+    assert spinning.look(watched(10.1, 2.0 * 10.1, 0.3)._replace(steers=False)) == Spin(True, 0.0)
+    assert not spinning.look(watched(10.2, 2.0 * 10.2, 0.3)).is_fast, "it begins anew"
 
 
 def circled(turned: float, side: float, **change: float) -> bool:
     """Whether it is said once the boat has turned so far [rad] at 0.2 rad/s, from the heading ordered on."""
-    circles, found, steps = Circles(), False, round(turned / 0.02)
+    circling, found, steps = circles(), False, round(turned / 0.02)
     for tick in range(steps + 1):
-        found = circles.goes_round(BOAT, watched(tick * DT, side * turned * tick / steps)._replace(**change))  # type: ignore[arg-type]
+        at = watched(tick * DT, side * turned * tick / steps)._replace(**change)  # type: ignore[arg-type]
+        found = goes_round(circling.look(at), is_doubted=False)
     return found
 
 
@@ -111,11 +113,11 @@ def test_a_whole_turn_and_30_degrees_are_going_round(side: float) -> None:
 
 @SIDES
 def test_circles_count_only_turns_that_no_order_leads(side: float) -> None:
-    led, against = Circles(), Circles()
+    led, against = circles(), circles()
     for tick in range(1000):
         turned = side * 0.02 * tick
-        assert not led.goes_round(BOAT, watched(tick * DT, turned, wanted=turned - side * 0.3))
-        found = against.goes_round(BOAT, watched(tick * DT, turned, wanted=-turned))
+        assert not goes_round(led.look(watched(tick * DT, turned, wanted=turned - side * 0.3)), is_doubted=False)
+        found = goes_round(against.look(watched(tick * DT, turned, wanted=-turned)), is_doubted=False)
         assert found is (2.0 * abs(turned) > CIRCLES)
 
 
@@ -126,8 +128,8 @@ def test_a_boat_that_was_on_its_course_for_long_has_not_gone_round(
 ) -> None:
     """A whole turn, then near the course for so long, then another whole turn: 720 degrees only if it counts on."""
     model, off = BOAT._replace(time_constant=time_constant), math.radians(off_deg)
-    for stays, goes_round in ((needed - 1.4, True), (needed + 0.3, False)):
-        circles, now, found = Circles(), 0.0, False
+    for stays, is_round in ((needed - 1.4, True), (needed + 0.3, False)):
+        circling, now, found = circles(), 0.0, False
         legs = [
             (0.3, math.tau + off, 8.0),
             (math.tau + off, math.tau + off, stays),
@@ -137,8 +139,8 @@ def test_a_boat_that_was_on_its_course_for_long_has_not_gone_round(
             for tick in range(round(seconds / DT)):
                 heading = start + (end - start) * tick * DT / seconds
                 now += DT
-                found = circles.goes_round(model, watched(now, heading))
-        assert found is goes_round
+                found = goes_round(circling.look(watched(now, heading, model=model)), is_doubted=False)
+        assert found is is_round
 
 
 @dataclass
@@ -150,10 +152,10 @@ class Swinging:
     lasts: float = 4.0
     side: float = 1.0
 
-    def at(self, now: float) -> Watched:
+    def at(self, now: float, model: Norrbin = BOAT) -> MonitorInput:
         order = self._triangle(now / self.lasts) * 0.5 * self.sweep
         heading = self._triangle(now / self.lasts - 0.5) * 0.5 * self.swing
-        return watched(now, self.side * heading, self.side * order)
+        return watched(now, self.side * heading, self.side * order, model=model)
 
     @staticmethod
     def _triangle(phase: float) -> float:
@@ -162,16 +164,16 @@ class Swinging:
 
 @SIDES
 def test_the_first_rudder_of_a_turn_is_no_sweep(side: float) -> None:
-    swings = Swings(SWEEP)
+    count = swings(SWEEP)
     for tick in range(100):
         order, heading = side * min(0.01 * tick, 0.8) * STOP, side * math.radians(0.3) * tick
-        assert swings.look(BOAT, watched(tick * DT, heading, order)) == 0
+        assert count.look(watched(tick * DT, heading, order)).sweeps == 0
 
 
 def counted(boat: Swinging, seconds: float = 60.0, sweep: float = THROW, model: Norrbin = BOAT) -> int:
-    swings, most = Swings(sweep), 0
+    count, most = swings(sweep), 0
     for tick in range(round(seconds / DT)):
-        most = max(most, swings.look(model, boat.at(tick * DT)))
+        most = max(most, count.look(boat.at(tick * DT, model)).sweeps)
     return most
 
 
@@ -191,7 +193,7 @@ def test_swings_that_the_rudder_does_not_account_for_are_none_of_steering_s(
     pushes: float, makes: bool, delay: float
 ) -> None:
     """A boat of five times the gain under a rudder that goes to and fro, and a sea beside it."""
-    swings, rate, heading, most, shares = Swings(SWEEP), 0.0, 0.0, 0, ByRudder()
+    count, rate, heading, most, shares = swings(SWEEP), 0.0, 0.0, 0, ByRudder()
     for tick in range(900):
         now = tick * DT
         order, late = (0.4 * STOP * math.sin(math.pi * then / 6.0) for then in (now, now - delay))
@@ -200,8 +202,8 @@ def test_swings_that_the_rudder_does_not_account_for_are_none_of_steering_s(
         heading += DT * rate
         at = watched(now, heading, order)
         at = at._replace(state=at.state._replace(rate=rate))
-        shares.add(at)
-        most = max(most, swings.look(BOAT, at))
+        shares = shares.with_tick(DT, DT * rate, order, rate)
+        most = max(most, count.look(at).sweeps)
     assert (shares.share() >= BY_RUDDER) is makes
     assert (most >= SUSPECT_SWINGS) is makes
 
@@ -210,7 +212,7 @@ def test_a_boat_that_does_not_turn_has_nothing_to_account_for() -> None:
     shares = ByRudder()
     assert shares.share() == 0.0
     for tick in range(10):
-        shares.add(watched(tick * DT, 0.0, 0.1 * tick))
+        shares = shares.with_tick(DT, 0.0, 0.1 * tick, 0.0)
     assert shares.share() == 0.0
 
 
@@ -241,14 +243,14 @@ def test_a_swing_beyond_three_times_what_the_rudder_can_make_counts_for_two(last
 
 @pytest.mark.parametrize(("grows", "goes_on"), [(1.0, True), (1.7, True), (2.9, True), (3.2, False), (0.5, False)])
 def test_swings_that_grow_are_one_cycle_and_others_are_not(grows: float, goes_on: bool) -> None:
-    swings, turned, most = Swings(THROW), 0.0, 0
+    count, turned, most = swings(THROW), 0.0, 0
     boat = BOAT._replace(gain=20.0)
     for sweep in range(7):
         swing = math.radians(12.0) * grows**sweep if grows >= 1.0 else math.radians(600.0) * grows**sweep
         for tick in range(40):
             now, side = 4.0 * sweep + tick * DT, (-1.0) ** sweep
             turned += side * min(swing, math.radians(4000.0)) / 40.0
-            most = max(most, swings.look(boat, watched(now, turned, side * STOP)))
+            most = max(most, count.look(watched(now, turned, side * STOP, model=boat)).sweeps)
     assert (most >= 4) is goes_on
 
 
@@ -263,10 +265,10 @@ def test_a_boat_that_rushes_turns_twice_and_one_that_outruns_its_speed_half_agai
         (1.45 * 0.1, 12.0, False, False),
         (6.05 * 0.1, 12.0, True, True),
     ):
-        spinning = Spinning()
+        spinning = spin()
         for tick in range(200):
-            at = watched(tick * DT, side * rate * tick * DT, side * STOP)._replace(trial_speed=trial)
-            spinning.too_fast(slow, at)
+            at = watched(tick * DT, side * rate * tick * DT, side * STOP, model=slow)._replace(trial_speed=trial)
+            spinning.look(at)
         assert (spinning.rushes, spinning.outruns_speed) == (rushes, outruns), (rate, trial)
 
 
@@ -285,21 +287,21 @@ def test_what_the_sea_before_a_turn_may_do_is_no_rush(
     side: float, rate: float, turns: bool, trial: float, rushes: bool
 ) -> None:
     """A launch in sea state 5 was turned at 12 deg/s by a wave, twice what its rudder does: it was said to hunt."""
-    spinning, boat = Spinning(), BOAT._replace(n3=0.0)
+    spinning, boat = spin(), BOAT._replace(n3=0.0)
     for tick in range(400):
         # the sea is what it was when the heading was ordered, not what a boat that rushes makes of it afterwards
         wanted, swing = (0.3, 0.05) if turns and tick == 200 else (0.3 if turns and tick > 200 else 0.0, 0.0)
-        at = watched(tick * DT, side * rate * max(tick - 200, 0) * DT, side * STOP, side * wanted)
+        at = watched(tick * DT, side * rate * max(tick - 200, 0) * DT, side * STOP, side * wanted, boat)
         state = at.state._replace(wave_deviation=swing, wave_frequency=0.8)
-        spinning.too_fast(boat, at._replace(state=state, trial_speed=trial))
+        spinning.look(at._replace(state=state, trial_speed=trial))
     assert spinning.rushes is rushes
 
 
 @pytest.mark.parametrize(("n1", "found"), [(1.0, False), (-1.0, True)])
 def test_only_a_course_unstable_boat_outruns_its_rudder_against_it(n1: float, found: bool) -> None:
-    spinning, model = Spinning(), BOAT._replace(n1=n1, n3=20.0)
+    spinning, model = spin(), BOAT._replace(n1=n1, n3=20.0)
     for tick in range(200):
-        spinning.too_fast(model, watched(tick * DT, 0.6 * tick * DT, -STOP))
+        spinning.look(watched(tick * DT, 0.6 * tick * DT, -STOP, model=model))
     assert spinning.outruns_speed is found
     assert not spinning.rushes
 
@@ -312,20 +314,20 @@ def test_a_sweep_that_comes_late_begins_anew(lasts: float, counts: bool) -> None
 
 def test_a_new_order_and_another_s_hand_begin_anew() -> None:
     for angle_deg, goes_on in ((4.9, True), (-4.9, True), (5.1, False), (-5.1, False)):
-        swings, boat = Swings(THROW), Swinging()
-        before = [swings.look(BOAT, boat.at(tick * DT)) for tick in range(300)][-1]
+        count, boat = swings(THROW), Swinging()
+        before = [count.look(boat.at(tick * DT)).sweeps for tick in range(300)][-1]
         turned = boat.at(30.0)._replace(wanted=math.radians(angle_deg))
         assert before >= HALF_SWINGS
-        assert swings.look(BOAT, turned) == (before if goes_on else 0)
-        assert swings.look(BOAT, boat.at(30.1)._replace(follows=False)) == 0
-        assert swings.look(BOAT, boat.at(30.2)) == 0
+        assert count.look(turned).sweeps == (before if goes_on else 0)
+        assert count.look(boat.at(30.1)._replace(follows=False)) == NO_SWINGS
+        assert count.look(boat.at(30.2)).sweeps == 0
 
 
 def swept(ratio: float, *, grows: str) -> int:
     """Sweeps in a row of which each lasts, or swings the heading, so many times as much as the one before; the boat is
     one that can swing so far."""
     model = BOAT._replace(gain=20.0)
-    swings, now, order, heading, most = Swings(THROW), 0.0, -STOP, 0.0, 0
+    count, now, order, heading, most = swings(THROW), 0.0, -STOP, 0.0, 0
     for number in range(8):
         power = ratio**number if ratio >= 1.0 else ratio ** (number - 7)
         lasts = 1.5 * power if grows == "time" else 4.0
@@ -336,7 +338,7 @@ def swept(ratio: float, *, grows: str) -> int:
             share = tick / 200
             order = start_order + share * (side * STOP - start_order)
             heading = start_heading + share * (side * far - start_heading)
-            most = max(most, swings.look(model, watched(now + share * lasts, heading, order)))
+            most = max(most, count.look(watched(now + share * lasts, heading, order, model=model)).sweeps)
         now += lasts
     return most
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.supervision.monitors.compass import NO_TURNS, Turns, are_alike, are_opposite, turns_told
+from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_consistent, are_opposite, turns_step
 
 DT = 0.1
 
@@ -28,7 +28,7 @@ def swings(
         now = k * DT - late_s
         by_heading = swing * (math.sin(frequency * now) - math.sin(frequency * (now - DT)))
         rate = scale * swing * frequency * math.cos(frequency * k * DT) + math.radians(bias_deg_s)
-        turns = turns_told(turns, by_heading, rate * DT, DT)
+        turns = turns_step(turns, by_heading, rate * DT, DT)
         yield turns
 
 
@@ -39,7 +39,7 @@ def test_a_gyro_of_the_wrong_sign_shows_in_any_swing_worth_the_name(
     *_, last = swings(20.0, swing, frequency, -scale)
     assert are_opposite(last)
     *_, right = swings(20.0, swing, frequency, scale)
-    assert are_alike(right)
+    assert are_consistent(right)
 
 
 @given(
@@ -60,7 +60,7 @@ def test_a_gyro_that_is_a_little_off_and_a_compass_that_lags_go_the_same_way(
 
 @given(turns=st.builds(Turns, *[st.floats(-9.0, 9.0)] * 3, *[st.floats(0.0, 9.0)] * 2))
 def test_both_at_once_is_nonsense(turns: Turns) -> None:
-    assert not (are_opposite(turns) and are_alike(turns))
+    assert not (are_opposite(turns) and are_consistent(turns))
 
 
 @given(
@@ -69,21 +69,21 @@ def test_both_at_once_is_nonsense(turns: Turns) -> None:
 def test_port_is_as_starboard(steps: list[tuple[float, float, float]]) -> None:
     one, other = NO_TURNS, NO_TURNS
     for by_heading, by_rate, step in steps:
-        one, other = turns_told(one, by_heading, by_rate, step), turns_told(other, -by_heading, -by_rate, step)
+        one, other = turns_step(one, by_heading, by_rate, step), turns_step(other, -by_heading, -by_rate, step)
     assert other == Turns(-one.apart, -one.heading, -one.rate, one.difference, one.sum)
 
 
 def test_a_boat_that_lies_still_shows_nothing() -> None:
     *_, last = swings(60.0, 0.0, 1.0)
     assert not are_opposite(last)
-    assert not are_alike(last)
+    assert not are_consistent(last)
 
 
 @pytest.mark.parametrize("step", [0.05, 0.1, 0.5])
 def test_a_steady_turn_is_told_alike_at_any_pace(step: float) -> None:
     turns = NO_TURNS
     for _ in range(round(20.0 / step)):
-        turns = turns_told(turns, 0.1 * step, -0.1 * step, step)
+        turns = turns_step(turns, 0.1 * step, -0.1 * step, step)
     # the leaky sum of a steady rate: rate times time, but for the step
     assert turns.heading == pytest.approx(0.1 * 2.0, rel=0.5 * step)
     assert turns.apart == pytest.approx(0.2 * 5.0, rel=0.2 * step + 0.02)
@@ -92,17 +92,17 @@ def test_a_steady_turn_is_told_alike_at_any_pace(step: float) -> None:
 
 def test_turn_evidence_fades_and_impossible_rates_are_capped() -> None:
     """apart over 5 s, each turn over 2 s, their squares over 4 s."""
-    once = turns_told(NO_TURNS, 0.2, -0.1, 0.0)
+    once = turns_step(NO_TURNS, 0.2, -0.1, 0.0)
     assert once[:3] == pytest.approx((0.3, 0.2, -0.1)) and once[3:] == (0.0, 0.0)
-    later = turns_told(once, 0.0, 0.0, 1.0)
+    later = turns_step(once, 0.0, 0.0, 1.0)
     assert later.apart == pytest.approx(0.3 * math.exp(-1.0 / 5.0))
     assert (later.heading, later.rate) == pytest.approx((0.2 * math.exp(-0.5), -0.1 * math.exp(-0.5)))
     share = 1.0 - math.exp(-1.0 / 4.0)
     assert later.difference == pytest.approx(share * (0.3 * math.exp(-0.5)) ** 2)
     assert later.sum == pytest.approx(share * (0.1 * math.exp(-0.5)) ** 2)
-    faded = turns_told(Turns(0.0, 0.0, 0.0, 1.0, 2.0), 0.0, 0.0, 4.0)
+    faded = turns_step(Turns(0.0, 0.0, 0.0, 1.0, 2.0), 0.0, 0.0, 4.0)
     assert (faded.difference, faded.sum) == pytest.approx((math.exp(-1.0), 2.0 * math.exp(-1.0)))
-    assert turns_told(NO_TURNS, 0.0, 99.0, 0.1).rate == math.pi == -turns_told(NO_TURNS, 0.0, -99.0, 0.1).rate
+    assert turns_step(NO_TURNS, 0.0, 99.0, 0.1).rate == math.pi == -turns_step(NO_TURNS, 0.0, -99.0, 0.1).rate
 
 
 @pytest.mark.parametrize(("more", "holds"), [(0.99, False), (1.01, True)])
@@ -110,4 +110,4 @@ def test_turn_evidence_fades_and_impossible_rates_are_capped() -> None:
 def test_opposite_is_four_times_the_other_and_two_degrees_squared_more(more: float, holds: bool, other: float) -> None:
     size = (4.0 * other + math.radians(2.0) ** 2) * more
     assert are_opposite(Turns(0.0, 0.0, 0.0, size, other)) is holds
-    assert are_alike(Turns(0.0, 0.0, 0.0, other, size)) is holds
+    assert are_consistent(Turns(0.0, 0.0, 0.0, other, size)) is holds

@@ -10,8 +10,8 @@ from autopilot.guidance.reference import Guide, heading_ordered, zigzag, zigzag_
 from autopilot.guidance.turn import turn_limits
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, Order, OrderKind
-from autopilot.supervision.monitors.course import ASTRAY, Runaway
-from autopilot.supervision.monitors.watched import Watched
+from autopilot.supervision.monitor_input import MonitorInput
+from autopilot.supervision.rudder_watch import ASTRAY, NO_RUNAWAY, runaway_step
 
 MODEL = Norrbin(0.3, 2.0, reference_speed=4.0)
 SWING = math.radians(10.0)
@@ -52,7 +52,5 @@ def test_without_a_zigzag_nothing_is_astray() -> None:
 def test_only_a_boat_that_goes_on_turning_against_its_rudder_has_run_away(
     astray: float, rate: float, runs: bool
 ) -> None:
-    watched = Watched(0.0, state(0.0, rate), True, False, 0.0, SWING, 0.5, True, astray=astray)
-    runaway = Runaway()
-    runaway.look(MODEL, watched)
-    assert runaway.has_run is runs
+    seen = MonitorInput(0.0, MODEL, state(0.0, rate), True, False, 0.0, SWING, 0.5, True, astray=astray)
+    assert runaway_step(NO_RUNAWAY, seen).has_run is runs

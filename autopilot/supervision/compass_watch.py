@@ -1,0 +1,342 @@
+"""The compass watch: a heading that stands still, jumps, or does not go together with the rate of turn or the model.
+
+Rate-heading consistency: what heading and rate of turn tell of the boat's turns, how far they are apart, and whether
+they go opposite ways. Its functions are scalar, over NamedTuples, and compiled by `sitl.compiled` as they are. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import shortest_turn
+from autopilot.models.norrbin import rate_step
+from autopilot.models.steering_gear import clip
+from autopilot.signals import AlarmEvent, HeadingSample, RateSample
+from autopilot.supervision.monitor_input import NEWS, AlarmLimits, Heard, MonitorInput
+
+APART_TIME = 5.0
+"""Turns by heading and by rate are compared over about this time [s]."""
+SENSE_TIME = 2.0
+"""Which way the boat turns is taken from its turns over about this time [s]."""
+SENSE_LASTS = 4.0
+SENSE_LEAST = math.radians(2.0) ** 2
+SENSE_SHARE = 4.0
+"""They go opposite ways where the mean square of their difference, over this time [s], is this many times that of
+their sum and by so much [rad^2] more: a compass that lags by less than 120 deg of a wave is right yet, and so is
+a gyro that is off by a degree a second."""
+DISAGREES_LASTS = 1.0
+"""Turns by heading and by rate must differ for so long [s]."""
+DISAGREES_SAID = 20.0
+"""That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of its gyro."""
+OPPOSITE_WAYS = "they turn opposite ways"
+LONGEST_STEP_S = 0.5
+FROZEN_SAMPLES = 10
+"""So many headings that are the same to the last digit are worth a second look."""
+FROZEN_BY_RATE = math.radians(5.0)
+FROZEN_BY_RUDDER = math.radians(15.0)
+"""The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood."""
+RATE_FORGOTTEN = 10.0
+"""A rate sensor's bias would add up over longer than this [s]."""
+SEA_LEAST = math.radians(0.7)
+SEA_DIGITS = 5.0
+SEA_STOOD = 3.0
+"""In a sea that moved the heading by this standard deviation [rad], and by so many of the compass's own digits, no
+heading stands for so long [s], between two wave groups neither."""
+SEA_PROVEN = 20.0
+"""A sea is one that has been felt for so long [s] on a course that is held: a turn in flat water looks like a wave."""
+JUMPS = 3
+JUMPS_WITHIN = 10.0
+"""So many jumps within this time [s] are no spikes any more."""
+JUMP_SETTLED = 0.5
+JUMP_SAMPLES = 3
+"""A heading that stays where it jumped to for so long [s], and so many samples, has jumped for good."""
+JUMP_SAID = 5.0
+"""A jump is told for this time [s] after it was found."""
+LONGEST_GAP_S = 2.0
+"""Headings further apart [s] are not compared, nor is a rate that is older than its heading by more."""
+INNOVATION_TIME = 20.0
+"""The innovation's mean must be off for so long [s]."""
+
+
+class Turns(NamedTuple):
+    """apart [rad]: the turn by heading less that by rate, of late; heading and rate [rad]: the turns over a shorter
+    time by each; difference and sum [rad^2]: the mean squares of both."""
+
+    apart: float
+    heading: float
+    rate: float
+    difference: float
+    sum: float
+
+
+NO_TURNS = Turns(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def turns_step(turns: Turns, by_heading: float, by_rate: float, step: float) -> Turns:
+    """Return what is known after a step of `step` [s] in which the boat turned `by_heading` and `by_rate` [rad]."""
+    fades = math.exp(-step / SENSE_TIME)
+    # no boat turns further between two headings, and an instrument that says so must not spoil the sums
+    by_rate = clip(by_rate, -math.pi, math.pi)
+    heading, rate = turns.heading * fades + by_heading, turns.rate * fades + by_rate
+    share = -math.expm1(-step / SENSE_LASTS)
+    return Turns(
+        turns.apart * math.exp(-step / APART_TIME) + by_heading - by_rate,
+        heading,
+        rate,
+        turns.difference + share * ((heading - rate) ** 2 - turns.difference),
+        turns.sum + share * ((heading + rate) ** 2 - turns.sum),
+    )
+
+
+def are_opposite(turns: Turns) -> bool:
+    """Return whether heading and rate tell of turns to opposite sides."""
+    return turns.difference > SENSE_SHARE * turns.sum + SENSE_LEAST
+
+
+def are_consistent(turns: Turns) -> bool:
+    """Return whether they tell of turns to the same side: where the boat hardly turns neither holds."""
+    return turns.sum > SENSE_SHARE * turns.difference + SENSE_LEAST
+
+
+class Consistency(NamedTuple):
+    """heading and rate: the newest of each; turns: what they tell; since [s]: when the turns began to differ, nan: they
+    do not; seen [s]: when that was found last; told [rad]: how far apart they were when it was said; found: what is
+    said, '' where they go together; is_opposite: whether they turn opposite ways."""
+
+    heading: HeadingSample | None = None
+    rate: RateSample | None = None
+    turns: Turns = NO_TURNS
+    since: float = math.nan
+    seen: float = math.nan
+    told: float = math.nan
+    found: str = ""
+    is_opposite: bool = False
+
+
+def consistency_step(before: Consistency, sample: HeadingSample | RateSample, most: float) -> Consistency:
+    """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of, inf: not watched."""
+    rate, time, last = sample.rate, sample.time, before.heading
+    if not math.isfinite(time) or (rate is not None and not math.isfinite(rate)):
+        return before
+    if isinstance(sample, RateSample):
+        return before._replace(rate=sample)
+    is_same = last is not None and last.source == sample.source
+    if is_same and time < last.time:  # type: ignore[union-attr]
+        return before
+    beside = before.rate
+    if rate is None and beside is not None and 0.0 <= time - beside.time <= LONGEST_GAP_S:
+        rate = beside.rate
+    # a burst that was read at once has one time: its turn happened since the heading before
+    if (
+        last is None
+        or rate is None
+        or not is_same
+        or not math.isfinite(sample.heading)
+        or not 0.0 <= time - last.time <= LONGEST_GAP_S
+        or not math.isfinite(last.heading)
+    ):
+        return before._replace(heading=sample)
+    step = time - last.time
+    turns = turns_step(before.turns, shortest_turn(last.heading, sample.heading), rate * step, step)
+    if not math.isfinite(most):
+        return before._replace(heading=sample, turns=turns)
+    return _judged(before, sample, turns, most)
+
+
+def _judged(before: Consistency, sample: HeadingSample, turns: Turns, most: float) -> Consistency:
+    _, beside, _, since, seen, told, found, is_opposite = before
+    # only turns that both tell of alike put an end to it: a boat that lies still shows nothing
+    is_opposite = not are_consistent(turns) if is_opposite else are_opposite(turns)
+    time, apart = sample.time, abs(turns.apart)
+    if is_opposite:
+        seen, found = time, OPPOSITE_WAYS
+    elif apart <= most:
+        since = math.nan
+        if not 0.0 <= time - seen < DISAGREES_SAID:
+            found = ""
+    elif math.isnan(since):
+        since = time
+    elif time - since >= DISAGREES_LASTS:
+        seen = time
+        if not found or (apart - told > NEWS and found != OPPOSITE_WAYS):
+            found, told = f"{math.degrees(apart):.0f} deg apart", apart
+    return Consistency(sample, beside, turns, since, seen, told, found, is_opposite)
+
+
+class Standing(NamedTuple):
+    """A heading that is the same to the last digit: the `samples` that say so, the first of them [s] and the last; the
+    turn that the rate beside it adds up to [rad], nan where none came, and its span; that rate as it was told last, nan
+    where none was, and whether it moves; the turn that the model makes of the rudder: when it was reckoned last [s],
+    the bias [rad], the rate [rad/s], and how far it has turned [rad]; is_frozen: until it moves again."""
+
+    heading: float = math.nan
+    samples: int = 0
+    since: float = math.nan
+    time: float = math.nan
+    turn: float = math.nan
+    low: float = 0.0
+    high: float = 0.0
+    told: float = math.nan
+    rate_moves: bool = False
+    reckoned: float = math.nan
+    bias: float = 0.0
+    rate: float = 0.0
+    turned: float = 0.0
+    is_frozen: bool = False
+
+
+class Sea(NamedTuple):
+    """What moves the heading: by this standard deviation [rad] when it began to stand, felt on a course that is held
+    since flat water [s]; digit [rad]: the least step of the compass."""
+
+    digit: float = math.inf
+    deviation: float = math.nan
+    flat: float = math.nan
+
+
+def stood_by(before: Standing, sample: HeadingSample) -> Standing:
+    """Take a heading that is the same as the one before it."""
+    time, told = before.time, sample.rate
+    if told is None or not math.isfinite(time):
+        return before._replace(samples=before.samples + 1, time=sample.time)
+    step = clip(sample.time - time, 0.0, LONGEST_STEP_S)
+    # nought may well be true for long
+    moves = before.rate_moves or told == 0.0 or not (math.isnan(before.told) or told == before.told)
+    # what is long past may be the bias of the rate sensor, added up
+    turn = (0.0 if math.isnan(before.turn) else before.turn) * math.exp(-step / RATE_FORGOTTEN) + told * step
+    return before._replace(
+        samples=before.samples + 1,
+        time=sample.time,
+        turn=turn,
+        low=min(before.low, turn),
+        high=max(before.high, turn),
+        told=told,
+        rate_moves=moves,
+    )
+
+
+def frozen_step(
+    standing: Standing, sea: Sea, seen: MonitorInput, headings: tuple[HeadingSample, ...]
+) -> tuple[Standing, Sea]:
+    """Take a tick's headings, and judge whether the heading stands still while the boat must be turning.
+
+    Judged by the yaw rate that came with it where there is one that does not stand still too, else by the sea that
+    moved it until then, and by the turn that the model makes of the rudder, the bias being what it was when the heading
+    began to stand: the estimator has learnt the wrong one since.
+    """
+    now, state = seen.now, seen.state
+    for sample in headings:
+        heading, time = sample.heading, sample.time
+        if heading == standing.heading:
+            standing = stood_by(standing, sample)
+            continue
+        step = abs(shortest_turn(standing.heading, heading))
+        sea = Sea(step, sea.deviation, sea.flat) if step < sea.digit else sea
+        standing = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
+    if standing.is_frozen:
+        return standing, sea
+    if standing.samples < 2:
+        is_flat = state.wave_deviation < SEA_LEAST or math.isnan(sea.flat) or not seen.holds_course
+        sea = Sea(sea.digit, state.wave_deviation, now if is_flat else sea.flat)
+    elif (
+        sea.deviation >= max(SEA_LEAST, SEA_DIGITS * sea.digit)
+        and standing.since - sea.flat >= SEA_PROVEN
+        and standing.samples >= FROZEN_SAMPLES
+        and standing.time - standing.since >= SEA_STOOD
+    ):
+        return standing._replace(is_frozen=True), sea
+    if standing.reckoned == now:
+        return standing, sea
+    if standing.samples < 2 or not (seen.steers or not math.isnan(standing.turn)):
+        # what somebody else does with the rudder proves nothing
+        return standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0), sea
+    step = clip(now - standing.reckoned, 0.0, LONGEST_STEP_S)
+    rate = rate_step(seen.model, standing.rate, state.rudder + standing.bias, step)
+    turned = standing.turned + rate * step
+    is_frozen = standing.samples >= FROZEN_SAMPLES and (
+        standing.high - standing.low > FROZEN_BY_RATE
+        or (not standing.rate_moves and seen.has_way and abs(turned) > FROZEN_BY_RUDDER)
+    )
+    return standing._replace(reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen), sea
+
+
+class Jumping(NamedTuple):
+    """last: the newest heading that is believed; away: those since that are further on than the boat can have turned;
+    jumps [s]: when it jumped of late; found [s]: when that was an alarm, and by [rad] how much; text: what is said."""
+
+    last: HeadingSample | None = None
+    away: tuple[HeadingSample, ...] = ()
+    jumps: tuple[float, ...] = ()
+    found: float = math.nan
+    by: float = math.nan
+    text: str = ""
+
+
+def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: float) -> Jumping:
+    """Take a heading; it may be off by `most` [rad] from the one before, the boat turning at `rate` [rad/s]."""
+    heading, time = sample.heading, sample.time
+    if not math.isfinite(heading) or not math.isfinite(time):
+        return before
+    last, away, jumps, found, by, text = before
+    newest = away[-1] if away else last
+    if (
+        last is None
+        or newest is None
+        or last.source != sample.source
+        or time < last.time
+        or time - newest.time > LONGEST_GAP_S
+    ):
+        return Jumping(sample, (), jumps, found, by, text)
+    off = shortest_turn(last.heading + rate * (time - last.time), heading)
+    if abs(off) <= most:
+        return Jumping(sample, (), jumps, found, by, text)
+    if not away or abs(shortest_turn(away[-1].heading, heading)) > most:
+        away, jumps = (), (*(then for then in jumps if time - then < JUMPS_WITHIN), time)
+    away = (*away, sample)
+    if len(away) >= JUMP_SAMPLES and time - away[0].time >= JUMP_SETTLED:
+        return Jumping(sample, (), jumps, time, off, text)
+    return Jumping(last, away, jumps, time if len(jumps) >= JUMPS else found, off, text)
+
+
+class State(NamedTuple):
+    """What the compass watch remembers; rate [rad/s]: the boat's, a tick ago; off_since [s]: since when the
+    innovation's mean has been off, nan: it is not; off_by: how far it was when that was said first."""
+
+    standing: Standing = Standing()
+    sea: Sea = Sea()
+    jumping: Jumping = Jumping()
+    rate: float = 0.0
+    off_since: float = math.nan
+    off_by: str = ""
+
+
+def update(
+    limits: AlarmLimits, before: State, seen: MonitorInput, heard: Heard
+) -> tuple[State, tuple[AlarmEvent, ...]]:
+    """Judge a tick; return what is remembered, and what is found."""
+    standing, sea, jumping, rate, off_since, off_by = before
+    found: tuple[AlarmEvent, ...] = ()
+    if limits.frozen_heading:
+        standing, sea = frozen_step(standing, sea, seen, heard.headings)
+        if standing.is_frozen:
+            found = (AlarmEvent("heading_frozen"),)
+    for sample in heard.headings:
+        jumping = jumping_step(jumping, sample, rate, limits.heading_jump)
+    if 0.0 <= seen.now - jumping.found < JUMP_SAID:
+        jumping = jumping if jumping.text else jumping._replace(text=f"by {math.degrees(jumping.by):+.0f} deg")
+        found += (AlarmEvent("heading_jumping", jumping.text),)
+    elif jumping.text:
+        jumping = jumping._replace(text="")
+    if heard.rate_disagrees:
+        found += (AlarmEvent("rate_disagrees", heard.rate_disagrees),)
+    if not (seen.has_way and abs(seen.innovation) > limits.innovation):
+        off_since, off_by = math.nan, ""
+    elif math.isnan(off_since):
+        off_since = seen.now
+    elif seen.now - off_since >= INNOVATION_TIME:
+        # as it is at first: each tenth would be a new text
+        off_by = off_by or f"{abs(seen.innovation):.1f} standard deviations"
+        found += (AlarmEvent("innovation", off_by),)
+    rate = seen.state.rate if math.isfinite(seen.state.rate) else 0.0
+    return State(standing, sea, jumping, rate, off_since, off_by), found

@@ -1,0 +1,411 @@
+"""The course watch: a boat off the course that it is to hold, one that swings, spins, or goes round and round.
+
+No model tells why: the file may have the wrong boat, speed, rudder or delay, and what the loop does is what counts. A
+loop that is unstable by its own rudder ends in a limit cycle: the order goes from one side far to the other, again and
+again, and the heading with it. A heavy sea can look like that. So the pilot is made soft first (SOFTER): it supposes a
+boat that answers so many times as much, which has a quarter of the gain and half the bandwidth and with which a boat of
+up to so many times its model's liveliness is stable again; if need be, softer still (SOFTEST). In a sea the rudder then
+rests more than before, and nothing else comes of it. Swings that the rudder does not account for are a sea's, or
+gusts', however slow the rudder is against them: they are none of steering's. Where the swings by the rudder go on all
+the same, steering makes them, and ends.
+
+By the model no steady turn is quicker than that with the rudder hard over. One that is SPIN times as quick for a while,
+as if twice the rudder pushed beside it, and to the rudder's side, is another boat's; RUSH times, and the law is made
+soft. A boat that is known to be pushed harder than its rudder is not taken to go round by itself. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+from autopilot.angles import shortest_turn
+from autopilot.estimation.waves import FREQUENCY_LEAST
+from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
+from autopilot.signals import AlarmEvent
+from autopilot.supervision import rudder_watch
+from autopilot.supervision.alarms import AT_STOP
+from autopilot.supervision.monitor_input import (
+    NEWS,
+    AlarmLimits,
+    MonitorInput,
+    is_hard_over,
+    reads_low,
+    speed_ratio,
+)
+
+BACK_ON_COURSE = 0.7
+"""An off-course alarm ends when the error is back within this share of its limit."""
+SOFTER, SOFTEST = 4.0, 16.0
+"""The law orders as for a boat that answers so many times as much, and so many times where that is not enough."""
+SUSPECT_SWINGS, HALF_SWINGS = 4, 6
+ALIKE, GROWS = 1.6, 3.0
+LEAST_TIME = 0.25
+"""So many sweeps of the rudder from side to side in a row, each with a swing of the heading, may be a limit cycle, or
+are one: a turn and its counter-rudder are two, and the third is an overshoot. They last as long as each other, and the
+swings are as far, within this factor, or farther while the cycle grows (GROWS); a sea's are not. Sweeps that last less
+than this many time constants are not the boat's, nor those of one that is sixteen times as quick."""
+BY_RUDDER = 0.98
+"""So much of the rate's variance is the rudder's where steering makes the swings. Of boats that differ from their file
+0.995 and more (5 to 40 times as lively); 0.89 to 0.96 in a sea of 6 deg of rudder, which shows them some sweeps later.
+Of boats that are theirs, in gusts and seas that their rudder is too slow for, 0.978 at most."""
+BEYOND = 3.0
+"""A swing so many times as far as the rudder from stop to stop makes by the model counts for two, where it lasts longer
+than a sea's: seas turn small boats as far beside their rudder."""
+LONGEST_WAVE_S = math.pi / FREQUENCY_LEAST
+"""Half the period of the longest wave that is estimated [s]."""
+SWEEP, THROW = 0.5, 1.0
+"""Each of them, from turning point to turning point, in units of the rudder's limit to one side: to be steered softly,
+and to be let go of."""
+SWING = math.radians(10.0)
+"""And each of the heading's [rad], as far: less is a quick boat in a sea."""
+PAUSE = (10.0, 15.0)
+"""A sweep that comes later than this [s] and so many time constants after the one before begins the count anew."""
+NEW_COURSE = math.radians(5.0)
+"""An order that differs by this [rad] begins a turn: what came before is forgotten."""
+CIRCLES, CIRCLES_DOUBTED, BEHIND = math.radians(390.0), math.radians(300.0), math.radians(150.0)
+"""Turned this far [rad] away from the heading ordered, on balance; less where the speed has been doubted, but for a
+heading that is ordered further behind than the third [rad]: it may be reached the other way round."""
+ON_COURSE = math.radians(10.0)
+SETTLED_TIME = 4.0
+"""A boat within this [rad] of its course for this time [s], or for so many time constants if that is longer, has not
+gone round: the turns that brought it there are over."""
+OUTRUNS, OUTRUNS_UNSTABLE, RUSH, SPIN = 1.5, 1.25, 2.0, 3.0
+RATE_MOST = 10.0
+"""No boat turns as fast [rad/s]: such a step is the compass's, or the estimate's that begins anew."""
+NO_MORE = 1.0e-9
+"""A column of which less is left [share of its square] is a sum of the others."""
+DAY_S = 86400.0
+SEA_SIGMAS = math.sqrt(2.0 * math.log(DAY_S / (2.0 * LONGEST_WAVE_S)))
+"""Of a rate of turn so many standard deviations of the sea's may be the sea's, the largest of a day's waves (Rayleigh):
+of the sea that was there when the heading was ordered, for a boat that steering swings since then looks like one."""
+SPIN_TIME = (1.0, 0.3)
+"""The rate of turn is taken over this time [s], or over so many time constants if that is longer."""
+
+
+class OffCourse(NamedTuple):
+    """since [s]: the boat is off its course, nan: it is not; is_off: for long enough; told [rad]: how far it was when
+    that was said; found: what is said."""
+
+    since: float = math.nan
+    is_off: bool = False
+    told: float = math.nan
+    found: AlarmEvent | None = None
+
+
+ON_ITS_COURSE = OffCourse()
+
+
+def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, error: float) -> tuple[float, bool]:
+    """Return since when [s] the boat has been off course (nan: it is on course), and whether that is an alarm.
+
+    `since` and `is_off` are what this returned before; `error` [rad] is the heading's, off the course ordered.
+    """
+    limit = limits.off_course * (BACK_ON_COURSE if is_off else 1.0)
+    # written so that an error that is no number is no reason to be quiet
+    if abs(error) <= limit:
+        return math.nan, False
+    if math.isnan(since):
+        return now, False
+    return since, is_off or now - since >= limits.off_course_time
+
+
+def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput) -> OffCourse:
+    """Judge a tick: how far off, which way, and whether the rudder is at its stop; not while a turn may last."""
+    if not seen.holds_course or math.isinf(limits.off_course):
+        return ON_ITS_COURSE
+    error = shortest_turn(seen.wanted, seen.state.heading)
+    since, is_off = course_step(limits, before.since, before.is_off, seen.now, error)
+    if not is_off:
+        return OffCourse(since)
+    if before.found is not None and not abs(error - before.told) > NEWS:
+        return OffCourse(since, True, before.told, before.found)
+    off = f"by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
+    return OffCourse(since, True, error, AlarmEvent("off_course", off, AT_STOP if is_hard_over(seen) else ""))
+
+
+class ByRudder(NamedTuple):
+    """How much of the rate of turn the rudder accounts for, whatever the boat: R^2 of r' = a delta + b r + c.
+
+    By least squares of its integral r = a D + b psi + c t + d, D' = delta, which does not differentiate noise. At the
+    one frequency of a limit cycle a delay is a part of a and b; what gusts and waves do beside the rudder is none.
+
+    time [s], turned psi [rad] and ordered D [rad s] since it began; sums: of the products of two of the columns 1, t,
+    psi, D and r, each pair once.
+    """
+
+    time: float = 0.0
+    turned: float = 0.0
+    ordered: float = 0.0
+    sums: tuple[float, ...] = ()
+
+    def with_tick(self, step: float, turned: float, rudder: float, rate: float) -> ByRudder:
+        """Return the same with a tick `step` [s] later, in which the boat `turned` [rad]; what is between the first and
+        the tick before it does not count."""
+        time, psi, ordered, sums = self
+        if sums:
+            time, psi, ordered = time + step, psi + turned, ordered + rudder * step
+        row = 1.0, time, psi, ordered, rate
+        products = (one * other for one, other in combinations_with_replacement(row, 2))
+        added = map(float.__add__, sums, products) if sums else products
+        return ByRudder(time, psi, ordered, tuple(added))
+
+    def share(self) -> float:
+        """Return R^2, 0 where nothing has turned: what elimination leaves of the last column's square."""
+        left = [[0.0] * 5 for _ in range(5)]
+        for (row, column), total in zip(combinations_with_replacement(range(5), 2), self.sums, strict=False):
+            left[row][column] = left[column][row] = total
+        before = [left[index][index] for index in range(5)]
+        total = 0.0
+        for pivot in range(4):
+            if left[pivot][pivot] > NO_MORE * before[pivot]:
+                for row in range(pivot + 1, 5):
+                    part = left[row][pivot] / left[pivot][pivot]
+                    left[row] = [one - part * other for one, other in zip(left[row], left[pivot], strict=True)]
+            total = total or left[4][4]
+        return 1.0 - left[4][4] / total if total > 0.0 else 0.0
+
+
+class Swings(NamedTuple):
+    """sweeps: how many sweeps of the order there were in a row, each with a swing of the heading. swept [s]: the last
+    turning point of the order; side: to which it has gone since, and extreme [rad] how far, nan: nothing is known yet;
+    turned [rad]: the heading since it began; low and high [rad]: its span since the turning point, and that of the
+    sweep before; swung [rad] and lasted [s]: the last swing; by_rudder: None before the first turning point."""
+
+    swept: float = -math.inf
+    side: int = 0
+    extreme: float = math.nan
+    turned: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
+    low_before: float = 0.0
+    high_before: float = 0.0
+    swung: float = 0.0
+    lasted: float = 0.0
+    sweeps: int = 0
+    by_rudder: ByRudder | None = None
+
+
+NO_SWINGS = Swings()
+
+
+class Turn(NamedTuple):
+    """What the boat has done since the tick before: step [s], turned [rad]; how far the heading ordered has moved
+    [rad]; quickest: the model at the trial's speed where that is the quicker one."""
+
+    step: float
+    turned: float
+    led: float
+    quickest: Norrbin
+
+
+def turn_since(time: float, heading: float, wanted: float, seen: MonitorInput) -> Turn:
+    """Return what the boat has done since the tick at `time` [s] with its heading and the one ordered [rad]."""
+    turned, led = shortest_turn(heading, seen.state.heading), shortest_turn(wanted, seen.wanted)
+    return Turn(seen.now - time, turned, led, quickest_model(seen))
+
+
+def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) -> Swings:
+    """Return the count after a tick, of sweeps of at least `sweep` [rudder's limits]."""
+    if not seen.follows:
+        return NO_SWINGS
+    now, order = seen.now, seen.rudder
+    is_paused = now - before.swept > PAUSE[0] + PAUSE[1] * seen.model.time_constant
+    # a rudder that stood while the loop stalled swings the boat, too: late ticks are an alarm of their own
+    if seen.is_late or is_paused or not abs(turn.led) < NEW_COURSE:
+        return Swings(now, extreme=order)
+    swept, side, extreme, turned, low, high, low_before, high_before, swung, lasted, count, by_rudder = before
+    turned += turn.turned
+    low, high = min(low, turned), max(high, turned)
+    if by_rudder is not None:
+        by_rudder = by_rudder.with_tick(turn.step, turn.turned, order, seen.state.rate)
+    if side == 0:
+        side = 1 if order > extreme else -1 if order < extreme else 0
+    elif side * (order - extreme) >= 0.0:
+        extreme = order
+    elif abs(order - extreme) >= sweep * seen.angle_max:
+        # swept from there to the other side: that was a turning point. The heading may trail by half a sweep
+        swing, lasts = max(high, high_before) - min(low, low_before), now - swept
+        counts = swing >= SWING and lasts >= LEAST_TIME * turn.quickest.time_constant
+        goes_on = swung < ALIKE * swing and swing < GROWS * swung
+        is_alike = goes_on and lasts < ALIKE * lasted and lasted < ALIKE * lasts
+        is_beyond_rudder = swing > BEYOND * widest_swing(turn.quickest, seen.angle_max, lasts)
+        worth = 2 if is_beyond_rudder and lasts > LONGEST_WAVE_S else 1
+        count = 0 if not counts else count + worth if is_alike else 1
+        if count >= SUSPECT_SWINGS and by_rudder is not None and by_rudder.share() < BY_RUDDER:
+            count = 0
+        # a limit cycle does not die away: as far as the farthest
+        swung = max(swing, swung) if count > 1 else swing
+        by_rudder = by_rudder if count > 1 else ByRudder()
+        side, extreme, swept, lasted = -side, order, now, lasts
+        low_before, high_before, low, high = low, high, turned, turned
+    return Swings(swept, side, extreme, turned, low, high, low_before, high_before, swung, lasted, count, by_rudder)
+
+
+def quickest_model(seen: MonitorInput) -> Norrbin:
+    """Return the model at the trial's speed where that is the quicker one: a speed that reads too low makes any boat
+    slow."""
+    ratio = speed_ratio(seen)
+    return seen.model if ratio >= 1.0 else at_speed_ratio(seen.model, 1.0 / ratio)
+
+
+def widest_swing(model: Norrbin, angle_max: float, lasted: float) -> float:
+    """Return how far [rad] the boat swings whose rudder stands at one stop and the other for `lasted` [s] each.
+
+    By the first harmonic of that rudder, 4/pi angle_max at w = pi/lasted: 2 K 4/pi angle_max/(w |n1 + i w T|). n3 would
+    make it less.
+    """
+    pace = math.pi / max(lasted, 1.0e-3)
+    return 8.0 / math.pi * model.gain * angle_max / (pace * math.hypot(model.n1, pace * model.time_constant))
+
+
+class Circles(NamedTuple):
+    """off [rad]: how far the boat has turned away from the heading that is ordered, whole turns with it, nan: none is;
+    begun [rad]: how far it was off when that was ordered; since [s]: it is near its course, nan: it is not."""
+
+    off: float = math.nan
+    begun: float = 0.0
+    since: float = math.nan
+
+
+NO_CIRCLES = Circles()
+
+
+def circles_step(before: Circles, seen: MonitorInput, turn: Turn) -> Circles:
+    """Add up a tick's turns."""
+    if not seen.follows:
+        return NO_CIRCLES
+    off, begun, since = before
+    near = shortest_turn(seen.wanted, seen.state.heading)
+    if math.isnan(off) or abs(turn.led) > NEW_COURSE:
+        off, begun = near, abs(near)
+    elif abs(seen.push) <= seen.angle_max or reads_low(seen):
+        # what is pushed round by more than its rudder is not steered round
+        off += turn.turned - turn.led
+    if abs(near) > ON_COURSE:
+        since = math.nan
+    elif math.isnan(since):
+        since = seen.now
+    elif seen.now - since >= max(SETTLED_TIME, SETTLED_TIME * seen.model.time_constant):
+        off = near
+    return Circles(off, begun, since)
+
+
+def goes_round(circles: Circles, is_doubted: bool) -> bool:
+    """Return whether it has gone round and round; is_doubted: whether its speed is."""
+    return abs(circles.off) > (CIRCLES_DOUBTED if is_doubted and circles.begun < BEHIND else CIRCLES)
+
+
+class Spin(NamedTuple):
+    """A rate of turn [rad/s], by the heading alone, that is quicker than a rudder hard over makes it by the model.
+
+    is_begun: a heading came before; wanted [rad]: what was ordered when by_sea [rad/s], the sea's largest rate of turn,
+    was taken. is_fast, rushes: it is SPIN, or RUSH, times too fast; outruns_speed: OUTRUNS times what goes with the
+    speed.
+    """
+
+    is_begun: bool = False
+    wanted: float = math.nan
+    by_sea: float = 0.0
+    rate: float = 0.0
+    is_fast: bool = False
+    rushes: bool = False
+    outruns_speed: bool = False
+
+
+def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
+    """Judge a tick. A speed that reads too low would make any turn too fast: the model counts at the trial's speed at
+    least."""
+    is_begun, wanted, by_sea, rate, _, _, _ = before
+    if not seen.steers or not is_begun or not turn.step > 0.0:
+        return Spin(True, wanted, by_sea, rate if seen.steers else 0.0)
+    if not abs(shortest_turn(wanted, seen.wanted)) < NEW_COURSE:
+        # what is there before the first order is not known to be the sea's
+        known = seen.state.wave_deviation * seen.state.wave_frequency
+        by_sea, wanted = 0.0 if math.isnan(wanted) else SEA_SIGMAS * known, seen.wanted
+    turned = turn.turned / turn.step
+    if abs(turned) > RATE_MOST:
+        turned = 0.0
+    quickest, model = turn.quickest, seen.model
+    rate -= math.expm1(-turn.step / max(SPIN_TIME[0], SPIN_TIME[1] * quickest.time_constant)) * (turned - rate)
+    is_steered = rate * seen.rudder > 0.0
+    # a wrong speed does what a sea does, and is doubted rather than borne
+    by_rudder = math.copysign(max(abs(rate) - (0.0 if reads_low(seen) else by_sea), 0.0), rate)
+    outruns = False
+    # a course-unstable boat outruns its rudder, against it too, where it is steered by a wrong speed
+    if is_steered or model.n1 <= 0.0:
+        most = OUTRUNS if model.n1 > 0.0 else OUTRUNS_UNSTABLE
+        outruns = is_beyond(model, by_rudder / most, seen.angle_max)
+    rushes = is_steered and is_beyond(quickest, by_rudder / RUSH, seen.angle_max)
+    is_fast = is_steered and is_beyond(quickest, by_rudder / SPIN, seen.angle_max)
+    return Spin(True, wanted, by_sea, rate, is_fast, rushes, outruns)
+
+
+def is_beyond(model: Norrbin, rate: float, angle_max: float) -> bool:
+    """Return whether no steady turn is as quick as `rate` [rad/s]: its damping is more than all the rudder."""
+    return math.copysign(1.0, rate) * damping(model, rate) > model.gain * angle_max
+
+
+class State(NamedTuple):
+    """What the course watch remembers; time [s], heading and wanted [rad] of the tick before. softer: the law is to
+    order as for a boat that answers so many times as much; hunts: because it swings."""
+
+    time: float = math.nan
+    heading: float = math.nan
+    wanted: float = math.nan
+    off_course: OffCourse = ON_ITS_COURSE
+    sweeps: Swings = NO_SWINGS
+    throws: Swings = NO_SWINGS
+    circles: Circles = NO_CIRCLES
+    spin: Spin = Spin()
+    softer: float = 1.0
+    hunts: bool = False
+
+
+def update(
+    limits: AlarmLimits, before: State, seen: MonitorInput, rudder: rudder_watch.State
+) -> tuple[State, tuple[AlarmEvent, ...], bool]:
+    """Judge a tick, of which the `rudder` watch has found so much; return what is remembered, what is found, and
+    whether it contradicts the speed.
+
+    What steering itself does to the boat: a soft law is tried first, then steering ends. A speed that is too low is the
+    likeliest cause of swings, the trial's speed the worst that is plausible, so it is doubted first; then less is
+    ordered. A course-unstable boat would be lost with less than it needs against its own wish to turn.
+    """
+    time, heading, wanted, off_course, sweeps, throws, circles, spin, softer, hunts = before
+    turn = turn_since(time, heading, wanted, seen)
+    if not seen.steers:
+        softer, hunts = 1.0, False
+    elif rudder.asks_less:
+        softer = max(softer, SOFTER)
+    sweeps = swings_step(sweeps, SWEEP, seen, turn)
+    throws = swings_step(throws, THROW, seen, turn)
+    spin = spin_step(spin, seen, turn)
+    # no law is softer, and to try it once more would begin the count of everything anew
+    fast = spin.rate if spin.is_fast or (spin.rushes and softer >= SOFTEST) else 0.0
+    is_stable, contradicts_speed = seen.model.n1 > 0.0, False
+    is_soft = softer > 1.0 or not is_stable
+    swings = (is_soft and throws.sweeps >= HALF_SWINGS) or (softer >= SOFTEST and sweeps.sweeps >= SUSPECT_SWINGS)
+    if not swings:
+        suspect = max(sweeps.sweeps, throws.sweeps) >= SUSPECT_SWINGS or (seen.follows and spin.rushes)
+        contradicts_speed = (suspect or spin.outruns_speed) and reads_low(seen)
+        if suspect and not contradicts_speed:
+            hunts, softer = True, min(SOFTER * softer, SOFTEST) if is_stable else softer
+        if suspect and (contradicts_speed or is_stable):
+            sweeps, throws, spin = NO_SWINGS, NO_SWINGS, Spin()
+    circles = circles_step(circles, seen, turn)
+    off_course = off_course_step(limits, off_course, seen)
+    found: tuple[AlarmEvent, ...] = (AlarmEvent("swinging"),) if swings else ()
+    if hunts and not rudder.other:
+        found += (AlarmEvent("hunting"),)
+    if fast:
+        found += (AlarmEvent("too_quick", f"turning at {math.degrees(abs(fast)):.0f} deg/s"),)
+    if goes_round(circles, is_doubted=rudder.doubts_speed or contradicts_speed):
+        found += (AlarmEvent("circling"),)
+    if seen.speeds_apart > 0.0:
+        found += (AlarmEvent("speeds_disagree"),)
+    if off_course.found is not None:
+        found += (off_course.found,)
+    after = State(seen.now, seen.state.heading, seen.wanted, off_course, sweeps, throws, circles, spin, softer, hunts)
+    return after, found, contradicts_speed

@@ -1,0 +1,178 @@
+"""The monitors in their sequence: compass, rudder, course, and what is only a limit.
+
+A monitor never moves the rudder: it names an alarm, and `autopilot.supervision.alarms` has what follows from it. All
+that is remembered is one value, `State`. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.signals import (
+    AlarmEvent,
+    ConditionSample,
+    HeadingSample,
+    RateSample,
+    RollSample,
+    RudderSample,
+    Sample,
+    WindSample,
+)
+from autopilot.supervision import compass_watch, course_watch, rudder_watch
+from autopilot.supervision.alarms import CATALOGUE
+from autopilot.supervision.monitor_input import NEWS, AlarmLimits, Heard, MonitorInput
+
+ROLL_SECONDS = 2.0
+"""Heel must last for so long [s]."""
+WIND_STALE = 5.0
+"""A wind that is older [s] is not known."""
+
+
+class Roll(NamedTuple):
+    """since [s]: the boat heels beyond its limit, nan: it does not; told [rad] and text: what was said of it."""
+
+    since: float = math.nan
+    told: float = math.nan
+    text: str = ""
+
+
+UPRIGHT = Roll()
+
+
+class State(NamedTuple):
+    """What the monitors remember. heard: the newest tick's samples; consistency: of rate and heading; conditions: what
+    others see, with who says so; wind_time [s]: of the newest wind."""
+
+    heard: Heard = Heard()
+    consistency: compass_watch.Consistency = compass_watch.Consistency()
+    compass: compass_watch.State = compass_watch.State()
+    rudder: rudder_watch.State = rudder_watch.State()
+    course: course_watch.State = course_watch.State()
+    conditions: tuple[tuple[str, AlarmEvent], ...] = ()
+    roll: Roll = UPRIGHT
+    wind_time: float = -math.inf
+
+
+class Monitors:
+    """`on_samples` and `update` every tick; then `findings` has what is the case, by its names in the catalogue."""
+
+    def __init__(self, limits: AlarmLimits) -> None:
+        self.limits = limits
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.state = State()
+        self.findings: dict[str, AlarmEvent] = {}
+
+    def forget_past(self) -> None:
+        """Forget what was compared so far: nothing that came before a standstill says anything about now. What has been
+        concluded of boat, speed and rudder stays."""
+        rudder, course = self.state.rudder, self.state.course
+        self.state = self.state._replace(
+            heard=Heard(),
+            consistency=compass_watch.Consistency(),
+            compass=compass_watch.State(),
+            rudder=rudder_watch.State(
+                other=rudder.other, rests_roll=rudder.rests_roll, doubts_speed=rudder.doubts_speed
+            ),
+            course=course_watch.State(softer=course.softer, hunts=course.hunts),
+        )
+
+    @property
+    def softer(self) -> float:
+        """The law is to order as for a boat that answers so many times as much."""
+        return self.state.course.softer
+
+    @property
+    def doubts_speed(self) -> bool:
+        """Whether the boat's own turns contradict its speed."""
+        return self.state.rudder.doubts_speed
+
+    @property
+    def rests_roll(self) -> bool:
+        """Whether the rudder is too slow to work against roll too."""
+        return self.state.rudder.rests_roll
+
+    @property
+    def doubts_rate(self) -> bool:
+        """Whether the rate of turn and the heading do not go together: the heading is what is steered by."""
+        return self.state.consistency.found != ""
+
+    @property
+    def rate_is_reversed(self) -> bool:
+        """Whether the rate tells of turns to the other side than the heading."""
+        return self.state.consistency.is_opposite
+
+    def on_samples(self, samples: tuple[Sample, ...]) -> None:
+        """Take the instruments' samples of this tick."""
+        heard, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
+        headings: tuple[HeadingSample, ...] = ()
+        angles: tuple[RudderSample, ...] = ()
+        report, most = heard.report, self.limits.rate_disagrees
+        for sample in samples:
+            if type(sample) is HeadingSample:
+                headings += (sample,)
+                consistency = compass_watch.consistency_step(consistency, sample, most)
+            elif type(sample) is RollSample:
+                roll = rolled(roll, sample, self.limits.roll)
+            elif type(sample) is RudderSample:
+                if sample.ordered:
+                    report = sample
+                else:
+                    angles += (sample,)
+            elif type(sample) is RateSample:
+                consistency = compass_watch.consistency_step(consistency, sample, most)
+            elif type(sample) is WindSample:
+                wind_time = sample.time
+            elif type(sample) is ConditionSample:
+                conditions = with_condition(conditions, sample)
+        heard = Heard(headings, angles, report, consistency.found)
+        self.state = State(heard, consistency, compass, rudder, course, conditions, roll, wind_time)
+
+    def update(self, seen: MonitorInput) -> None:
+        """Judge a tick."""
+        limits = self.limits
+        heard, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
+        compass, of_compass = compass_watch.update(limits, compass, seen, heard)
+        rudder, of_rudder = rudder_watch.update(limits, rudder, seen, heard)
+        course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder)
+        if contradicts_speed:
+            rudder = rudder.with_doubted_speed()
+        self.state = State(heard, consistency, compass, rudder, course, conditions, roll, wind_time)
+        found = of_compass + of_rudder + of_course
+        if conditions:
+            found = (*(event for _, event in conditions), *found)
+        if seen.waits:
+            found += (AlarmEvent("low_speed"),)
+        if roll.text:
+            found += (AlarmEvent("roll", roll.text),)
+        if limits.wind_wanted and seen.now - wind_time > WIND_STALE:
+            found += (AlarmEvent("no_wind"),)
+        self.findings = {event.name: event for event in found} if found else {}
+
+
+def rolled(before: Roll, sample: RollSample, most: float) -> Roll:
+    """Return what is known of the heel after a sample of it; `most` [rad] is no alarm."""
+    heel = abs(sample.roll)
+    if heel <= most:
+        return UPRIGHT
+    if math.isnan(before.since):
+        return Roll(sample.time)
+    is_news = not before.text or heel - before.told > NEWS
+    if sample.time - before.since < ROLL_SECONDS or not is_news:
+        return before
+    return Roll(before.since, heel, f"{math.degrees(heel):.0f} deg")
+
+
+def with_condition(
+    conditions: tuple[tuple[str, AlarmEvent], ...], sample: ConditionSample
+) -> tuple[tuple[str, AlarmEvent], ...]:
+    """Return what others see after one has said whether something is the case."""
+    if not (sample.present and sample.name in CATALOGUE):
+        return tuple(each for each in conditions if (each[0], each[1].name) != (sample.source, sample.name))
+    said = sample.source, AlarmEvent(sample.name, sample.detail)
+    if any((source, event.name) == (sample.source, sample.name) for source, event in conditions):
+        return tuple(said if (each[0], each[1].name) == (sample.source, sample.name) else each for each in conditions)
+    return (*conditions, said)

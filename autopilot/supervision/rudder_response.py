@@ -1,0 +1,532 @@
+"""The rudder-response monitor: whether the boat's heading answers its rudder, as a generalised likelihood ratio.
+
+A filter parts the answer to the rudder from what sea and wind do. State (psi, r, p, w): psi' = r,
+T r' = K (a delta + p + w) - lambda r. p [rad of rudder] is wind, trim and a rudder that stands anywhere, a random walk;
+w [rad of rudder] is the sea, w' = -w/tau + white noise. lambda = n1 + n2 r + n3 r^2 at the rate that is, so that the
+answers to the rudder and to all else add up. A compass shows psi.
+
+By this the innovation of a filter that supposes the share a of the rudder's answer is nu - a s: nu that of a filter
+which knows of no rudder, s the part of the rudder's answer which could not have been p or w. Both come from the same
+gains. The evidence for one share against another is the sum of the logarithms of their likelihood ratios over the
+headings, begun anew at zero (Page 1954), so that it needs no window: it grows only where the rudder moves, faster than
+wind and sea would, and the boat does not go along. A straight course with a rudder that rests tells nothing.
+
+Sources: Willsky and Jones 1976, the generalised likelihood ratio of an additive change, here of a change in a; Page
+1954, the cumulative sum. Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import shortest_turn
+from autopilot.estimation.waves import FREQUENCY_LEAST
+from autopilot.models.norrbin import Norrbin
+
+LEAST_SHARE = 0.75
+LEAST = (0.5, 0.85)
+"""A boat still answers whose answer is this share of what it usually is, and within these shares of the model's: a
+model that is 40 % too lively is none the worse for it."""
+USUAL = 0.75
+USUAL_SURE = 60.0
+SUSPECT = 2.0
+USUAL_TIME = 900.0
+"""What share of the model's answer the boat is supposed to have before it has shown any; how sure that is, as a sum of
+squares of the answer over their variance; with so much evidence against it nothing is learnt; and how long [s] what
+it has shown is remembered."""
+FADES_TIME = 20.0
+"""Evidence is forgotten in this time [s]: a fault that matters shows more of it."""
+FADES_SLOW = 8.0
+"""Or, of the boat and its gear, in so many time constants if that is longer."""
+SURE = 10.4
+"""So much more likely, as a natural logarithm, must it be that the boat does not answer."""
+MOST_AT_ONCE = 0.8
+"""What one heading may add to that."""
+OUTLIER = 6.0
+OUTLIERS_MOST = 4
+"""A heading so many standard deviations away is left out, but no more than so many in a row."""
+PUSH_CHANGE = math.radians(0.6) ** 2
+"""Wind and trim wander by so much [rad^2 of rudder] in a second."""
+ROUGH = math.radians(0.5) ** 2
+"""So uncertain is the model itself: the square [rad^2 of rudder] of a push that lasts for `ROUGH_TIME` [s]."""
+ROUGH_TIME = 0.2
+SEA_LEAST = math.radians(1.0) ** 2
+SEA_SLOWEST = 0.5
+"""A sea of at least this size [rad^2 of rudder] and pace [1/s] is always supposed."""
+UNEXPLAINED_TIME = 0.25
+UNEXPLAINED = 3.0
+"""Where headings of this time [s] are so much further off, squared, than any answer explains, a gust has set in."""
+GUST = math.radians(25.0) ** 2
+"""What a gust adds to the push's variance, a second [rad^2/s]."""
+DOUBTED = 7.0
+"""Evidence that is a doubt in a trial, as a natural logarithm: its rudder rests, and a gust looks the same there. The
+law's rudder moves, and tells them apart."""
+PUSHED_SIGMAS = 2.0
+"""A push counts beyond so many standard deviations: with only one of them healthy zigzags in sea state 5 ended."""
+SEA_KNOWN_S = 2.0 * math.pi / FREQUENCY_LEAST
+"""One period of the longest wave that is estimated [s]: before, how large the sea is is not known, and it looks like a
+push."""
+SEA_TURNED = math.radians(10.0)
+"""So far [rad] from the headings of the last SEA_KNOWN_S the sea is not the one that is estimated there: a boat meets
+the same waves slower, and from a side that turns it more."""
+ANSWERS_MOST = 1.6
+"""Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
+REVERSED_SHARE = -0.7
+"""What a boat answers at least whose rudder is wired the wrong way."""
+LIVELY = (1.6, 3.5)
+QUICK = (2.4, 6.0)
+"""Shares of the model's answer, the one against the other: more than their mean is a boat that turns better than the
+model allows for, and one that is not the model's. A gust turns the boat to one side while the rudder may go there too;
+an answer is to both sides, so the evidence must be there on each."""
+STRANGE = 3.0
+STRANGE_TIME = 2.0
+"""Where headings of this time [s], or of a time constant, lie so much further off, squared, than such an answer
+explains, it is not what turns the boat."""
+WEAK, STRONG = 0.5, 1.6
+COLOUR_TIME = 0.5
+"""What the best share of the answer leaves over is white noise where it is a compass's. Where it lies to one side for
+so long [s], a sea other than the one that is estimated turns the boat, and the rudder follows it at the sea's own pace:
+one heading then tells little that those before it have not."""
+COLOUR_KNOWN = 2.5
+"""The square of what lies to one side, where the sea is the one that is estimated: 2.3 at most with each boat of the
+tests in state 3. Where it has been so many times as much while nothing was suspect, the sea is another, and does what
+looks like a fault of the rudder so much more often: as much more evidence is wanted."""
+RATE_UNKNOWN = 0.2**2
+PUSH_UNKNOWN = math.radians(20.0) ** 2
+"""Variances of a rate [(rad/s)^2] and a push [rad^2] of which nothing is known."""
+STEEPEST = 20.0
+"""The growth of a course-unstable boat over one step is cut at exp of this."""
+
+
+Transition = tuple[float, float, float, float, float]
+"""turn, drift, decay, gain, kept: psi += turn r + drift u, r = decay r + gain u, w = kept w; u: rudder, push, sea."""
+Gains = tuple[float, float, float, float, float]
+"""The variance [rad^2] of a heading's innovation, and what psi, r, p and w take of it."""
+
+
+class Noise(NamedTuple):
+    """heading [rad^2]; densities a second of acceleration [(rad/s)^2/s] and push [rad^2/s]; sea [rad^2] about zero,
+    which changes at its pace [1/s]."""
+
+    heading: float
+    acceleration: float
+    push: float
+    sea: float
+    pace: float
+
+
+class Covariance(NamedTuple):
+    """The covariance, common to all suppositions about the rudder; i and j count psi, r, p, w."""
+
+    p00: float
+    p01: float
+    p02: float
+    p03: float
+    p11: float
+    p12: float
+    p13: float
+    p22: float
+    p23: float
+    p33: float
+
+
+class Mean(NamedTuple):
+    """psi [rad], r [rad/s], p [rad], w [rad]."""
+
+    psi: float
+    rate: float
+    push: float
+    sea: float
+
+
+class Rudders(NamedTuple):
+    """Where the rudder was [rad]: in time, or where everything is `LATE_S` late, or the rudder much slower than filed
+    (`in_time` again where that is out of question)."""
+
+    in_time: float
+    late: float
+    slow: float
+
+
+NOTHING = Mean(0.0, 0.0, 0.0, 0.0)
+
+
+class Others(NamedTuple):
+    """What else may turn the boat as it turns. slow: the answer to a slow rudder; lively and quick: how much likelier
+    each is, to starboard and to port; strange and strange_slow: squares that no answer explains, nor a slow rudder;
+    weak, right, strong and late: how much likelier a slow rudder is than a boat that answers in this way; fit: sums of
+    innovation times answer and of the answer's square, over the variance; left: the mean of late of what the best share
+    of the answer leaves over [standard deviations]; colour: its square, 1 where that is white noise."""
+
+    slow: Mean
+    lively: tuple[float, float]
+    quick: tuple[float, float]
+    strange: float
+    strange_slow: float
+    weak: float
+    right: float
+    strong: float
+    late: float
+    fit: tuple[float, float] = (0.0, 0.0)
+    left: float = 0.0
+    colour: float = 1.0
+
+
+NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Response(NamedTuple):
+    """time [s] of the newest heading; covariance and mean of a boat without a rudder; answers to the rudder [rad], in
+    time and late; how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and
+    that it is reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were;
+    usual and shown: the share of the model's answer that the boat has had so far is the former over the latter;
+    others: the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as
+    nothing was suspect."""
+
+    time: float
+    covariance: Covariance
+    mean: Mean
+    answer: Mean
+    late: Mean
+    stuck: float
+    stuck_late: float
+    reversed: float
+    reversed_late: float
+    unexplained: float
+    outliers: int
+    usual: float
+    shown: float
+    others: Others = NO_OTHERS
+    usual_colour: float = 1.0
+
+
+class Seaway(NamedTuple):
+    """What a boat has met: at `time` [s], `swing` [rad] the largest yaw by waves of the last USUAL_TIME, `north` and
+    `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
+
+    time: float
+    swing: float
+    north: float
+    east: float
+
+
+def seaway_step(before: Seaway | None, time: float, heading: float, swing: float) -> Seaway:
+    """Return what has been met by `time` [s] with waves that yaw the boat by `swing` [rad] on a `heading` [rad]."""
+    north, east = math.cos(heading), math.sin(heading)
+    if before is None:
+        return Seaway(time, swing, north, east)
+    kept = math.exp(-(time - before.time) / SEA_KNOWN_S)
+    largest = before.swing * math.exp(-(time - before.time) / USUAL_TIME)
+    return Seaway(
+        time,
+        largest if largest > swing else swing,
+        north + kept * (before.north - north),
+        east + kept * (before.east - east),
+    )
+
+
+def noise_of(model: Norrbin, heading: float, swing: float, frequency: float) -> Noise:
+    """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws by `swing` [rad] at `frequency`."""
+    drive = model.gain / model.time_constant
+    pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
+    yaw, lag = swing * pace / model.gain, pace * model.time_constant
+    sea = yaw * yaw * (1.0 + lag * lag)
+    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea if sea > SEA_LEAST else SEA_LEAST, pace)
+
+
+def noise_met(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
+    """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one
+    and the largest that has been met, at the slowest pace, the one that pushes harder."""
+    turned = shortest_turn(math.atan2(seaway.east, seaway.north), heading)
+    if not abs(turned) > SEA_TURNED:
+        return noise
+    met = noise_of(model, noise.heading, seaway.swing, SEA_SLOWEST)
+    return met if met.sea > noise.sea else noise
+
+
+def first_response(noise: Noise, time: float, heading: float) -> Response:
+    """Return what is known after the first heading [rad]."""
+    covariance = Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
+    mean, usual = Mean(heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
+    return Response(time, covariance, mean, NOTHING, NOTHING, 0.0, 0.0, 0.0, 0.0, 1.0, 0, usual, USUAL_SURE)
+
+
+def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transition:
+    """Return the transition over `dt` [s] of a boat that turns at about `rate` [rad/s] in a sea of that pace [1/s]."""
+    slope = model.n1 + (model.n2 + model.n3 * rate) * rate
+    x = slope * dt / model.time_constant
+    x = x if x > -STEEPEST else -STEEPEST
+    lost = -math.expm1(-x)
+    once, twice = (1.0 - 0.5 * x, 0.5) if abs(x) < 1.0e-3 else (lost / x, (x - lost) / (x * x))
+    drive = model.gain * dt / model.time_constant
+    return dt * once, drive * dt * twice, 1.0 - lost, drive * once, math.exp(-pace * dt)
+
+
+def predicted(step: Transition, covariance: Covariance, noise: Noise, push: float, dt: float) -> Covariance:
+    """Return the covariance `dt` [s] later: F P F' + Q; `push` [rad^2/s] counts, and not the noise's."""
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = covariance
+    turn, drift, decay, gain, kept = step
+    a01 = p01 + turn * p11 + drift * (p12 + p13)
+    a02 = p02 + turn * p12 + drift * (p22 + p23)
+    a03 = p03 + turn * p13 + drift * (p23 + p33)
+    a12 = decay * p12 + gain * (p22 + p23)
+    a13 = decay * p13 + gain * (p23 + p33)
+    q = noise.acceleration * dt
+    return Covariance(
+        p00 + turn * p01 + drift * (p02 + p03) + turn * a01 + drift * (a02 + a03) + q * dt * dt / 3.0,
+        decay * a01 + gain * (a02 + a03) + 0.5 * q * dt,
+        a02,
+        kept * a03,
+        decay * (decay * p11 + gain * (p12 + p13)) + gain * (a12 + a13) + q,
+        a12,
+        kept * a13,
+        p22 + push * dt,
+        kept * p23,
+        kept * kept * p33 + (1.0 - kept * kept) * noise.sea,
+    )
+
+
+def gains_of(covariance: Covariance, heading: float) -> Gains:
+    """Return how much a heading of that variance [rad^2] is believed."""
+    p00, p01, p02, p03, *_ = covariance
+    variance = p00 + heading
+    return variance, p00 / variance, p01 / variance, p02 / variance, p03 / variance
+
+
+def measured(gains: Gains, covariance: Covariance) -> Covariance:
+    """Return the covariance after a heading."""
+    _, k0, k1, k2, k3 = gains
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = covariance
+    return Covariance(
+        p00 - k0 * p00,
+        p01 - k0 * p01,
+        p02 - k0 * p02,
+        p03 - k0 * p03,
+        p11 - k1 * p01,
+        p12 - k1 * p02,
+        p13 - k1 * p03,
+        p22 - k2 * p02,
+        p23 - k2 * p03,
+        p33 - k3 * p03,
+    )
+
+
+Moved = tuple[float, float, float, float]
+"""A mean before its heading: as `Mean`, and quicker to make."""
+
+
+def moved(step: Transition, mean: Mean, rudder: float) -> Moved:
+    """Return the mean a step later under a held `rudder` [rad]."""
+    psi, rate, push, sea = mean
+    turn, drift, decay, gain, kept = step
+    pushed = rudder + push + sea
+    return psi + turn * rate + drift * pushed, decay * rate + gain * pushed, push, kept * sea
+
+
+def corrected(gains: Gains, mean: Moved, innovation: float) -> Mean:
+    """Return the mean after a heading that was `innovation` [rad] off."""
+    psi, rate, push, sea = mean
+    _, k0, k1, k2, k3 = gains
+    return Mean(psi + k0 * innovation, rate + k1 * innovation, push + k2 * innovation, sea + k3 * innovation)
+
+
+def grown(evidence: float, off: float, one: float, other: float, variance: float, most: float) -> float:
+    """Return the `evidence` with what a heading adds that is `off` [rad]: how much likelier the answer `other` is than
+    `one` [rad], half the difference of the squares that they leave, within MOST_AT_ONCE less and `most` more."""
+    left, left_by_other = off - one, off - other
+    more = 0.5 * (left * left - left_by_other * left_by_other) / variance
+    evidence += most if more > most else more if more > -MOST_AT_ONCE else -MOST_AT_ONCE
+    return evidence if evidence > 0.0 else 0.0
+
+
+def response_step(
+    before: Response, model: Norrbin, noise: Noise, rate: float, heard: tuple[float, float], rudders: Rudders
+) -> Response:
+    """Return what is known after a heading [rad] `heard` at its time [s], the rudder having been at `rudders` since the
+    one before; the boat turns at about `rate` [rad/s]."""
+    time, heading = heard
+    dt = time - before.time
+    step = transition_of(model, rate, noise.pace, dt)
+    is_gust = before.unexplained > UNEXPLAINED
+    covariance = predicted(step, before.covariance, noise, noise.push + GUST if is_gust else noise.push, dt)
+    gains = gains_of(covariance, noise.heading)
+    variance = gains[0]
+    mean, answer = moved(step, before.mean, 0.0), moved(step, before.answer, rudders.in_time)
+    late, slow = moved(step, before.late, rudders.late), moved(step, before.others.slow, rudders.slow)
+    off, s, s_late = shortest_turn(mean[0], heading), answer[0], late[0]
+    # of the shares of the answer, the opposite one allowed, the one that explains most; a slow rudder is no gust either
+    ahead, size = (-off, -s) if s < 0.0 else (off, s)
+    left = ahead + size if ahead < -size else ahead - ANSWERS_MOST * size if ahead > ANSWERS_MOST * size else 0.0
+    by_slow = off - slow[0]
+    square = min(left * left, by_slow * by_slow) / variance
+    if square > OUTLIER * OUTLIER:
+        if before.outliers < OUTLIERS_MOST:
+            return _without_heading(before, time, covariance, (mean, answer, late, slow))
+        square = OUTLIER * OUTLIER
+    kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
+    # while a gust sets in nothing that the rudder does against it is evidence
+    most = 0.0 if is_gust else MOST_AT_ONCE
+    least = min(max(LEAST_SHARE * before.usual / before.shown, LEAST[0]), LEAST[1])
+    some, some_late = least * s, least * s_late
+    stuck = grown(kept * before.stuck, off, some, 0.0, variance, most)
+    # what may be a fault is none of the boat's usual ways
+    learns = 0.0 if stuck >= SUSPECT or before.reversed >= SUSPECT else 1.0 / variance
+    others = others_step(before.others, model, gains, dt, (off, s, s_late, slow))
+    return Response(
+        time,
+        measured(gains, covariance),
+        corrected(gains, mean, off),
+        corrected(gains, answer, -s),
+        corrected(gains, late, -s_late),
+        stuck,
+        grown(kept * before.stuck_late, off, some_late, 0.0, variance, most),
+        grown(kept * before.reversed, off, some, REVERSED_SHARE * s, variance, most),
+        grown(kept * before.reversed_late, off, some_late, REVERSED_SHARE * s_late, variance, most),
+        before.unexplained + (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - before.unexplained),
+        0,
+        USUAL * USUAL_SURE + remembered * (before.usual - USUAL * USUAL_SURE) + learns * off * s,
+        USUAL_SURE + remembered * (before.shown - USUAL_SURE) + learns * s * s,
+        others,
+        others.colour if learns > 0.0 else before.usual_colour,
+    )
+
+
+def _without_heading(
+    before: Response, time: float, covariance: Covariance, means: tuple[Moved, Moved, Moved, Moved]
+) -> Response:
+    """Return what is known at `time` [s] of a heading that is left out."""
+    mean, answer, late, slow = means
+    return Response(
+        time,
+        covariance,
+        Mean(*mean),
+        Mean(*answer),
+        Mean(*late),
+        before.stuck,
+        before.stuck_late,
+        before.reversed,
+        before.reversed_late,
+        before.unexplained,
+        before.outliers + 1,
+        before.usual,
+        before.shown,
+        before.others._replace(slow=Mean(*slow)),
+        before.usual_colour,
+    )
+
+
+def others_step(
+    before: Others, model: Norrbin, gains: Gains, dt: float, heard: tuple[float, float, float, Moved]
+) -> Others:
+    """Return what is known of the other explanations `dt` [s] later; heard: how far the heading is from what it would
+    be without a rudder, the answers to the rudder and to a late one [rad], and to a slow one."""
+    off, s, s_late, slow = heard
+    variance, s_slow, time_constant = gains[0], slow[0], model.time_constant
+    lasts = FADES_SLOW * time_constant
+    kept = math.exp(-dt / (lasts if lasts > FADES_TIME else FADES_TIME))
+    share = 1.0 - math.exp(-dt / (time_constant if time_constant > STRANGE_TIME else STRANGE_TIME))
+    # what neither any share of the answer explains, nor a slow rudder's, is a gust or a sea: no evidence of either
+    ahead, left_by_slow = off if s >= 0.0 else -off, off - s_slow
+    square = ahead * ahead / variance if ahead < 0.0 else 0.0
+    strange = before.strange + share * (min(square, OUTLIER * OUTLIER) - before.strange)
+    square = left_by_slow * left_by_slow / variance
+    strange_slow = before.strange_slow + share * (min(square, OUTLIER * OUTLIER) - before.strange_slow)
+    most = MOST_AT_ONCE if strange < STRANGE else 0.0
+    most_slow = MOST_AT_ONCE if strange_slow < STRANGE else 0.0
+    (lively, lively_port), (quick, quick_port) = before.lively, before.quick
+    lively, lively_port, quick, quick_port = kept * lively, kept * lively_port, kept * quick, kept * quick_port
+    if s > 0.0:
+        lively = grown(lively, off, LIVELY[0] * s, LIVELY[1] * s, variance, most)
+        quick = grown(quick, off, QUICK[0] * s, QUICK[1] * s, variance, most)
+    else:
+        lively_port = grown(lively_port, off, LIVELY[0] * s, LIVELY[1] * s, variance, most)
+        quick_port = grown(quick_port, off, QUICK[0] * s, QUICK[1] * s, variance, most)
+    fit, left, colour = before.fit, before.left, before.colour
+    newest = 1.0 - math.exp(-dt / COLOUR_TIME)
+    # where no time has passed a second heading of the same instant says nothing of colour
+    if newest > 0.0:
+        both, squares = kept * fit[0] + off * s / variance, kept * fit[1] + s * s / variance
+        fit, best = (both, squares), both / squares if both > squares > 0.0 else 1.0
+        left += newest * ((off - best * s) / math.sqrt(variance) - left)
+        # the mean of white noise has the variance newest/(2 - newest)
+        square = left * left * (2.0 - newest) / newest
+        colour = square + kept * (colour - square)
+    return Others(
+        corrected(gains, slow, -s_slow),
+        (lively, lively_port),
+        (quick, quick_port),
+        strange,
+        strange_slow,
+        grown(kept * before.weak, off, WEAK * s, s_slow, variance, most_slow),
+        grown(kept * before.right, off, s, s_slow, variance, most_slow),
+        grown(kept * before.strong, off, STRONG * s, s_slow, variance, most_slow),
+        grown(kept * before.late, off, s_late, s_slow, variance, most_slow),
+        fit,
+        left,
+        colour,
+    )
+
+
+def without_evidence(before: Response, after: Response) -> Response:
+    """Return `after` with no more evidence against the rudder than `before`; what speaks for it counts."""
+    was, (lively, quick) = before.others, (after.others.lively, after.others.quick)
+    others = after.others._replace(
+        lively=(min(was.lively[0], lively[0]), min(was.lively[1], lively[1])),
+        quick=(min(was.quick[0], quick[0]), min(was.quick[1], quick[1])),
+        weak=min(was.weak, after.others.weak),
+        right=min(was.right, after.others.right),
+        strong=min(was.strong, after.others.strong),
+        late=min(was.late, after.others.late),
+    )
+    return after._replace(
+        stuck=min(before.stuck, after.stuck),
+        stuck_late=min(before.stuck_late, after.stuck_late),
+        reversed=min(before.reversed, after.reversed),
+        reversed_late=min(before.reversed_late, after.reversed_late),
+        others=others,
+    )
+
+
+def acquitted(response: Response) -> Response:
+    """Return the same with no more evidence against the rudder than makes as much again as was a doubt a verdict."""
+    most = SURE - DOUBTED
+    return response._replace(
+        stuck=min(response.stuck, most),
+        stuck_late=min(response.stuck_late, most),
+        reversed=min(response.reversed, most),
+        reversed_late=min(response.reversed_late, most),
+    )
+
+
+def verdict(response: Response) -> int:
+    """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite."""
+    sure = SURE * max(response.usual_colour / COLOUR_KNOWN, 1.0)
+    if response.reversed >= sure and response.reversed_late >= sure:
+        return -1
+    return 1 if response.stuck >= sure and response.stuck_late >= sure else 0
+
+
+def is_doubtful(response: Response) -> bool:
+    """Return whether there is some evidence that the boat does not answer, or to the opposite rudder."""
+    is_reversed = response.reversed >= DOUBTED and response.reversed_late >= DOUBTED
+    return is_reversed or (response.stuck >= DOUBTED and response.stuck_late >= DOUBTED)
+
+
+def push_at_least(response: Response) -> float:
+    """Return what the boat is pushed by beside rudder and sea [rad of rudder], less `PUSHED_SIGMAS`; 0 where that
+    may be nothing. The boat is supposed to answer to its rudder as usual."""
+    push = response.mean.push + response.usual / response.shown * response.answer.push
+    uncertain = PUSHED_SIGMAS * math.sqrt(max(response.covariance.p22, 0.0))
+    return math.copysign(max(abs(push) - uncertain, 0.0), push)
+
+
+def other_verdict(others: Others) -> str:
+    """Return "quick" where the boat turns as no boat of the model does, "lively" where it turns more than the model
+    allows for, "slow" where its rudder is slow, "" where nothing tells."""
+    if others.right >= SURE and others.weak >= SURE and others.strong >= SURE and others.late >= SURE:
+        return "slow"
+    sure = SURE * max(others.colour, 1.0)
+    if others.quick[0] >= sure and others.quick[1] >= sure:
+        return "quick"
+    return "lively" if others.lively[0] >= sure and others.lively[1] >= sure else ""

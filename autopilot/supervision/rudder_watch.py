@@ -1,0 +1,524 @@
+"""The rudder watch: a rudder that does not move, does not follow, moves the wrong way, or is not enough.
+
+By its sensor where there is one, by the order that the steering gear reports, by the answer of the boat
+(`autopilot.supervision.rudder_response`), and by a boat that turns against it. What it finds of boat, rudder and speed
+counts until we let go. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from typing import NamedTuple
+
+from autopilot.angles import shortest_turn
+from autopilot.models.norrbin import Norrbin, steady_rudder
+from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
+from autopilot.supervision.compass_watch import FROZEN_SAMPLES
+from autopilot.supervision.monitor_input import (
+    SPEED_DOUBT,
+    AlarmLimits,
+    Heard,
+    MonitorInput,
+    is_hard_over,
+    reads_low,
+    speed_ratio,
+)
+from autopilot.supervision.rudder_response import (
+    SEA_KNOWN_S,
+    Response,
+    Rudders,
+    Seaway,
+    acquitted,
+    first_response,
+    is_doubtful,
+    noise_met,
+    noise_of,
+    other_verdict,
+    push_at_least,
+    response_step,
+    seaway_step,
+    verdict,
+    without_evidence,
+)
+
+PATIENCE_S = 1.2
+PROGRESS_SHARE = 0.3
+ASSUMED_RATE = math.radians(5.0)
+"""A steering gear of unknown rate is asked for a share of this [rad/s]."""
+LONGEST_GAP_S = 1.0
+"""Angles, or headings, further apart [s] prove nothing."""
+SLOW_SHARE = 1.0 / 3.0
+SLOW_TIME_S = 2.0
+"""A rudder that is off its order goes there at its filed rate: less than this share of it for so long is a slow one."""
+STANDS = math.radians(0.5)
+"""A rudder that has moved by less while it should have does not move at all."""
+REMEMBERED_S = 1.5
+"""A report is of one of the orders of this time [s]: it comes at 5 to 10 Hz and is as old as the link."""
+TOLERANCE = math.radians(3.0)
+"""Dead zone and whole microseconds move an order by less [rad]."""
+BELIEVED_S = 1.0
+"""A report that is older [s] proves nothing."""
+LATE_S = 0.4
+"""An answer that comes this much later [s] than the model's is one, too: links and gears are slow at times."""
+LATE_LASTS = 1.0
+"""So long [s] after a tick that came late nothing is evidence against the rudder: what was ordered then has left some
+time between the two ticks, and what the boat did until then hangs after it."""
+SLOW = 4.0
+"""A slow rudder is so many times slower than it should be: against one that is right on a boat that answers weakly, as
+the model says, or strongly, and against one that is late."""
+PUSHED_S = 0.3
+"""A push that is heavier than the trial's rudder for this time [s] is one."""
+TRIAL_SAID = 10.0
+"""That a trial does not turn the boat is said for this time [s]: it is over by then."""
+AT_THE_STOP_TIME = 15.0
+PUSH_LASTS = 2.0
+STOP_LASTS = 0.5
+"""A push heavier than the rudder is an alarm when it lasts so long [s], and the rudder has been told for so long [s] to
+stand at its stop against it: until then it is on its way there."""
+AGAINST_SHARE = 0.8
+"""A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
+ASTRAY = math.radians(45.0)
+"""No zigzag overshoots by as much: IMO MSC.137(76) allows 40 deg at most for the second of 10/10, 25 deg for 20/20."""
+TAKES_HOLD, HOLDS, SETTLED = 1.0, 2.0, 3.0
+"""Time constants after which a rudder hard over has begun to stop what it can stop, has stopped most of it, and what
+was before it is forgotten."""
+FAR = math.radians(20.0)
+WAVES_REACH = 2.0
+"""So far [rad], and so many standard deviations of what the waves turn it, has a boat turned against its rudder that is
+pushed harder than it can hold."""
+
+Past = tuple[tuple[float, float, float], ...]
+"""Ticks in which we steered: the time [s], what the rudder was told in the tick before, and where it was [rad]."""
+PAST_S = LATE_S + 2.0 * LONGEST_GAP_S
+
+
+class Following(NamedTuple):
+    """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
+    how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off;
+    is_slow: it goes to its orders, and much slower than filed; name and shown: what is found, '' for nothing."""
+
+    seen: RudderSample | None = None
+    bucket: float = 0.0
+    away: float = 0.0
+    low: float = math.inf
+    high: float = -math.inf
+    way: float = 0.0
+    way_time: float = 0.0
+    is_slow: bool = False
+    name: str = ""
+    shown: str = ""
+
+
+def following_step(
+    before: Following, sample: RudderSample, orders: tuple[float, ...], limits: AlarmLimits
+) -> Following:
+    """Compare a measured angle with the orders [rad] of which one was in force.
+
+    Time in which the rudder is off its order by more than the tolerance and not on its way to it fills a bucket, other
+    time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that has gone
+    away from its order further than the gear's delay explains is reversed. An order may leave at any time until the
+    next tick begins: an angle that was measured between two ticks is judged by that one of the two orders, the one
+    before and the one of that tick, which explains it better.
+    """
+    last, bucket, away, low, high, way, way_time, is_slow, name, shown = before
+    angle, delay, filed = sample.angle, limits.rudder_delay, limits.rudder_rate
+    if last is not None and last.source == sample.source and sample.time <= last.time:
+        return before
+    elapsed = math.inf if last is None or last.source != sample.source else sample.time - last.time
+    if not orders or elapsed > LONGEST_GAP_S or last is None:
+        return before._replace(seen=sample)
+    order = min(orders, key=lambda each: abs(each - angle))
+    moved = max(math.copysign(1.0, each - last.angle) * (angle - last.angle) for each in orders)
+    is_off = abs(order - angle) > limits.rudder_tolerance
+    if is_off and moved < PROGRESS_SHARE * min(filed, ASSUMED_RATE) * elapsed:
+        bucket, low, high = bucket + elapsed, min(low, angle), max(high, angle)
+    else:
+        bucket = max(bucket - elapsed, 0.0)
+    if bucket == 0.0:
+        low, high = math.inf, -math.inf
+    away = max(away - moved, 0.0) if is_off else 0.0
+    if not name:
+        if away > limits.rudder_tolerance + delay * min(filed, 4.0 * ASSUMED_RATE):
+            name = "rudder_reversed"
+        elif bucket > PATIENCE_S + delay:
+            name = "rudder_stuck" if high - low < STANDS else "rudder_not_following"
+        if name:
+            shown = f"{math.degrees(angle):.1f} deg where {math.degrees(order):.1f} deg is ordered"
+    way, way_time = (way + moved, way_time + elapsed) if is_off and math.isfinite(filed) else (0.0, 0.0)
+    timed = way_time - delay
+    is_slow = is_slow or (timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed)
+    return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown)
+
+
+def orders_at(past: Past, since: float, time: float) -> tuple[float, ...]:
+    """Return the orders [rad] of which one was in force at `time` [s]: the last two that were given by then, since we
+    steer. What a tick says was told left in the tick before it."""
+    place = len(past) - 1
+    while place > 0 and past[place - 1][0] > time:
+        place -= 1
+    return tuple(past[at][1] for at in (place - 1, place) if at > 0 and past[at - 1][0] >= since)
+
+
+def is_anothers(past: Past, now: float, report: RudderSample | None) -> bool:
+    """Return whether the report in force at `now` [s] of what the steering gear was told is of no order of ours: then
+    somebody else steers, too."""
+    if report is None or now - report.time > BELIEVED_S:
+        return False
+    angle = report.angle
+    if past[-1][1] - TOLERANCE <= angle <= past[-1][1] + TOLERANCE:
+        return False
+    orders = [told for time, told, _ in past if time >= now - REMEMBERED_S]
+    return not min(orders) - TOLERANCE <= angle <= max(orders) + TOLERANCE
+
+
+class Answer(NamedTuple):
+    """The rudder-response monitor at work. since [s]: since when it is; response: what is known; seaway: the seas met;
+    last: the newest heading, and how many `same` ones there were in a row; late_until [s]: until then nothing is
+    evidence; slow: the time [s] at which a slow rudder would stand there [rad], None where that is out of question;
+    held_off_since [s]: a trial's push holds against its rudder; doubted_trial: that has been said of this trial, and
+    doubts_trial: in this tick; other: see `other_verdict`; verdict: see `verdict`."""
+
+    since: float = math.nan
+    response: Response | None = None
+    seaway: Seaway | None = None
+    last: HeadingSample | None = None
+    same: int = 0
+    late_until: float = -math.inf
+    slow: tuple[float, float] | None = None
+    held_off_since: float = math.nan
+    doubted_trial: bool = False
+    doubts_trial: bool = False
+    other: str = ""
+    verdict: int = 0
+
+
+def answer_step(
+    before: Answer, limits: AlarmLimits, seen: MonitorInput, headings: tuple[HeadingSample, ...], past: Past
+) -> Answer:
+    """Return what is known after a tick, of which the rudder's `past` has been told already."""
+    state, now = seen.state, seen.now
+    if not (seen.steers and seen.has_way and math.isfinite(state.rate) and math.isfinite(state.rudder)):
+        return NO_ANSWER
+    since, response, seaway, last, same, late_until, slow, held_off_since, doubted_trial, _, _, _ = before
+    since = now if math.isnan(since) else since
+    late_until = now + LATE_LASTS if seen.is_late else late_until
+    if seen.rudder_is_measured or not math.isfinite(limits.rudder_rate):
+        slow = None
+    elif slow is None:
+        slow = now, state.rudder
+    else:
+        reach = limits.rudder_rate / SLOW * max(now - slow[0], 0.0)
+        slow = now, slow[1] + min(max(seen.rudder - slow[1], -reach), reach)
+    earliest = max(since, now - PAST_S)
+    for sample in _in_order(headings):
+        seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
+        noise = noise_of(seen.model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
+        noise = noise_met(seen.model, noise, seaway, state.heading)
+        same = same + 1 if last is not None and last.heading == sample.heading else 1
+        stands = same >= FROZEN_SAMPLES
+        if (
+            response is None
+            or last is None
+            or stands
+            or last.source != sample.source
+            or sample.time - response.time > LONGEST_GAP_S
+        ):
+            response, last = None if stands else first_response(noise, sample.time, sample.heading), sample
+        elif sample.time > response.time:
+            last = sample
+            middle = 0.5 * (response.time + sample.time)
+            fastest = 2.0 * seen.model.gain * seen.angle_max
+            in_time = rudder_at(past, earliest, middle)
+            late = rudder_at(past, earliest, middle - LATE_S)
+            rudders = Rudders(in_time, late, in_time if slow is None else slow[1])
+            rate = min(max(state.rate, -fastest), fastest)
+            after = response_step(response, seen.model, noise, rate, (sample.time, sample.heading), rudders)
+            response = after if sample.time > late_until else without_evidence(response, after)
+    # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
+    other = other_verdict(response.others) if response is not None and state.wave_deviation > 0.0 else ""
+    doubts_trial = False
+    if seen.follows:
+        held_off_since, doubted_trial = math.nan, False
+    else:
+        is_held_off = (
+            response is not None and now - since >= SEA_KNOWN_S and _is_held_off(response, seen, past, earliest)
+        )
+        held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan
+        doubts_trial = (
+            response is not None and not doubted_trial and (is_doubtful(response) or now - held_off_since >= PUSHED_S)
+        )
+        if doubts_trial and response is not None:
+            response, doubted_trial = acquitted(response), True
+    found = 0 if response is None else verdict(response)
+    return Answer(
+        since, response, seaway, last, same, late_until, slow, held_off_since, doubted_trial, doubts_trial, other, found
+    )
+
+
+NO_ANSWER = Answer()
+
+
+def _in_order(headings: tuple[HeadingSample, ...]) -> list[HeadingSample]:
+    """Return the headings that are numbers; of a burst that was read at once, and has one time, the last is the
+    newest."""
+    known = [each for each in headings if math.isfinite(each.heading) and math.isfinite(each.time)]
+    if len(known) < 2:
+        return known
+    return sorted({each.time: each for each in known}.values(), key=lambda each: each.time)
+
+
+def rudder_at(past: Past, earliest: float, time: float) -> float:
+    """Return the rudder [rad] at `time` [s], no earlier than that: each is that of the end of its tick."""
+    place = bisect_left(past, (time,))
+    if place == len(past):
+        return past[-1][2]
+    return past[place if past[place][0] >= earliest else bisect_left(past, (earliest,))][2]
+
+
+def _is_held_off(response: Response, seen: MonitorInput, past: Past, earliest: float) -> bool:
+    """Return whether a push holds against a trial's rudder, as far as that was over of late: on the way from one side
+    to the other it passes amidships."""
+    push = push_at_least(response)
+    return push * seen.rudder < 0.0 and abs(push) > max(abs(angle) for time, _, angle in past if time >= earliest)
+
+
+class Overpowered(NamedTuple):
+    """Wind, current and trim that are worth more than the rudder's limit, as the estimator learns them beside waves:
+    since when [s], nan: they are not; since when the rudder is hard over against them; and how hard, '' where the
+    rudder can hold it."""
+
+    since: float = math.nan
+    hard_since: float = math.nan
+    found: str = ""
+
+
+def overpowered_step(before: Overpowered, seen: MonitorInput) -> Overpowered:
+    """Judge a tick. A law that holds a course has put the rudder to its stop: as long as it has some left, what the
+    estimator believes is a sea that it does not know."""
+    if not (seen.steers and seen.has_way and abs(seen.push) > seen.angle_max):
+        return NOT_OVERPOWERED
+    now, (since, hard_since, found) = seen.now, before
+    if not (is_hard_over(seen) and seen.rudder * seen.push < 0.0):
+        hard_since = math.nan
+    elif math.isnan(hard_since):
+        hard_since = now
+    # a trial's rudder rests where the trial wants it
+    has_none_left = not seen.follows or now - hard_since >= STOP_LASTS
+    if math.isnan(since):
+        since = now
+    elif now - since >= PUSH_LASTS and not found and has_none_left:
+        side = "starboard" if seen.push > 0.0 else "port"
+        found = f"to {side}, as by {math.degrees(abs(seen.push)):.0f} deg of rudder"
+    return Overpowered(since, hard_since, found)
+
+
+NOT_OVERPOWERED = Overpowered()
+
+
+class Runaway(NamedTuple):
+    """heading [rad] and time [s] of the tick before; mean_rate [rad/s]; the rudder's side, and how far [rad] the boat
+    has turned against it since it came over; way [rad]: turned in all; hard_since [s]: the rudder is hard over;
+    held_way and held_since: when it had taken hold; has_run; overpowered: to where, '' where neither."""
+
+    heading: float = math.nan
+    time: float = math.nan
+    mean_rate: float = 0.0
+    side: float = math.nan
+    turned: float = math.nan
+    way: float = 0.0
+    hard_since: float = math.nan
+    held_way: float = 0.0
+    held_since: float = 0.0
+    has_run: bool = False
+    overpowered: str = ""
+
+
+NO_RUNAWAY = Runaway()
+
+
+def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
+    """Judge a tick: the rudder hard over, and the boat goes on to turn to the other side.
+
+    It has run away where it turns nearly as for a rudder hard over there: one that is at its other stop, or a push of
+    nearly twice what the rudder can do. Sea and gust turn it so for less than the time in which the rudder takes hold,
+    or not so far; a wave turns it back again, so that the mean rate must be as quick as the present one. A zigzag
+    orders its rudder without looking back: there it is enough that it goes on turning against it, far on the wrong
+    side.
+    """
+    if not seen.steers:
+        return NO_RUNAWAY
+    state, now, model = seen.state, seen.now, seen.model
+    last, time, mean_rate, side, turned, way, hard_since, held_way, held_since, _, overpowered = before
+    heading = state.heading
+    if seen.astray > ASTRAY and state.rate * seen.rudder < 0.0:
+        return before._replace(heading=heading, time=now, has_run=True)
+    # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
+    step = shortest_turn(last, heading)
+    step = step if math.isfinite(step) else 0.0
+    elapsed = now - time
+    if elapsed > 0.0:
+        # a low pass leaves at most 2 deviations of heading / time constant of what waves add to the rate; that is to
+        # be no more than what lies between K rudder_max and AGAINST_SHARE of it
+        waves = WAVES_REACH * state.wave_deviation
+        lasts = max(model.time_constant, waves / ((1.0 - AGAINST_SHARE) * abs(model.gain) * seen.angle_max))
+        mean_rate -= math.expm1(-elapsed / lasts) * (step / elapsed - mean_rate)
+    way += step
+    to = math.copysign(1.0, seen.rudder)
+    turned = max(turned - to * step, 0.0) if to == side else 0.0
+    overpowered = overpowered if turned != 0.0 else ""
+    if not is_hard_over(seen):
+        return Runaway(heading, now, mean_rate, to, turned, way, math.nan, held_way, held_since, False, overpowered)
+    hard_since = now if math.isnan(hard_since) else hard_since
+    lasted = now - hard_since
+    if lasted < HOLDS * model.time_constant:
+        held_since, held_way = now, way
+    has_run = False
+    if lasted >= TAKES_HOLD * model.time_constant and not turned < FAR + WAVES_REACH * state.wave_deviation:
+        if lasted >= SETTLED * model.time_constant:
+            # both: the mean remembers how the boat turned before the rudder came over, the other holds a wave's
+            held = (way - held_way) / (now - held_since)
+            has_run = _turns_against(model, seen.rudder, held) and _turns_against(model, seen.rudder, mean_rate)
+        overpowered = overpowered or f"to {'port' if seen.rudder > 0.0 else 'starboard'}"
+    return Runaway(heading, now, mean_rate, to, turned, way, hard_since, held_way, held_since, has_run, overpowered)
+
+
+def _turns_against(model: Norrbin, rudder: float, rate: float) -> bool:
+    return -math.copysign(1.0, rudder) * steady_rudder(model, rate) >= AGAINST_SHARE * abs(rudder)
+
+
+class State(NamedTuple):
+    """What the rudder watch remembers. since [s]: since when we steer; past: told and done of late; stop_since [s]: the
+    rudder stands at its stop; trial_doubted [s]: when that was.
+
+    What was found counts until we let go: other: what the answer tells of boat and rudder, "quick", "slow", "lively" or
+    ""; asks_less: the law is to order less for it; rests_roll: the rudder is too slow to work against roll too, and the
+    quick orders are those: a course alone may well be held with it as it is;
+    doubts_speed: the boat's own turns contradict its speed.
+    """
+
+    since: float = math.nan
+    past: Past = ()
+    following: Following = Following()
+    answer: Answer = NO_ANSWER
+    overpowered: Overpowered = NOT_OVERPOWERED
+    runaway: Runaway = NO_RUNAWAY
+    stop_since: float = math.nan
+    trial_doubted: float = math.nan
+    other: str = ""
+    asks_less: bool = False
+    rests_roll: bool = False
+    doubts_speed: bool = False
+
+    def with_doubted_speed(self) -> State:
+        """Return the state where the speed is doubted: the model is the trial's from the next tick on, and what was
+        seen is weighed anew by that."""
+        return self._replace(doubts_speed=True, answer=NO_ANSWER)
+
+
+def update(
+    limits: AlarmLimits, before: State, seen: MonitorInput, heard: Heard
+) -> tuple[State, tuple[AlarmEvent, ...]]:
+    """Judge a tick; return what is remembered, and what is found."""
+    if not seen.steers:
+        # what is done by others proves nothing; an order of ours may be reported after it
+        return State(past=before.past, trial_doubted=before.trial_doubted), ()
+    since, past, following, answer, overpowered, runaway, stop_since, doubted, other, _, rests, doubts = before
+    now = seen.now
+    since = now if math.isnan(since) else since
+    past = lengthened(past, seen)
+    if heard.angles:
+        following = _followed(following, limits, heard.angles, past, since)
+    if following.name or not limits.rudder_answer or is_anothers(past, now, heard.report):
+        # a boat that follows somebody else proves nothing; the link finds out who has the helm
+        answer, overpowered = NO_ANSWER, NOT_OVERPOWERED
+    else:
+        answer = answer_step(answer, limits, seen, heard.headings, past)
+        if _is_for_the_speed(answer, seen):
+            answer, doubts = NO_ANSWER, True
+        overpowered = overpowered_step(overpowered, seen)
+        doubted = now if answer.doubts_trial else doubted
+    runaway = runaway_step(runaway, seen)
+    if not (seen.holds_course and is_hard_over(seen)):
+        stop_since = math.nan
+    elif math.isnan(stop_since):
+        stop_since = now
+    asks_less = False
+    if other or answer.other or following.is_slow:
+        told = (other, answer.other, "slow" if following.is_slow else "")
+        other = next(each for each in ("quick", "slow", "lively") if each in told)
+        rests = rests or (other == "slow" and seen.damps_roll and seen.model.n1 > 0.0)
+        asks_less = other == "lively" or (other == "slow" and not rests and seen.model.n1 > 0.0)
+    after = State(
+        since,
+        past,
+        following,
+        answer,
+        overpowered,
+        runaway,
+        stop_since,
+        doubted,
+        other,
+        asks_less,
+        rests,
+        doubts,
+    )
+    return after, _findings(after, seen)
+
+
+VERDICTS = {
+    1: AlarmEvent("rudder_stuck", "the boat does not answer to it"),
+    -1: AlarmEvent("rudder_reversed", "the boat answers to the opposite rudder"),
+}
+OTHERS = {name: AlarmEvent(alarm) for name, alarm in (("quick", "too_quick"), ("slow", "rudder_slow"), ("lively",) * 2)}
+
+
+def _findings(state: State, seen: MonitorInput) -> tuple[AlarmEvent, ...]:
+    found: tuple[AlarmEvent, ...] = ()
+    if state.following.name:
+        found = (AlarmEvent(state.following.name, state.following.shown),)
+    if state.answer.verdict:
+        found = (VERDICTS[state.answer.verdict],)
+    if state.overpowered.found:
+        found += (AlarmEvent("overpowered", state.overpowered.found),)
+    if seen.now - state.trial_doubted < TRIAL_SAID:
+        found += (AlarmEvent("trial_doubtful"),)
+    if state.runaway.has_run:
+        found += (AlarmEvent("runaway"),)
+    if state.runaway.overpowered:
+        found += (AlarmEvent("overpowered", state.runaway.overpowered),)
+    if seen.now - state.stop_since >= AT_THE_STOP_TIME:
+        found += (AlarmEvent("rudder_at_stop"),)
+    if state.other == "slow" and seen.model.n1 <= 0.0:
+        # no gain is soft enough for a boat that turns away quicker than its rudder comes
+        found += (AlarmEvent("rudder_not_following", "much slower than its file says"),)
+    elif state.other:
+        found += (OTHERS[state.other],)
+    if state.doubts_speed:
+        found += (AlarmEvent("speed_doubtful"),)
+    return found
+
+
+def lengthened(past: Past, seen: MonitorInput) -> Past:
+    """Return the past with a tick more, and without what is too long ago."""
+    first = 0
+    while first < len(past) - 2 and past[first + 2][0] < seen.now - PAST_S:
+        first += 1
+    return (*past[first:], (seen.now, seen.rudder, seen.state.rudder))
+
+
+def _followed(
+    before: Following, limits: AlarmLimits, angles: tuple[RudderSample, ...], past: Past, since: float
+) -> Following:
+    known = [each for each in angles if math.isfinite(each.angle) and math.isfinite(each.time)]
+    # of a burst that was read at once, and has one time, the last is the newest
+    for sample in sorted({(each.time, each.source): each for each in known}.values(), key=lambda each: each.time):
+        before = following_step(before, sample, orders_at(past, since, sample.time), limits)
+    return before
+
+
+def _is_for_the_speed(answer: Answer, seen: MonitorInput) -> bool:
+    """Return whether the answer to the rudder is one that a wrong speed explains: it is doubted then."""
+    if answer.other in ("quick", "lively") and reads_low(seen):
+        return True
+    return answer.verdict > 0 and speed_ratio(seen) > SPEED_DOUBT

@@ -1,0 +1,197 @@
+"""The monitors' steps with the value that they go on from, for tests that show them one tick after the other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample
+from autopilot.supervision import compass_watch, course_watch, rudder_watch
+from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput
+from autopilot.supervision.monitors import Monitors
+from autopilot.supervision.panel import sentences_of
+
+
+class Stepped:
+    """A step and its value."""
+
+    def __init__(self, step: Callable[..., Any], value: Any) -> None:
+        self.step, self.value = step, value
+
+    def look(self, *given: Any) -> Any:
+        """Go on to the next value, and return it."""
+        self.value = self.step(self.value, *given)
+        return self.value
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.value, name)
+
+
+def overpowered() -> Stepped:
+    """Return the monitor of a push that is heavier than the rudder."""
+    return Stepped(rudder_watch.overpowered_step, rudder_watch.NOT_OVERPOWERED)
+
+
+def runaway() -> Stepped:
+    """Return the monitor of a boat that turns against its rudder."""
+    return Stepped(rudder_watch.runaway_step, rudder_watch.NO_RUNAWAY)
+
+
+def off_course(limits: AlarmLimits) -> Stepped:
+    """Return the off-course alarm."""
+    step = course_watch.off_course_step
+    return Stepped(lambda before, seen: step(limits, before, seen), course_watch.ON_ITS_COURSE)
+
+
+def consistency(most: float) -> Stepped:
+    """Return the monitor of rate and heading, which may be `most` [rad] apart."""
+    step = compass_watch.consistency_step
+    return Stepped(lambda before, sample: step(before, sample, most), compass_watch.Consistency())
+
+
+class Following(Stepped):
+    """The monitor of a measured rudder: angles are heard, then a tick is seen."""
+
+    def __init__(self, limits: AlarmLimits) -> None:
+        super().__init__(self._seen, rudder_watch.State())
+        self.limits, self.angles = limits._replace(rudder_answer=False), list[RudderSample]()
+
+    def hear(self, sample: RudderSample) -> None:
+        """Take an angle."""
+        self.angles.append(sample)
+
+    def _seen(self, before: rudder_watch.State, seen: MonitorInput) -> rudder_watch.State:
+        angles, self.angles = tuple(self.angles), []
+        return rudder_watch.update(self.limits, before, seen, Heard(angles=angles))[0]
+
+    @property
+    def found(self) -> str:
+        """The alarm's name, '' for none."""
+        return str(self.value.following.name)
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether it goes to its orders, and much slower than filed."""
+        return bool(self.value.following.is_slow)
+
+
+class Answering(Stepped):
+    """The rudder-response monitor: headings are heard, then a tick is seen."""
+
+    def __init__(self, noise: float, rudder_rate: float = math.inf) -> None:
+        super().__init__(self._seen, rudder_watch.NO_ANSWER)
+        self.limits = AlarmLimits(heading_noise=noise, rudder_rate=rudder_rate)
+        self.headings, self.past = list[HeadingSample](), ()
+
+    def hear(self, sample: HeadingSample) -> None:
+        """Take a heading."""
+        self.headings.append(sample)
+
+    def _seen(self, before: rudder_watch.Answer, seen: MonitorInput) -> rudder_watch.Answer:
+        headings, self.headings = tuple(self.headings), []
+        self.past = rudder_watch.lengthened(self.past, seen)
+        return rudder_watch.answer_step(before, self.limits, seen, headings, self.past)
+
+    def found(self, seen: MonitorInput) -> str:
+        """Return the alarm's name after a tick, '' for none."""
+        verdict = self.look(seen).verdict
+        return rudder_watch.VERDICTS[verdict].name if verdict else ""
+
+
+class Frozen(Stepped):
+    """The monitor of a heading that stands still."""
+
+    def __init__(self) -> None:
+        super().__init__(self._seen, (compass_watch.Standing(), compass_watch.Sea()))
+        self.headings = list[HeadingSample]()
+
+    def hear(self, sample: HeadingSample) -> None:
+        """Take a heading."""
+        self.headings.append(sample)
+
+    def _seen(self, before: Any, seen: MonitorInput) -> Any:
+        headings, self.headings = tuple(self.headings), []
+        return compass_watch.frozen_step(*before, seen, headings)
+
+    def is_frozen(self, seen: MonitorInput) -> bool:
+        """Return whether it stands still."""
+        return bool(self.look(seen)[0].is_frozen)
+
+
+class Jumping(Stepped):
+    """The monitor of a heading that may jump by `most` [rad]."""
+
+    def __init__(self, most: float) -> None:
+        super().__init__(self._seen, compass_watch.State())
+        self.limits, self.headings = AlarmLimits(heading_jump=most), list[HeadingSample]()
+
+    def hear(self, sample: HeadingSample) -> None:
+        """Take a heading."""
+        self.headings.append(sample)
+
+    def _seen(self, before: Any, seen: MonitorInput) -> Any:
+        headings, self.headings = tuple(self.headings), []
+        return compass_watch.update(self.limits, before, seen, Heard(headings))[0]
+
+    def found(self, seen: MonitorInput) -> str:
+        """Return how far it jumped, where it has of late; empty where not."""
+        return str(self.look(seen).jumping.text)
+
+
+class Turning(Stepped):
+    """A step of the course watch, which is told what the boat has done since the tick before."""
+
+    def __init__(self, step: Callable[..., Any], value: Any) -> None:
+        super().__init__(step, value)
+        self.last: MonitorInput | None = None
+
+    def look(self, seen: MonitorInput) -> Any:
+        """Go on to the next value, and return it."""
+        last, self.last = self.last, seen
+        turn = course_watch.turn_since(
+            *((math.nan,) * 3 if last is None else (last.now, last.state.heading, last.wanted)), seen
+        )
+        self.value = self.step(self.value, seen, turn)
+        return self.value
+
+
+def swings(sweep: float) -> Turning:
+    """Return the count of sweeps of at least so many of the rudder's limits."""
+    step = course_watch.swings_step
+    return Turning(lambda before, seen, turn: step(before, sweep, seen, turn), course_watch.NO_SWINGS)
+
+
+def circles() -> Turning:
+    """Return the sum of turns away from the heading ordered."""
+    return Turning(course_watch.circles_step, course_watch.NO_CIRCLES)
+
+
+def spin() -> Turning:
+    """Return the monitor of a rate of turn."""
+    return Turning(course_watch.spin_step, course_watch.Spin())
+
+
+def heard_by(monitors: Monitors, seen: MonitorInput, *samples: HeadingSample | RateSample | RudderSample) -> None:
+    """Let the monitors take samples and a tick."""
+    monitors.on_samples(samples)
+    monitors.update(seen)
+
+
+def trouble(monitors: Monitors) -> AlarmEvent | None:
+    """Return what ends steering, None where nothing does."""
+    from autopilot.supervision.alarms import kind_of
+
+    return next((event for event in monitors.findings.values() if kind_of(event).ends_steering), None)
+
+
+def alarms(monitors: Monitors) -> tuple[AlarmEvent, ...]:
+    """Return what is said though steering goes on."""
+    from autopilot.supervision.alarms import kind_of
+
+    return tuple(event for event in monitors.findings.values() if not kind_of(event).ends_steering)
+
+
+def said(monitors: Monitors) -> tuple[str, ...]:
+    """Return the sentences of that."""
+    return sentences_of(alarms(monitors))
