@@ -168,12 +168,12 @@ class Others(NamedTuple):
     right: float
     strong: float
     late: float
-    fit: tuple[float, float] = (0.0, 0.0)
-    left: float = 0.0
-    colour: float = 1.0
+    fit: tuple[float, float]
+    left: float
+    colour: float
 
 
-NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
+NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0, 1.0)
 
 
 class Response(NamedTuple):
@@ -197,8 +197,8 @@ class Response(NamedTuple):
     outliers: int
     usual: float
     shown: float
-    others: Others = NO_OTHERS
-    usual_colour: float = 1.0
+    others: Others
+    usual_colour: float
 
 
 class Seaway(NamedTuple):
@@ -249,7 +249,24 @@ def first_response(noise: Noise, time: float, heading: float) -> Response:
     """Return what is known after the first heading [rad]."""
     covariance = Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
     mean, usual = Mean(heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
-    return Response(time, covariance, mean, NOTHING, NOTHING, 0.0, 0.0, 0.0, 0.0, 1.0, 0, usual, USUAL_SURE)
+    # every field is given: what numba compiles has no defaults
+    return Response(
+        time,
+        covariance,
+        mean,
+        NOTHING,
+        NOTHING,
+        stuck=0.0,
+        stuck_late=0.0,
+        reversed=0.0,
+        reversed_late=0.0,
+        unexplained=1.0,
+        outliers=0,
+        usual=usual,
+        shown=USUAL_SURE,
+        others=NO_OTHERS,
+        usual_colour=1.0,
+    )
 
 
 def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transition:
@@ -289,9 +306,14 @@ def predicted(step: Transition, covariance: Covariance, noise: Noise, push: floa
 
 def gains_of(covariance: Covariance, heading: float) -> Gains:
     """Return how much a heading of that variance [rad^2] is believed."""
-    p00, p01, p02, p03, *_ = covariance
-    variance = p00 + heading
-    return variance, p00 / variance, p01 / variance, p02 / variance, p03 / variance
+    variance = covariance.p00 + heading
+    return (
+        variance,
+        covariance.p00 / variance,
+        covariance.p01 / variance,
+        covariance.p02 / variance,
+        covariance.p03 / variance,
+    )
 
 
 def measured(gains: Gains, covariance: Covariance) -> Covariance:
@@ -392,17 +414,25 @@ def response_step(
     )
 
 
+def _mean_of(mean: Moved) -> Mean:
+    return Mean(mean[0], mean[1], mean[2], mean[3])
+
+
 def _without_heading(
     before: Response, time: float, covariance: Covariance, means: tuple[Moved, Moved, Moved, Moved]
 ) -> Response:
     """Return what is known at `time` [s] of a heading that is left out."""
     mean, answer, late, slow = means
+    _, lively, quick, strange, strange_slow, weak, right, strong, latest, fit, left, colour = before.others
+    others = Others(
+        _mean_of(slow), lively, quick, strange, strange_slow, weak, right, strong, latest, fit, left, colour
+    )
     return Response(
         time,
         covariance,
-        Mean(*mean),
-        Mean(*answer),
-        Mean(*late),
+        _mean_of(mean),
+        _mean_of(answer),
+        _mean_of(late),
         before.stuck,
         before.stuck_late,
         before.reversed,
@@ -411,7 +441,7 @@ def _without_heading(
         before.outliers + 1,
         before.usual,
         before.shown,
-        before.others._replace(slow=Mean(*slow)),
+        others,
         before.usual_colour,
     )
 

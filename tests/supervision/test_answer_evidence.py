@@ -37,6 +37,7 @@ from autopilot.supervision.rudder_response import (
     verdict,
     without_evidence,
 )
+from sitl.compiled import compiled
 
 Matrix = npt.NDArray[np.float64]
 BOAT = Norrbin(0.3, 4.0, n3=1.0)
@@ -299,7 +300,10 @@ def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer
 
 def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() -> None:
     def memory(value: float) -> Response:
-        others = Others(Mean(value, 0.0, 0.0, 0.0), (value, value + 1), (value + 2, value + 3), *[value] * 6)
+        others = NO_OTHERS._replace(
+            slow=Mean(value, 0.0, 0.0, 0.0), lively=(value, value + 1), quick=(value + 2, value + 3)
+        )
+        others = others._replace(**dict.fromkeys(("strange", "strange_slow", "weak", "right", "strong", "late"), value))
         plain = first_response(NOISE, value, 0.0)._replace(others=others)
         return plain._replace(stuck=value, stuck_late=value, reversed=value, reversed_late=value)
 
@@ -524,3 +528,20 @@ def test_what_is_three_times_as_strange_is_not_what_turns_the_boat(strange: floa
     slow = Mean(0.02, 0.0, 0.0, 0.0)
     _, after = stepped(2.0, 0.01, strange_slow=strange / kept, slow=slow, weak=1.0, right=1.0)
     assert (after.others.weak > 1.0, after.others.right > 1.0) == (counts, counts), "nor what a slow rudder explains"
+
+
+def evidence_after(number: int) -> tuple[float, float, float]:
+    """Of a boat that turns beside its rudder, with a wild heading now and then."""
+    memory = first_response(NOISE, 0.0, 0.1)
+    for tick in range(1, number):
+        now = DT * tick
+        heading, rudder = 0.1 + 0.3 * math.sin(now) + (2.0 if tick % 50 == 0 else 0.0), 0.1 * math.sin(now)
+        noise = noise_of(BOAT, 1.0e-4, 0.01, 0.6)
+        memory = response_step(memory, BOAT, noise, 0.01, (now, heading), Rudders(rudder, 0.9 * rudder, rudder))
+    return memory.stuck, memory.reversed, memory.others.colour
+
+
+def test_compiled_evidence_is_the_same() -> None:
+    """benchmarks/rudder_answer.py compiles it; numba knows no defaults of a record, no `_replace` and no stars."""
+    pytest.importorskip("numba")
+    assert compiled(evidence_after)(400) == pytest.approx(evidence_after(400), rel=1e-9)
