@@ -473,9 +473,11 @@ class Pilot:
 
     def _ask_law(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:
         """Return the law's demand [rad], and keep what it remembers."""
-        ratio, most = model.reference_speed / self.config.model.reference_speed, self.config.limits.angle_max
-        given = LawInput(model, ratio, reference, state, self._roll_at(state.time), last_rudder, most, dt)
-        demand, self.law_memory = self.law.step(self.law_memory, given)
+        config, roll = self.config, NO_ROLL if self._roll is None else self._roll_at(state.time)
+        ratio = model.reference_speed / config.model.reference_speed
+        given = LawInput(model, ratio, reference, state, roll, last_rudder, config.limits.angle_max, dt)
+        kind, gains = self.law
+        demand, self.law_memory = kind.step(gains, self.law_memory, given)
         return demand
 
     def _roll_at(self, now: float) -> RollInput:
