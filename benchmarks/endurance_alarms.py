@@ -105,12 +105,12 @@ def sailed(boat: StudyBoat, sea: StudySea, random: np.random.Generator, seconds:
         tick = pilot.step(now, measured(boat, vessel.state, now, random, has_sensor), order)
         truth = moved(truth, pilot, before, vessel.state, now, shortest_turn(order.heading, vessel.state.heading))
         before = vessel.state
-        found = frozenset(pilot.monitors.findings)
+        found = frozenset(pilot.state.findings)
         for alarm in found - on:
             (hour.true if is_so(alarm, pilot, before, truth, now) else hour.false)[alarm] += 1
         on = found
         if tick.mode not in (Mode.ENGAGED, Mode.STANDBY) and math.isinf(ended):
-            hour.ended[ended.name if (ended := pilot.supervisor.alarm) is not None else ""] += 1
+            hour.ended[ended.name if (ended := pilot.state.supervisor.alarm) is not None else ""] += 1
             ended = now
         if AGAIN_S < now - ended < math.inf:
             order, ended = order._replace(serial=order.serial + 1), -math.inf

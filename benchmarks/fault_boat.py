@@ -114,7 +114,7 @@ class FaultBoat:
         links.append(GuideAlarms(track, "track"))
         self.track = track
         app = App(Plan(vessel, self._order, links=tuple(links)), self.clock)
-        self.law, self.config, self.session = app.pilot.law, app.pilot.config, app.session
+        self.config, self.session = app.pilot._config, app.session
 
     def _companion(self, vessel: Vessel) -> Link:
         self.firmware = Firmware(self.world)

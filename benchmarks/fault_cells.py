@@ -162,7 +162,7 @@ def _rudder(moments: list[Moment]) -> str:
 
 def _broken(moments: list[Moment], state: str, boat: FaultBoat) -> Iterator[str]:
     """What no run may do, whatever has failed."""
-    envelope = boat.config.limits
+    envelope = boat.config.boat.limits
     last: Tick | None = None
     for tick, _, _ in moments:
         command = tick.command
@@ -186,7 +186,7 @@ def _engages_again(boat: FaultBoat) -> bool | None:
     pilot = boat.session._pilot
     boat.world.faults.clear(boat.world.time)
     boat.hooks.clear()
-    pilot.law, pilot.config = boat.law, boat.config
+    pilot._config = boat.config
     boat.run(2.0)
     if boat.firmware is not None:
         boat.firmware.set_mode(0)

@@ -71,15 +71,20 @@ def told_always(rudder: float) -> LawInForce:
 
 def law_of_no_numbers(boat: FaultBoat) -> None:
     """Put a law in that returns no number."""
-    boat.session._pilot.law = told_always(math.nan)
+    pilot = boat.session._pilot
+    pilot._config = pilot._config._replace(law=told_always(math.nan))
 
 
 def limits_broken(boat: FaultBoat) -> None:
     """Let the law's own limits pass 60 deg of rudder, so that only the supervisor's envelope stands."""
     pilot = boat.session._pilot
-    pilot.law = told_always(math.radians(60.0))
-    wide = pilot.config.limits._replace(angle_max=math.radians(60.0), rate_max=math.inf)
-    pilot.config = pilot.config._replace(limits=wide)
+    config = pilot._config
+    wide = config.boat.limits._replace(angle_max=math.radians(60.0), rate_max=math.inf)
+    pilot._config = config._replace(
+        law=told_always(math.radians(60.0)),
+        boat=config.boat._replace(limits=wide),
+        steering=config.steering._replace(limits=wide),
+    )
 
 
 def stall(boat: FaultBoat) -> None:

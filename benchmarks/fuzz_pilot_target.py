@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from autopilot import signals
-from autopilot.pilot import LONGEST_STEP, Pilot
+from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot
 from autopilot.signals import (
     AlarmEvent,
@@ -24,6 +24,7 @@ from autopilot.signals import (
     SupervisorState,
     Tick,
 )
+from autopilot.steering import LONGEST_STEP
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.supervision.states import ENDED
 from autopilot.vessel.file import load_vessel

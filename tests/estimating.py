@@ -86,7 +86,7 @@ class Estimating:
         return nav_state(self.config, self.state, now)
 
     def take_rates(self, wanted: bool) -> None:
-        self.state = believing(self.state, Beliefs(takes_rates=wanted))
+        self.state = believing(self.config, self.state, Beliefs(takes_rates=wanted))
 
     def order(self, now: float, angle: float) -> None:
         self.state = self.state._replace(rudder=ordered(self.state.rudder, self.state.memory, now, angle))

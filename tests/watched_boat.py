@@ -17,13 +17,23 @@ from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.file_server import metadata_files
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.transports import loopback_pair
+from autopilot.pilot import Pilot
 from autopilot.runtime.tuning import LearningService, TuningService
 from autopilot.runtime.vessel_store import VesselStore
-from autopilot.signals import Sample
+from autopilot.signals import AlarmSample, Sample
 from autopilot.vessel.parameters import parameters_of
 from autopilot.vessel.schema import Vessel
 from autopilot.web.requests import asked_of
 from autopilot.web.station import BoatLine, Station
+
+
+def noted(pilot: Pilot, sample: AlarmSample) -> None:
+    """A link has something to say, as if by a sample."""
+    notes = dict(pilot.state.supervisor.notes)
+    notes.pop(sample.source, None)
+    if sample.event is not None:
+        notes[sample.source] = sample.event
+    pilot.state = pilot.state._replace(supervisor=pilot.state.supervisor._replace(notes=notes))
 
 
 class AtOnce(Executor):

@@ -82,66 +82,61 @@ class Tally(NamedTuple):
         return math.sqrt(self.rate_2 / self.time) / deviation if deviation > 0.0 else 0.0
 
 
-class RollDamper:
-    """The damper as the pilot holds it. `update` once a tick, engaged or not; `reset` forgets everything."""
+class RollDamper(NamedTuple):
+    """All that the damper remembers: the newest sample, what it is doing, for how long [s], what was measured
+    meanwhile, the roll without the rudder's help [rad], and the share in which it is on."""
 
-    def __init__(self, damping: RollDamping) -> None:
-        if not all(math.isfinite(value) for value in damping) or damping.most <= 0.0 or damping.lowest < 0.0:
-            raise ValueError(f"roll damping: finite numbers, most above 0 and lowest not below 0, got {damping}")
-        self.damping = damping
-        self.reset()
+    sample: RollSample | None = None
+    phase: Phase = Phase.WITHOUT
+    in_phase: float = 0.0
+    tally: Tally = Tally()
+    without: float = math.nan
+    weight: float = 0.0
 
-    def reset(self) -> None:
-        """Forget everything: off, and to be measured anew."""
-        self._sample: RollSample | None = None
-        self._phase, self._in_phase, self._tally = Phase.WITHOUT, 0.0, Tally()
-        self._without = math.nan
-        self.weight = 0.0
 
-    @property
-    def phase(self) -> Phase:
-        """What it is doing."""
-        return self._phase
+def checked(damping: RollDamping) -> RollDamping:
+    """Return `damping`. ValueError where its numbers are none to damp with."""
+    if not all(math.isfinite(value) for value in damping) or damping.most <= 0.0 or damping.lowest < 0.0:
+        raise ValueError(f"roll damping: finite numbers, most above 0 and lowest not below 0, got {damping}")
+    return damping
 
-    def hear(self, sample: RollSample) -> None:
-        """Take what is finite and has a rate."""
-        if sample.rate is not None and math.isfinite(sample.roll) and math.isfinite(sample.rate):
-            self._sample = sample
 
-    def update(self, now: float, dt: float, *, engaged: bool) -> float:
-        """Return the rudder [rad] to add at `now` [s], `dt` [s] after the last tick."""
-        sample = self._sample
-        if not engaged or sample is None or sample.rate is None or now - sample.time > OLD:
-            self._begin(Phase.WITHOUT)
-            self.weight = 0.0
-            return 0.0
-        self._in_phase += dt
-        if self._in_phase > SETTLE:
-            self._tally = self._tally.with_sample(sample.roll, sample.rate, dt)
-        self._decide()
-        goal = 1.0 if self._phase in (Phase.WITH, Phase.KEPT_ON) else 0.0
-        self.weight += clip(goal - self.weight, -dt / FADE, dt / FADE)
-        most = self.damping.most
-        return self.weight * clip(-self.damping.rate_gain * sample.rate, -most, most)
+def rolled(damper: RollDamper, sample: RollSample) -> RollDamper:
+    """Return the damper after a sample; what is not finite or has no rate is left out."""
+    if sample.rate is None or not (math.isfinite(sample.roll) and math.isfinite(sample.rate)):
+        return damper
+    return damper._replace(sample=sample)
 
-    def _begin(self, phase: Phase) -> None:
-        self._phase, self._in_phase, self._tally = phase, 0.0, Tally()
 
-    def _decide(self) -> None:
-        tally = self._tally
-        if tally.time < PERIOD:
-            return
-        slow = tally.frequency < self.damping.lowest
-        if self._phase is Phase.WITHOUT:
-            self._without = tally.deviation
-            self._begin(Phase.KEPT_OFF if slow else Phase.WITH)
-        elif self._phase is Phase.WITH:
-            helps = tally.deviation <= (1.0 - self.damping.least) * self._without
-            self._begin(Phase.KEPT_ON if helps and not slow else Phase.KEPT_OFF)
-        elif self._in_phase > KEEP or (
-            self._phase is Phase.KEPT_ON and (slow or tally.deviation > GROWN * self._without)
-        ):
-            self._begin(Phase.WITHOUT)
-        else:
-            # what the sea does now counts, not what it did at the beginning
-            self._tally = Tally()
+def damped(
+    damping: RollDamping, damper: RollDamper, now: float, dt: float, *, engaged: bool
+) -> tuple[RollDamper, float]:
+    """Return the damper at `now` [s], `dt` [s] after the last tick, and the rudder [rad] to add."""
+    sample = damper.sample
+    if not engaged or sample is None or sample.rate is None or now - sample.time > OLD:
+        return RollDamper(sample, without=damper.without), 0.0
+    in_phase, tally = damper.in_phase + dt, damper.tally
+    if in_phase > SETTLE:
+        tally = tally.with_sample(sample.roll, sample.rate, dt)
+    damper = _decided(damping, damper._replace(in_phase=in_phase, tally=tally))
+    goal = 1.0 if damper.phase in (Phase.WITH, Phase.KEPT_ON) else 0.0
+    weight = damper.weight + clip(goal - damper.weight, -dt / FADE, dt / FADE)
+    rudder = weight * clip(-damping.rate_gain * sample.rate, -damping.most, damping.most)
+    return damper._replace(weight=weight), rudder
+
+
+def _decided(damping: RollDamping, damper: RollDamper) -> RollDamper:
+    tally = damper.tally
+    if tally.time < PERIOD:
+        return damper
+    slow, begins = tally.frequency < damping.lowest, damper._replace(in_phase=0.0, tally=Tally())
+    if damper.phase is Phase.WITHOUT:
+        return begins._replace(without=tally.deviation, phase=Phase.KEPT_OFF if slow else Phase.WITH)
+    if damper.phase is Phase.WITH:
+        helps = tally.deviation <= (1.0 - damping.least) * damper.without
+        return begins._replace(phase=Phase.KEPT_ON if helps and not slow else Phase.KEPT_OFF)
+    is_worse = damper.phase is Phase.KEPT_ON and (slow or tally.deviation > GROWN * damper.without)
+    if damper.in_phase > KEEP or is_worse:
+        return begins._replace(phase=Phase.WITHOUT)
+    # what the sea does now counts, not what it did at the beginning
+    return damper._replace(tally=Tally())

@@ -75,11 +75,14 @@ def smoothed(before: Smoothed, now: float, speed: float) -> Smoothed:
     return Smoothed(before.value + share * (speed - before.value), now)
 
 
+NO_SPEED = Smoothed()
+
+
 class Speeds(NamedTuple):
     """Speed through the water and over the ground."""
 
-    water: Smoothed = Smoothed()
-    ground: Smoothed = Smoothed()
+    water: Smoothed = NO_SPEED
+    ground: Smoothed = NO_SPEED
 
     @property
     def is_over_ground(self) -> bool:
@@ -98,10 +101,10 @@ def while_fresh(speeds: Speeds, now: float) -> Speeds:
     """Return the speeds at `now` [s] without what nobody has confirmed for long."""
     water, ground = speeds.water, speeds.ground
     if now - water.time >= SPEED_FRESH:
-        water = Smoothed(math.nan, water.time)
+        water = NO_SPEED
     if now - ground.time >= SPEED_FRESH:
-        ground = Smoothed(math.nan, ground.time)
-    return Speeds(water, ground)
+        ground = NO_SPEED
+    return speeds if water is speeds.water and ground is speeds.ground else Speeds(water, ground)
 
 
 def measured_speed(speeds: Speeds) -> float:
@@ -282,13 +285,14 @@ def without_disturbances(state: EstimatorState) -> EstimatorState:
     return state._replace(fusion=state.fusion._replace(state=alone), taken=())
 
 
-def believing(state: EstimatorState, beliefs: Beliefs) -> EstimatorState:
+def believing(config: EstimatorConfig, state: EstimatorState, beliefs: Beliefs) -> EstimatorState:
     """Return the state under other beliefs."""
     before = state.beliefs
     if beliefs == before:
         return state
     loses_rates = before.takes_rates and not beliefs.takes_rates
-    return state._replace(beliefs=beliefs, needs_reinit=state.needs_reinit or loses_rates)
+    state = state._replace(beliefs=beliefs, needs_reinit=state.needs_reinit or loses_rates)
+    return state if beliefs.doubts_speed is before.doubts_speed else _scheduled(config, state)
 
 
 def estimated(
@@ -312,8 +316,11 @@ def estimated(
                 implausible += 1
     if implausible:
         state = _counted(state, implausible=implausible)
-    rudder = advanced(config.gear, rudder, state.memory, now)
-    state = _scheduled(config, state._replace(rudder=rudder, speeds=while_fresh(speeds, now)))
+    rudder, speeds = advanced(config.gear, rudder, state.memory, now), while_fresh(speeds, now)
+    if speeds is state.speeds:
+        state = state._replace(rudder=rudder)
+    else:
+        state = _scheduled(config, state._replace(rudder=rudder, speeds=speeds))
     if len(headings) > 1:
         headings.sort(key=lambda sample: sample.time)
     for heading in headings if state.beliefs.takes_rates else without_rates(headings):

@@ -11,7 +11,7 @@ from autopilot.control.limits import RudderLimits
 from autopilot.control.margins import Delays, Observed, refusal_of
 from autopilot.control.met_waves import Corners
 from autopilot.control.registry import LAWS
-from autopilot.control.roll_damping import RollDamping
+from autopilot.control.roll_damping import RollDamping, checked
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import RATE_UNKNOWN, FilterNoise
 from autopilot.estimation.steady_filter import steady_filter
@@ -20,9 +20,10 @@ from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, steady_rate
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.pilot import Pilot, PilotConfig
+from autopilot.pilot import Pilot
 from autopilot.supervision.monitor_input import LATE_PERIODS, AlarmLimits
 from autopilot.supervision.supervisor import FailsafeAction
+from autopilot.tick import PilotConfig
 from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
@@ -359,7 +360,9 @@ def curvature_max_of(vessel: Vessel) -> float:
 def roll_damping_of(vessel: Vessel) -> RollDamping | None:
     """Return how the vessel's rudder works against roll; None where the file has no section control.roll."""
     roll = vessel.control.roll
-    return None if roll is None else RollDamping(roll.rate_gain_s, math.radians(roll.rudder_max_deg), roll.lowest_rad_s)
+    if roll is None:
+        return None
+    return checked(RollDamping(roll.rate_gain_s, math.radians(roll.rudder_max_deg), roll.lowest_rad_s))
 
 
 def follow_of(vessel: Vessel) -> FollowSettings:

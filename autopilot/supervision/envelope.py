@@ -45,15 +45,15 @@ class Picture(NamedTuple):
 
 
 class CommandCheck:
-    """Judges commands one by one; the only memory is since when the rudder has been pushing the boat away."""
+    """Judges commands one by one; the only memory is since when [s] the rudder has been pushing the boat away."""
 
-    def __init__(self, envelope: Envelope) -> None:
+    def __init__(self, envelope: Envelope, wrong_since: float | None = None) -> None:
         self.envelope = envelope
-        self.reset()
+        self.wrong_since = wrong_since
 
     def reset(self) -> None:
         """Forget everything."""
-        self._wrong_since: float | None = None
+        self.wrong_since = None
 
     def fault(
         self, now: float, previous: float, demand: float, command: float, dt: float, picture: Picture | None = None
@@ -89,8 +89,8 @@ class CommandCheck:
         excused = side * picture.bias if side * picture.bias > 0.0 else 0.0
         pushes = side * command + excused < -WRONG_SHARE * self.envelope.angle_max
         if not (is_clear and pushes and side * picture.rate <= 0.0):
-            self._wrong_since = None
+            self.wrong_since = None
             return False
-        if self._wrong_since is None:
-            self._wrong_since = now
-        return now - self._wrong_since >= WRONG_TIME
+        if self.wrong_since is None:
+            self.wrong_since = now
+        return now - self.wrong_since >= WRONG_TIME

@@ -19,18 +19,38 @@ WINDWARD_ANGLE = math.radians(30.0)
 """Further than this off the wind the whole rudder of the slow turn is put over; nearer, in proportion."""
 
 
+class Wind(NamedTuple):
+    """Where the wind comes from, smoothed, as a vector: ahead and to starboard."""
+
+    time: float
+    ahead: float
+    abeam: float
+
+
+class Memory(NamedTuple):
+    """What the fail-safe remembers: the newest rate [rad/s] with its time [s], the wind, the state that it has
+    reckoned, and the heading to hold [rad]."""
+
+    rate: tuple[float, float] | None = None
+    wind: Wind | None = None
+    state: NavState | None = None
+    held: float = math.nan
+
+
+NOTHING_HEARD = Memory()
+
+
 class FailsafeSteering:
-    """`hear` every tick; `begin` when a fail-safe starts to steer; then `reckon` or `windward` in each tick of it."""
+    """`hear` every tick; `begin` when a fail-safe starts to steer; then `reckon` or `windward` in each tick of it. For
+    as long as a tick lasts: what it remembers is `memory`."""
 
-    def __init__(self) -> None:
-        self.reset()
+    def __init__(self, memory: Memory = NOTHING_HEARD) -> None:
+        self._rate, self._wind, self._state, self._held = memory
 
-    def reset(self) -> None:
-        """Forget everything."""
-        self._rate: tuple[float, float] | None = None
-        self._wind: _Wind | None = None
-        self._state: NavState | None = None
-        self._held = math.nan
+    @property
+    def memory(self) -> Memory:
+        """What is to be remembered."""
+        return Memory(self._rate, self._wind, self._state, self._held)
 
     def hear(self, samples: tuple[Sample, ...], takes_rates: bool = True) -> None:
         """Take rates of turn, where they are to be taken, and wind; headings are what cannot be trusted."""
@@ -91,15 +111,7 @@ class FailsafeSteering:
             share = -math.expm1(-(sample.time - before.time) / WIND_SMOOTHING)
             ahead = before.ahead + share * (ahead - before.ahead)
             abeam = before.abeam + share * (abeam - before.abeam)
-        self._wind = _Wind(sample.time, ahead, abeam)
-
-
-class _Wind(NamedTuple):
-    """Where the wind comes from, smoothed, as a vector: ahead and to starboard."""
-
-    time: float
-    ahead: float
-    abeam: float
+        self._wind = Wind(sample.time, ahead, abeam)
 
 
 def error_of(state: NavState, reference: Reference) -> float:

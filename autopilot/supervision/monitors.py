@@ -54,16 +54,14 @@ class State(NamedTuple):
     wind_time: float = -math.inf
 
 
+NOTHING_SEEN = State()
+
+
 class Monitors:
     """`on_samples` and `update` every tick; then `findings` has what is the case, by its names in the catalogue."""
 
-    def __init__(self, limits: AlarmLimits) -> None:
-        self.limits = limits
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self.state = State()
+    def __init__(self, limits: AlarmLimits, state: State = NOTHING_SEEN) -> None:
+        self.limits, self.state = limits, state
         self.findings: dict[str, AlarmEvent] = {}
 
     def forget_past(self) -> None:

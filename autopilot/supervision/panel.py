@@ -10,7 +10,7 @@ Which alarms sound: until they are acknowledged or over, and louder when nobody 
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmState, Order, Sample, Siren
 from autopilot.supervision.alarms import APART, AT_STOP, CATALOGUE, FAILED, OVERRIDDEN, VERBATIM, kind_of
@@ -20,28 +20,38 @@ REMEMBERED = 10.0
 """An alarm that comes back within this time [s] is the same one."""
 
 
-@dataclass(slots=True)
-class _Entry:
+class Entry(NamedTuple):
+    """An alarm since when, and when last, it was the case [s]; whether it was acknowledged; since when it is past."""
+
     since: float
     last: float
     is_heard: bool = False
     past_since: float | None = None
 
 
+NO_ENTRIES: Mapping[str, Entry] = {}
+
+
+class Memory(NamedTuple):
+    """What the panel remembers: the alarms by name, and the order that was given last."""
+
+    entries: Mapping[str, Entry] = NO_ENTRIES
+    order: tuple[int, int] | None = None
+
+
+QUIET = Memory()
+
+
 class AlarmPanel:
-    """`update` every tick with what is the case; an order of the skipper's acknowledges what sounds by then.
+    """`update` every tick with what is the case; an order of the skipper's acknowledges what sounds by then. For as
+    long as a tick lasts: what it remembers is `memory`.
 
     Attributes:
         states: of the events that `update` returned last.
     """
 
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self._entries: dict[str, _Entry] = {}
-        self._order: tuple[int, int] | None = None
+    def __init__(self, memory: Memory = QUIET) -> None:
+        self.memory = memory
         self.states: tuple[AlarmState, ...] = ()
 
     def update(
@@ -57,27 +67,20 @@ class AlarmPanel:
         raised: the alarms by their names, or by who says them.
         past: names that are the case no more: said as past until they are acknowledged, then gone.
         """
-        self._forget(now)
+        given, before = (int(order.kind), order.serial), self.memory
+        entries = {name: entry for name, entry in before.entries.items() if now - entry.last <= REMEMBERED}
         for sample in samples:
             if isinstance(sample, AcknowledgeSample):
-                self._acknowledge(sample.name)
-        given = (int(order.kind), order.serial)
-        if self._order is not None and given != self._order:
-            self._acknowledge("")
-        self._order = given
+                entries = acknowledged(entries, sample.name)
+        if before.order is not None and given != before.order:
+            entries = acknowledged(entries, "")
         shown, states, siren = [], [], Siren.QUIET
         for name, event in raised.items():
-            entry = self._entries.setdefault(name, _Entry(now, now))
-            entry.last = now
-            if name in past:
-                entry.past_since = now if entry.past_since is None else entry.past_since
+            entry = entries[name] = raised_at(entries.get(name, Entry(now, now)), now, is_past=name in past)
+            if entry.past_since is not None:
                 if entry.is_heard:
                     continue
                 event = event._replace(is_past=True)
-            elif entry.past_since is not None:
-                if now - entry.past_since > REMEMBERED:
-                    entry = self._entries[name] = _Entry(now, now)
-                entry.past_since = None
             heard = AlarmState.ACKNOWLEDGED if entry.is_heard else AlarmState.SOUNDING
             state = heard if kind_of(event).sounds else AlarmState.NOTICE
             sounds = state is AlarmState.SOUNDING
@@ -86,17 +89,23 @@ class AlarmPanel:
             shown.append(event._replace(is_escalated=True) if escalated else event)
             if sounds:
                 siren = max(siren, Siren.ESCALATED if escalated else Siren.SOUNDING)
-        self.states = tuple(states)
+        self.states, self.memory = tuple(states), Memory(entries, given)
         return tuple(shown), siren
 
-    def _acknowledge(self, name: str) -> None:
-        for known, entry in self._entries.items():
-            if name in ("", known):
-                entry.is_heard = True
 
-    def _forget(self, now: float) -> None:
-        for name in [name for name, entry in self._entries.items() if not now - entry.last <= REMEMBERED]:
-            del self._entries[name]
+def raised_at(entry: Entry, now: float, *, is_past: bool) -> Entry:
+    """Return the alarm that is raised at `now` [s], or said as past."""
+    if is_past:
+        past_since = now if entry.past_since is None else entry.past_since
+        return Entry(entry.since, now, entry.is_heard, past_since)
+    if entry.past_since is not None and now - entry.past_since > REMEMBERED:
+        return Entry(now, now)
+    return Entry(entry.since, now, entry.is_heard)
+
+
+def acknowledged(entries: dict[str, Entry], name: str) -> dict[str, Entry]:
+    """Return the alarms after the skipper has heard the one of this name, or with "" all."""
+    return {known: entry._replace(is_heard=True) if name in ("", known) else entry for known, entry in entries.items()}
 
 
 UNHEARD = "NOT ACKNOWLEDGED: "

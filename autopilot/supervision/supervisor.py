@@ -62,57 +62,91 @@ class FailsafeAction(NamedTuple):
     windward_rudder: float = 0.0
 
 
+NO_HELM: Mapping[str, HelmSample] = {}
+NO_NOTES: Mapping[str, AlarmEvent] = {}
+
+
+class Memory(NamedTuple):
+    """What the supervisor remembers.
+
+    alarm: what ended the engagement, or keeps one from beginning; cause: its name where it ended it. since [s]: when
+    the state began. rudder: what moves it. spent: the serial of the order that is used up. blocked: the order that is
+    blocked, by its serial, and since when [s]. helm and notes: what each link said last. heading_since and over_since
+    [s]: since when nothing is against engaging, and since when what `alarm` names is no longer the case; is_over: for
+    long enough. rebooted, reboot_time [s]: a reboot heard of. wrong_since [s]: the envelope's.
+    """
+
+    state: SupervisorState = SupervisorState.STANDBY
+    alarm: AlarmEvent | None = None
+    cause: str = ""
+    since: float = -math.inf  # held since ever is released
+    rudder: Action = Action.RELEASE
+    spent: int = 0
+    blocked: tuple[int, float] | None = None
+    helm: Mapping[str, HelmSample] = NO_HELM
+    notes: Mapping[str, AlarmEvent] = NO_NOTES
+    heading_since: float | None = None
+    over_since: float | None = None
+    is_over: bool = False
+    rebooted: bool = False
+    reboot_time: float = math.nan
+    wrong_since: float | None = None
+
+
+NOTHING_SEEN = Memory()
+"""Standing by, with no order seen."""
+
+
 class Supervisor:
-    """The state machine of `autopilot.supervision.states`. Memory: state, what moves the rudder, which order is
-    spent."""
+    """The state machine of `autopilot.supervision.states` for one tick: what it remembers is `memory`."""
 
-    def __init__(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
+    def __init__(self, envelope: Envelope, failsafe: FailsafeAction, memory: Memory = NOTHING_SEEN) -> None:
         self._failsafe = failsafe
-        self._command_check = CommandCheck(envelope)
-        self.reset()
+        self._command_check = CommandCheck(envelope, memory.wrong_since)
+        self.state = memory.state
+        self.alarm = memory.alarm
+        self._cause, self._since, self._rudder = memory.cause, memory.since, memory.rudder
+        self._spent, self._blocked = memory.spent, memory.blocked
+        self._helm, self._notes = memory.helm, memory.notes
+        self._heading_since, self._over_since, self.is_over = memory.heading_since, memory.over_since, memory.is_over
+        self._rebooted, self._reboot_time = memory.rebooted, memory.reboot_time
 
-    def reset(self) -> None:
-        """Stand by, with no order seen."""
-        self.state = SupervisorState.STANDBY
-        self.alarm: AlarmEvent | None = None
-        """What ended the engagement, or keeps one from beginning."""
-        self._command_check.reset()
-        self._cause = ""
-        self._since = -math.inf  # held since ever is released
-        self._rudder = Action.RELEASE
-        self._spent = 0
-        self._blocked: tuple[int, float] | None = None
-        """The order that is blocked, by its serial, and since when [s]."""
-        self._helm: dict[str, HelmSample] = {}
-        self._notes: dict[str, AlarmEvent] = {}
-        self._heading_since: float | None = None
-        self._over_since: float | None = None
-        self.is_over = False
-        """Whether what `alarm` names is no longer the case: headings, or a vehicle that was silent, are back."""
-        self._rebooted = False
-        self._reboot_time = math.nan
+    @property
+    def memory(self) -> Memory:
+        """What is to be remembered."""
+        return Memory(
+            self.state,
+            self.alarm,
+            self._cause,
+            self._since,
+            self._rudder,
+            self._spent,
+            self._blocked,
+            self._helm,
+            self._notes,
+            self._heading_since,
+            self._over_since,
+            self.is_over,
+            self._rebooted,
+            self._reboot_time,
+            self._command_check.wrong_since,
+        )
 
     @property
     def mode(self) -> Mode:
         """What the state comes to."""
         return MODES[self.state]
 
-    def reconfigure(self, envelope: Envelope, failsafe: FailsafeAction) -> None:
-        """Go on under other limits; state and memory stay."""
-        self._command_check.envelope, self._failsafe = envelope, failsafe
-
     def hear(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
-        self._helm[sample.source] = sample
+        self._helm = {**self._helm, sample.source: sample}
         if sample.cause is HelmCause.REBOOTED:
             self._rebooted = True
 
     def note(self, sample: AlarmSample) -> None:
         """Take a link's word on what the skipper should know though steering goes on."""
-        if sample.event is not None:
-            self._notes[sample.source] = sample.event
-        else:
-            self._notes.pop(sample.source, None)
+        others = {source: event for source, event in self._notes.items() if source != sample.source}
+        self._notes = others if sample.event is None else {**self._notes, sample.source: sample.event}
 
     def decide(
         self, now: float, order: Order, state: NavState, findings: Mapping[str, AlarmEvent] | None = None

@@ -1,4 +1,4 @@
-"""The pilot while it steers, compiled: the stages of `autopilot.tick` one after the other, over NamedTuples and arrays.
+"""The pilot while it steers, compiled: the stages of `autopilot.steering` one after the other.
 
 What stands here is only what a run without a helmsman needs beside them: one heading at a time, and where the
 supervisor, a monitor or a restart of the filter would have a word, for there the run is handed to the full simulator.
@@ -33,14 +33,11 @@ from autopilot.guidance.turn import NOTHING_SHOWN, VirtualBoat, is_turning, refe
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState
-from autopilot.supervision.compass_watch import FROZEN_SAMPLES, NO_TURNS, Turns, are_opposite, turns_step
-from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
-from autopilot.supervision.monitor_input import AT_THE_STOP
-from autopilot.tick import (
+from autopilot.steering import (
     LONGEST_STEP,
     NOT_TURNING,
-    Config,
     Moved,
+    SteeringConfig,
     Turning,
     limited,
     referred,
@@ -48,6 +45,9 @@ from autopilot.tick import (
     turning_at,
     wave_rudder,
 )
+from autopilot.supervision.compass_watch import FROZEN_SAMPLES, NO_TURNS, Turns, are_opposite, turns_step
+from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
+from autopilot.supervision.monitor_input import AT_THE_STOP
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class Brain(NamedTuple):
     rate_disagrees [rad] are the monitors' too, see `autopilot.supervision.monitors`.
     """
 
-    config: Config
+    config: SteeringConfig
     gains: Any
     first: Any
     heading_timeout: float
@@ -195,7 +195,7 @@ def tick(brain: Brain, mind: Mind, memory: RudderMemory, now: float, heard: Hear
     )
 
 
-def _pushes_away(config: Config, error: float, rudder: float, state: NavState) -> bool:
+def _pushes_away(config: SteeringConfig, error: float, rudder: float, state: NavState) -> bool:
     """Return whether the envelope check would think so, see `autopilot.supervision.envelope`; half as much is enough
     here."""
     side = 1.0 if error > 0.0 else -1.0

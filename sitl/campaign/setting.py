@@ -21,9 +21,9 @@ from autopilot.estimation.heading_ekf import initial
 from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models import waves, wind
 from autopilot.models.waves import WaveState, WaveTransition
-from autopilot.pilot import steering_of
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
+from autopilot.tick import steering_of
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, Plant, plant_of, step_of
 from sitl.campaign.brain import Brain

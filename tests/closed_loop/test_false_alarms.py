@@ -44,7 +44,7 @@ def sailed(
         heading = HeadingSample(now, wrap(plant.heading + moved), plant.rate + moves, "compass")
         tick = pilot.step(now, (heading,), Order(OrderKind.HEADING, course(now), serial=1))
         assert tick.mode is Mode.ENGAGED, words_of(tick)
-        found = dict.fromkeys(pilot.monitors.findings, now) | found
+        found = dict.fromkeys(pilot.state.findings, now) | found
         error = math.degrees(abs(wrap(plant.heading - course(now))))
         plant.step(tick.command.angle, STEP)
     return found, error
@@ -136,7 +136,7 @@ class LateLoop:
         self.queue = []
         tick = self.pilot.step(now, tuple(samples), Order(OrderKind.HEADING, course, serial=1))
         assert tick.mode is Mode.ENGAGED, words_of(tick)
-        self.findings |= set(self.pilot.monitors.findings)
+        self.findings |= set(self.pilot.state.findings)
         return tick.command.angle
 
     def sail(self, seconds: float) -> None:

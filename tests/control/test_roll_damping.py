@@ -12,13 +12,46 @@ from boats import BOATS, vessel_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.control.roll_damping import FADE, PERIOD, SETTLE, Phase, RollDamper, RollDamping, Tally
+from autopilot.control.roll_damping import (
+    FADE,
+    PERIOD,
+    SETTLE,
+    Phase,
+    RollDamper,
+    RollDamping,
+    Tally,
+    checked,
+    damped,
+    rolled,
+)
 from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RollSample, SpeedSample
 from autopilot.vessel.schema import Roll
 
 DT = 0.1
 DAMPING = RollDamping(rate_gain=0.5, most=0.1, lowest=0.6)
+
+
+class Damper:
+    """A damper with its memory held."""
+
+    def __init__(self, damping: RollDamping) -> None:
+        self.damping, self.memory = checked(damping), RollDamper()
+
+    @property
+    def phase(self) -> Phase:
+        return self.memory.phase
+
+    @property
+    def weight(self) -> float:
+        return self.memory.weight
+
+    def hear(self, sample: RollSample) -> None:
+        self.memory = rolled(self.memory, sample)
+
+    def update(self, now: float, dt: float, *, engaged: bool = True) -> float:
+        self.memory, rudder = damped(self.damping, self.memory, now, dt, engaged=engaged)
+        return rudder
 
 
 class RollingBoat:
@@ -38,11 +71,11 @@ class RollingBoat:
         return RollSample(self.time, self.roll, self.rate)
 
 
-def sailed(boat: RollingBoat, seconds: float, damper: RollDamper) -> list[Phase]:
+def sailed(boat: RollingBoat, seconds: float, damper: Damper) -> list[Phase]:
     phases, rudder = [], 0.0
     for _ in range(round(seconds / DT)):
         damper.hear(boat.step(rudder))
-        rudder = damper.update(boat.time, DT, engaged=True)
+        rudder = damper.update(boat.time, DT)
         phases.append(damper.phase)
     return phases
 
@@ -52,63 +85,63 @@ LONG = 2.0 * (PERIOD + SETTLE) + 30.0
 
 
 def test_it_measures_without_then_with_and_stays_where_it_helps() -> None:
-    damper = RollDamper(DAMPING)
+    damper = Damper(DAMPING)
     phases = sailed(RollingBoat(1.1, 0.4), LONG, damper)
     assert list(dict.fromkeys(phases)) == [Phase.WITHOUT, Phase.WITH, Phase.KEPT_ON]
     assert damper.weight == pytest.approx(1.0)
 
 
 def test_a_gain_of_the_wrong_sign_is_found_out() -> None:
-    damper = RollDamper(DAMPING)
+    damper = Damper(DAMPING)
     phases = sailed(RollingBoat(1.1, -0.1), LONG, damper)
     assert phases[-1] is Phase.KEPT_OFF
     assert damper.weight == 0.0
 
 
 def test_slow_roll_is_left_alone_without_a_try() -> None:
-    phases = sailed(RollingBoat(0.4, 0.4), LONG, damper := RollDamper(DAMPING))
+    phases = sailed(RollingBoat(0.4, 0.4), LONG, damper := Damper(DAMPING))
     assert Phase.WITH not in phases
     assert damper.weight == 0.0
 
 
 def test_when_the_sea_turns_slow_it_lets_go() -> None:
-    boat, damper = RollingBoat(1.1, 0.4), RollDamper(DAMPING)
+    boat, damper = RollingBoat(1.1, 0.4), Damper(DAMPING)
     assert sailed(boat, LONG, damper)[-1] is Phase.KEPT_ON
     boat.swell = 0.4
     assert Phase.KEPT_ON not in sailed(boat, 2.0 * PERIOD + 20.0, damper)[-100:]
 
 
 def test_without_fresh_roll_it_is_silent_at_once() -> None:
-    boat, damper = RollingBoat(1.1, 0.4), RollDamper(DAMPING)
+    boat, damper = RollingBoat(1.1, 0.4), Damper(DAMPING)
     sailed(boat, LONG, damper)
-    assert damper.update(boat.time + 0.49, DT, engaged=True) != 0.0
-    assert damper.update(boat.time + 0.51, DT, engaged=True) == 0.0
+    assert damper.update(boat.time + 0.49, DT) != 0.0
+    assert damper.update(boat.time + 0.51, DT) == 0.0
     assert damper.weight == 0.0 and damper.phase is Phase.WITHOUT
 
 
 def test_it_comes_without_a_bump() -> None:
-    boat, damper = RollingBoat(1.1, 0.4), RollDamper(DAMPING)
+    boat, damper = RollingBoat(1.1, 0.4), Damper(DAMPING)
     before = 0.0
     for _ in range(round(LONG / DT)):
         damper.hear(boat.step(before))
-        damper.update(boat.time, DT, engaged=True)
+        damper.update(boat.time, DT)
         assert abs(damper.weight - before) <= DT / FADE + 1e-12
         before = damper.weight
 
 
 @given(st.lists(st.tuples(st.floats(), st.one_of(st.none(), st.floats()), st.floats(0.0, 100.0)), max_size=60))
 def test_never_more_rudder_than_the_file_says(samples: list[tuple[float, float | None, float]]) -> None:
-    damper, now = RollDamper(DAMPING), 0.0
+    damper, now = Damper(DAMPING), 0.0
     for roll, rate, dt in samples:
         now += dt
         damper.hear(RollSample(now, roll, rate))
-        assert abs(damper.update(now, dt, engaged=True)) <= DAMPING.most
+        assert abs(damper.update(now, dt)) <= DAMPING.most
 
 
 @pytest.mark.parametrize("bad", [(math.nan, 0.1, 0.5), (0.5, 0.0, 0.5), (0.5, math.inf, 0.5), (0.5, 0.1, -1.0)])
 def test_settings_are_numbers(bad: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="roll damping"):
-        RollDamper(RollDamping(*bad))
+        Damper(RollDamping(*bad))
 
 
 def commands(roll: Roll | None, kind: OrderKind = OrderKind.HEADING) -> list[float]:
@@ -163,8 +196,7 @@ def test_a_fail_safe_that_steers_ends_it_and_it_begins_anew_after() -> None:
         if now > lost + 2.0:
             demands.setdefault(tick.mode, []).append(tick.demand)
         elif now < lost:
-            assert pilot.damper is not None
-            phase = pilot.damper.phase
+            phase = pilot.state.damper.phase
     assert phase is Phase.KEPT_ON
     for mode in (Mode.FAILSAFE, Mode.ENGAGED):
         assert max(map(abs, demands[mode])) < math.radians(0.2)
@@ -188,7 +220,7 @@ class Rolled:
     """A damper in a roll of a given size and frequency, a tenth of a second a tick."""
 
     def __init__(self, least: float = 0.1, lowest: float = 0.5) -> None:
-        self.damper = RollDamper(RollDamping(2.0, 0.1, lowest, least))
+        self.damper = Damper(RollDamping(2.0, 0.1, lowest, least))
         self.now = 0.0
 
     def on(self, seconds: float, size: float, frequency: float = 1.0) -> list[Phase]:
@@ -197,7 +229,7 @@ class Rolled:
             self.now += 0.1
             phase = frequency * self.now
             self.damper.hear(RollSample(self.now, size * math.sin(phase), size * frequency * math.cos(phase)))
-            self.damper.update(self.now, 0.1, engaged=True)
+            self.damper.update(self.now, 0.1)
             phases.append(self.damper.phase)
         return phases
 
@@ -253,9 +285,9 @@ def test_the_roll_weight_ramps_in_five_seconds_and_drops_without_the_helm() -> N
     steps = [after - before for before, after in pairwise(weights) if 0.0 < after < 1.0 and before > 0.0]
     assert steps == pytest.approx([0.02] * len(steps)) and len(steps) > 40 and weights[-1] == 1.0
     rolled.damper.hear(RollSample(rolled.now, 0.0, 0.01))
-    assert rolled.damper.update(rolled.now, 0.0, engaged=True) == pytest.approx(-0.02), "k p against the roll's rate"
+    assert rolled.damper.update(rolled.now, 0.0) == pytest.approx(-0.02), "k p against the roll's rate"
     rolled.damper.hear(RollSample(rolled.now, 0.0, -1.0))
-    assert rolled.damper.update(rolled.now, 0.0, engaged=True) == pytest.approx(0.1), "and no more than the file says"
-    assert rolled.damper.update(rolled.now + 0.5, 0.0, engaged=True) != 0.0
+    assert rolled.damper.update(rolled.now, 0.0) == pytest.approx(0.1), "and no more than the file says"
+    assert rolled.damper.update(rolled.now + 0.5, 0.0) != 0.0
     assert rolled.damper.update(rolled.now, 0.1, engaged=False) == rolled.damper.weight == 0.0
     assert rolled.damper.phase is Phase.WITHOUT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 from lockstep import STEP, Lockstep
 
-from autopilot import pilot as pilot_module
+from autopilot import steering, tick
 from autopilot.guidance import reference
 from autopilot.links.base import LinkError
 from autopilot.links.release import ReleaseState
@@ -24,14 +25,14 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "receive": lambda run: (run.link, "receive"),
     "transport receive": lambda run: (run.near, "receive"),
     "orders": lambda run: (run.session, "_orders"),
-    "estimator": lambda _: (pilot_module, "estimated"),
-    "monitors": lambda run: (run.pilot.monitors, "look"),
-    "supervisor decides": lambda run: (run.pilot.supervisor, "decide"),
+    "estimator": lambda _: (tick, "estimated"),
+    "monitors": lambda _: (tick.Monitors, "update"),
+    "supervisor decides": lambda _: (tick.Supervisor, "decide"),
     "guidance": lambda _: (reference, "turn_step"),
-    "law": lambda run: (run.pilot, "_ask_law"),
-    "limits": lambda _: (pilot_module, "limit"),
-    "supervisor checks": lambda run: (run.pilot.supervisor, "check"),
-    "alarms": lambda run: (run.pilot._panel, "update"),
+    "law": lambda _: (tick._Work, "_ask_law"),
+    "limits": lambda _: (steering, "limit"),
+    "supervisor checks": lambda _: (tick.Supervisor, "check"),
+    "alarms": lambda _: (tick.AlarmPanel, "update"),
     "send": lambda run: (run.link, "send"),
     "transport send": lambda run: (run.near, "send"),
     "show": lambda run: (run.link, "show"),
@@ -50,6 +51,9 @@ class Fails:
         self.block, self.error = block, error
         self.now = False
         self.called = 0
+
+    def __get__(self, owner: Any, _: type | None = None) -> Callable[..., Any]:
+        return functools.partial(self, owner)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         self.called += 1

@@ -29,7 +29,7 @@ def steered(law: str, seconds: float, heading: float = 1.0) -> Pilot:
     for step in range(1, round(seconds / 0.05)):
         now = 0.05 * step
         pilot.step(now, (HeadingSample(now, 0.0, 0.0),), Order(OrderKind.HEADING, heading, serial=1))
-    assert pilot.supervisor.mode is Mode.ENGAGED
+    assert pilot.mode is Mode.ENGAGED
     return pilot
 
 
@@ -56,7 +56,7 @@ def test_a_change_moves_the_rudder_no_faster_than_its_limit(law: str, k1: float,
     pilot.reconfigure(pilot_config(changed), law_of(changed, law))
     assert pilot.told == before
     command = after(pilot, now)
-    assert pilot.supervisor.mode is Mode.ENGAGED
+    assert pilot.mode is Mode.ENGAGED
     assert abs(command.angle - before.angle) <= RATE * 0.5 + 1e-9
 
 
@@ -184,7 +184,7 @@ def test_who_moves_the_rudder_stays_as_the_links_were_opened() -> None:
     pilot = build_pilot(guided, "trial")
     pilot.reconfigure(pilot_config(LANXIN), law_of(LANXIN, "trial"))
     pilot.step(0.1, (HeadingSample(0.1, 0.0, 0.0),), Order(OrderKind.HEADING, 1.0, serial=1))
-    assert pilot.supervisor.mode is Mode.ENGAGED
+    assert pilot.mode is Mode.ENGAGED
     over = RudderSample(0.15, 0.3, ordered=True, source="servo_output_raw")
     for step in range(60):
         now = 0.2 + 0.05 * step

@@ -10,9 +10,9 @@ import pytest
 from alarm_texts import words_of
 from plant import Plant
 
-from autopilot.pilot import EVENTS
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import AlarmEvent, HelmCause, Mode, Order, OrderKind, Sample, Tick, WindSample
+from autopilot.tick import EVENTS
 from autopilot.vessel.file import load_vessel
 
 BOAT = load_vessel("lanxin")

@@ -72,7 +72,7 @@ def test_what_runs_is_what_was_said_to_run(sequence: list[tuple[str, float]], la
     for step in range(1, 40):
         now = 0.05 * step
         pilot.step(now, (HeadingSample(now, 0.0, 0.0),), Order(OrderKind.HEADING, 0.1, serial=1))
-    assert pilot.supervisor.mode is Mode.ENGAGED
+    assert pilot.mode is Mode.ENGAGED
     texts: list[str] = []
     told: list[Vessel] = []
     store = VesselStore(FULL, pilot, law, Path("x"), lambda _, text: texts.append(text))

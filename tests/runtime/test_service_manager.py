@@ -17,6 +17,7 @@ import pytest
 from lockstep import Lockstep
 from two_processes import free_port
 
+from autopilot import tick
 from autopilot.runtime.machine import RealTime
 from autopilot.runtime.service import ServiceHooks, ServiceManager
 from autopilot.signals import Tick
@@ -121,7 +122,7 @@ def test_a_hung_tick_stops_the_signs_of_life(manager: Manager, monkeypatch: pyte
     run = Lockstep(VESSEL)
     run.engage(90.0)
     assert run.run(20.0, until=run.engaged)
-    law, hung, goes_on = run.pilot._ask_law, threading.Event(), threading.Event()
+    law, hung, goes_on = tick._Work._ask_law, threading.Event(), threading.Event()
 
     def hang(*arguments: object) -> float:
         if run.now > 30.0:
@@ -129,11 +130,11 @@ def test_a_hung_tick_stops_the_signs_of_life(manager: Manager, monkeypatch: pyte
             assert goes_on.wait(60.0)
         return law(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(run.pilot, "_ask_law", hang)
+    monkeypatch.setattr(tick._Work, "_ask_law", hang)
 
     def sail() -> None:
         with ServiceHooks(RealTime(), None, print) as hooks:
-            run.run(60.0, until=lambda tick: bool(hooks.ticked(tick)))
+            run.run(60.0, until=lambda now: bool(hooks.ticked(now)))
 
     sailing = threading.Thread(target=sail)
     sailing.start()

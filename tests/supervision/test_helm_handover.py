@@ -112,9 +112,13 @@ def test_a_rudder_of_unlimited_rate_survives_two_ticks_at_one_moment(action: str
     assert math.isfinite(made.check(1.0, COURSE, 0.4, 0.0, 0.0, 0.0).angle)
 
 
-def test_reset_forgets_helm_and_serials() -> None:
-    made = engaged()
-    made.hear(human(False))
-    made.decide(0.1, COURSE, state())
-    made.reset()
+def test_a_new_one_knows_nothing_of_helm_and_serials_and_one_with_the_memory_does() -> None:
+    before = engaged()
+    before.hear(human(False))
+    before.decide(0.1, COURSE, state())
+    limits = Envelope(*ENVELOPE_LIMITS), FailsafeAction(1.0, "hold", 3.0, False)
+    again = Supervisor(*limits, before.memory)
+    assert again.memory == before.memory
+    assert again.decide(0.2, COURSE, state()) is Mode.OVERRIDE
+    made = Supervisor(*limits)
     assert made.decide(0.2, COURSE, state()) is Mode.ENGAGED

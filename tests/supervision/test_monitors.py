@@ -481,7 +481,7 @@ def test_what_waits_for_way_and_speeds_that_no_stream_explains_are_said_while_th
         assert monitors.findings == {}
 
 
-def test_a_reset_forgets_whatever_was_found() -> None:
+def test_without_its_state_a_monitor_knows_nothing_of_what_was_found() -> None:
     monitors = Monitors(LIMITS._replace(innovation=3.0, wind_wanted=False))
     monitors.on_samples((ConditionSample(0.0, "battery_low", True, "11 %", "vehicle"),))
     for tick in range(300):
@@ -489,7 +489,10 @@ def test_a_reset_forgets_whatever_was_found() -> None:
         monitors.on_samples((RollSample(now, 1.0), HeadingSample(now, math.radians(25.0), 0.0)))
         monitors.update(watched(now, math.radians(25.0))._replace(innovation=4.0))
     assert monitors.findings.keys() >= {"battery_low", "roll", "innovation", "off_course"}
-    monitors.reset()
+    known = Monitors(monitors.limits, monitors.state)
+    known.update(watched(30.1, math.radians(25.0))._replace(innovation=4.0))
+    assert known.findings.keys() == monitors.findings.keys(), "all that is remembered is the state"
+    monitors = Monitors(monitors.limits)
     assert (monitors.findings, monitors.state) == ({}, State())
     monitors.update(watched(30.1, math.radians(25.0))._replace(innovation=4.0))
     assert monitors.findings == {}

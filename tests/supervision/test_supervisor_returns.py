@@ -288,13 +288,11 @@ def test_the_state_is_what_was_ordered(order: Order, expected: SupervisorState) 
 
 
 def test_reconfigured_it_goes_by_the_new_limits_at_once() -> None:
-    tested = made()
-    tested.reconfigure(Envelope(0.2, 0.35), FailsafeAction(3.0, "release", 5.0, False))
+    tested = Supervisor(Envelope(0.2, 0.35), FailsafeAction(3.0, "release", 5.0, False), made().memory)
     assert tested.decide(1.0, COURSE, state(2.0)) is Mode.ENGAGED
     assert tested.decide(2.0, COURSE, state(3.1)) is Mode.FAILSAFE
     assert not tested.check(2.0, COURSE, 0.1, 0.0, 0.0, DT).engaged
-    wide = made()
-    wide.reconfigure(Envelope(0.2, 0.35), FailsafeAction(3.0, "hold", 5.0, False))
+    wide = Supervisor(Envelope(0.2, 0.35), FailsafeAction(3.0, "hold", 5.0, False), made().memory)
     assert wide.check(1.0, COURSE, 0.21, 0.21, 0.21, DT).angle == 0.2
     assert wide.mode is Mode.FAULT
 

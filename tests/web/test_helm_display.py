@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from starlette.responses import JSONResponse
-from watched_boat import Watched
+from watched_boat import Watched, noted
 
 from autopilot.errors import InputError
 from autopilot.firmware.metadata import FtpClient
@@ -122,27 +122,27 @@ def test_alarms_come_go_and_are_acknowledged_here(sea: Watched) -> None:
     long = (
         "the gear is hot: look at the pump, and if it is dry stop the engine, then steer by hand until it is cool again"
     )
-    sea.pilot.supervisor.note(AlarmSample(sea.now, other(long), "gear"))
+    noted(sea.pilot, AlarmSample(sea.now, other(long), "gear"))
     sea.watch(2.0)
     assert sea.station.alarms.shown == [{"name": "", "words": long, "sounds": True, "acknowledged": False}]
     assert sea.station.view.texts.kept[-1].words == long
     assert sea.order(do="acknowledge") == (True, "")
-    sea.pilot.supervisor.note(AlarmSample(sea.now, other("bilge: pump"), "bilge"))
+    noted(sea.pilot, AlarmSample(sea.now, other("bilge: pump"), "bilge"))
     sea.watch(2.0)
     assert [(each["words"], each["acknowledged"], each["sounds"]) for each in sea.station.alarms.shown] == [
         (long, True, False),
         ("bilge: pump", False, True),
     ]
-    sea.pilot.supervisor.note(AlarmSample(sea.now, None, "gear"))
+    noted(sea.pilot, AlarmSample(sea.now, None, "gear"))
     sea.watch(2.0)
     assert [each["words"] for each in sea.station.alarms.shown] == ["bilge: pump"]
-    sea.pilot.supervisor.note(AlarmSample(sea.now, None, "bilge"))
+    noted(sea.pilot, AlarmSample(sea.now, None, "bilge"))
     sea.watch(2.0)
     assert sea.station.alarms.shown == []
 
 
 def test_acknowledging_on_a_display_silences_the_boat(sea: Watched) -> None:
-    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
+    noted(sea.pilot, AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     sea.watch(35.0)
     assert sea.tick is not None and sea.tick.siren is Siren.ESCALATED
     gear = {"name": "", "words": "gear hot: stop the engine"}
@@ -154,7 +154,7 @@ def test_acknowledging_on_a_display_silences_the_boat(sea: Watched) -> None:
 
 
 def test_what_one_display_acknowledges_is_acknowledged_on_the_others(sea: Watched) -> None:
-    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
+    noted(sea.pilot, AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     sea.watch(2.0)
     here = sea.station
     sea.station = sea.line._station = Station()
@@ -206,7 +206,7 @@ HOSTILE_LISTS = [
 def test_a_hostile_list_of_alarms_ends_no_display(
     sea: Watched, content: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
+    noted(sea.pilot, AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     sea.watch(2.0)
     monkeypatch.setattr("autopilot.links.ground_station.boat_link.alarm_list", lambda alarms, heard: content)
     asked = []

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from alarm_texts import other
 from page_server import TOKEN, SailingHub, chromium, served
-from watched_boat import Watched
+from watched_boat import Watched, noted
 
 from autopilot.signals import AlarmSample
 
@@ -97,7 +97,7 @@ def test_who_has_no_token_is_told_so_and_moves_nothing(helm: Helm) -> None:
 def test_an_alarm_says_what_to_do_and_is_acknowledged_for_all(helm: Helm) -> None:
     here, there = helm.open(), helm.open(token="", size=DESKTOP)
     with helm.hub.lock:
-        helm.sea.pilot.supervisor.note(AlarmSample(helm.sea.now, other("gear hot: stop the engine"), "gear"))
+        noted(helm.sea.pilot, AlarmSample(helm.sea.now, other("gear hot: stop the engine"), "gear"))
     for page in (here, there):
         word(page, "alarms", "gear hot")
         assert page.inner_text("#alarms small") == "stop the engine"
@@ -105,7 +105,7 @@ def test_an_alarm_says_what_to_do_and_is_acknowledged_for_all(helm: Helm) -> Non
     for page in (here, there):
         page.wait_for_selector("#alarms.seen")
     with helm.hub.lock:
-        helm.sea.pilot.supervisor.note(AlarmSample(helm.sea.now, None, "gear"))
+        noted(helm.sea.pilot, AlarmSample(helm.sea.now, None, "gear"))
     there.wait_for_selector("#alarms", state="hidden")
     here.context.close()
     there.context.close()

@@ -22,7 +22,7 @@ from alarm_texts import other
 from page_server import TOKEN, SailingHub, served
 from starlette.requests import Request
 from starlette.testclient import TestClient
-from watched_boat import Watched
+from watched_boat import Watched, noted
 
 from autopilot.cli.main import main
 from autopilot.cli.web import listening_address
@@ -298,7 +298,7 @@ process.exit(0);
 def test_the_page_itself_shows_the_token_where_others_only_look(sea: Watched, tmp_path: Path) -> None:
     (tmp_path / "boat.mjs").write_bytes(page_files()["boat.js"])
     (tmp_path / "page.mjs").write_text(PAGE)
-    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
+    noted(sea.pilot, AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     with served(sea) as (address, _), contextlib.ExitStack() as stack:
         for _ in range(CLIENTS_MOST):
             looking(stack, address)

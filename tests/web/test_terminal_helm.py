@@ -16,7 +16,7 @@ import pytest
 from alarm_texts import other
 from hypothesis import given
 from hypothesis import strategies as st
-from watched_boat import Watched
+from watched_boat import Watched, noted
 
 from autopilot.cli.helm import show
 from autopilot.cli.helm_keys import ESCAPE, HelmKeys, wish_of
@@ -120,7 +120,7 @@ def test_typed_lines_set_parameters_and_begin_trials(sea: Watched, monkeypatch: 
 def test_an_alarm_is_shown_until_it_is_over_and_silence_as_silence(
     sea: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sea.pilot.supervisor.note(AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
+    noted(sea.pilot, AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     pictures = play(sea, [(2.0, "a")], monkeypatch)
     assert any("! gear hot: stop the engine" in picture for picture in pictures)
     assert "! gear hot" not in pictures[-1] and "gear hot" in pictures[-1]

@@ -1,0 +1,113 @@
+"""What steers, stage by stage: waves, reference, limits. Scalar functions over NamedTuples.
+
+The pilot calls them as they are, and campaigns compile them (`sitl.campaign.brain`): there is one truth about what a
+state and an order come to. What goes before, the samples' way to a state, is `autopilot.estimation`'s; what stands
+beside, monitors and supervisor, is `autopilot.supervision`'s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import wrap
+from autopilot.control.limits import Rest, RudderLimits, limit, rested
+from autopilot.control.met_waves import Corners, Met, Waves, met
+from autopilot.estimation.estimator import EstimatorConfig
+from autopilot.guidance.reference import Guide, Steering, led
+from autopilot.guidance.turn import TurnLimits, preset_rate, side_hard_over, turn_limits
+from autopilot.models.norrbin import Norrbin
+from autopilot.signals import NavState
+
+LONGEST_STEP = 0.5
+"""A longer silence between ticks [s] counts as this much for limits and reference."""
+SPEED_CHANGE = 0.02
+"""Turn limits are worked out anew when the speed has changed by this share."""
+
+
+class SteeringConfig(NamedTuple):
+    """What steering goes by, in numbers.
+
+    rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
+    where the other side steers by itself to the reference heading. wave_corners hold at the model's speed: which waves
+    are kept from the rudder, steered against, or undone, see `met_waves`. dead_band [rad]: on a course the rudder rests
+    until it is wrong by more. uses_bias: whether the law goes by the estimated bias.
+    """
+
+    estimator: EstimatorConfig
+    limits: RudderLimits
+    dead_band: float
+    rudder_share: float
+    turn_rate_max: float
+    turn_curvature_max: float
+    wave_corners: Corners
+    rudder_is_ours: bool
+    uses_bias: bool
+
+
+class Turning(NamedTuple):
+    """What planned turns keep to, and the speed [m/s] it was worked out for; nan: it never was."""
+
+    limits: TurnLimits
+    speed: float
+
+
+NOT_TURNING = Turning(TurnLimits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False), math.nan)
+
+
+def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turning:
+    """Return what turns keep to with the `model` at the speed that is."""
+    speed = model.reference_speed
+    if abs(speed - turning.speed) <= SPEED_CHANGE * turning.speed:
+        return turning
+    preset = preset_rate(config.turn_rate_max, config.turn_curvature_max, speed)
+    limits = config.limits
+    return Turning(turn_limits(model, limits.angle_max, limits.rate_max, config.rudder_share, preset), speed)
+
+
+def wave_rudder(config: SteeringConfig, model: Norrbin, state: NavState) -> Met:
+    """Return which share of the waves the law is not shown, and the rudder that undoes some of the rest."""
+    waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
+    quickness = model.reference_speed / config.estimator.model.reference_speed
+    return met(model, config.estimator.gear, config.limits, config.wave_corners, quickness, waves)
+
+
+def steered_by(state: NavState, share: float) -> NavState:
+    """Return the state with this `share` of the waves taken out of heading and rate: what is steered by."""
+    if state.wave_deviation == 0.0 or share == 0.0:
+        return state
+    return NavState(
+        state.time,
+        wrap(state.heading - share * state.wave_heading),
+        state.rate - share * state.wave_rate,
+        state.speed,
+        state.rudder,
+        state.bias,
+        state.heading_age,
+        state.valid,
+        state.wave_heading,
+        state.wave_rate,
+        state.wave_deviation,
+        state.wave_frequency,
+    )
+
+
+class Moved(NamedTuple):
+    """The rudder [rad] that was commanded last, and the time [s] since."""
+
+    command: float
+    dt: float
+
+
+def referred(
+    config: SteeringConfig, guide: Guide, turning: Turning, model: Norrbin, state: NavState, moved: Moved
+) -> Guide:
+    """Return the guide one tick on, towards the heading that is ordered."""
+    steering = Steering(side_hard_over(moved.command, config.limits.angle_max), config.rudder_is_ours, config.uses_bias)
+    return led(guide, model, turning.limits, state, steering, moved.dt)
+
+
+def limited(config: SteeringConfig, before: Rest, moved: Moved, demand: float) -> Rest:
+    """Return what is left of a `demand` [rad] within the limits and the dead band."""
+    allowed = limit(config.limits, moved.command, demand, moved.dt)
+    return rested(config.limits, config.dead_band, before, demand, allowed)

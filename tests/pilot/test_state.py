@@ -1,0 +1,76 @@
+"""The pilot's state is one value: printed, saved, compared and restored, and the tick is a function of it."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import pytest
+from plant import Plant
+
+from autopilot.pilot import Pilot
+from autopilot.runtime.build import build_pilot, gear_of, law_of, model_of, pilot_config
+from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
+from autopilot.tick import Inputs, configured, first_state, step
+from autopilot.vessel.file import load_vessel
+
+VESSEL = load_vessel("lanxin")
+LAWS = ("backstepping", "pid", "sliding")
+
+
+def sailed(law: str, seconds: float) -> list[Inputs]:
+    """What a pilot is given on a turn, with a spike, a note and a silence of the compass on the way."""
+    pilot, plant = build_pilot(VESSEL, law), Plant(model_of(VESSEL), gear_of(VESSEL))
+    given = []
+    while plant.time < seconds:
+        now, order = plant.time, Order(OrderKind.HEADING, 0.5 if plant.time < 20.0 else -1.0, serial=1)
+        heading = plant.heading + (1.0 if math.isclose(now, 15.0) else 0.0)
+        samples: tuple[Sample, ...] = (HeadingSample(now, heading, plant.rate), SpeedSample(now, 4.0))
+        if 12.0 < now < 12.5:
+            samples = (AlarmSample(now, AlarmEvent("other", "warm"), "gear"),)
+        given.append(Inputs(now, samples, order))
+        tick = pilot.step(*given[-1])
+        plant.step(tick.command.angle, 0.1)
+    assert tick.mode is Mode.ENGAGED
+    return given
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_state_that_was_saved_goes_on_as_the_one_that_sailed_on(law: str) -> None:
+    given, config = sailed(law, 40.0), configured(pilot_config(VESSEL, law), law_of(VESSEL, law))
+    state, kept, ticks = first_state(config), [], []
+    for number, inputs in enumerate(given):
+        if number in (0, 1, 125, 200):
+            kept.append((number, pickle.dumps(state), repr(state)))
+        state, tick = step(config, state, inputs)
+        ticks.append(tick)
+    for number, saved, printed in kept:
+        again = pickle.loads(saved)
+        assert repr(again) == printed
+        for place in range(number, len(given)):
+            again, tick = step(config, again, given[place])
+            assert repr(tick) == repr(ticks[place])
+        assert repr(again) == repr(state)
+
+
+def test_a_copy_is_left_alone_by_who_goes_on() -> None:
+    given, config = sailed("backstepping", 20.0), configured(pilot_config(VESSEL), law_of(VESSEL))
+    state = first_state(config)
+    for inputs in given[:100]:
+        state, _ = step(config, state, inputs)
+    kept = state.copied
+    printed = repr(kept)
+    for inputs in given[100:]:
+        state, _ = step(config, state, inputs)
+    assert repr(kept) == printed != repr(state)
+
+
+def test_the_pilot_is_its_config_and_its_state() -> None:
+    given = sailed("backstepping", 30.0)
+    first, second = build_pilot(VESSEL), build_pilot(VESSEL)
+    for inputs in given[:150]:
+        first.step(*inputs)
+    assert isinstance(second, Pilot)
+    second.state = first.state.copied
+    for inputs in given[150:]:
+        assert repr(first.step(*inputs)) == repr(second.step(*inputs))
