@@ -10,16 +10,15 @@ from pathlib import Path
 from types import FrameType
 
 from autopilot import __version__
-from autopilot.cli.options import SEED, SPEEDUP, number, whole_number
+from autopilot.cli.options import SEED, SPEEDUP, add_waiting_option, number, patience_of, whole_number
 from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
 from autopilot.files.printable import brief, escaped, printable_output
 from autopilot.interruption import say_end
 from autopilot.links.base import LinkError
 from sitl.campaign import command as campaign
-from sitl.campaign import tune_command
-from sitl.fault_command import DEFAULT_DESK, add_fault_command
 from sitl.scenario import shipped_scenarios
 
+DEFAULT_DESK = "127.0.0.1:14599"
 DEFAULT_MAVLINK = "udpout:127.0.0.1:14550"
 DEFAULT_SENTENCES = "HDG,ROT,RSA,VHW"
 SIMULATED = number(0.001, 1.0e6)
@@ -62,7 +61,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_physics_options(physics)
-    add_fault_command(commands, EXIT_CODES)
+    _add_fault_command(commands)
     glider = commands.add_parser(
         "wave-glider",
         help="a recorded zigzag of a simulated wave glider, float and glider",
@@ -74,7 +73,7 @@ def build_parser() -> argparse.ArgumentParser:
     glider.add_argument("--seed", metavar="N", action=SEED, default=1, help="seed of the noise (default 1)")
     glider.set_defaults(run=run_wave_glider)
     campaign.add_parser(commands)
-    tune_command.add_parser(commands)
+    campaign.add_tune_parser(commands)
     return parser
 
 
@@ -163,6 +162,45 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
     )
     serve.add_argument("--truth", metavar="FILE.csv", type=Path, help="write the true motion of the boat")
     serve.set_defaults(run=run_serve)
+
+
+def _add_fault_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """`sitl fault`: a fault for a boat that is being served, from the command line."""
+    fault = commands.add_parser(
+        "fault",
+        help="a fault for a boat that is being served with --control",
+        description="Give a served boat a fault: `sitl fault rudder_stuck for=10`. `list` names "
+        "the active faults, `clear [KIND]` ends them; --kinds shows every kind with its size.",
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    fault.add_argument(
+        "words",
+        metavar="WORD",
+        nargs="*",
+        help="KIND [size=X] [for=S] [ramp=S] [after=S] [source=first|second], list, clear",
+    )
+    fault.add_argument(
+        "--control", metavar="HOST:PORT", default=DEFAULT_DESK, help="where the boat listens (default %(default)s)"
+    )
+    fault.add_argument("--kinds", action="store_true", help="print the table of faults, and stop")
+    add_waiting_option(fault)
+    fault.set_defaults(run=_run_fault)
+
+
+def _run_fault(arguments: argparse.Namespace) -> int:
+    """Pass one line to a served boat and print its answer."""
+    from sitl.fault_desk import ask, kinds_table
+
+    if arguments.kinds:
+        print(kinds_table())
+        return int(ExitCode.OK)
+    said = patience_of(arguments)(lambda: ask(arguments.control, " ".join(arguments.words)))
+    verdict, _, answer = said.partition(" ")
+    if verdict != "ok":
+        raise InputError(answer)
+    print(answer)
+    return int(ExitCode.OK)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -25,8 +25,7 @@ from naval_vessel import (
 from autopilot.errors import InputError
 from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
-from sitl.compiled import compiled
-from sitl.quick_math import cosine, sine
+from sitl.compiled import compiled, cosine, sine
 
 # one process compiles for all of them
 pytestmark = pytest.mark.xdist_group("compiled")
