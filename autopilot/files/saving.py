@@ -19,13 +19,15 @@ import stat
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
+
+Result = TypeVar("Result")
 
 MOST_NUMBERS = 100_000
 PAGE_BEGINNINGS = (b"<!doctypehtml", b"<html")
@@ -46,6 +48,27 @@ def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
         raise _unwritable(path, error.strerror) from None
 
 
+class Worker:
+    """A thread for work that takes longer than a tick, started with the first piece of it."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._pool: ThreadPoolExecutor | None = None
+
+    def submit(self, work: Callable[..., Result], *arguments: Any) -> Future[Result]:
+        """Do a piece of work behind those before it."""
+        if self._pool is None:
+            from concurrent.futures import ThreadPoolExecutor
+
+            self._pool = ThreadPoolExecutor(1, thread_name_prefix=self._name)
+        return self._pool.submit(work, *arguments)
+
+    def shutdown(self) -> None:
+        """Wait until all is done."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+
 class BackgroundSaver:
     """Saves files from a thread of its own: flushing to a memory card takes longer than a tick. Call it to save.
 
@@ -53,21 +76,12 @@ class BackgroundSaver:
     """
 
     def __init__(self, warn: Callable[[str], None]) -> None:
-        self._warn = warn
-        self._pool: ThreadPoolExecutor | None = None
+        self._warn, self._worker = warn, Worker("save")
+        self.close = self._worker.shutdown
 
     def __call__(self, path: Path, text: str) -> None:
         """Save soon."""
-        if self._pool is None:
-            from concurrent.futures import ThreadPoolExecutor
-
-            self._pool = ThreadPoolExecutor(1, thread_name_prefix="save")
-        self._pool.submit(save_text, path, text).add_done_callback(self._complain)
-
-    def close(self) -> None:
-        """Wait until everything is saved."""
-        if self._pool is not None:
-            self._pool.shutdown()
+        self._worker.submit(save_text, path, text).add_done_callback(self._complain)
 
     def _complain(self, done: Future[None]) -> None:
         if (error := done.exception()) is not None:

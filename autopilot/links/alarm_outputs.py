@@ -12,9 +12,10 @@ from typing import Protocol, TextIO
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.base import SilentLink
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
-from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmSample, Mode, RudderCommand, Sample, Siren, Tick
+from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmSample, Sample, Siren, Tick
 
 BELL_S = {Siren.SOUNDING: 2.0, Siren.ESCALATED: 0.5}
 TUNE_S = {Siren.SOUNDING: 4.0, Siren.ESCALATED: 1.5}
@@ -23,39 +24,6 @@ TUNES = {Siren.SOUNDING: b"MFT200L8AAP4", Siren.ESCALATED: b"MFT240L16ECECEC"}
 """In the notation of PLAY_TUNE (QBasic's PLAY), which ArduPilot and PX4 read."""
 RELAY_REPEAT_S = 5.0
 RELAY_MOST = 15
-
-
-class SilentLink:
-    """A `Link` to nobody: does nothing."""
-
-    name = "alarm output"
-
-    def fileno(self) -> int:
-        """Return -1: there is nothing to wait for."""
-        return -1
-
-    def receive(self, now: float) -> list[Sample]:
-        """Return nothing."""
-        return []
-
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Do nothing."""
-
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Do nothing."""
-
-    def keep(self, now: float) -> None:
-        """Do nothing."""
-
-    def release(self, now: float) -> None:
-        """Do nothing."""
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return nothing."""
-        return []
-
-    def close(self) -> None:
-        """Do nothing."""
 
 
 class Hearing(Protocol):

@@ -122,3 +122,36 @@ def close_all(links: Iterable[Link]) -> None:
     with ExitStack() as closing:
         for link in links:
             closing.callback(link.close)
+
+
+class SilentLink:
+    """A `Link` to nobody, which does nothing; what it is to do a kind of its own adds."""
+
+    name = "nobody"
+
+    def fileno(self) -> int:
+        """Return -1: there is nothing to wait for."""
+        return -1
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return nothing."""
+        return []
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Do nothing."""
+
+    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+        """Do nothing."""
+
+    def keep(self, now: float) -> None:
+        """Do nothing."""
+
+    def release(self, now: float) -> None:
+        """Do nothing."""
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return nothing."""
+        return []
+
+    def close(self) -> None:
+        """Do nothing."""

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from autopilot.estimation.sensor_selection import SensorSelection
-from autopilot.links.base import ConfirmsRelease, Link, LinkError, Shows, parted
+from autopilot.links.base import ConfirmsRelease, Link, LinkError, Shows, SilentLink, parted
 from autopilot.links.release import Release, ReleaseState, not_held
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 from autopilot.supervision.panel import sentence_of
@@ -255,7 +255,7 @@ class Guide(Protocol):
         """What the skipper should know, None while all is well."""
 
 
-class GuideAlarms:
+class GuideAlarms(SilentLink):
     """Word of `guide`, under `name`, whenever it changes."""
 
     def __init__(self, guide: Guide, name: str) -> None:
@@ -263,32 +263,9 @@ class GuideAlarms:
         self._guide = guide
         self._said: AlarmEvent | None = None
 
-    def fileno(self) -> int:
-        """Return -1: there is nothing to wait for."""
-        return -1
-
     def receive(self, now: float) -> list[Sample]:
         """Return what is new."""
         if self._guide.alarm == self._said:
             return []
         self._said = self._guide.alarm
         return [AlarmSample(now, self._said, self.name)]
-
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Do nothing."""
-
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Do nothing."""
-
-    def keep(self, now: float) -> None:
-        """Do nothing."""
-
-    def release(self, now: float) -> None:
-        """Do nothing."""
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return nothing."""
-        return []
-
-    def close(self) -> None:
-        """Do nothing."""

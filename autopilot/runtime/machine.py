@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from autopilot.errors import InputError
-from autopilot.links.alarm_outputs import SilentLink
+from autopilot.links.base import SilentLink
 from autopilot.runtime.clock import running_time
 from autopilot.signals import ConditionSample, Sample, Tick
 from autopilot.supervision.monitor_input import LATE_PERIODS

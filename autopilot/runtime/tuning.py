@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from autopilot.control.design import DESIGNED, design_backstepping, placed, spared_gains
 from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError, RefusedError
+from autopilot.files.saving import Worker
 from autopilot.models.norrbin import Norrbin
 from autopilot.runtime.build import gear_of, law_boat_of, limits_of, model_of
 from autopilot.runtime.vessel_store import VesselStore
@@ -254,16 +255,18 @@ class Change:
 
 
 class TuningService:
-    """A `Tuner` for ground stations. `learning`: what learns in this run, None where nothing does; `pool`: where gains
-    are designed, made when it is needed.
+    """A `Tuner` for ground stations. `learning`: what learns in this run, None where nothing does; `worker`: where
+    gains are designed.
 
     Call `turn` after every tick, `close` at the end.
     """
 
-    def __init__(self, store: VesselStore, learning: LearningService | None, pool: Executor | None = None) -> None:
+    def __init__(
+        self, store: VesselStore, learning: LearningService | None, worker: Worker | Executor | None = None
+    ) -> None:
         self.level = math.nan
         self._store, self._learning = store, learning
-        self._pool = pool
+        self._worker = worker or Worker("design")
         self._change: Change | None = None
 
     def set_level(self, level: int) -> Change:
@@ -312,17 +315,12 @@ class TuningService:
 
     def close(self) -> None:
         """Wait for what is being worked out."""
-        if self._pool is not None:
-            self._pool.shutdown()
+        self._worker.shutdown()
 
     def _begin(self, vessel: Vessel, request: GainRequest, finish: Callable[[Vessel], str]) -> Change:
         if self._change is not None and not self._change.is_over:
             raise InputError(BUSY)
-        if self._pool is None:
-            from concurrent.futures import ThreadPoolExecutor
-
-            self._pool = ThreadPoolExecutor(1, thread_name_prefix="design")
-        self._change = Change(self._pool.submit(designed, vessel, request), finish)
+        self._change = Change(self._worker.submit(designed, vessel, request), finish)
         return self._change
 
     def _learns(self) -> LearningService:

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from autopilot.cli.main import main
-from autopilot.links.alarm_outputs import SilentLink
-from autopilot.links.base import close_all
+from autopilot.links.base import SilentLink, close_all
 from autopilot.runtime import app
 
 

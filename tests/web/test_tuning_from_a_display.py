@@ -39,7 +39,7 @@ def test_a_response_level_is_designed_and_put_in_force_while_steering(sea: Watch
 
 def test_a_level_that_no_gains_serve_is_refused_and_all_stays(sea: Watched) -> None:
     before = sea.store.running
-    sea.tuner._pool = NoGains()
+    sea.tuner._worker = NoGains()
     assert sea.order(do="level", level=9)[0]
     sea.watch(3.0)
     assert sea.station.view.snapshot(sea.now)["level"] is None
