@@ -104,6 +104,7 @@ class _Loop:
     """null: a tenth of the model's reference speed, through the water; a number counts over the ground too."""
 
 
+# a section and a word for every law that is registered, which no type checker can see
 if TYPE_CHECKING:
     LawName = str
 

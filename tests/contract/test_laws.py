@@ -17,6 +17,7 @@ from autopilot.control.limits import RudderLimits
 from autopilot.control.pid import BoatPid, Pid, PidGains, PidMemory, boat_pid, feed_forward, gains_for
 from autopilot.control.pid import step as pid_step
 from autopilot.control.registry import LAWS as REGISTERED
+from autopilot.control.registry import law_step, register
 from autopilot.control.sliding_heading import SlidingGains
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear
@@ -71,6 +72,20 @@ def test_every_registered_law_that_steers_is_asked_here() -> None:
     assert {make().kind.name for make in LAWS.values()} == {
         name for name, law in REGISTERED.items() if law.linear is not None
     }
+
+
+def test_no_two_laws_share_a_name_gains_or_the_names_of_their_parameters() -> None:
+    laws = [law for law in REGISTERED.values() if law.section is not None]
+    assert len({law.prefix for law in laws}) == len({law.title for law in laws}) == len(laws)
+    for law in REGISTERED.values():
+        with pytest.raises(ValueError, match="there is one of this name, or with gains of the type"):
+            register(law._replace(name="another"))
+
+
+def test_what_the_tick_calls_is_the_step_of_the_law_whose_gains_these_are(make: Callable[[], Steersman]) -> None:
+    law = make().law
+    given = asked(LANXIN, NORTH, 0.1, 0.02)
+    assert law_step(law.gains, law.first(0.0), given) == law.step(law.first(0.0), given)
 
 
 def test_on_course_and_still_it_asks_for_nothing(make: Callable[[], Steersman]) -> None:
