@@ -62,100 +62,32 @@ class Sink(Protocol):
         """Write what waits, for a limited time; further calls do nothing."""
 
 
-class FileSink:
-    """One new file, written at once, locked as long as it is open; where `path` exists, its next free name.
+class _OpenFile:
+    """What is written into one file after the other. A full disk is waited for.
 
-    On a full disk it is made as soon as there is room. Raises InputError where it cannot be written.
+    refusal: what is said where the first cannot be opened for another reason, before and behind the system's words.
     """
 
     part_bytes: int | None = None
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, refusal: tuple[str, str]) -> None:
+        self.trouble = ""
         self.lost = self.dropped = 0
         self.path = path
         self._file = -1
         self._closed = False
-        self.trouble = self._open()
-
-    def write(self, data: bytes, ticks: int = 1) -> None:
-        """Append."""
-        if self._file < 0 and not self._closed:
-            self.trouble = self._open()
-        if self._file >= 0:
-            self.trouble = appended(self._file, data)
-        if self.trouble:
-            self.lost, self.dropped = self.lost + 1, self.dropped + ticks
-
-    def _open(self) -> str:
-        """Have the file open; return why it is not on a full disk. Raises InputError."""
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file, self.path = create_unused(self.path)
-        except OSError as error:
-            if error.errno in FULL:
-                return f"log stopped: {error.strerror}; free the disk"
-            raise InputError(f"log {self.path}: {error.strerror}; give another place with --log") from error
-        return ""
-
-    def next_part(self) -> None:
-        """There is one file."""
-
-    def sync(self) -> None:
-        """Have what was written on the disk itself."""
-        with contextlib.suppress(OSError):
-            os.fdatasync(self._file)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._closed = True
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
-
-
-class FolderLimits(NamedTuple):
-    """Sizes [bytes] of all logs of a folder together and of one part, and what is left free on its disk."""
-
-    total: int = 2000 * MEGABYTE
-    part: int = 64 * MEGABYTE
-    free: int = 100 * MEGABYTE
-
-
-class FolderSink:
-    """Parts in a folder: norrbin-00012-20260504T101500Z.001.tlog is part 1 of the folder's 12th run.
-
-    The number orders the runs where the clock cannot: many boards know no time before the network or the GPS has told
-    them. Before a part begins the oldest parts are removed until it fits; another program's files, and what another
-    run is writing, are left alone. A full disk is waited for. Raises InputError where the folder cannot be written.
-    """
-
-    def __init__(self, folder: Path, limits: FolderLimits = FolderLimits()) -> None:  # noqa: B008 - immutable
-        self.trouble = ""
-        self.lost = self.dropped = 0
-        self.part_bytes: int | None = limits.part
-        self._folder, self._limits = folder, limits
-        self._run = ""
-        self._part = 0
-        self._file = -1
-        self._closed = False
-        self.path = folder
         try:
             self._open()
         except OSError as error:
             if error.errno not in FULL:
-                raise InputError(f"log folder {folder}: {error.strerror}; give another one with --log-dir") from error
+                raise InputError(f"{refusal[0]}: {error.strerror}; {refusal[1]}") from error
             self.trouble = f"log stopped: {error.strerror}; free the disk"
 
     def write(self, data: bytes, ticks: int = 1) -> None:
-        """Append, in a new part where it is time for one."""
-        self.trouble = self._opened_part() or appended(self._file, data)
+        """Append, in a new file where there is none open."""
+        self.trouble = self._opened() or appended(self._file, data)
         if self.trouble:
             self.lost, self.dropped = self.lost + 1, self.dropped + ticks
-
-    def next_part(self) -> None:
-        """Begin another file with the next write."""
-        self.sync()
-        self._end_part()
 
     def sync(self) -> None:
         """Have what was written on the disk itself."""
@@ -172,8 +104,8 @@ class FolderSink:
             os.close(self._file)
             self._file = -1
 
-    def _opened_part(self) -> str:
-        """Have a part open; return why there is none."""
+    def _opened(self) -> str:
+        """Have a file open; return why there is none."""
         if self._file >= 0 or self._closed:
             return ""
         try:
@@ -181,6 +113,56 @@ class FolderSink:
         except OSError as error:
             return f"log stopped: {error.strerror}; free the disk, or log elsewhere"
         return ""
+
+    def _open(self) -> None:
+        """Open the next file. Raises OSError."""
+        raise NotImplementedError
+
+
+class FileSink(_OpenFile):
+    """One new file, written at once, locked as long as it is open; where `path` exists, its next free name.
+
+    On a full disk it is made as soon as there is room. Raises InputError where it cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, (f"log {path}", "give another place with --log"))
+
+    def next_part(self) -> None:
+        """There is one file."""
+
+    def _open(self) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._file, self.path = create_unused(self.path)
+
+
+class FolderLimits(NamedTuple):
+    """Sizes [bytes] of all logs of a folder together and of one part, and what is left free on its disk."""
+
+    total: int = 2000 * MEGABYTE
+    part: int = 64 * MEGABYTE
+    free: int = 100 * MEGABYTE
+
+
+class FolderSink(_OpenFile):
+    """Parts in a folder: norrbin-00012-20260504T101500Z.001.tlog is part 1 of the folder's 12th run.
+
+    The number orders the runs where the clock cannot: many boards know no time before the network or the GPS has told
+    them. Before a part begins the oldest parts are removed until it fits; another program's files, and what another
+    run is writing, are left alone. A full disk is waited for. Raises InputError where the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path, limits: FolderLimits = FolderLimits()) -> None:  # noqa: B008 - immutable
+        self.part_bytes = limits.part
+        self._folder, self._limits = folder, limits
+        self._run = ""
+        self._part = 0
+        super().__init__(folder, (f"log folder {folder}", "give another one with --log-dir"))
+
+    def next_part(self) -> None:
+        """Begin another file with the next write."""
+        self.sync()
+        self._end_part()
 
     def _open(self) -> None:
         """Open the next part, of a run that has its number since the first one. Raises OSError."""
