@@ -141,7 +141,7 @@ def _values(words: list[str]) -> dict[str, float]:
 
 def kinds_table() -> str:
     """Return every fault with its size as a Markdown table."""
-    rows = ["| fault | what | size, unless told | allowed |", "|---|---|---|---|"]
+    rows = ["| fault | what | default size | allowed |", "|---|---|---|---|"]
     for name, kind in KINDS.items():
         size, allowed = (f"{kind.size:g} {kind.unit}", f"{kind.low:g} to {kind.high:g}") if kind.unit else ("", "")
         rows.append(f"| `{name}` | {kind.what} | {size} | {allowed} |")

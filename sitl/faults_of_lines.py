@@ -15,7 +15,7 @@ def _chance(what: str, size: float) -> Kind:
 KINDS = {
     "silence": Kind("the boat sends nothing at all", is_tabled=True),
     "link_deaf": Kind("nothing that is sent to the boat arrives"),
-    "link_half_open": Kind("nothing arrives either way, and nobody is told"),
+    "link_half_open": Kind("nothing arrives either way, without an error"),
     "link_loss": _chance("packets are lost", 0.3),
     "link_delay": Kind("packets come late", "s", 0.3, 0.0, 30.0),
     "link_jitter": Kind("packets come late by up to", "s", 0.3, 0.0, 30.0),
