@@ -11,6 +11,7 @@ from itertools import groupby
 from pathlib import Path
 
 from autopilot.signals import SupervisorState
+from autopilot.supervision.alarm_words import WORDS
 from autopilot.supervision.alarms import CATALOGUE, AlarmKind, Response
 from autopilot.supervision.states import ENDED, ENGAGED, MEANING, MODES, TABLE, Action, Event, Row, Says
 
@@ -46,7 +47,7 @@ def alarms_page() -> str:
     kinds = sorted(CATALOGUE.values(), key=lambda kind: list(Response).index(kind.response))
     parts = [
         "# Alarms",
-        f"Drawn from `autopilot/supervision/alarms.py` by `{COMMAND}`. An alarm is shown and\n"
+        f"Drawn from `autopilot/supervision/alarms.py` and `alarm_words.py` by `{COMMAND}`. An alarm is shown and\n"
         "logged as long as it lasts, and sounds until it is acknowledged or over; one that ends steering sounds until\n"
         "it is acknowledged. What nobody has acknowledged for 30 s is said again, louder.",
         "Where a lost heading, or a silent vehicle, has ended steering and is back for 2 s, the alarm says `(past)`;\n"
@@ -68,14 +69,14 @@ def _alarm_table(kinds: Iterable[AlarmKind]) -> str:
         (
             (
                 f"`{kind.name}`",
-                kind.text,
-                kind.remedy,
-                kind.limit,
-                ", ".join(f"`{key}`" for key in kind.key.split(", ")) if kind.key else "",
+                words.text,
+                words.remedy,
+                words.limit,
+                ", ".join(f"`{key}`" for key in words.key.split(", ")) if words.key else "",
                 kind.severity.name.lower(),
-                kind.watcher.value,
+                words.watcher.value,
             )
-            for kind in kinds
+            for kind, words in ((kind, WORDS[kind.name]) for kind in kinds)
         ),
     )
 

@@ -13,7 +13,8 @@ from collections.abc import Container, Iterable, Mapping
 from typing import NamedTuple
 
 from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmState, Order, Sample, Siren
-from autopilot.supervision.alarms import APART, AT_STOP, CATALOGUE, FAILED, OVERRIDDEN, VERBATIM, kind_of
+from autopilot.supervision.alarm_words import WORDS
+from autopilot.supervision.alarms import APART, AT_STOP, FAILED, OVERRIDDEN, VERBATIM, kind_of
 
 ESCALATES_AFTER = 30.0
 REMEMBERED = 10.0
@@ -135,14 +136,14 @@ def sentences_of(events: Iterable[AlarmEvent]) -> tuple[str, ...]:
 
 
 def _said(event: AlarmEvent) -> str:
-    kind = CATALOGUE[event.name]
-    pattern = FORMS[event.form] if event.form else kind.sentence
+    words = WORDS[event.name]
+    pattern = FORMS[event.form] if event.form else words.sentence
     names_it = "{text}" in pattern
     said = pattern.format(
-        text=f"{kind.text} (past)" if event.is_past else kind.text,
+        text=f"{words.text} (past)" if event.is_past else words.text,
         detail=event.detail,
         bracketed=f" ({event.detail})" if event.detail else "",
-        remedy=kind.remedy,
+        remedy=words.remedy,
         because="" if event.because is None else _reason(event.because),
     )
     return said if names_it or not event.is_past else f"past: {said}"

@@ -30,7 +30,7 @@ from autopilot.operators.trial_script import TrialScript, steps_of
 from autopilot.report.trials import trials_page
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
-from autopilot.supervision.alarms import CATALOGUE
+from autopilot.supervision.alarm_words import WORDS
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
@@ -251,7 +251,7 @@ def test_an_alarm_that_comes_up_ends_the_trial(name: str) -> None:
     ticks, _ = sail(script, 3.0)
     script(ticks[-1].now + DT, ticks[-1]._replace(alarms=(AlarmEvent(name, "seen just now"),)))
     assert script.is_over
-    assert script.reason.startswith(f"alarm: {CATALOGUE[name].text} (seen just now)")
+    assert script.reason.startswith(f"alarm: {WORDS[name].text} (seen just now)")
 
 
 def test_a_trial_that_is_not_logged_from_the_start_is_not_sailed() -> None:
@@ -260,7 +260,7 @@ def test_a_trial_that_is_not_logged_from_the_start_is_not_sailed() -> None:
     ticks, _ = sail(script, 20.0, lambda now: [full] if now == 0.0 else [])
     assert script.is_over and not script.is_complete
     assert not any(tick.mode is Mode.ENGAGED for tick in ticks[2:])
-    assert script.reason.startswith(f"alarm: {CATALOGUE['disk_full'].text}")
+    assert script.reason.startswith(f"alarm: {WORDS['disk_full'].text}")
 
 
 @pytest.mark.parametrize("name", ["rudder_at_stop", "innovation", "deadline_missed", "link_flooded"])

@@ -17,7 +17,7 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import Mode, Order, OrderKind, RudderSample, Sample, SpeedSample, Tick
-from autopilot.supervision.alarms import CATALOGUE
+from autopilot.supervision.alarm_words import WORDS
 from autopilot.vessel.schema import Vessel
 
 VESSELS = {name: vessel_of(boat) for name, boat in BOATS.items()}
@@ -257,7 +257,7 @@ def test_a_boat_that_is_its_file_is_left_alone_in_seas_and_gusts(
     )
     assert outcome.gave_back == math.inf
     for kind in ("lively", "rudder_slow", "hunting", "speed_doubtful", "speeds_disagree"):
-        assert not outcome.said(CATALOGUE[kind].text)
+        assert not outcome.said(WORDS[kind].text)
 
 
 def test_a_log_and_a_receiver_that_cannot_both_be_right_are_told() -> None:

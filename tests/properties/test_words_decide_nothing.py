@@ -23,7 +23,7 @@ from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, HelmSample, Sample, Tick
-from autopilot.supervision import alarms, panel
+from autopilot.supervision import alarm_words, panel
 from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.supervisor import waits_to_engage
 from autopilot.web.view import AlarmBoard
@@ -92,9 +92,9 @@ def unworded(sample: Sample) -> Sample:
 
 def change_every_sentence(boat: FaultBoat) -> None:
     """From now on nothing is said in the words that anybody wrote."""
-    for name, kind in alarms.CATALOGUE.items():
-        changed = kind._replace(text=word_for(kind.text), remedy=word_for(kind.remedy), sentence=word_for(name))
-        alarms.CATALOGUE[name] = changed
+    for name, words in alarm_words.WORDS.items():
+        changed = words._replace(text=word_for(words.text), remedy=word_for(words.remedy), sentence=word_for(name))
+        alarm_words.WORDS[name] = changed
     panel._said = lambda event: word_for(repr(event._replace(is_escalated=False)))  # type: ignore[assignment]
     panel.UNHEARD = word_for(panel.UNHEARD)
     update = Monitors.update

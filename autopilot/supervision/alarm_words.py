@@ -1,0 +1,509 @@
+"""The words of every alarm: what is the case, what to do about it, when it is raised, and who watches for it.
+
+Nothing is decided by them: what follows from an alarm stands in `autopilot.supervision.alarms`. They are read where
+people are told, by `autopilot.supervision.panel` and the page docs/alarms.md. Pure.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+
+class Watcher(Enum):
+    """Who watches for it; the value says so in words."""
+
+    PILOT = "the pilot, every tick"
+    LINK = "the link to the vehicle or the rudder drive"
+    LOOP = "the loop around the pilot"
+    VEHICLE = "the vehicle, in SYS_STATUS, BATTERY_STATUS or STATUSTEXT"
+
+
+PLAIN = "{text}{bracketed}: {remedy}"
+"""How an alarm is said where its words say nothing else: what is the case, the detail in brackets, what to do."""
+
+
+class Words(NamedTuple):
+    """Of one alarm. text: what is the case; remedy: what to do; limit: when it is raised; key: where the file says so;
+    sentence: how it is said, see `autopilot.supervision.panel`."""
+
+    text: str
+    remedy: str
+    limit: str
+    key: str = ""
+    sentence: str = PLAIN
+    watcher: Watcher = Watcher.PILOT
+
+
+WORDS = {
+    "heading_lost": Words(
+        "heading lost",
+        "steer by hand, check the compass and its link",
+        "no heading for the time in the file",
+        key="failsafe.heading_timeout_s",
+    ),
+    "heading_frozen": Words(
+        "heading frozen: the compass stands still while the boat turns",
+        "steer by hand, restart the compass",
+        "the same to the last digit while the rate of turn spans 5 deg, the rudder is worth 15 deg of turn, or a "
+        "sea that moved it until then goes on for 3 s",
+        key="alarms.frozen_heading",
+    ),
+    "heading_jumping": Words(
+        "the heading jumps further than the boat can turn",
+        "steer by hand, look for iron, loose plugs or a second compass at the same line",
+        "this far between two headings, three times within 10 s, or once and for good",
+        key="alarms.heading_jump_deg",
+    ),
+    "heading_disagrees": Words(
+        "two compasses disagree",
+        "compare both with the hand-bearing compass, take the wrong one out of sensors.priority",
+        "further apart than the file says for several seconds",
+        key="sensors.heading_monitor_deg",
+        watcher=Watcher.LINK,
+    ),
+    "variation_unknown": Words(
+        "headings come that take the magnetic variation, and it is not known",
+        "set sensors.variation_deg, or sensors.magnetic: true to steer magnetic courses",
+        "for 3 s, and no other headings on the same link",
+        key="sensors.variation_deg",
+        watcher=Watcher.LINK,
+    ),
+    "rate_disagrees": Words(
+        "the rate of turn and the heading do not go together",
+        "check the rate sensor's sign and scale, and the compass for iron nearby",
+        "the turn that the rate adds up to in 5 s is so far from the heading's, or to the other side; as long as "
+        "it is said, the boat is steered by heading alone",
+        key="alarms.rate_disagrees_deg",
+    ),
+    "innovation": Words(
+        "the boat does not move as its model says",
+        "look for a fouled propeller, a tow or a shifted load; identify the boat anew if it stays",
+        "measurements off to one side by so many standard deviations for 20 s",
+        key="alarms.innovation_sigmas",
+    ),
+    "rudder_stuck": Words(
+        "the rudder does not move",
+        "steer by hand, check drive, clutch and fuse",
+        "off its order by more than the tolerance and standing for 1.2 s and the gear's delay and lag, or the boat "
+        "does not answer to it",
+        key="rudder.follow_tolerance_deg, alarms.reversed_rudder",
+    ),
+    "rudder_not_following": Words(
+        "the rudder does not follow its orders",
+        "steer by hand, check drive, clutch and rudder sensor",
+        "off its order by more than the tolerance and not on its way for 1.2 s and the gear's delay and lag; a "
+        "rudder a quarter as quick as filed, with a course-unstable boat",
+        key="rudder.follow_tolerance_deg",
+    ),
+    "rudder_reversed": Words(
+        "the rudder moves the wrong way",
+        "steer by hand, check drive.reversed or helm.reversed and the rudder sensor's sign",
+        "its sensor shows it going away from its order, or the boat answers as to the opposite rudder",
+        key="alarms.reversed_rudder",
+    ),
+    "runaway": Words(
+        "the boat turns against its rudder",
+        "steer by hand, check that the rudder moves, its sign, and the way through the water",
+        "rudder hard over for three time constants, the boat turning to the other side as fast, on average too, by "
+        "20 deg and twice the waves' yaw since the rudder came over; or a zigzag turning against its rudder, 45 "
+        "deg beyond",
+    ),
+    "rudder_at_stop": Words(
+        "the rudder stands at its stop",
+        "slow down or ease sheets: there is no rudder left to steer with",
+        "nine tenths of the limit for 15 s, turns apart",
+        key="limits.angle_max_deg",
+    ),
+    "off_course": Words(
+        "off course",
+        "check rudder, speed and wind, or order another course",
+        "this angle for this time, not while a turn may last",
+        key="alarms.off_course_deg, alarms.off_course_s",
+        sentence="{text} {detail}: {remedy}",
+    ),
+    "overpowered": Words(
+        "the boat is pushed harder than its rudder can hold",
+        "take way off, ease sheets, cut what the boat tows or has in its rudder",
+        "what turns the boat beside rudder and waves, by the model, is worth more than the rudder's limit for 2 s, "
+        "the rudder hard over against it or held by a trial; or, rudder hard over for a time constant, it turns to "
+        "the other side by 20 deg and twice the waves' yaw",
+        key="alarms.reversed_rudder",
+    ),
+    "trial_doubtful": Words(
+        "the boat does not turn as the trial's rudder should turn it",
+        "the trial ends: see whether the heading is held; wait for the gust to pass, or look at the rudder",
+        "in a trial, two thirds of the evidence that tells a rudder that does not answer; or a push to the other "
+        "side that is heavier than the trial's rudder for 0.3 s",
+        key="alarms.reversed_rudder",
+    ),
+    "low_speed": Words(
+        "too slow to steer, or astern",
+        "make way ahead; until then the rudder waits amidships",
+        "slower than this",
+        key="control.steerage_m_s",
+    ),
+    "hunting": Words(
+        "the boat swings from side to side by its own rudder",
+        "slow down; check the speed log, the rudder's rate and play; stand by and engage again for the full gains",
+        "four like or growing sweeps of the rudder in a row by half its limit, each with 10 deg of heading and the "
+        "rate of turn to 98 % the rudder's, or two of 8 s or more that swing the boat three times as far as its "
+        "model, or twice the rate that the rudder hard over gives; then a quarter of the gain, and a sixteenth if "
+        "need be; a speed below the trial's is doubted first",
+    ),
+    "swinging": Words(
+        "the boat swings from side to side however softly it is steered",
+        "steer by hand; check speed log, rudder rate and rudder angle, then identify the boat anew",
+        "six such sweeps by its whole limit under the soft law, or four with a sixteenth of the gain; at once with "
+        "a course-unstable boat",
+    ),
+    "circling": Words(
+        "the boat goes round in circles",
+        "steer by hand; check that the rudder moves, its sign, the speed log and the compass",
+        "390 deg away from the heading ordered, on balance; 300 deg where the speed is doubted",
+    ),
+    "too_quick": Words(
+        "the boat turns much faster than its file says",
+        "steer by hand; check that the vessel file is this boat's, and the rudder angle at full PWM",
+        "three times the rate that the rudder hard over gives by the model, for a second or 0.3 time constants, or "
+        "twice with a sixteenth of the gain; or an answer to the rudder of more than four times the model's, to "
+        "both sides",
+        key="model.K_1_s, helm.rudder_at_full_pwm_deg",
+    ),
+    "lively": Words(
+        "the boat answers its rudder more than its file says",
+        "check the vessel file, the load and the rudder angle at full PWM; the boat is steered softly",
+        "two and a half to four times the model's answer, to both sides; the law has a quarter of the gain then",
+        key="model.K_1_s, helm.rudder_at_full_pwm_deg",
+    ),
+    "rudder_slow": Words(
+        "the rudder is much slower than its file says",
+        "check the drive's supply and oil, and rudder.rate_max_deg_s; the boat is steered softly",
+        "its sensor, or the boat's answer, shows a quarter of the rate; the law has a quarter of the gain then",
+        key="rudder.rate_max_deg_s",
+    ),
+    "speed_doubtful": Words(
+        "the speed does not go with the way the boat turns",
+        "check the speed log; the boat is steered as at the speed of its trial",
+        "the answer to the rudder is two and a half times that of the model at this speed, or the rate of turn "
+        "half again what the rudder hard over gives at it, or the answer is missing at a speed above the trial's",
+        key="model.reference_speed_m_s",
+    ),
+    "speeds_disagree": Words(
+        "the speed log and the speed over ground do not go together",
+        "clean or check the log's impeller; the boat is steered as for the mean of both",
+        "one more than twice the other, and 5 kn apart",
+    ),
+    "roll": Words(
+        "heeling",
+        "ease sheets, slow down, or change course",
+        "this angle for 2 s",
+        key="alarms.roll_deg",
+        sentence="{text} {detail}: {remedy}",
+    ),
+    "no_wind": Words(
+        "the wind is not known, so the fail-safe cannot turn to windward: rudder amidships",
+        "steer by hand, check the wind vane and its link",
+        "no wind for 5 s while failsafe.action is windward",
+        key="failsafe.action",
+    ),
+    "not_finite": Words(
+        "a value was not finite",
+        "steer by hand, keep the log and report it",
+        "a state, demand or command that is no number",
+    ),
+    "envelope": Words(
+        "a command was outside its envelope",
+        "steer by hand, keep the log and report it",
+        "angle, rate, age or side of a command, by the second implementation",
+        key="limits.angle_max_deg, limits.rate_max_deg_s",
+    ),
+    "deadline_missed": Words(
+        "the loop runs late",
+        "stop other programs on this machine, run autopilot doctor",
+        "three ticks within 10 s that come three control periods after the one before, or one a second after it",
+        key="control.rate_hz",
+        watcher=Watcher.LOOP,
+    ),
+    "clock_stepped": Words(
+        "the machine's clock was set while steering",
+        "check the log's times; steering goes by a clock that cannot be set",
+        "wall clock and monotonic clock apart by more than 1 s",
+        watcher=Watcher.LOOP,
+    ),
+    "disk_full": Words(
+        "the disk is full and the log has stopped",
+        "free space; steering goes on without a log",
+        "a write to the log fails (said in the words of what failed)",
+        watcher=Watcher.LOOP,
+    ),
+    "human_override": Words(
+        "overridden",
+        "the helm is yours; order the course again when you want to give it back",
+        "another mode, disarmed, a stick moved that is not overridden, or a rudder that somebody else moves",
+        watcher=Watcher.LINK,
+    ),
+    "link_silent": Words(
+        "the vehicle is silent",
+        "steer by hand, check its power and the line to it",
+        "nothing for 3 s, or no heartbeat for 8 s",
+        watcher=Watcher.LINK,
+    ),
+    "radio_lost": Words(
+        "the radio is lost",
+        "steer by hand or from the ground station, switch the transmitter on; the vehicle acts on the loss by itself",
+        "RC_CHANNELS shows a throttle below FS_THR_VALUE, an rssi fallen to 0 or no channels left; or SYS_STATUS "
+        "or STATUSTEXT (Radio Failsafe) says so; not where FS_THR_ENABLE is 0",
+        watcher=Watcher.LINK,
+    ),
+    "firmware_rebooted": Words(
+        "the vehicle has rebooted",
+        "steer by hand, arm it and order the course again",
+        "its clock goes backwards",
+        key="failsafe.reengage_after_reboot",
+        watcher=Watcher.LINK,
+    ),
+    "stood_still": Words(
+        "this computer stood still",
+        "steer by hand, find out what stopped it, and order the course again",
+        "no order left for longer than the vehicle waits for one (RC_OVERRIDE_TIME, 3 s in GUIDED); on other "
+        "rudder drives for longer than 3 s and than a heading may stay away",
+        key="failsafe.heading_timeout_s",
+        watcher=Watcher.LINK,
+    ),
+    "link_flooded": Words(
+        "more comes in over a link than can be read",
+        "find out who sends so much, and take them off the line",
+        "a ground station's messages dropped to keep the loop in time",
+        watcher=Watcher.LINK,
+    ),
+    "station_silent": Words(
+        "a ground station is silent",
+        "check its link and that its program runs; as soon as it sends again, from any port, it is heard",
+        "a ground station that was heard sends nothing for 5 s: its place is free for another",
+        watcher=Watcher.LINK,
+    ),
+    "handback_refused": Words(
+        "the vehicle did not take over in the mode of the fail-safe",
+        "steer by hand, or set the vehicle's mode from the ground station",
+        "the mode is not seen within 3 s",
+        key="failsafe.firmware_mode",
+        watcher=Watcher.LINK,
+    ),
+    "geofence": Words(
+        "the vehicle says that its fence is breached",
+        "turn back inside the fence, or change it in the vehicle",
+        "FENCE_STATUS, or the fence in SYS_STATUS enabled and unhealthy",
+        watcher=Watcher.VEHICLE,
+    ),
+    "shallow": Words(
+        "shallow water",
+        "slow down and turn to deeper water",
+        "the vehicle's STATUSTEXT says so",
+        watcher=Watcher.VEHICLE,
+    ),
+    "battery_low": Words(
+        "the vehicle's battery is low",
+        "make for harbour, switch off what is not needed",
+        "what remains in SYS_STATUS or BATTERY_STATUS, or its charge state",
+        key="alarms.battery_percent",
+        watcher=Watcher.VEHICLE,
+    ),
+    "waiting_heading": Words(
+        "waiting for a heading",
+        "check that the compass or the vehicle sends one",
+        "an order to engage before a heading",
+    ),
+    "cannot_engage": Words(
+        "cannot engage",
+        "put right what is said here; the order waits for it 30 s",
+        "an order to engage while the helm is taken or a trouble lasts",
+        sentence="{text}: {detail}",
+    ),
+    "order_dropped": Words(
+        "the order to engage was dropped",
+        "put right what is said here and order again",
+        "such an order has waited 30 s",
+        sentence="{text}: {because}; order again",
+    ),
+    "route_ended": Words(
+        "the route has ended",
+        "give a heading or take the helm",
+        "the last waypoint is passed: the last course is held",
+        sentence="{text}: {detail}; {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "place_reached": Words(
+        "the place has been reached",
+        "give a heading or take the helm",
+        "the place that a ground station sent the boat to: the last course is held",
+        sentence="{text}: {detail}; {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "position_lost": Words(
+        "position lost, the route is not followed",
+        "check the GPS and its link",
+        "no position for the time in the file while a route leads",
+        sentence="{text}: {detail}; {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "position_jumped": Words(
+        "position jumped",
+        "check the GPS, then begin the route again",
+        "further than the boat can have gone, while a route leads",
+        sentence="{text} by {detail}; {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "off_track": Words(
+        "off the track",
+        "check the current, the rudder and the speed",
+        "further off the leg than the file says",
+        sentence="more than {detail} of the track: {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "plotter_turn": Words(
+        "the chart plotter wants a turn",
+        "not turning; type f to turn",
+        "its new leg turns the boat further than 100 deg",
+        sentence="{text} to {detail}: {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "plotter_invalid": Words(
+        "the chart plotter does not lead",
+        "check its route",
+        "its sentences say that they are not valid",
+        sentence="{text} {detail}",
+        watcher=Watcher.LOOP,
+    ),
+    "plotter_silent": Words(
+        "the chart plotter has been silent",
+        "check its route and its link",
+        "no sentence for 8 s",
+        sentence="{text} {detail}; {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "wind_awaited": Words(
+        "no wind is heard",
+        "engaging when it is; check the wind vane and its link (MWV)",
+        "the wind hold is ordered before a wind is known",
+        watcher=Watcher.LOOP,
+    ),
+    "wind_lost": Words(
+        "wind lost",
+        "check the wind vane and its link, then order the wind hold again",
+        "no wind for 5 s while it leads",
+        sentence="{text}: {detail}; {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "wind_shifted": Words(
+        "the wind has shifted",
+        "check the course",
+        "30 deg from where the boat went when the wind hold began",
+        sentence="{text} by more than {detail}: {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "compass_silent": Words(
+        "one of two compasses is silent",
+        "check its plug and power",
+        "while another steers, for a minute",
+        sentence="{text}: {detail}: {remedy}",
+        watcher=Watcher.LINK,
+    ),
+    "headings_slow": Words(
+        "headings come more slowly than asked for",
+        "raise the link's baud rate (SERIALn_BAUD), let ground stations ask for less (SRn_ parameters), or lower "
+        "control.rate_hz",
+        "asked for again and again",
+        sentence="headings (ATTITUDE) come at {detail} were asked for again and again: {remedy}",
+        watcher=Watcher.LINK,
+    ),
+    "targets_lag": Words(
+        "the vehicle takes our headings but does not turn",
+        "check that it makes way (throttle stick, helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, "
+        "ATC_STR_ANG_P)",
+        "far off the heading ordered, and no nearer for long",
+        watcher=Watcher.LINK,
+    ),
+    "other_pilot": Words(
+        "another pilot steers this boat too",
+        "two helms fight, let one stand by",
+        "it says so while we steer",
+        watcher=Watcher.LINK,
+    ),
+    "other_pilot_waits": Words(
+        "another pilot wants to engage on this boat",
+        "let one stand by",
+        "it says so while we steer",
+        sentence="{text}",
+        watcher=Watcher.LINK,
+    ),
+    "input_shared": Words(
+        "another pilot or ground station overrides the steering input now and then",
+        "let one stand by",
+        "the steering input shows pulses that are none of ours",
+        sentence="{text}",
+        watcher=Watcher.LINK,
+    ),
+    "motor_current": Words(
+        "the rudder motor draws too much",
+        "look whether the rudder is jammed",
+        "more than drive.current_max_a for longer than a motor takes to start",
+        sentence="the rudder motor draws {detail}: {remedy}",
+        watcher=Watcher.LINK,
+    ),
+    "drive_warning": Words(
+        "the rudder drive warns",
+        "as it says",
+        "the drive reports it",
+        sentence="{detail}",
+        watcher=Watcher.LINK,
+    ),
+    "line_lost": Words(
+        "a line is lost",
+        "check plug and adapter; it is opened again as soon as it is there",
+        "an adapter is pulled, or a connection closed",
+        sentence="{detail}",
+        watcher=Watcher.LINK,
+    ),
+    "station_lost": Words(
+        "ground station lost, steering goes on",
+        "check its link, as it says",
+        "the line to a ground station fails",
+        sentence="{text}: {detail}",
+        watcher=Watcher.LINK,
+    ),
+    "station_stopped": Words(
+        "a ground station without a key has let the pilot stand by",
+        "steer by hand, or order the course again",
+        "an order to stand by from a station that only looks, while an order to steer was in force",
+        sentence="{text}{bracketed}: steer by hand",
+        watcher=Watcher.LINK,
+    ),
+    "stop_refused": Words(
+        "a ground station without a key wants the pilot to stand by",
+        "look around; it is not obeyed again so soon after you have engaged anew: stand by at the helm if it is right",
+        "an order to stand by from a station that only looks, within 1 to 60 min of engaging anew after such an order",
+        watcher=Watcher.LINK,
+    ),
+    "forwarding_ended": Words(
+        "forwarding to a ground station ended, steering goes on",
+        "check its link, as it says",
+        "the line to a ground station behind the router fails",
+        sentence="{text}: {detail}",
+        watcher=Watcher.LINK,
+    ),
+    "output_failed": Words(
+        "the alarm output cannot be written",
+        "check alarms.outputs and its permissions",
+        "a write to the file of an alarm output fails",
+        watcher=Watcher.LOOP,
+    ),
+    "other": Words(
+        "what has no kind of its own",
+        "as it says",
+        "only in logs of other versions, whose kinds are not known here",
+        sentence="{detail}",
+        watcher=Watcher.LINK,
+    ),
+}
+"""By the alarms' names."""
