@@ -301,19 +301,21 @@ def stop_angle(model: Norrbin, limits: TurnLimits, rate: float, rudder: float) -
     turned = 0.0
     for _ in range(min(STOP_STEPS_MOST, math.ceil(horizon / dt))):
         wanted = clip(-limits.kappa * rate, -limits.acceleration, limits.acceleration)
-        new_rate, rudder = _rudder_and_rate(model, limits, rate, rudder, wanted, dt)
+        new_rate, rudder = _rate_and_rudder(model, limits, (rate, rudder), wanted, dt, 1.0)
         turned += 0.5 * dt * (rate + new_rate)
         rate = new_rate
     return turned + rate / limits.kappa
 
 
-def _rudder_and_rate(
-    model: Norrbin, limits: TurnLimits, rate: float, rudder: float, acceleration: float, dt: float, more: float = 1.0
+def _rate_and_rudder(
+    model: Norrbin, limits: TurnLimits, begun: tuple[float, float], acceleration: float, dt: float, more: float
 ) -> tuple[float, float]:
-    """Return rate [rad/s] and rudder [rad] after `dt` [s] of trying for `acceleration` [rad/s^2].
+    """Return rate [rad/s] and rudder [rad] after `dt` [s] of trying for `acceleration` [rad/s^2] from those `begun`
+    with.
 
     more: so many times the rudder's angle and rate may be used.
     """
+    rate, rudder = begun
     order = clip(rudder_for(model, rate, acceleration), -limits.rudder_max * more, limits.rudder_max * more)
     reach = limits.rudder_rate * more * dt
     moved = rudder + clip(order - rudder, -reach, reach)
@@ -343,7 +345,7 @@ def _substep(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: floa
     wanted = clip(wanted, -_towards(limits, limits.rate_max + boat.rate), _towards(limits, limits.rate_max - boat.rate))
     more, most = (limits.begins, limits.begun) if wanted * boat.rate >= 0.0 else (1.0, limits.acceleration)
     wanted = clip(wanted, -most, most)
-    rate, rudder = _rudder_and_rate(model, limits, boat.rate, boat.rudder, wanted, dt, more)
+    rate, rudder = _rate_and_rudder(model, limits, (boat.rate, boat.rudder), wanted, dt, more)
     heading = wrap(boat.heading + 0.5 * dt * (boat.rate + rate))
     return VirtualBoat(heading, rate, rudder, boat.shown)
 
