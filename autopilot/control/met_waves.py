@@ -23,7 +23,8 @@ import math
 from typing import NamedTuple
 
 from autopilot.control.limits import RudderLimits
-from autopilot.estimation.waves import CORNER, DAMPING, STIFFENING, believed, left_alone
+from autopilot.estimation.tuning import WAVE_CORNER, WAVE_DAMPING, WAVE_STIFFENING
+from autopilot.estimation.waves import believed, left_alone
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
@@ -31,7 +32,7 @@ REACHED = math.sqrt(2.0)
 """A swing reaches so many times its deviation."""
 LEAST_SHARE = 0.02
 """To undo less is not worth a movement of the gear."""
-SLOWING = 2.0 * DAMPING + CORNER * (1.0 - 1.0 / STIFFENING)
+SLOWING = 2.0 * WAVE_DAMPING + WAVE_CORNER * (1.0 - 1.0 / WAVE_STIFFENING)
 """Damping of h'' = -stiffness h - slowing w0 h', the best guess of h'' that goes by h and h' alone."""
 
 
@@ -77,7 +78,7 @@ def met(
 
 def undone(model: Norrbin, gear: SteeringGear, limits: RudderLimits, corner: float, waves: Waves) -> Met:
     """Return what is undone of the waves, by the module's equations; `corner` [rad/s] is positive."""
-    n, stiffness = model.n1 / model.time_constant, waves.frequency * waves.frequency * STIFFENING
+    n, stiffness = model.n1 / model.time_constant, waves.frequency * waves.frequency * WAVE_STIFFENING
     swing, slowing = math.sqrt(stiffness), SLOWING * waves.frequency
     worth = model.time_constant / model.gain
     share = 1.0 / (1.0 + stiffness * stiffness * (stiffness + n * n) / corner**6)

@@ -9,7 +9,7 @@ lie apart by y - z, and E[(y - z)^2] = SPREAD t q: waves are too quick to show i
 A rudder that does more or less than the model says looks like a bias, too, that goes with it. With the same means v and
 w of the rudder's angle, q is learnt as the sea is (`waves`), by the estimate and what is not known of it,
 
-    q += share (((y - z)^2 - STRENGTH_ERROR^2 (v - w)^2) / (SPREAD t) + doubt - q),
+    q += share (((y - z)^2 - STRENGTH_ERROR^2 (v - w)^2) / (GUST_SPREAD t) + doubt - q),
 
 where the difference is positive.
 
@@ -24,22 +24,16 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-LONGER = 5.0
-SPREAD = LONGER**2 * (1.0 + 2.0 * LONGER) / (2.0 * ((1.0 + 2.0 * LONGER) * (2.0 + LONGER) - LONGER))
-FOUND = 2.0
-"""While its variance falls by more than a part in e in so many t, the bias is being found: its changes are no gusts."""
-UNKNOWN = math.radians(1.8) ** 2
-"""Nor are they where its variance [rad^2] is more than this, as with the rudder at its stop, where it may be quick."""
-MEMORY = 40.0
-"""Time [s] over which q is averaged, or twice the longer mean's if that is longer."""
-DOUBT_SHARE = 0.3
-"""Of the variance of b so much is doubt of y - z: the rest is forgotten on the way. With 1, gusts of slow boats take
-minutes to be forgotten in a calm."""
-STRENGTH_ERROR = 0.4
-"""A rudder may be so much stronger or weaker than the model's. With 0 a coaster that turns 40 % better than its model
-swings for ever after a push: the bias goes with the rudder, is taken for gusts, and follows the sooner."""
-SURGE = 10.0
-"""What lies further apart than so many times what is expected is a push, not a gust: it counts as that."""
+from autopilot.estimation.tuning import (
+    DOUBT_SHARE,
+    GUST_BIAS_FOUND,
+    GUST_BIAS_UNKNOWN,
+    GUST_LONGER,
+    GUST_MEMORY,
+    GUST_SPREAD,
+    GUST_SURGE,
+    STRENGTH_ERROR,
+)
 
 
 class Means(NamedTuple):
@@ -83,15 +77,19 @@ def bias_seen(gusts: Gusts, changes: Changes, bias: float, variance: float, rudd
     """Return what is known of the gusts `dt` [s] later: a `bias` [rad], known to a `variance` [rad^2], and the `rudder`
     [rad] as it stands."""
     density, known = min(max(gusts.density, changes.least), changes.most), gusts.variance
-    if known == 0.0 or variance > UNKNOWN or variance < known * math.exp(-dt / (FOUND * changes.time)):
+    if (
+        known == 0.0
+        or variance > GUST_BIAS_UNKNOWN
+        or variance < known * math.exp(-dt / (GUST_BIAS_FOUND * changes.time))
+    ):
         return Gusts(density, Means(bias, bias, bias), Means(rudder, rudder, rudder), variance)
-    quick, slow = -math.expm1(-dt / changes.time), -math.expm1(-dt / (LONGER * changes.time))
+    quick, slow = -math.expm1(-dt / changes.time), -math.expm1(-dt / (GUST_LONGER * changes.time))
     pushed, steered = followed(gusts.bias, bias, quick, slow), followed(gusts.rudder, rudder, quick, slow)
     apart, explained = pushed.second - pushed.third, STRENGTH_ERROR * (steered.second - steered.third)
-    scale = 1.0 / (SPREAD * changes.time)
+    scale = 1.0 / (GUST_SPREAD * changes.time)
     moved = max(apart * apart - explained * explained, 0.0)
-    seen = min(scale * moved, SURGE * density) + min(scale * DOUBT_SHARE * variance, density)
-    density -= math.expm1(-dt / max(MEMORY, 2.0 * LONGER * changes.time)) * (seen - density)
+    seen = min(scale * moved, GUST_SURGE * density) + min(scale * DOUBT_SHARE * variance, density)
+    density -= math.expm1(-dt / max(GUST_MEMORY, 2.0 * GUST_LONGER * changes.time)) * (seen - density)
     return Gusts(min(max(density, changes.least), changes.most), pushed, steered, variance)
 
 

@@ -11,8 +11,8 @@ designed for where the boat goes at the ratio U. A loop bears an error of two ei
 it swings for ever. Speed over the ground is the speed through the water and a current that nobody knows. Of two claims,
 that the boat goes as fast as the ground says, s, and that it goes as in the trial, 1, the geometric mean sqrt(s) is
 wrong by sqrt(s) at most, whichever is true. s counts for no less than STREAM_LEAST, so that this is 1.7 against a
-current of two thirds of the boat's speed, and more. Where log and ground differ by more than APART, one of them is
-wrong or the current is strong, and the mean of both is taken in the same way. A speed that the boat's own turns have
+current of two thirds of the boat's speed, and more. Where log and ground differ by more than SPEEDS_APART, one of them
+is wrong or the current is strong, and the mean of both is taken in the same way. A speed that the boat's own turns have
 proven wrong (`autopilot.supervision.rudder_watch`) is not gone by at all.
 """
 
@@ -25,9 +25,7 @@ from autopilot.angles import wrap
 from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation import waves
 from autopilot.estimation.fusion import (
-    GATE_PATIENCE,
     NOT_BEGUN,
-    PREDICT_LONGEST,
     Fusion,
     Measured,
     Moment,
@@ -46,18 +44,24 @@ from autopilot.estimation.rudder_observer import (
     rudder_memory,
     with_feedback,
 )
+from autopilot.estimation.tuning import (
+    GATE_PATIENCE,
+    PREDICT_LONGEST,
+    RATE_MOST,
+    RUDDER_MOST,
+    SAMPLES_KEPT,
+    SPEED_FRESH,
+    SPEED_MOST,
+    SPEED_RATIO_MOST,
+    SPEED_SMOOTHING,
+    SPEEDS_APART,
+    STREAM_LEAST,
+    STREAM_MOST,
+    WAVE_MEMORY,
+)
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
-
-SPEED_SMOOTHING = 2.0
-SPEED_FRESH = 10.0
-"""A speed is smoothed over the first time [s]; one that nobody confirms for the second is no reason to go on steering a
-slow boat's gains."""
-STREAM_LEAST = 1.0 / 3.0
-APART = 2.0
-STREAM_MOST = 2.5
-"""No stream that is sailed in makes this difference [m/s, 5 kn] between log and ground: one of the two is wrong."""
 
 
 class Smoothed(NamedTuple):
@@ -137,7 +141,7 @@ def scheduled_speed(speeds: Speeds, reference_speed: float) -> float:
 
 
 def _are_apart(one: float, other: float) -> bool:
-    return max(one, other) > APART * min(one, other)
+    return max(one, other) > SPEEDS_APART * min(one, other)
 
 
 def _half_way(low: float, high: float) -> float:
@@ -150,15 +154,6 @@ def model_at(reference: Norrbin, speed: float) -> Norrbin:
         return reference
     most = SPEED_RATIO_MOST * reference.reference_speed
     return at_speed(reference, clip(speed, -most, most))
-
-
-KEPT_SAMPLES = 24
-SPEED_MOST = 100.0
-RATE_MOST = 10.0
-RUDDER_MOST = 0.5 * math.pi
-"""Faster [m/s], turning faster [rad/s], a rudder further over [rad]: these are broken instruments, not boats."""
-SPEED_RATIO_MOST = 3.0
-"""The model is not scaled beyond this many times the speed it was identified at."""
 
 
 class Counters(NamedTuple):
@@ -242,7 +237,7 @@ class EstimatorState(NamedTuple):
         0 until the sea has been watched for its memory: before, waves count for wind.
         """
         state = self.fusion.state
-        is_known = state.sea == waves.NO_SEA or state.time - self.first_time >= waves.MEMORY
+        is_known = state.sea == waves.NO_SEA or state.time - self.first_time >= WAVE_MEMORY
         return state.bias if is_known else 0.0
 
 
@@ -412,7 +407,7 @@ def _fused(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample
     )
     past = past_of(state.rudder, state.memory)
     fusion, is_fused = fuse_measured(state.lively_model, config.noises, before, past, measured)
-    taken = (*state.taken[-KEPT_SAMPLES + 1 :], Taken(before, sample))
+    taken = (*state.taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
     if not is_fused:
         state = state._replace(fusion=fusion, taken=taken, counters=counters._replace(spikes=counters.spikes + 1))
         if fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):

@@ -22,27 +22,20 @@ from autopilot.estimation.heading_ekf import (
     surprise,
 )
 from autopilot.estimation.rudder_observer import RudderPast, angle_at, stretch, tick_at
+from autopilot.estimation.tuning import (
+    BIAS_MOST,
+    GATE_LEAST,
+    GATE_SIGMAS,
+    GRAIN_SHARE,
+    LONGEST_SHARE,
+    PREDICT_LONGEST,
+    SURPRISE_MOST,
+    SURPRISE_TIME,
+    SURPRISED,
+)
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState
-
-GATE_SIGMAS = 6.0
-GATE_LEAST = math.radians(10.0)
-GATE_PATIENCE = 5
-"""A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
-SURPRISE_TIME = 3.0
-SURPRISE_MOST = 5.0
-SURPRISED = 1.5
-"""White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
-longer, wind has changed or the model is wrong, and neither is a wave."""
-BIAS_MOST = 0.5
-"""Largest bias [rad] handed to the law."""
-PREDICT_LONGEST = 2.0
-"""The boat is not carried forward further than this [s] from its newest measurement."""
-LONGEST_SHARE = 0.5
-"""A step of the filter is at most this share of the boat's time constant."""
-GRAIN_SHARE = 0.1
-"""Rudder movements inside this share of the time constant act on the boat as their mean."""
 
 
 class Fusion(NamedTuple):

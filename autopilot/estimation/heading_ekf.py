@@ -16,14 +16,25 @@ from typing import NamedTuple
 from autopilot.angles import wrap
 from autopilot.estimation import waves
 from autopilot.estimation.disturbance import NO_GUSTS, Changes, Gusts, bias_seen, is_finite, unsettled
+from autopilot.estimation.tuning import (
+    BIAS_CHANGE,
+    BIAS_CHANGE_IN_WAVES,
+    BIAS_CHANGE_PUSHED,
+    BIAS_CHANGE_STOPPED,
+    BIAS_TIME,
+    BIAS_UNKNOWN,
+    DISTURBANCE_TIME,
+    GUST,
+    GUST_TIME_LEAST,
+    GUST_TIME_SHARE,
+    MODEL_ERROR,
+    MODEL_ERROR_UNSTABLE,
+    RATE_UNKNOWN,
+    SEA,
+    STEEPEST_GROWTH,
+)
 from autopilot.estimation.waves import NO_SEA, Sea
-from autopilot.models.norrbin import Norrbin, yaw_acceleration
-
-BIAS_UNKNOWN = math.radians(3.0) ** 2
-RATE_UNKNOWN = 0.2**2
-"""Variances of a bias [rad^2] and of a rate [(rad/s)^2] of which nothing is known, not even how the boat turns."""
-STEEPEST_GROWTH = 20.0
-"""A step in which a course-unstable boat would grow by more than exp of this is cut there."""
+from autopilot.models.norrbin import Norrbin, steady_rate, yaw_acceleration
 
 
 class FilterState(NamedTuple):
@@ -111,6 +122,54 @@ class FilterNoise(NamedTuple):
     rate_unknown: float = RATE_UNKNOWN
     gusty_bias: float = 0.0
     gust_time: float = 1.0
+
+
+class Filtered(NamedTuple):
+    """What the noise is worked out from: variances of heading [rad^2] and rate [(rad/s)^2], the time [s] in which wind
+    and trim change, the rudder's stop [rad], beyond what order it counts as at its stop [rad], inf: never, and whether
+    waves are filtered."""
+
+    heading: float
+    rate: float
+    bias_time: float
+    rudder_max: float
+    stop: float
+    waves: bool
+
+
+def filter_noise(model: Norrbin, given: Filtered) -> FilterNoise:
+    """Return the noise of a boat's filter: disturbances are rudder angles [rad], whose moment is K/T times them."""
+    moment = model.gain / model.time_constant
+    calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if given.waves else (SEA, BIAS_CHANGE)
+    error = MODEL_ERROR * math.sqrt(model.time_constant) if model.n1 > 0.0 else MODEL_ERROR_UNSTABLE
+    return FilterNoise(
+        heading=given.heading,
+        rate=given.rate,
+        acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
+        bias=bias * bias / given.bias_time,
+        model_error=error if given.waves else 0.0,
+        waves=given.waves,
+        gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
+        gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / given.bias_time,
+        stop=given.stop,
+        stop_bias=BIAS_CHANGE_STOPPED * BIAS_CHANGE_STOPPED / BIAS_TIME,
+        gusty_bias=BIAS_CHANGE * BIAS_CHANGE / given.bias_time,
+        gust_time=max(GUST_TIME_LEAST, GUST_TIME_SHARE * given.bias_time),
+        rate_unknown=min(quickest_turn(model, given.rudder_max) ** 2, RATE_UNKNOWN),
+    )
+
+
+def usual_bias_time(model: Norrbin) -> float:
+    """Return the time [s] in which wind, current and trim change where nobody says."""
+    return max(BIAS_TIME, 2.0 * model.time_constant)
+
+
+def quickest_turn(model: Norrbin, rudder_max: float) -> float:
+    """Return the steady rate [rad/s] with the rudder hard over, to the quicker side; inf where the model has none."""
+    try:
+        return max(abs(steady_rate(model, rudder_max)), abs(steady_rate(model, -rudder_max)))
+    except ValueError:
+        return math.inf
 
 
 def initial(

@@ -13,13 +13,8 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
+from autopilot.estimation.tuning import FEEDBACK_FRESH, ORDERS_KEPT, TICKS_KEPT
 from autopilot.models.steering_gear import SteeringGear, gear_step
-
-KEPT = 256
-ORDERS_KEPT = 2048
-"""So many ticks are remembered, and so many orders: 200 a second for a dead time of 10 s."""
-FEEDBACK_FRESH = 2.0
-"""Feedback older than this [s] is not believed any more."""
 
 
 class Ring(Protocol):
@@ -121,8 +116,10 @@ class RudderObserver(NamedTuple):
 
 
 def rudder_memory() -> RudderMemory:
-    """Return rings for the pilot: `KEPT` ticks, and orders for the longest dead time of a vessel file."""
-    return RudderMemory([0.0] * KEPT, [0.0] * KEPT, [0.0] * KEPT, [0.0] * ORDERS_KEPT, [0.0] * ORDERS_KEPT)
+    """Return rings for the pilot: `TICKS_KEPT` ticks, and orders for the longest dead time of a vessel file."""
+    return RudderMemory(
+        [0.0] * TICKS_KEPT, [0.0] * TICKS_KEPT, [0.0] * TICKS_KEPT, [0.0] * ORDERS_KEPT, [0.0] * ORDERS_KEPT
+    )
 
 
 def past_of(observer: RudderObserver, memory: RudderMemory) -> RudderPast:

@@ -17,28 +17,21 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-DAMPING = 0.15
-"""xi: the width of the spectrum of encounter, as a share of its frequency. A narrower one learns a stern sea
-better and lets Lanxin swing back too far after a long push (benchmarks/results/wave_filter.md)."""
-CORNER = 0.4
-"""kappa: below this share of its peak's frequency the spectrum falls off to nothing."""
-STIFFENING = 1.0 + 2.0 * DAMPING * CORNER
-MEMORY = 40.0
-MEMORY_FIRST = 4.0
-"""Time [s] over which the sea is averaged, and at the very start."""
-FREQUENCY_LEAST = 0.4
-FREQUENCY_MOST = 4.0
-"""Frequencies of encounter [rad/s] that are taken for waves; slower is wind and current, faster is noise."""
-FIRST_DEVIATION = math.radians(0.5)
-FIRST_FREQUENCY = 1.0
-"""What is supposed of the sea before anything is known of it: deviation [rad], frequency [rad/s]."""
-LEAST_VARIANCE = math.radians(0.02) ** 2
-"""The oscillator never falls quite asleep: it must notice a rising sea. Deviation squared [rad^2]."""
-EXTREME = 3.0
-EXTREME_LEAST = math.radians(0.3)
-"""A wave heading beyond so many deviations, and beyond this angle [rad], is no wave: something pushes the boat."""
-SHARPNESS = 8
-"""How sharply waves that are steered against are parted from waves that are left alone."""
+from autopilot.estimation.tuning import (
+    WAVE_CORNER,
+    WAVE_DAMPING,
+    WAVE_DEVIATION_FIRST,
+    WAVE_EXTREME,
+    WAVE_EXTREME_LEAST,
+    WAVE_FREQUENCY_FIRST,
+    WAVE_FREQUENCY_LEAST,
+    WAVE_FREQUENCY_MOST,
+    WAVE_MEMORY,
+    WAVE_MEMORY_FIRST,
+    WAVE_SHARPNESS,
+    WAVE_STIFFENING,
+    WAVE_VARIANCE_LEAST,
+)
 
 
 class Sea(NamedTuple):
@@ -53,7 +46,7 @@ class Sea(NamedTuple):
 
 
 NO_SEA = Sea(0.0, 0.0)
-FIRST_SEA = Sea(FIRST_DEVIATION**2, (FIRST_DEVIATION * FIRST_FREQUENCY) ** 2 * STIFFENING)
+FIRST_SEA = Sea(WAVE_DEVIATION_FIRST**2, (WAVE_DEVIATION_FIRST * WAVE_FREQUENCY_FIRST) ** 2 * WAVE_STIFFENING)
 
 
 class WaveStep(NamedTuple):
@@ -72,20 +65,25 @@ class WaveStep(NamedTuple):
 
 def frequency(sea: Sea) -> float:
     """Return the frequency of encounter w0 [rad/s]; 0 where waves are left out."""
-    return math.sqrt(sea.rate / (sea.heading * STIFFENING)) if sea.heading > 0.0 else 0.0
+    return math.sqrt(sea.rate / (sea.heading * WAVE_STIFFENING)) if sea.heading > 0.0 else 0.0
 
 
 def in_balance(sea: Sea) -> tuple[float, float, float, float]:
     """Return the stationary E[h^2], E[s^2], E[s e] and E[e^2]; E[h s] and E[h e] are 0."""
     w0 = frequency(sea)
-    return sea.heading, sea.rate, -CORNER * w0 * sea.heading, CORNER * (2.0 * DAMPING + CORNER) * sea.heading
+    return (
+        sea.heading,
+        sea.rate,
+        -WAVE_CORNER * w0 * sea.heading,
+        WAVE_CORNER * (2.0 * WAVE_DAMPING + WAVE_CORNER) * sea.heading,
+    )
 
 
 def wave_step(sea: Sea, dt: float) -> WaveStep:
     """Return the transition over `dt` [s]; `sea` must not be NO_SEA."""
     w0 = frequency(sea)
-    decay, corner = DAMPING * w0, CORNER * w0
-    ringing = w0 * math.sqrt(1.0 - DAMPING * DAMPING)
+    decay, corner = WAVE_DAMPING * w0, WAVE_CORNER * w0
+    ringing = w0 * math.sqrt(1.0 - WAVE_DAMPING * WAVE_DAMPING)
     envelope = math.exp(-decay * dt)
     cosine = envelope * math.cos(ringing * dt)
     # the oscillator g = h + e by itself, g'' + 2 xi w0 g' + w0^2 g = noise
@@ -112,9 +110,9 @@ def wave_step(sea: Sea, dt: float) -> WaveStep:
 
 
 def known(sea: Sea) -> float:
-    """Return which share of the wave motion is to be believed: none until the sea has been watched for MEMORY_FIRST,
-    all of it after twice as long. At first every motion of the boat is taken for a wave."""
-    return min(max(sea.watched / MEMORY_FIRST - 1.0, 0.0), 1.0)
+    """Return which share of the wave motion is to be believed: none until the sea has been watched for
+    WAVE_MEMORY_FIRST, all of it after twice as long. At first every motion of the boat is taken for a wave."""
+    return min(max(sea.watched / WAVE_MEMORY_FIRST - 1.0, 0.0), 1.0)
 
 
 def is_extreme(sea: Sea, wave: float) -> bool:
@@ -129,17 +127,20 @@ def believed(deviation: float, wave: float) -> float:
 
 
 def _most_squared(variance: float) -> float:
-    return EXTREME * EXTREME * variance + EXTREME_LEAST * EXTREME_LEAST
+    return WAVE_EXTREME * WAVE_EXTREME * variance + WAVE_EXTREME_LEAST * WAVE_EXTREME_LEAST
 
 
 def learn(sea: Sea, heading: float, rate: float, dt: float) -> Sea:
     """Return the sea after `dt` [s] in which h^2 and s^2 were expected at `heading` and `rate`."""
     watched = sea.watched + dt
-    share = 1.0 - math.exp(-dt / min(max(watched, MEMORY_FIRST), MEMORY))
+    share = 1.0 - math.exp(-dt / min(max(watched, WAVE_MEMORY_FIRST), WAVE_MEMORY))
     variance, rate_variance = sea.heading + share * (heading - sea.heading), sea.rate + share * (rate - sea.rate)
     # a swing too slow for waves is taken for one only as far as its rate goes
-    variance = max(min(variance, rate_variance / (FREQUENCY_LEAST**2 * STIFFENING)), LEAST_VARIANCE)
-    slowest, fastest = FREQUENCY_LEAST**2 * STIFFENING * variance, FREQUENCY_MOST**2 * STIFFENING * variance
+    variance = max(min(variance, rate_variance / (WAVE_FREQUENCY_LEAST**2 * WAVE_STIFFENING)), WAVE_VARIANCE_LEAST)
+    slowest, fastest = (
+        WAVE_FREQUENCY_LEAST**2 * WAVE_STIFFENING * variance,
+        WAVE_FREQUENCY_MOST**2 * WAVE_STIFFENING * variance,
+    )
     return Sea(variance, min(max(rate_variance, slowest), fastest), watched)
 
 
@@ -152,5 +153,5 @@ def left_alone(frequency: float, corner: float) -> float:
         return 1.0
     if math.isinf(corner):
         return 0.0
-    ratio = min(frequency / corner, 1.0e3) ** SHARPNESS
+    ratio = min(frequency / corner, 1.0e3) ** WAVE_SHARPNESS
     return ratio / (1.0 + ratio)

@@ -13,12 +13,12 @@ from autopilot.control.met_waves import Corners
 from autopilot.control.registry import LAWS
 from autopilot.control.roll_damping import RollDamping, checked
 from autopilot.errors import RefusedError
-from autopilot.estimation.heading_ekf import RATE_UNKNOWN, FilterNoise
+from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
 from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
 from autopilot.links.rudder_follow import FollowSettings
-from autopilot.models.norrbin import Norrbin, at_speed_ratio, steady_rate
+from autopilot.models.norrbin import Norrbin, at_speed_ratio
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.pilot import Pilot
 from autopilot.supervision.monitor_input import LATE_PERIODS, AlarmLimits
@@ -123,43 +123,17 @@ def radians_or_unlimited(degrees: float | None) -> float:
 
 UNATTENDED_S = 3.0
 """A rudder drive without a time-out of its own is left without orders for so long, as ArduPilot's overrides are."""
-SEA = math.radians(2.0)
-GUST = math.radians(0.2)
-DISTURBANCE_TIME = 0.5
-"""What moves the boat like a rudder of this size [rad], correlated over this time [s]: the whole sea, or all but it."""
-MODEL_ERROR = 0.16
-"""The rudder's effect is uncertain by this share of it over the boat's time constant, as white noise. Where much less
-is supposed, a boat that turns 40 % better than its model swings about its course after a push: what its rudder does too
-much is taken for wind. Where more is supposed, a quick boat's filter trusts its model too little to follow the boat."""
-MODEL_ERROR_UNSTABLE = 0.6
-"""The same of a course-unstable boat, whose rudder and own moment nearly cancel, whatever its time constant [s^(1/2)].
-With 0.1 a boat with 30 % less rudder than the model's swings by 12 deg on a straight course in calm water, with 0.6 by
-0.3 deg."""
 WAVE_CORNER_SHARE = 0.4
 """Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
 UNDONE_SHARE = 1.2
 """Waves slower than this share of it are undone where they are to be met, see `met_waves`."""
-GUST_TIME_LEAST = 6.0
-GUST_TIME_SHARE = 0.2
-"""Gusts are what the bias does over so long [s], or over this share of the time in which it changes if that is longer:
-the wind on a boat that turns slowly shows slowly, and waves on it show in the bias."""
 STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_INTERVAL = 0.1
 """Loops are judged as if headings came so often [s], as most compasses send them."""
 HEADING_NOISE_LEAST_DEG = 0.1
 """The monitors hold no compass for better than its last digit."""
-BIAS_CHANGE = math.radians(2.0)
-BIAS_CHANGE_IN_WAVES = math.radians(0.3)
-BIAS_CHANGE_PUSHED = math.radians(5.0)
-BIAS_CHANGE_STOPPED = math.radians(9.0)
-BIAS_TIME = 10.0
-"""Wind and trim change by this much rudder [rad] in this time [s], or in two time constants if that is longer, where
-the file says nothing. Where waves are filtered it may be slow: how much it is in gusts is learnt, up to what it is
-without the filter, and what is sudden is noticed as more than a wave, and then it is quick. With the rudder at its stop
-it is in BIAS_TIME by any boat: what held the boat there may let go at once, however slow it is, and nothing wears
-by it (docs/gains.md)."""
 
 
 def _integrates(vessel: Vessel, law: str | None) -> bool:
@@ -168,46 +142,24 @@ def _integrates(vessel: Vessel, law: str | None) -> bool:
 
 
 def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
-    """Return the filter's noise: instruments from the file, sea and wind from the constants of this module."""
-    model, sensors = vessel.model, vessel.sensors
-    moment = model.K_1_s / model.T_s
-    filtered = vessel.estimator.wave_filter != "off"
-    bias_time = bias_time_of(vessel)
-    calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if filtered else (SEA, BIAS_CHANGE)
-    return FilterNoise(
-        heading=math.radians(sensors.heading_noise_deg) ** 2,
-        rate=math.radians(sensors.rate_noise_deg_s) ** 2,
-        acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
-        bias=bias * bias / bias_time,
-        model_error=_model_error(vessel) if filtered else 0.0,
-        waves=filtered,
-        gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
-        gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / bias_time,
-        stop=math.inf if _integrates(vessel, law) else HARD_OVER * limits_of(vessel).angle_max,
-        stop_bias=BIAS_CHANGE_STOPPED * BIAS_CHANGE_STOPPED / BIAS_TIME,
-        gusty_bias=BIAS_CHANGE * BIAS_CHANGE / bias_time,
-        gust_time=max(GUST_TIME_LEAST, GUST_TIME_SHARE * bias_time),
-        rate_unknown=min(_quickest_turn(vessel) ** 2, RATE_UNKNOWN),
+    """Return the filter's noise: instruments from the file, sea and wind from `autopilot.estimation.tuning`."""
+    sensors = vessel.sensors
+    return filter_noise(
+        model_of(vessel),
+        Filtered(
+            math.radians(sensors.heading_noise_deg) ** 2,
+            math.radians(sensors.rate_noise_deg_s) ** 2,
+            bias_time_of(vessel),
+            gear_of(vessel).angle_max,
+            math.inf if _integrates(vessel, law) else HARD_OVER * limits_of(vessel).angle_max,
+            waves=vessel.estimator.wave_filter != "off",
+        ),
     )
-
-
-def _model_error(vessel: Vessel) -> float:
-    """Return by which share the rudder's effect is uncertain, as white noise [s^(1/2)]."""
-    return MODEL_ERROR * math.sqrt(vessel.model.T_s) if vessel.model.n1 > 0.0 else MODEL_ERROR_UNSTABLE
 
 
 def bias_time_of(vessel: Vessel) -> float:
     """Return the time [s] in which wind, current and trim change: the file's, or the usual one."""
-    return vessel.estimator.bias_time_s or max(BIAS_TIME, 2.0 * vessel.model.T_s)
-
-
-def _quickest_turn(vessel: Vessel) -> float:
-    """Return the steady rate [rad/s] with the rudder hard over, to the quicker side; inf where the model has none."""
-    model, angle = model_of(vessel), gear_of(vessel).angle_max
-    try:
-        return max(abs(steady_rate(model, angle)), abs(steady_rate(model, -angle)))
-    except ValueError:
-        return math.inf
+    return vessel.estimator.bias_time_s or usual_bias_time(model_of(vessel))
 
 
 def wave_corners_of(vessel: Vessel, law: str | None = None) -> Corners:

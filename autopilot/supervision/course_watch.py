@@ -21,7 +21,7 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 from autopilot.angles import shortest_turn
-from autopilot.estimation.waves import FREQUENCY_LEAST
+from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
 from autopilot.signals import AlarmEvent
 from autopilot.supervision import rudder_watch
@@ -53,7 +53,7 @@ Of boats that are theirs, in gusts and seas that their rudder is too slow for, 0
 BEYOND = 3.0
 """A swing so many times as far as the rudder from stop to stop makes by the model counts for two, where it lasts longer
 than a sea's: seas turn small boats as far beside their rudder."""
-LONGEST_WAVE_S = math.pi / FREQUENCY_LEAST
+LONGEST_WAVE_S = math.pi / WAVE_FREQUENCY_LEAST
 """Half the period of the longest wave that is estimated [s]."""
 SWEEP, THROW = 0.5, 1.0
 """Each of them, from turning point to turning point, in units of the rudder's limit to one side: to be steered softly,

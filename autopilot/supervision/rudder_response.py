@@ -21,7 +21,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import shortest_turn
-from autopilot.estimation.waves import FREQUENCY_LEAST
+from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin
 
 LEAST_SHARE = 0.75
@@ -64,7 +64,7 @@ DOUBTED = 7.0
 law's rudder moves, and tells them apart."""
 PUSHED_SIGMAS = 2.0
 """A push counts beyond so many standard deviations: with only one of them healthy zigzags in sea state 5 ended."""
-SEA_KNOWN_S = 2.0 * math.pi / FREQUENCY_LEAST
+SEA_KNOWN_S = 2.0 * math.pi / WAVE_FREQUENCY_LEAST
 """One period of the longest wave that is estimated [s]: before, how large the sea is is not known, and it looks like a
 push."""
 SEA_TURNED = math.radians(10.0)

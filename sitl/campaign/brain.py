@@ -18,8 +18,6 @@ from autopilot.control.limits import Rest
 from autopilot.control.registry import law_step
 from autopilot.estimation.estimator import Smoothed, model_at, smoothed
 from autopilot.estimation.fusion import (
-    GATE_PATIENCE,
-    PREDICT_LONGEST,
     Fusion,
     Measured,
     Moment,
@@ -28,6 +26,7 @@ from autopilot.estimation.fusion import (
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
 from autopilot.estimation.rudder_observer import RudderMemory, RudderObserver, RudderPast, advanced, ordered
+from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.reference import Guide, heading_ordered, started
 from autopilot.guidance.turn import NOTHING_SHOWN, VirtualBoat, is_turning, reference_of
 from autopilot.models.norrbin import Norrbin

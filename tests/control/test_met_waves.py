@@ -14,7 +14,8 @@ from scipy.optimize import minimize
 from autopilot.control.limits import RudderLimits
 from autopilot.control.met_waves import LEAST_SHARE, NOT_MET, REACHED, SLOWING, Corners, Met, Waves, met, undone
 from autopilot.estimation import waves as wave_motion
-from autopilot.estimation.waves import EXTREME, EXTREME_LEAST, STIFFENING, left_alone
+from autopilot.estimation.tuning import WAVE_EXTREME, WAVE_EXTREME_LEAST, WAVE_STIFFENING
+from autopilot.estimation.waves import left_alone
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
@@ -46,7 +47,7 @@ def test_the_share_is_what_an_optimiser_finds(w: float) -> None:
 
     best = minimize(cost, [0.0, 0.0], method="BFGS", options={"gtol": 1e-12}).x
     # the sea's frequency is that of the bare oscillator
-    share = 1.0 - undone(LANXIN, IDEAL, FREE, CORNER, Waves(0.0, 0.0, 1e-6, w / math.sqrt(STIFFENING))).alone
+    share = 1.0 - undone(LANXIN, IDEAL, FREE, CORNER, Waves(0.0, 0.0, 1e-6, w / math.sqrt(WAVE_STIFFENING))).alone
     assert -best[0] * k == pytest.approx(
         share if share > 0.0 else 0.0, abs=max(1e-5, LEAST_SHARE if share == 0.0 else 0.0)
     )
@@ -58,7 +59,7 @@ def test_what_is_undone_is_the_push_behind_the_motion(w0: float, heading: float,
     found = undone(LANXIN, IDEAL, FREE, 1.0e3, Waves(heading, rate, 1.0e-6, w0))
     # all of it, at this corner: the rudder's acceleration is the waves' own, turned round
     assert found.alone == pytest.approx(0.0, abs=1e-6)
-    swing = w0 * w0 * STIFFENING
+    swing = w0 * w0 * WAVE_STIFFENING
     push = push_of(LANXIN, heading, -swing * heading, rate)
     assert LANXIN.gain / LANXIN.time_constant * found.rudder == pytest.approx(-push, abs=0.45 * w0 * abs(rate) + 1e-9)
 
@@ -76,7 +77,7 @@ def test_odd_symmetry_and_bounds(w0: float, heading: float, rate: float, deviati
 def test_gear_and_limits_undo_what_they_can(w0: float, deviation: float, angle_max: float, rate_max: float) -> None:
     limits = RudderLimits(angle_max, rate_max)
     share = 1.0 - undone(LANXIN, GEAR, limits, 1.0e3, Waves(0.0, 0.0, deviation, w0)).alone
-    n, swing = LANXIN.n1 / LANXIN.time_constant, w0 * math.sqrt(STIFFENING)
+    n, swing = LANXIN.n1 / LANXIN.time_constant, w0 * math.sqrt(WAVE_STIFFENING)
     angle = share * REACHED * deviation * LANXIN.time_constant / LANXIN.gain * swing * math.hypot(swing, n)
     assert angle <= min(GEAR.angle_max, angle_max) * (1.0 + 1e-9)
     assert angle * swing <= min(GEAR.rate_max, rate_max) * (1.0 + 1e-9)
@@ -84,7 +85,7 @@ def test_gear_and_limits_undo_what_they_can(w0: float, deviation: float, angle_m
 
 def test_the_rudder_leads_by_lag_and_delay() -> None:
     w0, deviation = 0.8, 0.01
-    swing = w0 * math.sqrt(STIFFENING)
+    swing = w0 * math.sqrt(WAVE_STIFFENING)
     late = GEAR.lag + GEAR.delay
 
     def rudder(gear: SteeringGear, time: float) -> float:
@@ -109,7 +110,7 @@ def test_what_is_too_much_for_waves_is_shown_to_the_law(heading: float, deviatio
     def hidden(angle: float) -> float:
         return met(LANXIN, GEAR, SLOW, Corners(0.5, undone_below), 1.0, Waves(angle, 0.0, deviation, 0.9)).alone
 
-    most = math.hypot(EXTREME * deviation, EXTREME_LEAST)
+    most = math.hypot(WAVE_EXTREME * deviation, WAVE_EXTREME_LEAST)
     assert abs(hidden(heading) * heading) <= most * (1.0 + 1e-9)
     assert hidden(-heading) == hidden(heading)
     if abs(heading) <= most:
@@ -118,12 +119,12 @@ def test_what_is_too_much_for_waves_is_shown_to_the_law(heading: float, deviatio
 
 def test_the_slowing_is_the_regression_of_the_acceleration_on_the_rate() -> None:
     """From the covariance of the oscillator of `waves`, w0 = 1: E[h'' | h, h'] = -stiffness h - slowing h'."""
-    xi, c = wave_motion.DAMPING, wave_motion.CORNER
+    xi, c = wave_motion.WAVE_DAMPING, wave_motion.WAVE_CORNER
     row = np.array([-1.0 - 2.0 * xi * c, -2.0 * xi - c, -1.0])
     a = np.array([[0.0, 1.0, 0.0], row, [c, 0.0, 0.0]])
     spread = solve_continuous_lyapunov(a, -np.diag([0.0, 1.0, 0.0]))
     on_both = (row @ spread[:, :2]) @ np.linalg.inv(spread[:2, :2])
-    assert on_both == pytest.approx([-STIFFENING, -SLOWING])
+    assert on_both == pytest.approx([-WAVE_STIFFENING, -SLOWING])
     free = IDEAL._replace(angle_max=math.inf)
     for heading, rate in ((1.0, 0.0), (0.0, 1.0)):
         found = undone(LANXIN, free, FREE, 3.0, Waves(heading, rate, 1.0e-9, 1.0))

@@ -7,10 +7,10 @@ import math
 import pytest
 
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.disturbance import UNKNOWN
 from autopilot.estimation.fusion import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
 from autopilot.estimation.rudder_observer import RudderPast
+from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
 
@@ -112,7 +112,7 @@ def test_the_boat_is_carried_no_further_than_two_seconds(to: float, moved: float
 
 
 def test_a_bias_known_to_less_than_1_8_degrees_tells_of_no_gusts() -> None:
-    assert math.degrees(math.sqrt(UNKNOWN)) == pytest.approx(1.8)
+    assert math.degrees(math.sqrt(GUST_BIAS_UNKNOWN)) == pytest.approx(1.8)
 
 
 def test_limits_to_the_bit_are_on_the_side_of_the_usual() -> None:

@@ -48,7 +48,7 @@ def matrices_of(state: FilterState) -> tuple[Matrix, Matrix]:
 
 def wave_matrix(sea: Sea) -> Matrix:
     """The oscillator of wave_motion's docstring as it stands there: (h, s, e)' = A (h, s, e) + noise."""
-    w0, xi, kappa = frequency(sea), wave_motion.DAMPING, wave_motion.CORNER
+    w0, xi, kappa = frequency(sea), wave_motion.WAVE_DAMPING, wave_motion.WAVE_CORNER
     c = kappa * w0
     return np.array([[0.0, 1.0, 0.0], [-w0 * w0 - 2 * xi * w0 * c, -2 * xi * w0 - c, -w0 * w0], [c, 0.0, 0.0]])
 

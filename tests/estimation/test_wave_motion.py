@@ -23,17 +23,17 @@ from autopilot.estimation.waves import (
     wave_step,
 )
 
-frequencies = st.floats(waves.FREQUENCY_LEAST, waves.FREQUENCY_MOST)
+frequencies = st.floats(waves.WAVE_FREQUENCY_LEAST, waves.WAVE_FREQUENCY_MOST)
 
 
 def sea_of(w0: float, deviation: float) -> Sea:
-    return Sea(deviation**2, (w0 * deviation) ** 2 * waves.STIFFENING)
+    return Sea(deviation**2, (w0 * deviation) ** 2 * waves.WAVE_STIFFENING)
 
 
 @given(frequencies, st.floats(1.0e-4, 0.2), st.floats(0.0, 5.0))
 def test_the_step_is_exact_and_keeps_the_balance(w0: float, deviation: float, dt: float) -> None:
     sea = sea_of(w0, deviation)
-    xi, c = waves.DAMPING, waves.CORNER * w0
+    xi, c = waves.WAVE_DAMPING, waves.WAVE_CORNER * w0
     a = np.array([[0.0, 1.0, 0.0], [-w0 * w0 - 2 * xi * w0 * c, -2 * xi * w0 - c, -w0 * w0], [c, 0.0, 0.0]])
     step = np.reshape(wave_step(sea, dt), (3, 3))
     assert np.abs(step - expm(a * dt)).max() < 1e-9
@@ -76,8 +76,8 @@ def test_what_is_learnt_stays_inside_its_bounds(heading: float, rate: float, dt:
     sea = waves.FIRST_SEA
     for _ in range(5):
         sea = learn(sea, heading, rate, dt)
-        assert sea.heading >= waves.LEAST_VARIANCE
-        assert waves.FREQUENCY_LEAST - 1e-9 <= frequency(sea) <= waves.FREQUENCY_MOST + 1e-9
+        assert sea.heading >= waves.WAVE_VARIANCE_LEAST
+        assert waves.WAVE_FREQUENCY_LEAST - 1e-9 <= frequency(sea) <= waves.WAVE_FREQUENCY_MOST + 1e-9
 
 
 def test_the_initial_sea_is_half_a_degree_at_one_radian_a_second() -> None:
