@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
 from autopilot.estimation.disturbance import (
-    LONGER,
     NO_GUSTS,
-    SPREAD,
     Changes,
     Gusts,
     Means,
@@ -21,6 +19,7 @@ from autopilot.estimation.disturbance import (
     is_finite,
     unsettled,
 )
+from autopilot.estimation.tuning import GUST_LONGER, GUST_SPREAD
 
 STRENGTH_ERROR = 0.4
 UNKNOWN = math.radians(1.8) ** 2
@@ -41,9 +40,9 @@ def followed(biases: list[float], variance: float = WELL_KNOWN, rudder: float = 
 @pytest.mark.parametrize("time", [0.1, 4.0, 100.0])
 def test_the_spread_is_that_of_a_wandering_bias(time: float) -> None:
     """d/dt of (b - x, x - y, y - z) under white noise of density 1 on b."""
-    a = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0 / LONGER]]) / time
+    a = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0 / GUST_LONGER]]) / time
     spread = solve_continuous_lyapunov(a, -np.diag([1.0, 0.0, 0.0]))
-    assert spread[2, 2] == pytest.approx(SPREAD * time, rel=1e-6)
+    assert spread[2, 2] == pytest.approx(GUST_SPREAD * time, rel=1e-6)
 
 
 @pytest.mark.parametrize("density", [1.0e-5, 1.0e-4])
@@ -108,7 +107,7 @@ def test_the_density_is_averaged_over_forty_seconds_or_ten_times_that_of_the_mea
     before, dt = 1.0e-5, 1.0e-6
     apart = Gusts(before, Means(bias, bias, 0.0), Means(rudder, rudder, 0.0), max(variance, 1.0e-12))
     after = bias_seen(apart, Changes(0.0, 1.0, time), bias, variance or 1.0e-12, rudder, dt)
-    found = seen / (SPREAD * time)
+    found = seen / (GUST_SPREAD * time)
     # what is measured counts for ten times what is expected at most, and doubt for what is expected
     found = min(found, before if variance else 10.0 * before)
     learnt = (after.density - before) / (dt / max(40.0, 10.0 * time))
