@@ -10,9 +10,13 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
+from autopilot.angles import wrap
+from autopilot.control import registry
+from autopilot.control.law import Law, LawInput, LoopGains
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.strict_yaml import parse_document
 from autopilot.vessel.file import dump_vessel, load_vessel
@@ -103,6 +107,38 @@ def sailed_alike(job: Job, run: int) -> Figures:
 
 def test_the_loop_as_it_is_compiled_gives_the_full_simulators_numbers(job: Job) -> None:
     assert sailed_alike(job, 1).travel_deg_s > 0.5
+
+
+class ToyGains(NamedTuple):
+    heading: float
+    rate: float
+
+
+def toy_step(gains: ToyGains, turned: float, given: LawInput) -> tuple[float, float]:
+    """A law that remembers: half of what it asks for now, half of what it asked for before."""
+    state, reference = given.state, given.reference
+    asked = -gains.heading * wrap(state.heading - reference.heading) - gains.rate * (state.rate - reference.rate)
+    return 0.5 * (asked + turned) - state.bias, asked
+
+
+def test_a_law_that_is_registered_is_sailed_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    toy = Law(
+        "toy",
+        "Toy",
+        "TOY",
+        None,
+        ToyGains,
+        lambda section, boat: ToyGains(2.4, 0.5),
+        toy_step,
+        lambda gains, model: LoopGains(gains.heading, 0.0, gains.rate),
+        first=lambda gains, rudder: rudder,
+    )
+    monkeypatch.setattr(registry, "LAWS", {**registry.LAWS})
+    monkeypatch.setattr(registry, "_STEPS", {**registry._STEPS})
+    registry.register(toy)
+    monkeypatch.setattr("autopilot.runtime.build.LAWS", registry.LAWS)
+    found = sailed_alike(Job(replace(STUDY, laws=("toy",)), "."), 1)
+    assert found.travel_deg_s > 0.5 and found.settled_s < 9.0
 
 
 def test_a_spared_rudder_gives_the_full_simulators_numbers_too(tmp_path: Path) -> None:
