@@ -575,7 +575,7 @@ class _Work:
         else:
             allowed = limit(self.boat.limits, previous, demand, dt)
             rest = Rest(allowed, allowed)
-        command = self.supervisor.check(self.now, order, previous, demand, rest.told, dt, picture)
+        command = self.supervisor.check(self.now, previous, demand, rest.told, dt, picture)
         self.rest = rest if command.angle == rest.told else Rest(command.angle, command.angle)
         if command.engaged and self.boat.rudder_is_ours:
             self._note_rudder_order(command.angle)

@@ -107,7 +107,10 @@ class Supervisor:
         self.alarm = memory.alarm
         self._cause, self._since, self._rudder = memory.cause, memory.since, memory.rudder
         self._spent, self._blocked = memory.spent, memory.blocked
-        self._helm, self._notes = memory.helm, memory.notes
+        self._serial = memory.spent
+        self._helm = memory.helm
+        self.noted = memory.notes
+        """What the links want the skipper to know, by who says it."""
         self._heading_since, self._over_since, self.is_over = memory.heading_since, memory.over_since, memory.is_over
         self._rebooted, self._reboot_time = memory.rebooted, memory.reboot_time
 
@@ -123,7 +126,7 @@ class Supervisor:
             self._spent,
             self._blocked,
             self._helm,
-            self._notes,
+            self.noted,
             self._heading_since,
             self._over_since,
             self.is_over,
@@ -145,8 +148,9 @@ class Supervisor:
 
     def note(self, sample: AlarmSample) -> None:
         """Take a link's word on what the skipper should know though steering goes on."""
-        others = {source: event for source, event in self._notes.items() if source != sample.source}
-        self._notes = others if sample.event is None else {**self._notes, sample.source: sample.event}
+        name = f"note of {sample.source}"
+        others = {each: event for each, event in self.noted.items() if each != name}
+        self.noted = others if sample.event is None else {**self.noted, name: sample.event}
 
     def decide(
         self, now: float, order: Order, state: NavState, findings: Mapping[str, AlarmEvent] | None = None
@@ -155,27 +159,38 @@ class Supervisor:
 
         `findings`: what the monitors have found, by the names of the catalogue.
         """
-        found = dict(findings or {})
-        lost = self._lost(state)
+        self._serial = order.serial
+        found, lost = findings or {}, self._lost(state)
         if lost:
             found = {lost: AlarmEvent(lost), **found}
-        against = self._first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE)
+        against = _first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE) if found else ""
         self._watch_heading(now, against)
         self._watch_reboot(now)
-        away = [sample for sample in self._helm.values() if not sample.available]
-        taken = min(away, key=lambda sample: sample.cause is HelmCause.UNPROVEN, default=None)
+        taken = self._taken()
         if order.kind is OrderKind.STANDBY:
-            self._fire(now, Event.RELEASE, order)
+            self._fire(now, Event.RELEASE)
         elif taken is not None and self._is_taken(taken):
-            self._fire(now, Event.HELM_TAKEN, order, _alarm_of(taken))
+            self._fire(now, Event.HELM_TAKEN, _alarm_of(taken))
         elif against and self._is_ended_by(against):
-            self._fire(now, _event_of(against), order, found[against])
-        elif self.state in ENGAGED:
-            self._change(now, order, found)
-        else:
+            self._fire(now, _event_of(against), found[against])
+        elif self.state not in ENGAGED:
             self._wait(now, order, state, taken, against, found)
+        elif found and _first(found, Response.DEGRADE):
+            self._fire(now, Event.DOUBT)
+        else:
+            self._fire(now, Event.DOUBT_OVER)
+            self._fire(now, _order_event(order))
         self._watch_alarm(now, lost)
         return self.mode
+
+    def _taken(self) -> HelmSample | None:
+        """Return who says that the helm is away, if anybody; who has only to be proved yet comes last."""
+        away: HelmSample | None = None
+        for sample in self._helm.values():
+            is_worse = away is None or (away.cause is HelmCause.UNPROVEN and sample.cause is not HelmCause.UNPROVEN)
+            if is_worse and not sample.available:
+                away = sample
+        return away
 
     def _is_taken(self, away: HelmSample) -> bool:
         """Return whether a helm that is away was taken from us, and not only has to be proved on engaging: who steers
@@ -187,14 +202,6 @@ class Supervisor:
         """A fail-safe that moves the rudder is ended by what is worse than a lost heading, too."""
         moves = self.state is SupervisorState.FAILSAFE and self._rudder is not Action.RELEASE
         return self.state in ENGAGED or (moves and CATALOGUE[against].response is not Response.FAILSAFE)
-
-    def _change(self, now: float, order: Order, found: Mapping[str, AlarmEvent]) -> None:
-        """While engaged: what doubts come and go, and what is ordered instead."""
-        if self._first(found, Response.DEGRADE):
-            self._fire(now, Event.DOUBT, order)
-        else:
-            self._fire(now, Event.DOUBT_OVER, order)
-            self._fire(now, _order_event(order), order)
 
     def _wait(
         self,
@@ -216,47 +223,37 @@ class Supervisor:
             waits = against == HEADING_LOST
             self._block(now, order, state, AlarmEvent("waiting_heading") if waits else found[against])
         else:
-            self._fire(now, _order_event(order) if order.serial != self._spent else back, order)
+            self._fire(now, _order_event(order) if order.serial != self._spent else back)
             # what came back holds a heading; what it is that was ordered is seen at once
-            self._fire(now, _order_event(order), order)
+            self._fire(now, _order_event(order))
 
     def _block(self, now: float, order: Order, state: NavState, alarm: AlarmEvent) -> None:
         """An order that cannot be carried out yet: said, and dropped when nobody expects it any more."""
-        self._fire(now, Event.ORDER_BLOCKED, order, alarm)
+        self._fire(now, Event.ORDER_BLOCKED, alarm)
         if order.serial == self._spent or not state.valid:
             # what comes back by itself is no order, and a pilot that never had a heading is not ready yet
             self._blocked = None
         elif self._blocked is None or self._blocked[0] != order.serial:
             self._blocked = (order.serial, now)
         elif now - self._blocked[1] >= ORDER_WAITS:
-            self._fire(now, Event.ORDER_EXPIRED, order, AlarmEvent("order_dropped", because=alarm))
-
-    def _run_out(self, now: float, order: Order) -> None:
-        held = self._rudder is not Action.RELEASE
-        if self.state in ENDED and held and now - self._since >= self._failsafe.release_after:
-            self._fire(now, Event.TIME_UP, order)
+            self._fire(now, Event.ORDER_EXPIRED, AlarmEvent("order_dropped", because=alarm))
 
     def check(
-        self,
-        now: float,
-        order: Order,
-        previous: float,
-        demand: float,
-        limited: float,
-        dt: float,
-        picture: Picture | None = None,
+        self, now: float, previous: float, demand: float, limited: float, dt: float, picture: Picture | None = None
     ) -> RudderCommand:
         """Return the command that leaves: `limited` [rad] while the law steers and it is fit, else the fail-safe's.
 
         `previous` [rad] is what the rudder was told `dt` [s] before; `demand` [rad] is what the law wanted; `picture`
-        is what it was worked out from.
+        is what it was worked out from. The order in force is the one of `decide`.
         """
-        self._run_out(now, order)
+        is_held = self._rudder is not Action.RELEASE
+        if is_held and self.state in ENDED and now - self._since >= self._failsafe.release_after:
+            self._fire(now, Event.TIME_UP)
         if self.law_steers:
             name, wrong = self._command_check.fault(now, previous, demand, limited, dt, picture)
             if not name:
                 return RudderCommand(now, limited, True)
-            self._fire(now, Event.UNFIT_COMMAND, order, AlarmEvent(name, wrong))
+            self._fire(now, Event.UNFIT_COMMAND, AlarmEvent(name, wrong))
         if self._rudder is Action.RELEASE:
             return RudderCommand(now, 0.0, False)
         return self._held_command(now, previous, dt)
@@ -267,14 +264,9 @@ class Supervisor:
         by_law = self._rudder is Action.FAILSAFE and self._failsafe.action in STEERING_ACTIONS
         return self.state in ENGAGED or (self.state is SupervisorState.FAILSAFE and by_law)
 
-    @property
-    def noted(self) -> dict[str, AlarmEvent]:
-        """What the links want the skipper to know, by who says it."""
-        return {f"note of {source}": event for source, event in self._notes.items()}
-
     def alarms(self) -> tuple[AlarmEvent, ...]:
         """Return what the skipper must hear now, with what to do; () when all is well."""
-        notes = tuple(self._notes.values())
+        notes = tuple(self.noted.values())
         return (self.alarm, *notes) if self.alarm is not None else notes
 
     def _lost(self, state: NavState) -> str:
@@ -282,15 +274,6 @@ class Supervisor:
             return NOT_FINITE
         if not state.valid or not state.heading_age <= self._failsafe.heading_timeout:
             return HEADING_LOST
-        return ""
-
-    @staticmethod
-    def _first(found: Mapping[str, AlarmEvent], *responses: Response) -> str:
-        """Return the name of the first finding that calls for one of `responses`, in their order."""
-        for response in responses:
-            for name in found:
-                if CATALOGUE[name].response is response:
-                    return name
         return ""
 
     def _watch_heading(self, now: float, against: str) -> None:
@@ -301,10 +284,13 @@ class Supervisor:
 
     def _watch_alarm(self, now: float, lost: str) -> None:
         """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
-        is_silent = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
         name = self.alarm.name if self.alarm is not None else ""
         # while it is engaged, or stands by, the alarm is neither of them
-        on = {HEADING_LOST: lost == HEADING_LOST, LINK_SILENT: is_silent}.get(name, True)
+        on = True
+        if name == HEADING_LOST:
+            on = lost == HEADING_LOST
+        elif name == LINK_SILENT:
+            on = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
         if on:
             self._over_since = None
         elif self._over_since is None:
@@ -331,14 +317,14 @@ class Supervisor:
         failed = self.state is SupervisorState.FAILSAFE
         return Event.HEADING_BACK if failed and self._failsafe.resume and self._cause == HEADING_LOST else None
 
-    def _fire(self, now: float, event: Event | None, order: Order, alarm: AlarmEvent | None = None) -> None:
+    def _fire(self, now: float, event: Event | None, alarm: AlarmEvent | None = None) -> None:
         """Carry out the row of the table for the present state and `event`; `alarm` is what is said of it."""
         if event is None:
             return
         row = TABLE[self.state, event]
         for action in row.actions:
             if action is Action.SPEND:
-                self._spent = order.serial
+                self._spent = self._serial
             elif action is Action.FORGET:
                 self._reboot_time = math.nan
             else:
@@ -364,6 +350,15 @@ class Supervisor:
         rate = self._command_check.envelope.rate_max
         reach = rate * dt if math.isfinite(rate) else math.inf
         return RudderCommand(now, math.copysign(max(abs(safe) - reach, 0.0), safe), True)
+
+
+def _first(found: Mapping[str, AlarmEvent], *responses: Response) -> str:
+    """Return the name of the first finding that calls for one of `responses`, in their order."""
+    for response in responses:
+        for name in found:
+            if CATALOGUE[name].response is response:
+                return name
+    return ""
 
 
 def _event_of(name: str) -> Event:

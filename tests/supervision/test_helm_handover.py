@@ -58,7 +58,7 @@ def test_an_override_releases_and_only_a_new_serial_engages_again() -> None:
     made.hear(human(False))
     assert made.decide(0.1, COURSE, state()) is Mode.OVERRIDE
     assert sentences_of(made.alarms())[0].startswith("overridden: mode HOLD; the helm is yours")
-    assert not made.check(0.1, COURSE, 0.2, 0.3, 0.2, DT).engaged
+    assert not made.check(0.1, 0.2, 0.3, 0.2, DT).engaged
     made.hear(human(True))
     for now in (0.2, 10.0, 100.0):
         assert made.decide(now, COURSE, state()) is Mode.OVERRIDE
@@ -79,7 +79,7 @@ def test_a_hand_on_the_helm_ends_a_fail_safe_that_still_steers(action: str) -> N
     lost(made)
     made.hear(human(False))
     assert made.decide(1.2, COURSE, state(age=2.0)) is Mode.OVERRIDE
-    assert not made.check(1.2, COURSE, 0.2, 0.0, 0.0, DT).engaged
+    assert not made.check(1.2, 0.2, 0.0, 0.0, DT).engaged
 
 
 def test_an_interrupted_heading_starts_the_wait_again() -> None:
@@ -95,7 +95,7 @@ def test_an_interrupted_heading_starts_the_wait_again() -> None:
 def test_only_a_lost_heading_heals_by_itself() -> None:
     made = engaged(resume=True)
     made.decide(5.0, COURSE, state())
-    made.check(5.0, COURSE, 0.0, math.nan, 0.0, DT)
+    made.check(5.0, 0.0, math.nan, 0.0, DT)
     for now in (5.1, 10.0, 100.0):
         assert made.decide(now, COURSE, state()) is Mode.FAULT
 
@@ -106,10 +106,10 @@ def test_a_rudder_of_unlimited_rate_survives_two_ticks_at_one_moment(action: str
     made = Supervisor(Envelope(*limits), FailsafeAction(1.0, action, 3.0, False))
     made.decide(0.0, COURSE, state())
     command = limit(limits, 0.1, 0.4, 0.0)
-    assert made.check(0.0, COURSE, 0.1, 0.4, command, 0.0).engaged
+    assert made.check(0.0, 0.1, 0.4, command, 0.0).engaged
     assert made.mode is Mode.ENGAGED
     lost(made)
-    assert math.isfinite(made.check(1.0, COURSE, 0.4, 0.0, 0.0, 0.0).angle)
+    assert math.isfinite(made.check(1.0, 0.4, 0.0, 0.0, 0.0).angle)
 
 
 def test_a_new_one_knows_nothing_of_helm_and_serials_and_one_with_the_memory_does() -> None:

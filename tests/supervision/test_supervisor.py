@@ -44,7 +44,7 @@ def engaged() -> Supervisor:
 def test_it_stands_by_without_an_order() -> None:
     tested = supervisor()
     assert tested.decide(0.0, Order(), state(0.0)) is Mode.STANDBY
-    assert tested.check(0.0, Order(), 0.0, 0.2, 0.2, 0.1) == RudderCommand(0.0, 0.0, False)
+    assert tested.check(0.0, 0.0, 0.2, 0.2, 0.1) == RudderCommand(0.0, 0.0, False)
     assert tested.alarms() == ()
 
 
@@ -68,7 +68,7 @@ def test_a_note_is_an_alarm_that_changes_nothing_until_its_source_takes_it_back(
     tested.note(AlarmSample(1.0, other("the rudder motor draws 9 A"), "drive"))
     tested.note(AlarmSample(1.0, other("two compasses disagree"), "heading monitor"))
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
-    assert tested.check(1.0, ENGAGE, 0.1, 0.1, 0.1, 0.1).engaged
+    assert tested.check(1.0, 0.1, 0.1, 0.1, 0.1).engaged
     assert sentences_of(tested.alarms()) == ("the rudder motor draws 9 A", "two compasses disagree")
     tested.note(AlarmSample(2.0, None, "drive"))
     tested.hear(HelmSample(2.0, False, "mode HOLD was chosen", "link"))
@@ -88,7 +88,7 @@ def test_a_human_takes_over_at_once_and_keeps_the_helm() -> None:
     tested = engaged()
     tested.hear(HelmSample(1.0, False, "mode HOLD was chosen", "link"))
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.OVERRIDE
-    assert not tested.check(1.0, ENGAGE, 0.1, 0.2, 0.1, 0.1).engaged
+    assert not tested.check(1.0, 0.1, 0.2, 0.1, 0.1).engaged
     assert "mode HOLD" in sentences_of(tested.alarms())[0]
     tested.hear(HelmSample(2.0, True, "", "link"))
     assert tested.decide(2.0, ENGAGE, state(2.0)) is Mode.OVERRIDE, "the same order does not engage again"
@@ -127,7 +127,7 @@ def test_a_heading_that_is_not_finite_is_a_fault() -> None:
 @pytest.mark.parametrize("demand", [math.nan, math.inf, -math.inf])
 def test_a_demand_that_is_not_finite_never_leaves(demand: float) -> None:
     tested = engaged()
-    command = tested.check(1.0, ENGAGE, 0.1, demand, 0.1, 0.1)
+    command = tested.check(1.0, 0.1, demand, 0.1, 0.1)
     assert tested.mode is Mode.FAULT
     assert math.isfinite(command.angle)
 
@@ -135,7 +135,7 @@ def test_a_demand_that_is_not_finite_never_leaves(demand: float) -> None:
 @pytest.mark.parametrize(("previous", "limited"), [(0.49, 0.51), (0.0, 0.1), (0.0, -0.1), (0.0, math.nan)])
 def test_a_command_outside_the_envelope_never_leaves(previous: float, limited: float) -> None:
     tested = engaged()
-    command = tested.check(1.0, ENGAGE, previous, limited, limited, 0.1)
+    command = tested.check(1.0, previous, limited, limited, 0.1)
     assert tested.mode is Mode.FAULT
     assert abs(command.angle - previous) <= ENVELOPE.rate_max * 0.1 + 1e-9
 
@@ -150,26 +150,26 @@ def test_amidships_slews_and_then_releases() -> None:
     fail(tested)
     told, angles = -0.2, []
     for i in range(10):
-        command = tested.check(10.0 + 0.1 * i, ENGAGE, told, 0.0, told, 0.1)
+        command = tested.check(10.0 + 0.1 * i, told, 0.0, told, 0.1)
         angles.append(command.angle)
         told = command.angle
     assert angles[0] == pytest.approx(-0.17)
     assert angles[-1] == 0.0
-    assert tested.check(14.99, ENGAGE, told, 0.0, told, 0.1).engaged
-    assert not tested.check(15.0, ENGAGE, told, 0.0, told, 0.1).engaged
+    assert tested.check(14.99, told, 0.0, told, 0.1).engaged
+    assert not tested.check(15.0, told, 0.0, told, 0.1).engaged
 
 
 def test_hold_keeps_the_rudder_and_then_releases() -> None:
     tested = supervisor("hold")
     fail(tested)
-    assert tested.check(12.0, ENGAGE, -0.2, 0.0, -0.2, 0.1) == RudderCommand(12.0, -0.2, True)
-    assert not tested.check(15.0, ENGAGE, -0.2, 0.0, -0.2, 0.1).engaged
+    assert tested.check(12.0, -0.2, 0.0, -0.2, 0.1) == RudderCommand(12.0, -0.2, True)
+    assert not tested.check(15.0, -0.2, 0.0, -0.2, 0.1).engaged
 
 
 def test_release_lets_go_at_once() -> None:
     tested = supervisor("release")
     fail(tested)
-    assert not tested.check(10.0, ENGAGE, 0.2, 0.0, 0.2, 0.1).engaged
+    assert not tested.check(10.0, 0.2, 0.0, 0.2, 0.1).engaged
 
 
 def test_it_resumes_by_itself_only_where_the_file_says_so() -> None:
@@ -182,10 +182,10 @@ def test_it_resumes_by_itself_only_where_the_file_says_so() -> None:
 
 def test_a_fault_holds_the_rudder_for_a_while_and_then_lets_go() -> None:
     tested = engaged()
-    assert tested.check(1.0, ENGAGE, 0.1, math.nan, 0.1, 0.1) == RudderCommand(1.0, 0.1, True)
+    assert tested.check(1.0, 0.1, math.nan, 0.1, 0.1) == RudderCommand(1.0, 0.1, True)
     assert "not finite" in sentences_of(tested.alarms())[0]
-    assert tested.check(5.9, ENGAGE, 0.1, 0.0, 0.1, 0.1) == RudderCommand(5.9, 0.1, True)
-    assert not tested.check(6.0, ENGAGE, 0.1, 0.0, 0.1, 0.1).engaged
+    assert tested.check(5.9, 0.1, 0.0, 0.1, 0.1) == RudderCommand(5.9, 0.1, True)
+    assert not tested.check(6.0, 0.1, 0.0, 0.1, 0.1).engaged
     assert tested.decide(6.1, ENGAGE, state(6.1)) is Mode.FAULT, "nothing but a new order ends it"
     assert tested.decide(7.0, ENGAGE._replace(serial=2), state(7.0)) is Mode.ENGAGED
 
@@ -206,7 +206,7 @@ def test_an_order_that_meets_a_taken_helm_waits_half_a_minute_and_is_dropped() -
 def test_a_trouble_of_the_rudder_lets_go_at_once() -> None:
     tested = engaged()
     assert tested.decide(1.0, ENGAGE, state(1.0), {"rudder_stuck": AlarmEvent("rudder_stuck")}) is Mode.FAILSAFE
-    assert not tested.check(1.0, ENGAGE, 0.2, 0.2, 0.2, 0.1).engaged
+    assert not tested.check(1.0, 0.2, 0.2, 0.2, 0.1).engaged
 
 
 def test_a_doubt_degrades_and_its_end_gives_back_what_was_ordered() -> None:
@@ -216,6 +216,6 @@ def test_a_doubt_degrades_and_its_end_gives_back_what_was_ordered() -> None:
     assert tested.state is SupervisorState.TRACK
     assert tested.decide(1.0, track, state(1.0), {"rate_disagrees": AlarmEvent("rate_disagrees")}) is Mode.ENGAGED
     assert tested.state is SupervisorState.DEGRADED
-    assert tested.check(1.0, track, 0.1, 0.1, 0.1, 0.1).engaged
+    assert tested.check(1.0, 0.1, 0.1, 0.1, 0.1).engaged
     tested.decide(2.0, track, state(2.0))
     assert tested.state is SupervisorState.TRACK

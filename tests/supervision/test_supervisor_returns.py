@@ -166,9 +166,9 @@ def test_an_engagement_forgets_the_reboot_before_it() -> None:
 def test_a_rudder_trouble_ends_a_fail_safe_that_moves_the_rudder(trouble: str, mode: Mode) -> None:
     tested = made()
     assert tested.decide(1.0, COURSE, state(2.0)) is Mode.FAILSAFE
-    assert tested.check(1.0, COURSE, 0.2, 0.0, 0.0, DT).engaged
+    assert tested.check(1.0, 0.2, 0.0, 0.0, DT).engaged
     assert tested.decide(2.0, COURSE, state(3.0), {trouble: AlarmEvent(trouble)}) is mode
-    assert tested.check(2.0, COURSE, 0.2, 0.0, 0.0, DT).engaged is (trouble != "rudder_stuck")
+    assert tested.check(2.0, 0.2, 0.0, 0.0, DT).engaged is (trouble != "rudder_stuck")
 
 
 def test_a_state_that_is_not_a_number_turns_a_steering_fail_safe_into_a_fault() -> None:
@@ -194,13 +194,13 @@ def test_a_steering_fail_safe_sends_the_law_s_command_until_its_time_is_up(actio
     tested = made(action)
     assert tested.decide(1.0, COURSE, state(2.0)) is Mode.FAILSAFE
     assert tested.law_steers
-    assert tested.check(1.0, COURSE, 0.1, 0.3, 0.12, DT) == RudderCommand(1.0, 0.12, True)
-    assert tested.check(5.9, COURSE, 0.12, 0.3, 0.13, DT) == RudderCommand(5.9, 0.13, True)
-    assert not tested.check(6.0, COURSE, 0.12, 0.3, 0.13, DT).engaged
+    assert tested.check(1.0, 0.1, 0.3, 0.12, DT) == RudderCommand(1.0, 0.12, True)
+    assert tested.check(5.9, 0.12, 0.3, 0.13, DT) == RudderCommand(5.9, 0.13, True)
+    assert not tested.check(6.0, 0.12, 0.3, 0.13, DT).engaged
     assert not tested.law_steers
     unfit = made(action)
     unfit.decide(1.0, COURSE, state(2.0))
-    assert unfit.check(1.0, COURSE, 0.1, 0.3, 0.4, DT) == RudderCommand(1.0, 0.1, True)
+    assert unfit.check(1.0, 0.1, 0.3, 0.4, DT) == RudderCommand(1.0, 0.1, True)
     assert unfit.mode is Mode.FAULT
     assert not unfit.law_steers
 
@@ -211,8 +211,8 @@ def test_who_lets_go_lets_go_in_a_fault_too(action: str, after: float) -> None:
         assert not tested.law_steers or tested.mode is Mode.ENGAGED
     failed, faulty = made(action, after=after), made(action, after=after)
     failed.decide(1.0, COURSE, state(2.0))
-    assert not failed.check(1.0, COURSE, 0.2, 0.0, 0.0, DT).engaged
-    assert faulty.check(1.0, COURSE, 0.2, math.nan, 0.2, DT) == RudderCommand(1.0, 0.0, False)
+    assert not failed.check(1.0, 0.2, 0.0, 0.0, DT).engaged
+    assert faulty.check(1.0, 0.2, math.nan, 0.2, DT) == RudderCommand(1.0, 0.0, False)
     assert faulty.mode is Mode.FAULT
 
 
@@ -220,15 +220,15 @@ def test_a_held_rudder_stays_inside_its_limits_whatever_was_reported() -> None:
     for previous, held in ((0.7, 0.5), (-0.7, -0.5), (math.nan, 0.0), (0.3, 0.3)):
         tested = made("hold")
         tested.decide(1.0, COURSE, state(2.0))
-        assert tested.check(1.0, COURSE, previous, 0.0, 0.0, DT) == RudderCommand(1.0, held, True)
+        assert tested.check(1.0, previous, 0.0, 0.0, DT) == RudderCommand(1.0, held, True)
 
 
 def test_amidships_is_reached_from_both_sides_at_the_rudder_s_rate() -> None:
     for side in (1.0, -1.0):
         tested = made("amidships")
         tested.decide(1.0, COURSE, state(2.0))
-        assert tested.check(1.0, COURSE, side * 0.2, 0.0, 0.0, DT).angle == pytest.approx(side * 0.165)
-        assert tested.check(1.1, COURSE, side * 0.02, 0.0, 0.0, DT).angle == 0.0
+        assert tested.check(1.0, side * 0.2, 0.0, 0.0, DT).angle == pytest.approx(side * 0.165)
+        assert tested.check(1.1, side * 0.02, 0.0, 0.0, DT).angle == 0.0
 
 
 def test_the_wait_of_an_order_begins_anew_with_another_and_not_before_a_first_heading() -> None:
@@ -291,9 +291,9 @@ def test_reconfigured_it_goes_by_the_new_limits_at_once() -> None:
     tested = Supervisor(Envelope(0.2, 0.35), FailsafeAction(3.0, "release", 5.0, False), made().memory)
     assert tested.decide(1.0, COURSE, state(2.0)) is Mode.ENGAGED
     assert tested.decide(2.0, COURSE, state(3.1)) is Mode.FAILSAFE
-    assert not tested.check(2.0, COURSE, 0.1, 0.0, 0.0, DT).engaged
+    assert not tested.check(2.0, 0.1, 0.0, 0.0, DT).engaged
     wide = Supervisor(Envelope(0.2, 0.35), FailsafeAction(3.0, "hold", 5.0, False), made().memory)
-    assert wide.check(1.0, COURSE, 0.21, 0.21, 0.21, DT).angle == 0.2
+    assert wide.check(1.0, 0.21, 0.21, 0.21, DT).angle == 0.2
     assert wide.mode is Mode.FAULT
 
 
@@ -322,8 +322,8 @@ def test_serial_0_is_no_order_that_anybody_gave() -> None:
 def test_a_short_fail_safe_is_held_for_its_time() -> None:
     tested = made("hold", after=0.5)
     tested.decide(1.0, COURSE, state(2.0))
-    assert tested.check(1.4, COURSE, 0.1, 0.0, 0.0, DT) == RudderCommand(1.4, 0.1, True)
-    assert not tested.check(1.5, COURSE, 0.1, 0.0, 0.0, DT).engaged
+    assert tested.check(1.4, 0.1, 0.0, 0.0, DT) == RudderCommand(1.4, 0.1, True)
+    assert not tested.check(1.5, 0.1, 0.0, 0.0, DT).engaged
 
 
 def test_notes_are_known_by_who_says_them() -> None:
@@ -338,7 +338,7 @@ def test_notes_are_known_by_who_says_them() -> None:
 def test_a_tick_that_comes_long_after_the_time_was_up_counts_too() -> None:
     tested = made("hold")
     tested.decide(1.0, COURSE, state(2.0))
-    assert not tested.check(30.0, COURSE, 0.1, 0.0, 0.0, DT).engaged
+    assert not tested.check(30.0, 0.1, 0.0, 0.0, DT).engaged
     waiting = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
     waiting.hear(helm("disarmed; arm it"))
     waiting.decide(0.0, COURSE, state())
