@@ -18,12 +18,13 @@ from autopilot.errors import InputError
 from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
+from autopilot.links.alarm_outputs import GuideAlarms
 from autopilot.links.base import Link
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.nmea.link import NmeaLink, NmeaSettings
-from autopilot.links.reconnect import GuideAlarms, SelectingLink
+from autopilot.links.reconnect import SelectingLink
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.app import App, Plan

@@ -11,13 +11,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
+from autopilot.links.alarm_outputs import GuideAlarms
 from autopilot.links.base import Transport
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.reconnect import GuideAlarms
 from autopilot.links.transports import loopback_pair
 from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of

@@ -14,6 +14,7 @@ from autopilot.errors import InputError
 from autopilot.firmware.protocol import BYTEWISE_AUTOPILOTS, Target, is_from
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing, hint_of
 from autopilot.links.url import believe_signed, open_transport, parse_url
 
@@ -203,10 +204,7 @@ class ParameterSession:
         if now < self._next_heartbeat:
             return
         self._next_heartbeat = now + 1.0
-        heartbeat = dialect.MAVLink_heartbeat_message(
-            dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
-        )
-        self._transport.send(self._codec.encode(heartbeat))
+        self._transport.send(self._codec.encode(station_heartbeat()))
 
     def _find(self, system: int | None) -> Vehicle:
         """Wait for the vehicle; of several, the one with the id asked for."""

@@ -1,7 +1,8 @@
 """Where alarms are heard: the terminal's bell, a pin or relay behind a file, the vehicle's buzzer or relay.
 
 Each is a `Link` to nobody that is shown every tick; none may ever end steering. The vehicle's are sent by the link to
-it, which asks `VehicleSounder` what is due.
+it, which asks `VehicleSounder` what is due. Links to nobody, too, bring the skipper's acknowledgement and the alarms of
+a guide into the pilot, and so into the log and on to other links.
 """
 
 from __future__ import annotations
@@ -44,6 +45,30 @@ class Acknowledgements(SilentLink):
         """Return it where it was given since the last call."""
         heard, self._skipper.heard = self._skipper.heard, False
         return [AcknowledgeSample(now, "", self.name)] if heard else []
+
+
+class Guide(Protocol):
+    """Who has something to say."""
+
+    @property
+    def alarm(self) -> AlarmEvent | None:
+        """What the skipper should know, None while all is well."""
+
+
+class GuideAlarms(SilentLink):
+    """Word of `guide`, under `name`, whenever it changes."""
+
+    def __init__(self, guide: Guide, name: str) -> None:
+        self.name = name
+        self._guide = guide
+        self._said: AlarmEvent | None = None
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return what is new."""
+        if self._guide.alarm == self._said:
+            return []
+        self._said = self._guide.alarm
+        return [AlarmSample(now, self._said, self.name)]
 
 
 class Bell(SilentLink):

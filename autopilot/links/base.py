@@ -117,15 +117,8 @@ class Link(Protocol):
         """Release and close the transport."""
 
 
-def close_all(links: Iterable[Link]) -> None:
-    """Close every link, each even if another fails."""
-    with ExitStack() as closing:
-        for link in links:
-            closing.callback(link.close)
-
-
 class SilentLink:
-    """A `Link` to nobody, which does nothing; what it is to do a kind of its own adds."""
+    """A `Link` to nobody, and what other links inherit: each writes only what it does."""
 
     name = "nobody"
 
@@ -155,3 +148,10 @@ class SilentLink:
 
     def close(self) -> None:
         """Do nothing."""
+
+
+def close_all(links: Iterable[Link]) -> None:
+    """Close every link, each even if another fails."""
+    with ExitStack() as closing:
+        for link in links:
+            closing.callback(link.close)

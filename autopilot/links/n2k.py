@@ -19,12 +19,11 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, SilentLink
 from autopilot.links.north import UnusableHeadings, steered
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow, StandingOrder
 from autopilot.signals import (
-    AlarmEvent,
     HeadingSample,
     HelmSample,
     Mode,
@@ -193,7 +192,7 @@ def decoder(name: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Any]
     return decode, nmea2000.create_encoder(N2KFormat.PYTHON_CAN).encode, nmea2000
 
 
-class N2kLink:
+class N2kLink(SilentLink):
     """A `Link` over NMEA 2000.
 
     Attributes:
@@ -283,9 +282,6 @@ class N2kLink:
             self._release.has_ordered = self._release.has_ordered or self._settings.steers
         self._push(now)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Nothing here: the mode leaves with `show`."""
-
     def keep(self, now: float) -> None:
         """Claim our address at the start, and send what is due."""
         if not self._is_claimed and self._settings.steers:
@@ -320,10 +316,6 @@ class N2kLink:
     def release_result(self, now: float) -> Release | None:
         """Return what became of the rudder after `release`, None while it is on its way."""
         return self._release.result(now)
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return []: NMEA 2000 carries no MAVLink packets."""
-        return []
 
     def close(self) -> None:
         """Close the bus; call `release` first."""

@@ -1,14 +1,8 @@
-"""Links around links: one that outlives its line, one of believed instruments alone, one to nobody.
+"""Links around links: one that outlives its line, and one that passes on only what sensor selection admits.
 
-A `Link` to nobody: brings what a guide has to say into the pilot, as an alarm that log and links carry on.
-
-A link that outlives its line: an adapter that is pulled and comes back, a connection that is closed and opens again.
-
-While the line is gone the helm is not ours and an alarm says why; opening is tried again from a thread, because looking
-for a host may take seconds that the loop does not have. What comes back is a new link, which proves anew that it
-steers.
-
-A link that passes on only the samples of the instruments to be believed; all else is the link's inside.
+A line is lost where an adapter is pulled, and comes back; where a connection is closed, and opens again. While it is
+gone control is not ours and an alarm says why; opening is tried again from a thread, because looking for a host may
+take seconds that the loop does not have. What comes back is a new link, which proves anew that it steers.
 """
 
 from __future__ import annotations
@@ -17,10 +11,9 @@ import contextlib
 import math
 import threading
 from collections.abc import Callable
-from typing import Protocol
 
 from autopilot.estimation.sensor_selection import SensorSelection
-from autopilot.links.base import ConfirmsRelease, Link, LinkError, Shows, SilentLink, parted
+from autopilot.links.base import ConfirmsRelease, Link, LinkError, Shows, parted
 from autopilot.links.release import Release, ReleaseState, not_held
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
 from autopilot.supervision.panel import sentence_of
@@ -197,75 +190,22 @@ class ReconnectingLink:
 
 
 class SelectingLink:
-    """A `Link` round another. All links of a run share one `priority`, which sees the samples of all of them."""
+    """A `Link` round another, which passes on the samples that are selected; all else is the other's own.
 
-    def __init__(self, link: Link, priority: SensorSelection) -> None:
+    All links of a run share one `selection`, which sees the samples of all of them.
+    """
+
+    def __init__(self, link: Link, selection: SensorSelection) -> None:
         self.name = link.name
         self.inside = link
-        self._priority = priority
-
-    def fileno(self) -> int:
-        """Return the descriptor of the link inside."""
-        return self.inside.fileno()
-
-    def receive(self, now: float) -> list[Sample]:
-        """Return the samples to be believed. Raises LinkError."""
-        return self._priority.admit(now, self.inside.receive(now), self.name)
-
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Pass on."""
-        self.inside.send(now, command)
-
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Pass on."""
-        self.inside.tell(now, mode, alarms)
-
-    def keep(self, now: float) -> None:
-        """Pass on."""
-        self.inside.keep(now)
-
-    def show(self, tick: Tick) -> None:
-        """Pass on where the link inside shows anything."""
-        if isinstance(self.inside, Shows):
-            self.inside.show(tick)
-
-    def release(self, now: float) -> None:
-        """Pass on."""
-        self.inside.release(now)
-
-    def release_result(self, now: float) -> Release | None:
-        """Pass on where the link inside moves a rudder."""
-        inside = self.inside
-        return inside.release_result(now) if isinstance(inside, ConfirmsRelease) else not_held(self.name)
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Pass on."""
-        return self.inside.take_packets()
-
-    def close(self) -> None:
-        """Pass on."""
-        self.inside.close()
-
-
-class Guide(Protocol):
-    """Who has something to say."""
-
-    @property
-    def alarm(self) -> AlarmEvent | None:
-        """What the skipper should know, None while all is well."""
-
-
-class GuideAlarms(SilentLink):
-    """Word of `guide`, under `name`, whenever it changes."""
-
-    def __init__(self, guide: Guide, name: str) -> None:
-        self.name = name
-        self._guide = guide
-        self._said: AlarmEvent | None = None
+        self._selection = selection
+        self.fileno, self.send, self.tell, self.keep = link.fileno, link.send, link.tell, link.keep
+        self.release, self.take_packets, self.close = link.release, link.take_packets, link.close
+        if isinstance(link, Shows):
+            self.show = link.show
+        if isinstance(link, ConfirmsRelease):
+            self.release_result = link.release_result
 
     def receive(self, now: float) -> list[Sample]:
-        """Return what is new."""
-        if self._guide.alarm == self._said:
-            return []
-        self._said = self._guide.alarm
-        return [AlarmSample(now, self._said, self.name)]
+        """Return the samples that are selected. Raises LinkError."""
+        return self._selection.admit(now, self.inside.receive(now), self.name)

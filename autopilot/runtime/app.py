@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple, TextIO
 from autopilot import __version__
 from autopilot.angles import compass_deg
 from autopilot.files.saving import BackgroundSaver
-from autopilot.links.alarm_outputs import Acknowledgements
+from autopilot.links.alarm_outputs import Acknowledgements, GuideAlarms
 from autopilot.links.base import Link, close_all
-from autopilot.links.reconnect import GuideAlarms
 from autopilot.runtime.build import build_pilot, track_settings_of
 from autopilot.runtime.build_links import (
     LinkOptions,

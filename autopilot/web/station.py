@@ -16,6 +16,7 @@ from autopilot.firmware.protocol import Target
 from autopilot.firmware.session import GROUND_STATION_COMPONENT, GROUND_STATION_SYSTEM
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
+from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing
 from autopilot.links.url import believe_signed, open_transport, parse_url
 from autopilot.web.orders import Course, Orders
@@ -83,11 +84,7 @@ class Station:
         messages: list[Message] = []
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + HEARTBEAT_S
-            messages.append(
-                dialect.MAVLink_heartbeat_message(
-                    dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
-                )
-            )
+            messages.append(station_heartbeat())
         self.view.texts.look(now)
         target = self.target
         if target is None:

@@ -162,7 +162,7 @@ def test_links_share_one_choice_and_a_lone_vehicle_none() -> None:
     vessel = load_vessel("lanxin")
     links = build_links(vessel, ["nmea-udp:127.0.0.1:0", "udpin:127.0.0.1:0"])
     assert all(isinstance(link, SelectingLink) for link in links)
-    assert len({id(link._priority) for link in links if isinstance(link, SelectingLink)}) == 1
+    assert len({id(link._selection) for link in links if isinstance(link, SelectingLink)}) == 1
     for link in links:
         link.close()
     (link,) = build_links(vessel, ["udpin:127.0.0.1:0"])

@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 from alarm_texts import other, words
 
-from autopilot.links.alarm_outputs import Acknowledgements, Bell, SwitchFile, VehicleSounder
+from autopilot.links.alarm_outputs import Acknowledgements, Bell, GuideAlarms, SwitchFile, VehicleSounder
 from autopilot.links.mavlink.status_text import StatusTexts, severity_of
-from autopilot.links.reconnect import GuideAlarms
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,

@@ -13,7 +13,7 @@ from boat_at_sea import SPEED, Sea
 from autopilot.angles import shortest_turn, wrap
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.links.reconnect import GuideAlarms
+from autopilot.links.alarm_outputs import GuideAlarms
 from autopilot.signals import HelmSample, Mode, Sample, WindSample
 
 

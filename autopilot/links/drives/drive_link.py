@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.links.base import LinkError, Transport
+from autopilot.links.base import LinkError, SilentLink, Transport
 from autopilot.links.drives.base import Drive
 from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
 from autopilot.links.rudder_follow import RELEASE_SPACING_S, FollowSettings, RudderFollow, StandingOrder
-from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, RudderSample, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, RudderCommand, RudderSample, Sample
 
 BITS_PER_BYTE = 10
 
@@ -22,7 +22,7 @@ class DriveLinkSettings(NamedTuple):
     follow: FollowSettings = FollowSettings()
 
 
-class DriveLink:
+class DriveLink(SilentLink):
     """A `Link` that steers and, where the drive has feedback, sees the rudder; it knows no heading."""
 
     def __init__(self, transport: Transport, drive: Drive, settings: DriveLinkSettings = DriveLinkSettings()) -> None:  # noqa: B008
@@ -73,9 +73,6 @@ class DriveLink:
             self._follow.ordered(now, angle)
         self._push(now)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Nothing: a rudder drive knows no modes."""
-
     def keep(self, now: float) -> None:
         """Send what is due: the order, the releases that are left, a request."""
         self._push(now)
@@ -109,10 +106,6 @@ class DriveLink:
             except LinkError:
                 self._is_gone = True
         return None
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return []: a drive speaks no MAVLink."""
-        return []
 
     def close(self) -> None:
         """Close the transport; call `release` first."""

@@ -7,7 +7,7 @@ from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.base import LinkError, Transport
+from autopilot.links.base import LinkError, SilentLink, Transport
 from autopilot.links.ground_station.access import (
     AccessPolicy,
     LinkAccess,
@@ -33,7 +33,6 @@ from autopilot.signals import (
     ConditionSample,
     Mode,
     OrderKind,
-    RudderCommand,
     Sample,
     Tick,
 )
@@ -89,7 +88,7 @@ class _Notice:
         return (*self._event[:2], AlarmState.ACKNOWLEDGED) in [(*event[:2], state) for event, state in shown]
 
 
-class BoatLink:
+class BoatLink(SilentLink):
     """One ground station's side: heartbeat, telemetry, parameters, commands, texts, under system `system`.
 
     `signing`: everything sent is signed, and nothing is obeyed that is not.
@@ -224,9 +223,6 @@ class BoatLink:
         if now >= self._refusals.get(reason, -math.inf):
             self._refusals[reason] = now + REFUSAL_S
             self._texts.say(now, dialect.MAV_SEVERITY_WARNING, reason)
-
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Do nothing: the rudder is elsewhere."""
 
     def release(self, now: float) -> None:
         """Say that we go, so that nobody waits for us; never raises."""

@@ -311,7 +311,7 @@ def companion_heartbeat(state: int) -> Message:
 
 
 def station_heartbeat() -> Message:
-    """Return the heartbeat of the ground station in whose name we steer."""
+    """Return the heartbeat of a ground station: the one in whose name we steer, and what looks on as one."""
     return dialect.MAVLink_heartbeat_message(
         dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
     )

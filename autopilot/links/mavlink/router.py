@@ -20,13 +20,13 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_HEARTBEAT
 
-from autopilot.links.base import LinkError, Transport
+from autopilot.links.base import LinkError, SilentLink, Transport
 from autopilot.links.ground_station.access import AccessPolicy, Budget, LinkAccess, Presence, refused_senders_of
 from autopilot.links.mavlink.codec import MAGIC_V1, TRIES, is_mavlink, next_magic
 from autopilot.links.mavlink.messages import KNOWN
 from autopilot.links.mavlink.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum, identity_of
 from autopilot.links.url import believe_signed
-from autopilot.signals import AlarmEvent, AlarmSample, Mode, RudderCommand, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, Mode, Sample
 
 
 class Address(NamedTuple):
@@ -339,7 +339,7 @@ class RoutedTransport:
         self.inside.close()
 
 
-class ForwardLink:
+class ForwardLink(SilentLink):
     """A `Link` to a ground station that sees the flight controller through us. It brings no samples, moves no rudder.
 
     budget: shared by all such links of a flight controller.  access: which system ids are heard; None: all.
@@ -409,21 +409,12 @@ class ForwardLink:
         self._access.crowded = self._access.crowded or taken > FRAMES_PER_TURN or not room
         return self._presence.update(now)
 
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Do nothing: the rudder is elsewhere."""
-
     def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Say nothing: what is wrong goes out as STATUSTEXT over the flight controller's link, which is shown here.
 
         A station that floods us has been looked away from since; a tick has passed, it may wake the loop again.
         """
         self._access.crowded = False
-
-    def keep(self, now: float) -> None:
-        """Do nothing: what we say goes out over the flight controller's link."""
-
-    def release(self, now: float) -> None:
-        """Do nothing."""
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return and forget the frames that came from the ground station since the last call."""

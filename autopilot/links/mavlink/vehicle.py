@@ -217,9 +217,9 @@ class VehicleReader:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
         authority = self.authority
         authority.heard_time = now
-        handler = self.handlers.get(message._header.msgId)
-        if handler is not None:
-            handler(now, message, samples)
+        identity = message._header.msgId
+        if identity in self.handlers:
+            self.handlers[identity](now, message, samples)
         authority.radio = self.radio.reason(self.parameters) if self.radio.found else ""
 
     def _system(self, now: float, message: Message, samples: list[Sample]) -> None:

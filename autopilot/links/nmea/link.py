@@ -13,7 +13,7 @@ from collections import deque
 from typing import NamedTuple
 
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import LinkError, Transport
+from autopilot.links.base import LinkError, SilentLink, Transport
 from autopilot.links.nmea.repeater import NmeaRepeater
 from autopilot.links.nmea.samples import OWN_TALKER, Deviation, NmeaReader
 from autopilot.links.nmea.sentences import Counts, NmeaFramer, encode_ror
@@ -25,7 +25,6 @@ from autopilot.signals import (
     AlarmSample,
     HeadingSample,
     HelmSample,
-    Mode,
     RudderCommand,
     RudderSample,
     Sample,
@@ -245,7 +244,7 @@ class NmeaSession:
         return self._release.result(now)
 
 
-class NmeaLink:
+class NmeaLink(SilentLink):
     """A `Link` over NMEA 0183: a session carried over any transport. ValueError where the settings cannot be."""
 
     def __init__(
@@ -277,9 +276,6 @@ class NmeaLink:
         self.session.send(now, command)
         self._write(now)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Nothing: a rudder drive knows no modes."""
-
     def keep(self, now: float) -> None:
         """Send what waits: the newest command, its repetition, or the releases that are left."""
         self.session.poll(now)
@@ -305,10 +301,6 @@ class NmeaLink:
     def release_result(self, now: float) -> Release | None:
         """Return what became of the rudder after `release`, None while it is on its way."""
         return self.session.release_result(now)
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return []: NMEA carries no MAVLink packets."""
-        return []
 
     def close(self) -> None:
         """Close the transport; call `release` first."""
