@@ -33,13 +33,11 @@ class HeardTransport:
         self.name = inside.name
         self.is_stream = inside.is_stream
         self.is_local = inside.is_local
+        self.fileno, self.send = inside.fileno, inside.send
+        self.forget_peer, self.close = inside.forget_peer, inside.close
         self.count = 0
         self.kept: list[bytes] = []
         self._room = KEPT_BYTES
-
-    def fileno(self) -> int:
-        """Return the descriptor of the transport inside."""
-        return self.inside.fileno()
 
     def receive(self) -> list[bytes]:
         """Return what waits. Raises LinkError."""
@@ -49,18 +47,6 @@ class HeardTransport:
             self._room -= len(chunk)
             self.kept.append(chunk)
         return chunks
-
-    def send(self, data: bytes) -> bool:
-        """Pass on. Raises LinkError."""
-        return self.inside.send(data)
-
-    def forget_peer(self) -> None:
-        """Pass on."""
-        self.inside.forget_peer()
-
-    def close(self) -> None:
-        """Pass on."""
-        self.inside.close()
 
     def waiting_to_send(self) -> int:
         """Return how many bytes wait in a serial line's driver, 0 elsewhere."""

@@ -296,15 +296,12 @@ class RoutedTransport:
         self.name = inside.name
         self.is_stream = inside.is_stream
         self.is_local = inside.is_local
+        self.fileno, self.forget_peer = inside.fileno, inside.forget_peer
         self._router = router
         self._framer = Framer(inside.is_stream)
         # an observer: whoever reads the transport judges the same frames again
         self._judge = signing.observer() if signing is not None else None
         self._number = router.join(self._forwarded, has_vehicle=True)
-
-    def fileno(self) -> int:
-        """Return the descriptor of the transport inside."""
-        return self.inside.fileno()
 
     def receive(self) -> list[bytes]:
         """Return what waits, unchanged; the router has seen it. Raises LinkError."""
@@ -328,10 +325,6 @@ class RoutedTransport:
             return self.inside.send(frame)
         except LinkError:
             return False
-
-    def forget_peer(self) -> None:
-        """Pass on."""
-        self.inside.forget_peer()
 
     def close(self) -> None:
         """Leave the router, and pass on."""
