@@ -47,7 +47,7 @@ from autopilot.links.ground_station.file_server import ACK, HEADER, OPEN, PARAME
 from autopilot.links.ground_station.mission import Mission, parse_items
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.signing import checksum
+from autopilot.links.mavlink.frames import checksum
 from autopilot.links.mavlink.signing_key import key_of
 from autopilot.links.nmea.samples import NmeaReader
 from autopilot.links.nmea.sentences import NmeaFramer

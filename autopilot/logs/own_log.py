@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.signing import MAGIC_V2
+from autopilot.links.mavlink.frames import MAGIC_V2
 from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,

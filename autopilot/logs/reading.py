@@ -17,8 +17,7 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 from autopilot.identification.runs import Run, gap_limit, run_from_columns, seconds
-from autopilot.links.mavlink.codec import MAGIC_V1
-from autopilot.links.mavlink.signing import MAGIC_V2
+from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2
 from autopilot.logs.format import LogFormat
 from autopilot.logs.format import ReadOptions as ReadOptions
 from autopilot.logs.merge import merged, sources_of

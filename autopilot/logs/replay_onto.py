@@ -18,8 +18,8 @@ from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import DENIED, Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink.router import EVERYBODY, target_of
-from autopilot.links.mavlink.signing import Signing, identity_of
+from autopilot.links.mavlink.frames import EVERYBODY, identity_of, target_of
+from autopilot.links.mavlink.signing import Signing
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.logs.own_log import is_own

@@ -22,8 +22,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.firmware.protocol import BYTEWISE_AUTOPILOTS, decode
-from autopilot.links.mavlink.codec import MAGIC_V1, MavlinkCodec, Message, message_id, next_magic
-from autopilot.links.mavlink.signing import MAGIC_V2, SIGNED
+from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
+from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2, SIGNED, next_magic
 from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,

@@ -21,8 +21,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
-from autopilot.links.mavlink.codec import MavlinkCodec, frame_length, message_id
-from autopilot.links.mavlink.signing import MAGIC_V2, identity_of, without_signature
+from autopilot.links.mavlink.codec import MavlinkCodec, message_id
+from autopilot.links.mavlink.frames import MAGIC_V2, frame_length, identity_of
+from autopilot.links.mavlink.signing import without_signature
 from autopilot.runtime.log_files import FileSink, Sink
 from autopilot.runtime.tick_codec import HEADER, TICK, VESSEL, decode_header, decode_tick, encode_header, encode_tick
 from autopilot.signals import AlarmEvent, Tick

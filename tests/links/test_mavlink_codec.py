@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink import codec as codecs
-from autopilot.links.mavlink.codec import MavlinkCodec, frame_length, is_mavlink, message_id
+from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink, message_id
+from autopilot.links.mavlink.frames import frame_length
 from autopilot.links.mavlink.messages import EXTRA_MESSAGES, CommandCancel, ComponentMetadata
 
 FRAME_MAX = 280

@@ -15,17 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules, Budget
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.companion import CompanionLink
-from autopilot.links.mavlink.router import (
-    EVERYBODY,
-    Address,
-    ForwardLink,
-    Framer,
-    RoutedTransport,
-    Router,
-    budget_for,
-    source_of,
-    target_of,
-)
+from autopilot.links.mavlink.frames import EVERYBODY, Address, Framer, source_of, target_of
+from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for
 from autopilot.links.mavlink.signing import CountingTimestamps, Signing
 from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import TcpServerTransport, UdpOutTransport

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
+from autopilot.links.mavlink.frames import checksum, identity_of
 from autopilot.links.mavlink.signing import (
     OLD,
     UNSIGNED,
@@ -22,9 +23,7 @@ from autopilot.links.mavlink.signing import (
     CountingTimestamps,
     LinkSigning,
     Signing,
-    checksum,
     hint_of,
-    identity_of,
     without_signature,
 )
 

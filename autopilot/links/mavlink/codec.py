@@ -15,20 +15,13 @@ from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.mavlink.frames import MAGIC_V2, SIGNATURE, TRIES, checksum, frame_length, next_magic
 from autopilot.links.mavlink.messages import EXTRA_MESSAGES, KNOWN
-from autopilot.links.mavlink.signing import MAGIC_V2, SIGNATURE, SIGNED, LinkSigning, checksum
+from autopilot.links.mavlink.signing import LinkSigning
 
 Message: TypeAlias = Any
 """A pymavlink message; `get_msgbuf()` gives its raw packet, `get_srcSystem()` its sender."""
 
-MAGIC_V1 = 0xFE
-FRAME_MAX = 280
-"""Longest frame: header 10, payload 255, checksum 2, signature 13."""
-
-TRIES = 300
-"""Places of one chunk looked at in vain before the rest of it is dropped: more than the bytes of one damaged frame.
-Bytes made to look like the beginnings of frames cannot hold the loop."""
-ANY_MAGIC = re.compile(rb"[\xfd\xfe]")
 PART = re.compile(r"(\d*)([A-Za-z])")
 """One field of a struct's format: how many, of which kind."""
 
@@ -235,40 +228,6 @@ def _plain_message(frame: bytes, identity: int, layout: Layout, end: int) -> Mes
         "_header": dialect.MAVLink_header(identity, frame[2], frame[3], frame[1], frame[4], frame[5], frame[6]),
     }
     return message
-
-
-def frame_length(buffer: bytes, start: int) -> int:
-    """Return the length of the frame that begins at `start`; 0 where more bytes are needed, -1 where none does.
-
-    An id outside the dialect has no known checksum and is taken for noise at once, so that a stray magic byte
-    cannot hold back the messages behind it.
-    """
-    magic = buffer[start]
-    waiting = len(buffer) - start
-    if magic == MAGIC_V2:
-        if waiting < 3:
-            return 0
-        flags = buffer[start + 2]
-        if flags & ~SIGNED:
-            return -1
-        if waiting < 10:
-            return 0
-        identity = buffer[start + 7] | buffer[start + 8] << 8 | buffer[start + 9] << 16
-        length = buffer[start + 1] + 12 + 13 * flags
-    elif magic == MAGIC_V1:
-        if waiting < 6:
-            return 0
-        identity = buffer[start + 5]
-        length = buffer[start + 1] + 8
-    else:
-        return -1
-    return length if identity in KNOWN else -1
-
-
-def next_magic(buffer: bytes, start: int) -> int:
-    """Return where, from `start` on, a frame could next begin; the buffer's length where nowhere."""
-    found = ANY_MAGIC.search(buffer, start)
-    return found.start() if found is not None else len(buffer)
 
 
 def is_mavlink(data: bytes) -> bool:

@@ -13,12 +13,9 @@ from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.mavlink.frames import SIGNATURE, SIGNED, checksum, identity_of, is_signed
 from autopilot.links.mavlink.messages import KNOWN
 
-MAGIC_V2 = 0xFD
-SIGNED = 0x01
-SIGNATURE = 13
-"""Bytes behind the checksum: link id 1, timestamp 6, signature 6."""
 MINUTE = 6_000_000
 """A stream not heard before may be this far behind what has been seen."""
 KEY_SIZE = 32
@@ -162,11 +159,6 @@ def hint_of(signing: Signing | None) -> str:
     return f" ({signing.summary}: use the same key on both sides, or none)"
 
 
-def is_signed(frame: bytes) -> bool:
-    """Return whether a whole frame carries a signature."""
-    return frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED)
-
-
 def without_signature(frame: bytes) -> bytes:
     """Return `frame` as it would be unsigned, for logs: who collects signatures has something to work on.
 
@@ -179,15 +171,3 @@ def without_signature(frame: bytes) -> bytes:
         return frame
     body = frame[:2] + bytes([frame[2] & ~SIGNED]) + frame[3 : -2 - SIGNATURE]
     return body + checksum(body[1:], kind.crc_extra)
-
-
-def checksum(data: bytes, crc_extra: int) -> bytes:
-    """Return MAVLink's checksum of `data`, a frame without its magic, for a message with this seed."""
-    seeded = data + bytes([crc_extra])
-    crc: int = dialect.mcrf4xx(seeded) if dialect.mcrf4xx is not None else dialect.x25crc(seeded).crc
-    return crc.to_bytes(2, "little")
-
-
-def identity_of(frame: bytes) -> int:
-    """Return the id of a whole frame's message."""
-    return frame[7] | frame[8] << 8 | frame[9] << 16 if frame[0] == MAGIC_V2 else frame[5]

@@ -1,0 +1,170 @@
+"""MAVLink frames as bytes: where one begins and ends, its checksum, whose it is and whom it is for. Pure.
+
+Layouts of both versions and the checksum: https://mavlink.io/en/guide/serialization.html. Nothing here knows what a
+message says; the fields of its address are looked up in pymavlink's tables.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Container
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.links.mavlink.messages import KNOWN
+
+MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
+SIGNED = 0x01
+SIGNATURE = 13
+"""Bytes behind the checksum: link id 1, timestamp 6, signature 6."""
+TRIES = 300
+"""Places of one chunk looked at in vain before the rest of it is dropped: more than the 280 bytes of one damaged frame.
+Bytes made to look like the beginnings of frames cannot hold the loop."""
+ANY_MAGIC = re.compile(rb"[\xfd\xfe]")
+ANY = range(1 << 24)
+"""Every id there can be."""
+
+
+class Address(NamedTuple):
+    """A system id and a component id; 0 in a target means all of them."""
+
+    system: int
+    component: int
+
+
+EVERYBODY = Address(0, 0)
+
+
+def frame_length(buffer: bytes, start: int, known: Container[int] = KNOWN) -> int:
+    """Return the length of the frame that begins at `start`; 0 where more bytes are needed, -1 where none does.
+
+    An id that is not `known`, as one outside the dialect whose checksum nobody knows, is taken for noise at once, so
+    that a stray magic byte cannot hold back the messages behind it.
+    """
+    magic = buffer[start]
+    waiting = len(buffer) - start
+    if magic == MAGIC_V2:
+        if waiting < 3:
+            return 0
+        flags = buffer[start + 2]
+        if flags & ~SIGNED:
+            return -1
+        if waiting < 10:
+            return 0
+        identity = buffer[start + 7] | buffer[start + 8] << 8 | buffer[start + 9] << 16
+        length = buffer[start + 1] + 12 + 13 * flags
+    elif magic == MAGIC_V1:
+        if waiting < 6:
+            return 0
+        identity = buffer[start + 5]
+        length = buffer[start + 1] + 8
+    else:
+        return -1
+    return length if identity in known else -1
+
+
+def next_magic(buffer: bytes, start: int) -> int:
+    """Return where, from `start` on, a frame could next begin; the buffer's length where nowhere."""
+    found = ANY_MAGIC.search(buffer, start)
+    return found.start() if found is not None else len(buffer)
+
+
+def checksum(data: bytes, crc_extra: int) -> bytes:
+    """Return MAVLink's checksum of `data`, a frame without its magic, for a message with this seed."""
+    seeded = data + bytes([crc_extra])
+    crc: int = dialect.mcrf4xx(seeded) if dialect.mcrf4xx is not None else dialect.x25crc(seeded).crc
+    return crc.to_bytes(2, "little")
+
+
+def identity_of(frame: bytes) -> int:
+    """Return the id of a whole frame's message."""
+    return frame[7] | frame[8] << 8 | frame[9] << 16 if frame[0] == MAGIC_V2 else frame[5]
+
+
+def is_signed(frame: bytes) -> bool:
+    """Return whether a whole frame carries a signature."""
+    return frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED)
+
+
+def source_of(frame: bytes) -> Address:
+    """Return who sent a whole frame."""
+    return Address(frame[5], frame[6]) if frame[0] == MAGIC_V2 else Address(frame[3], frame[4])
+
+
+def target_of(frame: bytes) -> Address:
+    """Return whom a whole frame is for; everybody where its message names nobody or is not known."""
+    identity = identity_of(frame)
+    if identity not in _places:
+        _places[identity] = _target_places(identity)
+    places = _places[identity]
+    if places is None:
+        return EVERYBODY
+    start = 10 if frame[0] == MAGIC_V2 else 6
+    length = frame[1]
+    # MAVLink 2 leaves zeros at the end of a payload out
+    ids = (frame[start + place] if place is not None and place < length else 0 for place in places)
+    return Address(*ids)
+
+
+_places: dict[int, tuple[int, int | None] | None] = {}
+"""For each message, where in its payload target system and component stand; None where the latter is missing."""
+
+
+def _target_places(identity: int) -> tuple[int, int | None] | None:
+    kind = KNOWN.get(identity)
+    if kind is None:
+        return None
+    tokens = ["".join(token) for token in re.findall(r"(\d*)([a-zA-Z])", kind.unpacker.format)]
+    offsets, place = {}, 0
+    for name, token in zip(kind.ordered_fieldnames, tokens, strict=True):
+        offsets[name] = place
+        place += struct.calcsize("<" + token)
+    system = offsets.get("target_system", offsets.get("target"))
+    return None if system is None else (system, offsets.get("target_component"))
+
+
+class Framer:
+    """Cuts what one endpoint receives into whole frames, byte for byte as they came.
+
+    A frame of a known message needs the right checksum. That of an unknown one cannot be checked: it is believed
+    where it begins a datagram or stands directly behind a good frame.
+
+    Args:
+        is_stream: whether frames may be split over chunks; a datagram never borrows from the next.
+    """
+
+    def __init__(self, is_stream: bool = False) -> None:
+        self._is_stream = is_stream
+        self._rest = b""
+        self._in_step = not is_stream
+
+    def frames(self, data: bytes) -> list[bytes]:
+        """Return the frames in a datagram, or those completed by a chunk of the stream."""
+        found: list[bytes] = []
+        buffer = self._rest + data
+        self._in_step = self._in_step or not self._is_stream
+        place, tries = 0, TRIES
+        while place < len(buffer):
+            length = frame_length(buffer, place, ANY)
+            if self._is_stream and (length == 0 or place + length > len(buffer)):
+                break
+            frame = buffer[place : place + length] if length > 0 else b""
+            if frame and len(frame) == length and self._is_good(frame):
+                found.append(frame)
+                place += length
+                self._in_step = True
+            else:
+                tries -= 1
+                place = next_magic(buffer, place + 1) if tries else len(buffer)
+                self._in_step = False
+        self._rest = bytes(buffer[place:]) if self._is_stream else b""
+        return found
+
+    def _is_good(self, frame: bytes) -> bool:
+        kind = KNOWN.get(identity_of(frame))
+        if kind is None:
+            return self._in_step
+        end = len(frame) - (SIGNATURE if frame[0] == MAGIC_V2 and frame[2] & SIGNED else 0)
+        return checksum(frame[1 : end - 2], kind.crc_extra) == frame[end - 2 : end]
