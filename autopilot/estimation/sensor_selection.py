@@ -1,4 +1,4 @@
-"""Which of several instruments is believed: by their order, by how fresh they are, by the word of the others. Pure.
+"""Which of several instruments is selected: by their order, by how fresh they are, by the word of the others. Pure.
 
 Which of several compasses has failed by the word of the others: it stands still, jumps or trembles alone. Pure.
 
@@ -6,13 +6,13 @@ One compass alone is judged by the pilot's own monitors, with what they know of 
 other sooner and more surely: where one moves, jumps or trembles and the other does not, the pilot
 need not fail, it goes on with the one that is well.
 
-Which of several instruments is believed, and whether two compasses agree. Pure.
+Which of several instruments is selected, and whether two compasses agree. Pure.
 
-Of the sources that give the same kind of value the first in the priority list that is fresh is believed, and the
+Of the sources that give the same kind of value the first in the priority list that is fresh is selected, and the
 others are left out: two compasses fused would be a third one that does not exist. Without a list the source heard
 first stays until it is stale. A better source that comes back must have been heard for `SETTLE_S` before it takes
 over, or one that comes and goes would jerk the helm each time. A compass that has failed by the word of another, see
-`CompassWatch`, is not believed at all.
+`CompassWatch`, is not selected at all.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class CompassWatch:
         return compass.reason if compass is not None else ""
 
     def doubted(self, now: float) -> list[tuple[str, str]]:
-        """Return the compasses that are heard and not believed, and why."""
+        """Return the compasses that are heard and not selected, and why."""
         return [(name, it.reason) for name, it in self._compasses.items() if it.reason and now - it.last <= SILENT_S]
 
     def hear(self, now: float, name: str, heading: float) -> None:
@@ -143,7 +143,7 @@ class CompassWatch:
         self._forgive(now, compass, {} if is_noisy else others)
 
     def _others(self, now: float, name: str) -> dict[str, float]:
-        """Return where the other compasses are that may be believed."""
+        """Return where the other compasses are that may be selected."""
         return {
             other: compass.heading
             for other, compass in self._compasses.items()
@@ -247,7 +247,7 @@ class _Heard:
 
 
 class SensorSelection:
-    """Drops the samples of sources that are not the one to believe. Memory: who was heard when, whom we believe."""
+    """Drops the samples of sources that are not selected. Memory: who was heard when, who is selected."""
 
     def __init__(self, settings: SelectionSettings = SelectionSettings()) -> None:  # noqa: B008 - immutable
         self._settings = settings
@@ -259,7 +259,7 @@ class SensorSelection:
         self.dropped = 0
         self._compasses.reset()
         self._heard: dict[str, dict[str, _Heard]] = {}
-        self._believed: dict[str, str] = {}
+        self._selected: dict[str, str] = {}
         self._apart, self._compared = 0.0, math.inf
         self._headings: deque[tuple[float, float]] = deque()
         self._alarm: AlarmEvent | None = None
@@ -269,12 +269,12 @@ class SensorSelection:
         self._left: tuple[str, float] | None = None
         """The compass that fell silent last, and when another took its place [s]."""
 
-    def believed(self, kind: str) -> str:
-        """Return the source believed for `kind` (heading, rate, rudder, ordered rudder, speed), or nothing."""
-        return self._believed.get(kind, "")
+    def selected(self, kind: str) -> str:
+        """Return the source selected for `kind` (heading, rate, rudder, ordered rudder, speed), or nothing."""
+        return self._selected.get(kind, "")
 
     def admit(self, now: float, samples: list[Sample], link: str) -> list[Sample]:
-        """Return those `samples`, arrived by `now` [s] on `link`, that are to be believed, and a change of alarm."""
+        """Return those `samples`, arrived by `now` [s] on `link`, that are selected, and a change of alarm."""
         kept: list[Sample] = []
         for sample in samples:
             kind = _kind(sample)
@@ -303,12 +303,12 @@ class SensorSelection:
             self._compasses.hear(now, source, sample.heading)
             if self._compasses.reason(source):
                 return False
-        best = self._believed.get(kind)
+        best = self._selected.get(kind)
         has_failed = best is not None and kind == "heading" and self._compasses.reason(best)
         if best is None or has_failed or self._goes_before(now, entry, heard[best]):
             if kind == "heading" and best is not None and best != source and now - heard[best].last > heard[best].stale:
                 self._left = (best, now)
-            self._believed[kind] = source
+            self._selected[kind] = source
             return True
         return best == source
 
@@ -329,9 +329,9 @@ class SensorSelection:
     def _failed(self, now: float) -> AlarmEvent | None:
         """Return the alarm of a compass that has failed by the word of another; None where none has."""
         for name, reason in self._compasses.doubted(now):
-            believed = self._believed.get("heading", "")
-            if name != believed:
-                detail = f"{name.partition('@')[0]} {reason}, {believed.partition('@')[0]} steers"
+            selected = self._selected.get("heading", "")
+            if name != selected:
+                detail = f"{name.partition('@')[0]} {reason}, {selected.partition('@')[0]} steers"
                 return AlarmEvent("heading_disagrees", detail, FAILED)
         return None
 
@@ -344,13 +344,13 @@ class SensorSelection:
         if now - since > SILENT_SAID_S or now - entry.last <= entry.stale:
             self._left = None
             return None
-        believed = self._believed["heading"].partition("@")[0]
-        return AlarmEvent("compass_silent", f"{name.partition('@')[0]}; {believed} steers")
+        selected = self._selected["heading"].partition("@")[0]
+        return AlarmEvent("compass_silent", f"{name.partition('@')[0]}; {selected} steers")
 
     def _compare(self, now: float) -> AlarmEvent | None:
         """Return the alarm of two fresh headings that disagree for long; None where they agree."""
         heard = self._heard.get("heading", {})
-        best = heard.get(self._believed.get("heading", ""))
+        best = heard.get(self._selected.get("heading", ""))
         if best is None or best.heading is None or not math.isfinite(self._settings.disagree):
             return None
         others = [
@@ -374,7 +374,7 @@ class SensorSelection:
         return self._disagree
 
     def _turning(self, now: float, heading: float) -> float:
-        """Return how fast [rad/s] the compass that is believed has turned over `MONITOR_S`: waves come and go."""
+        """Return how fast [rad/s] the compass that is selected has turned over `MONITOR_S`: waves come and go."""
         headings = self._headings
         headings.append((now, heading))
         while headings[0][0] < now - MONITOR_S:
@@ -384,7 +384,7 @@ class SensorSelection:
     def _apart_by(self, heading: float, other: str, other_heading: float) -> AlarmEvent:
         apart = abs(math.degrees(shortest_turn(heading, other_heading)))
         detail = (
-            f"{apart:.0f} deg: {self._believed['heading'].partition('@')[0]} {compass_deg(heading):05.1f}, "
+            f"{apart:.0f} deg: {self._selected['heading'].partition('@')[0]} {compass_deg(heading):05.1f}, "
             f"{other.partition('@')[0]} {compass_deg(other_heading):05.1f}"
         )
         return AlarmEvent("heading_disagrees", detail, APART)

@@ -40,7 +40,7 @@ HEADING_STALE_SHARE = 0.6
 
 
 def selection_of(vessel: Vessel) -> SelectionSettings:
-    """Return which of the vessel's instruments are believed."""
+    """Return which of the vessel's instruments are selected."""
     sensors = vessel.sensors
     limit = sensors.heading_monitor_deg
     return SelectionSettings(

@@ -37,7 +37,7 @@ def test_without_a_list_the_first_heard_stays_until_it_is_stale() -> None:
     assert believed(priority, 3.1, "HEHDT"), "2 s of silence"
     assert not believed(priority, 3.2, "HCHDG"), "the old one waits in its turn"
     assert priority.dropped == 3
-    assert priority.believed("heading") == f"HEHDT@{LINK}"
+    assert priority.selected("heading") == f"HEHDT@{LINK}"
 
 
 def test_the_first_of_the_list_is_believed_and_takes_over_once_it_has_settled() -> None:
@@ -140,7 +140,7 @@ def test_never_two_at_a_time_and_memory_stays_small(heard: list[tuple[float, str
         now += gap
         kept = [s for s in priority.admit(now, heading(now, source, value), LINK) if isinstance(s, HeadingSample)]
         if kept:
-            assert priority.believed("heading") == f"{source}@{LINK}"
+            assert priority.selected("heading") == f"{source}@{LINK}"
     assert len(priority._heard.get("heading", {})) <= 32
 
 
@@ -198,8 +198,8 @@ def test_the_speeds_through_the_water_and_over_the_ground_are_two_things() -> No
         (True, SpeedSample(0.2, 3.0, True, "GPVTG")),
     ):
         assert (priority.admit(sample.time, [sample], LINK) == [sample]) is kept
-    assert priority.believed("speed") == f"VWVHW@{LINK}"
-    assert priority.believed("speed over ground") == f"GPVTG@{LINK}"
+    assert priority.selected("speed") == f"VWVHW@{LINK}"
+    assert priority.selected("speed over ground") == f"GPVTG@{LINK}"
 
 
 def test_compasses_that_differ_again_alarm_after_three_seconds() -> None:

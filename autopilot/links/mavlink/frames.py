@@ -128,7 +128,7 @@ def _target_places(identity: int) -> tuple[int, int | None] | None:
 class Framer:
     """Cuts what one endpoint receives into whole frames, byte for byte as they came.
 
-    A frame of a known message needs the right checksum. That of an unknown one cannot be checked: it is believed
+    A frame of a known message needs the right checksum. That of an unknown one cannot be checked: it is accepted
     where it begins a datagram or stands directly behind a good frame.
 
     Args:

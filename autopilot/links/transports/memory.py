@@ -13,7 +13,11 @@ QUEUE_LIMIT = 10000
 
 
 class LoopbackTransport:
-    """One end of a loopback: what one end sends the other receives, in order, boundaries kept."""
+    """One end of a loopback: what one end sends the other receives, in order, boundaries kept.
+
+    Attributes:
+        closed: whether this end has been closed.
+    """
 
     def __init__(self, name: str, incoming: deque[bytes], outgoing: deque[bytes]) -> None:
         self.name = name
@@ -21,17 +25,12 @@ class LoopbackTransport:
         self.is_local = True
         self._incoming = incoming
         self._outgoing = outgoing
-        self._closed = False
+        self.closed = False
         self._peer: LoopbackTransport | None = None
 
     def connect(self, peer: LoopbackTransport) -> None:
         """Name the other end, so that its closing is noticed."""
         self._peer = peer
-
-    @property
-    def closed(self) -> bool:
-        """Whether this end has been closed."""
-        return self._closed
 
     def fileno(self) -> int:
         """Return -1: there is nothing to wait on."""
@@ -58,10 +57,10 @@ class LoopbackTransport:
 
     def close(self) -> None:
         """Close this end."""
-        self._closed = True
+        self.closed = True
 
     def _check_open(self) -> None:
-        if self._closed:
+        if self.closed:
             raise LinkError(f"{self.name}: this end is closed; open a new pair")
         if self._peer is not None and self._peer.closed:
             raise LinkError(f"{self.name}: the other end has closed; open a new pair")
