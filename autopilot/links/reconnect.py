@@ -201,10 +201,9 @@ class SelectingLink:
         self._selection = selection
         self.fileno, self.send, self.tell, self.keep = link.fileno, link.send, link.tell, link.keep
         self.release, self.take_packets, self.close = link.release, link.take_packets, link.close
-        if isinstance(link, Shows):
-            self.show = link.show
-        if isinstance(link, ConfirmsRelease):
-            self.release_result = link.release_result
+        self.show = link.show if isinstance(link, Shows) else lambda tick: None
+        moves = link.release_result if isinstance(link, ConfirmsRelease) else None
+        self.release_result = moves or (lambda now: not_held(link.name))
 
     def receive(self, now: float) -> list[Sample]:
         """Return the samples that are selected. Raises LinkError."""

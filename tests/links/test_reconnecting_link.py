@@ -473,8 +473,8 @@ class Mover(Recorded):
 
 
 WRAPPERS: dict[str, Callable[[Any], Any]] = {
-    "kept": lambda link: ReconnectingLink("line", True, lambda: link, at_once),
-    "believed": lambda link: SelectingLink(link, SensorSelection()),
+    "reconnecting": lambda link: ReconnectingLink("line", True, lambda: link, at_once),
+    "selecting": lambda link: SelectingLink(link, SensorSelection()),
 }
 
 
@@ -509,7 +509,7 @@ def test_a_link_round_another_passes_on_every_word(wrapper: str, kind: type[Reco
         assert link.release_result(8.0) == inside.result  # type: ignore[attr-defined]
 
 
-def test_of_two_links_only_the_believed_instrument_passes() -> None:
+def test_of_two_links_only_the_selected_instrument_passes() -> None:
     priority = SensorSelection()
     first, second = Recorded(), Recorded()
     second.name = "other"
