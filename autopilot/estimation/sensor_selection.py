@@ -23,7 +23,17 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from autopilot.angles import compass_deg, shortest_turn
-from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    HeadingSample,
+    PositionSample,
+    RateSample,
+    RollSample,
+    RudderSample,
+    Sample,
+    SpeedSample,
+)
 from autopilot.supervision.alarms import APART, FAILED
 
 STANDS_S = 0.3
@@ -208,6 +218,8 @@ SILENT_SAID_S = 60.0
 SOURCES_MOST = 32
 """Of one kind: a line full of noise must not fill the memory with talkers."""
 MONITOR = "heading monitor"
+KINDS: dict[type, str] = {HeadingSample: "heading", RateSample: "rate", RollSample: "", PositionSample: ""}
+"""What the samples that come most often measure; '' for what is passed on whoever sends it."""
 
 
 class SourceRule(NamedTuple):
@@ -391,10 +403,8 @@ class SensorSelection:
 
 
 def _kind(sample: Sample) -> str:
-    if isinstance(sample, HeadingSample):
-        return "heading"
-    if isinstance(sample, RateSample):
-        return "rate"
+    if (kind := KINDS.get(sample.__class__)) is not None:
+        return kind
     if isinstance(sample, SpeedSample):
         return "speed over ground" if sample.over_ground else "speed"
     if isinstance(sample, RudderSample):

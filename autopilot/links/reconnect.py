@@ -133,9 +133,9 @@ class ReconnectingLink:
 
     def _note(self, samples: list[Sample]) -> None:
         for sample in samples:
-            if isinstance(sample, HelmSample):
+            if sample.__class__ is HelmSample:
                 self._helms.add(sample.source)
-            elif isinstance(sample, AlarmSample):
+            elif sample.__class__ is AlarmSample:
                 self._alarmed.add(sample.source)
         self._news += samples
 

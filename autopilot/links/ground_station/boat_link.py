@@ -22,6 +22,7 @@ from autopilot.links.ground_station.file_server import ALARMS, alarm_list
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
+from autopilot.links.mavlink.requests import STATES
 from autopilot.links.mavlink.signing import LinkSigning
 from autopilot.links.mavlink.status_text import StatusTexts, severity_of
 from autopilot.links.transports.sockets import peer_of
@@ -44,13 +45,6 @@ MESSAGES_PER_TURN = 100
 """Messages heeded in one turn of the loop; what a flood brings beyond them is dropped."""
 FLOOD_OVER_S = 5.0
 PACKETS_KEPT = 5000
-STATES = {
-    Mode.STANDBY: dialect.MAV_STATE_STANDBY,
-    Mode.ENGAGED: dialect.MAV_STATE_ACTIVE,
-    Mode.OVERRIDE: dialect.MAV_STATE_STANDBY,
-    Mode.FAILSAFE: dialect.MAV_STATE_CRITICAL,
-    Mode.FAULT: dialect.MAV_STATE_EMERGENCY,
-}
 SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL, Mode.FAULT: dialect.MAV_SEVERITY_ALERT}
 REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"

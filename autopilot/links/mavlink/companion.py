@@ -23,6 +23,7 @@ from autopilot.links.mavlink.guided import TIMEOUT_S
 from autopilot.links.mavlink.requests import (
     AUTOPILOT_COMPONENT,
     OVERRIDE_TIME,
+    STATES,
     ModeHandover,
     VehicleParameters,
     companion_heartbeat,
@@ -59,13 +60,6 @@ WITHOUT_RECEIVER = (
     "the rudder was ordered amidships first, where it stays: without a radio receiver the flight controller keeps "
     "the last input"
 )
-STATES = {
-    Mode.STANDBY: dialect.MAV_STATE_STANDBY,
-    Mode.ENGAGED: dialect.MAV_STATE_ACTIVE,
-    Mode.OVERRIDE: dialect.MAV_STATE_STANDBY,
-    Mode.FAILSAFE: dialect.MAV_STATE_CRITICAL,
-    Mode.FAULT: dialect.MAV_STATE_EMERGENCY,
-}
 SEVERITIES = {
     Mode.STANDBY: dialect.MAV_SEVERITY_NOTICE,
     Mode.ENGAGED: dialect.MAV_SEVERITY_WARNING,

@@ -302,6 +302,15 @@ def _tries(name: str) -> float:
 AUTOPILOT_COMPONENT = 1
 BOATS = (dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_TYPE_GROUND_ROVER)
 
+STATES = {
+    Mode.STANDBY: dialect.MAV_STATE_STANDBY,
+    Mode.ENGAGED: dialect.MAV_STATE_ACTIVE,
+    Mode.OVERRIDE: dialect.MAV_STATE_STANDBY,
+    Mode.FAILSAFE: dialect.MAV_STATE_CRITICAL,
+    Mode.FAULT: dialect.MAV_STATE_EMERGENCY,
+}
+"""MAV_STATE of our heartbeats, by the pilot's mode."""
+
 
 def companion_heartbeat(state: int) -> Message:
     """Return our own heartbeat, with MAV_STATE `state`."""

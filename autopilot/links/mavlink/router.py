@@ -19,6 +19,7 @@ from autopilot.links.base import LinkError, SilentLink, Transport
 from autopilot.links.ground_station.access import AccessPolicy, Budget, LinkAccess, Presence, refused_senders_of
 from autopilot.links.mavlink.codec import is_mavlink
 from autopilot.links.mavlink.frames import Address, Framer, identity_of, source_of, target_of
+from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
 from autopilot.links.mavlink.signing import LinkSigning
 from autopilot.links.url import believe_signed
 from autopilot.signals import AlarmEvent, AlarmSample, Mode, Sample
@@ -41,7 +42,6 @@ STAYS = frozenset(
     }
 )
 """Never passed on: what a radio says of its own link, and a key that may have come over a safe one."""
-AUTOPILOT_COMPONENT = 1
 OWN_COMPONENT = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER: what we send as a ground station (`--as-gcs`) is shown to no other one."""
 
