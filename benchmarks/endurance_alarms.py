@@ -21,7 +21,7 @@ from autopilot.angles import shortest_turn, wrap
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RollSample, RudderSample, Sample, SpeedSample
-from autopilot.supervision.monitor_input import AT_THE_STOP
+from autopilot.supervision.tuning import AT_THE_STOP
 from sitl.boat import Boat, BoatState, Hull, Plant
 from sitl.scenario import IttcSection, Scenario, WavesSection, WindSection
 from sitl.sea import Sea

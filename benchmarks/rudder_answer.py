@@ -26,7 +26,7 @@ from autopilot.estimation.fusion import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast, tick_at
 from autopilot.runtime.build import alarm_limits_of
 from autopilot.supervision.rudder_response import Rudders, first_response, noise_of, response_step, verdict
-from autopilot.supervision.rudder_watch import LATE_S
+from autopilot.supervision.tuning import LATE_S
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
 from sitl.campaign.brain import Heard, first_mind, tick

@@ -21,8 +21,9 @@ from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.norrbin import Norrbin, at_speed_ratio
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.pilot import Pilot
-from autopilot.supervision.monitor_input import LATE_PERIODS, AlarmLimits
+from autopilot.supervision.monitor_input import AlarmLimits
 from autopilot.supervision.supervisor import FailsafeAction
+from autopilot.supervision.tuning import LATE_PERIODS
 from autopilot.tick import PilotConfig
 from autopilot.vessel.schema import Vessel
 

@@ -19,7 +19,7 @@ from autopilot.errors import InputError
 from autopilot.links.base import SilentLink
 from autopilot.runtime.clock import running_time
 from autopilot.signals import ConditionSample, Sample, Tick
-from autopilot.supervision.monitor_input import LATE_PERIODS
+from autopilot.supervision.tuning import LATE_PERIODS
 
 LATE_COUNT = 3
 LATE_WITHIN_S = 10.0

@@ -13,50 +13,35 @@ from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample
-from autopilot.supervision.monitor_input import NEWS, AlarmLimits, Heard, MonitorInput
+from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput
+from autopilot.supervision.tuning import (
+    APART_TIME,
+    DISAGREES_LASTS,
+    DISAGREES_SAID,
+    FROZEN_BY_RATE,
+    FROZEN_BY_RUDDER,
+    FROZEN_SAMPLES,
+    HEADINGS_APART_S,
+    INNOVATION_TIME,
+    JUMP_SAID,
+    JUMP_SAMPLES,
+    JUMP_SETTLED,
+    JUMPS,
+    JUMPS_WITHIN,
+    NEWS,
+    RATE_FORGOTTEN,
+    SEA_DIGITS,
+    SEA_FELT,
+    SEA_PROVEN,
+    SEA_STOOD,
+    SENSE_LASTS,
+    SENSE_LEAST,
+    SENSE_SHARE,
+    SENSE_TIME,
+)
 
-APART_TIME = 5.0
-"""Turns by heading and by rate are compared over about this time [s]."""
-SENSE_TIME = 2.0
-"""Which way the boat turns is taken from its turns over about this time [s]."""
-SENSE_LASTS = 4.0
-SENSE_LEAST = math.radians(2.0) ** 2
-SENSE_SHARE = 4.0
-"""They go opposite ways where the mean square of their difference, over this time [s], is this many times that of
-their sum and by so much [rad^2] more: a compass that lags by less than 120 deg of a wave is right yet, and so is
-a gyro that is off by a degree a second."""
-DISAGREES_LASTS = 1.0
-"""Turns by heading and by rate must differ for so long [s]."""
-DISAGREES_SAID = 20.0
-"""That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of its gyro."""
 OPPOSITE_WAYS = "they turn opposite ways"
 LONGEST_STEP_S = 0.5
-FROZEN_SAMPLES = 10
-"""So many headings that are the same to the last digit are worth a second look."""
-FROZEN_BY_RATE = math.radians(5.0)
-FROZEN_BY_RUDDER = math.radians(15.0)
-"""The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood."""
-RATE_FORGOTTEN = 10.0
-"""A rate sensor's bias would add up over longer than this [s]."""
-SEA_LEAST = math.radians(0.7)
-SEA_DIGITS = 5.0
-SEA_STOOD = 3.0
-"""In a sea that moved the heading by this standard deviation [rad], and by so many of the compass's own digits, no
-heading stands for so long [s], between two wave groups neither."""
-SEA_PROVEN = 20.0
-"""A sea is one that has been felt for so long [s] on a course that is held: a turn in flat water looks like a wave."""
-JUMPS = 3
-JUMPS_WITHIN = 10.0
-"""So many jumps within this time [s] are no spikes any more."""
-JUMP_SETTLED = 0.5
-JUMP_SAMPLES = 3
-"""A heading that stays where it jumped to for so long [s], and so many samples, has jumped for good."""
-JUMP_SAID = 5.0
-"""A jump is told for this time [s] after it was found."""
-LONGEST_GAP_S = 2.0
-"""Headings further apart [s] are not compared, nor is a rate that is older than its heading by more."""
-INNOVATION_TIME = 20.0
-"""The innovation's mean must be off for so long [s]."""
 
 
 class Turns(NamedTuple):
@@ -125,7 +110,7 @@ def consistency_step(before: Consistency, sample: HeadingSample | RateSample, mo
     if is_same and time < last.time:  # type: ignore[union-attr]
         return before
     beside = before.rate
-    if rate is None and beside is not None and 0.0 <= time - beside.time <= LONGEST_GAP_S:
+    if rate is None and beside is not None and 0.0 <= time - beside.time <= HEADINGS_APART_S:
         rate = beside.rate
     # a burst that was read at once has one time: its turn happened since the heading before
     if (
@@ -133,7 +118,7 @@ def consistency_step(before: Consistency, sample: HeadingSample | RateSample, mo
         or rate is None
         or not is_same
         or not math.isfinite(sample.heading)
-        or not 0.0 <= time - last.time <= LONGEST_GAP_S
+        or not 0.0 <= time - last.time <= HEADINGS_APART_S
         or not math.isfinite(last.heading)
     ):
         return before._replace(heading=sample)
@@ -237,10 +222,10 @@ def frozen_step(
     if standing.is_frozen:
         return standing, sea
     if standing.samples < 2:
-        is_flat = state.wave_deviation < SEA_LEAST or math.isnan(sea.flat) or not seen.holds_course
+        is_flat = state.wave_deviation < SEA_FELT or math.isnan(sea.flat) or not seen.holds_course
         sea = Sea(sea.digit, state.wave_deviation, now if is_flat else sea.flat)
     elif (
-        sea.deviation >= max(SEA_LEAST, SEA_DIGITS * sea.digit)
+        sea.deviation >= max(SEA_FELT, SEA_DIGITS * sea.digit)
         and standing.since - sea.flat >= SEA_PROVEN
         and standing.samples >= FROZEN_SAMPLES
         and standing.time - standing.since >= SEA_STOOD
@@ -285,7 +270,7 @@ def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: floa
         or newest is None
         or last.source != sample.source
         or time < last.time
-        or time - newest.time > LONGEST_GAP_S
+        or time - newest.time > HEADINGS_APART_S
     ):
         return Jumping(sample, (), jumps, found, by, text)
     off = shortest_turn(last.heading + rate * (time - last.time), heading)

@@ -26,52 +26,39 @@ from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
 from autopilot.signals import AlarmEvent
 from autopilot.supervision import rudder_watch
 from autopilot.supervision.alarms import AT_STOP
-from autopilot.supervision.monitor_input import (
+from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput, is_hard_over, reads_low, speed_ratio
+from autopilot.supervision.tuning import (
+    ALIKE,
+    BACK_ON_COURSE,
+    BEHIND,
+    BEYOND,
+    BY_RUDDER,
+    CIRCLES,
+    CIRCLES_DOUBTED,
+    GROWS,
+    HALF_SWINGS,
+    LEAST_TIME,
+    NEW_COURSE,
     NEWS,
-    AlarmLimits,
-    MonitorInput,
-    is_hard_over,
-    reads_low,
-    speed_ratio,
+    ON_COURSE,
+    ON_COURSE_TIME,
+    OUTRUNS,
+    OUTRUNS_UNSTABLE,
+    PAUSE,
+    RUSH,
+    SOFTER,
+    SPIN,
+    SPIN_TIME,
+    SUSPECT_SWINGS,
+    SWEEP,
+    SWING,
+    THROW,
 )
 
-BACK_ON_COURSE = 0.7
-"""An off-course alarm ends when the error is back within this share of its limit."""
-SOFTER, SOFTEST = 4.0, 16.0
-"""The law orders as for a boat that answers so many times as much, and so many times where that is not enough."""
-SUSPECT_SWINGS, HALF_SWINGS = 4, 6
-ALIKE, GROWS = 1.6, 3.0
-LEAST_TIME = 0.25
-"""So many sweeps of the rudder from side to side in a row, each with a swing of the heading, may be a limit cycle, or
-are one: a turn and its counter-rudder are two, and the third is an overshoot. They last as long as each other, and the
-swings are as far, within this factor, or farther while the cycle grows (GROWS); a sea's are not. Sweeps that last less
-than this many time constants are not the boat's, nor those of one that is sixteen times as quick."""
-BY_RUDDER = 0.98
-"""So much of the rate's variance is the rudder's where steering makes the swings. Of boats that differ from their file
-0.995 and more (5 to 40 times as lively); 0.89 to 0.96 in a sea of 6 deg of rudder, which shows them some sweeps later.
-Of boats that are theirs, in gusts and seas that their rudder is too slow for, 0.978 at most."""
-BEYOND = 3.0
-"""A swing so many times as far as the rudder from stop to stop makes by the model counts for two, where it lasts longer
-than a sea's: seas turn small boats as far beside their rudder."""
+SOFTEST = SOFTER * SOFTER
+"""No law is softer."""
 LONGEST_WAVE_S = math.pi / WAVE_FREQUENCY_LEAST
 """Half the period of the longest wave that is estimated [s]."""
-SWEEP, THROW = 0.5, 1.0
-"""Each of them, from turning point to turning point, in units of the rudder's limit to one side: to be steered softly,
-and to be let go of."""
-SWING = math.radians(10.0)
-"""And each of the heading's [rad], as far: less is a quick boat in a sea."""
-PAUSE = (10.0, 15.0)
-"""A sweep that comes later than this [s] and so many time constants after the one before begins the count anew."""
-NEW_COURSE = math.radians(5.0)
-"""An order that differs by this [rad] begins a turn: what came before is forgotten."""
-CIRCLES, CIRCLES_DOUBTED, BEHIND = math.radians(390.0), math.radians(300.0), math.radians(150.0)
-"""Turned this far [rad] away from the heading ordered, on balance; less where the speed has been doubted, but for a
-heading that is ordered further behind than the third [rad]: it may be reached the other way round."""
-ON_COURSE = math.radians(10.0)
-SETTLED_TIME = 4.0
-"""A boat within this [rad] of its course for this time [s], or for so many time constants if that is longer, has not
-gone round: the turns that brought it there are over."""
-OUTRUNS, OUTRUNS_UNSTABLE, RUSH, SPIN = 1.5, 1.25, 2.0, 3.0
 RATE_MOST = 10.0
 """No boat turns as fast [rad/s]: such a step is the compass's, or the estimate's that begins anew."""
 NO_MORE = 1.0e-9
@@ -80,8 +67,6 @@ DAY_S = 86400.0
 SEA_SIGMAS = math.sqrt(2.0 * math.log(DAY_S / (2.0 * LONGEST_WAVE_S)))
 """Of a rate of turn so many standard deviations of the sea's may be the sea's, the largest of a day's waves (Rayleigh):
 of the sea that was there when the heading was ordered, for a boat that steering swings since then looks like one."""
-SPIN_TIME = (1.0, 0.3)
-"""The rate of turn is taken over this time [s], or over so many time constants if that is longer."""
 
 
 class OffCourse(NamedTuple):
@@ -287,7 +272,7 @@ def circles_step(before: Circles, seen: MonitorInput, turn: Turn) -> Circles:
         since = math.nan
     elif math.isnan(since):
         since = seen.now
-    elif seen.now - since >= max(SETTLED_TIME, SETTLED_TIME * seen.model.time_constant):
+    elif seen.now - since >= max(ON_COURSE_TIME, ON_COURSE_TIME * seen.model.time_constant):
         off = near
     return Circles(off, begun, since)
 

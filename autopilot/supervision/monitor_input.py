@@ -7,15 +7,7 @@ from typing import NamedTuple
 
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, NavState, RudderSample
-
-LATE_PERIODS = 3.0
-"""A tick this many control periods after the one before it is late: a heading that is waited for may take half that."""
-NEWS = math.radians(10.0)
-"""An alarm is said anew when its angle has changed by more than this [rad]: each degree would be a new text."""
-AT_THE_STOP = 0.9
-"""A rudder told to be beyond this share of its limit stands at its stop."""
-SPEED_DOUBT = 1.25
-"""A speed further than this from the trial's may be what is wrong where the boat does not answer as it should."""
+from autopilot.supervision.tuning import AT_THE_STOP, SPEED_DOUBT
 
 
 class AlarmLimits(NamedTuple):

@@ -21,12 +21,9 @@ from autopilot.signals import (
 )
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.alarms import CATALOGUE
-from autopilot.supervision.monitor_input import NEWS, AlarmLimits, Heard, MonitorInput
-
-ROLL_SECONDS = 2.0
-"""Heel must last for so long [s]."""
-WIND_STALE = 5.0
-"""A wind that is older [s] is not known."""
+from autopilot.supervision.failsafe import WIND_FRESH
+from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput
+from autopilot.supervision.tuning import NEWS, ROLL_SECONDS
 
 
 class Roll(NamedTuple):
@@ -146,7 +143,7 @@ class Monitors:
             found += (AlarmEvent("low_speed"),)
         if roll.text:
             found += (AlarmEvent("roll", roll.text),)
-        if limits.wind_wanted and seen.now - wind_time > WIND_STALE:
+        if limits.wind_wanted and seen.now - wind_time > WIND_FRESH:
             found += (AlarmEvent("no_wind"),)
         self.findings = {event.name: event for event in found} if found else {}
 

@@ -23,75 +23,45 @@ from typing import NamedTuple
 from autopilot.angles import shortest_turn
 from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin
+from autopilot.supervision.tuning import (
+    ANSWERS_MOST,
+    COLOUR_KNOWN,
+    COLOUR_TIME,
+    DOUBTED,
+    FADES_SLOW,
+    FADES_TIME,
+    GUST,
+    LEAST,
+    LEAST_SHARE,
+    LIVELY,
+    MOST_AT_ONCE,
+    OUTLIER,
+    OUTLIERS_MOST,
+    PUSH_CHANGE,
+    PUSHED_SIGMAS,
+    QUICK,
+    REVERSED_SHARE,
+    ROUGH,
+    ROUGH_TIME,
+    SEA_LEAST,
+    SEA_SLOWEST,
+    SEA_TURNED,
+    STRANGE,
+    STRANGE_TIME,
+    SURE,
+    SUSPECT,
+    UNEXPLAINED,
+    UNEXPLAINED_TIME,
+    USUAL,
+    USUAL_SURE,
+    USUAL_TIME,
+)
 
-LEAST_SHARE = 0.75
-LEAST = (0.5, 0.85)
-"""A boat still answers whose answer is this share of what it usually is, and within these shares of the model's: a
-model that is 40 % too lively is none the worse for it."""
-USUAL = 0.75
-USUAL_SURE = 60.0
-SUSPECT = 2.0
-USUAL_TIME = 900.0
-"""What share of the model's answer the boat is supposed to have before it has shown any; how sure that is, as a sum of
-squares of the answer over their variance; with so much evidence against it nothing is learnt; and how long [s] what
-it has shown is remembered."""
-FADES_TIME = 20.0
-"""Evidence is forgotten in this time [s]: a fault that matters shows more of it."""
-FADES_SLOW = 8.0
-"""Or, of the boat and its gear, in so many time constants if that is longer."""
-SURE = 10.4
-"""So much more likely, as a natural logarithm, must it be that the boat does not answer."""
-MOST_AT_ONCE = 0.8
-"""What one heading may add to that."""
-OUTLIER = 6.0
-OUTLIERS_MOST = 4
-"""A heading so many standard deviations away is left out, but no more than so many in a row."""
-PUSH_CHANGE = math.radians(0.6) ** 2
-"""Wind and trim wander by so much [rad^2 of rudder] in a second."""
-ROUGH = math.radians(0.5) ** 2
-"""So uncertain is the model itself: the square [rad^2 of rudder] of a push that lasts for `ROUGH_TIME` [s]."""
-ROUGH_TIME = 0.2
-SEA_LEAST = math.radians(1.0) ** 2
-SEA_SLOWEST = 0.5
-"""A sea of at least this size [rad^2 of rudder] and pace [1/s] is always supposed."""
-UNEXPLAINED_TIME = 0.25
-UNEXPLAINED = 3.0
-"""Where headings of this time [s] are so much further off, squared, than any answer explains, a gust has set in."""
-GUST = math.radians(25.0) ** 2
-"""What a gust adds to the push's variance, a second [rad^2/s]."""
-DOUBTED = 7.0
-"""Evidence that is a doubt in a trial, as a natural logarithm: its rudder rests, and a gust looks the same there. The
-law's rudder moves, and tells them apart."""
-PUSHED_SIGMAS = 2.0
-"""A push counts beyond so many standard deviations: with only one of them healthy zigzags in sea state 5 ended."""
+WEAK, STRONG = LEAST[0], ANSWERS_MOST
+"""The least and the most that a boat answers whose rudder is not slow."""
 SEA_KNOWN_S = 2.0 * math.pi / WAVE_FREQUENCY_LEAST
 """One period of the longest wave that is estimated [s]: before, how large the sea is is not known, and it looks like a
 push."""
-SEA_TURNED = math.radians(10.0)
-"""So far [rad] from the headings of the last SEA_KNOWN_S the sea is not the one that is estimated there: a boat meets
-the same waves slower, and from a side that turns it more."""
-ANSWERS_MOST = 1.6
-"""Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
-REVERSED_SHARE = -0.7
-"""What a boat answers at least whose rudder is wired the wrong way."""
-LIVELY = (1.6, 3.5)
-QUICK = (2.4, 6.0)
-"""Shares of the model's answer, the one against the other: more than their mean is a boat that turns better than the
-model allows for, and one that is not the model's. A gust turns the boat to one side while the rudder may go there too;
-an answer is to both sides, so the evidence must be there on each."""
-STRANGE = 3.0
-STRANGE_TIME = 2.0
-"""Where headings of this time [s], or of a time constant, lie so much further off, squared, than such an answer
-explains, it is not what turns the boat."""
-WEAK, STRONG = 0.5, 1.6
-COLOUR_TIME = 0.5
-"""What the best share of the answer leaves over is white noise where it is a compass's. Where it lies to one side for
-so long [s], a sea other than the one that is estimated turns the boat, and the rudder follows it at the sea's own pace:
-one heading then tells little that those before it have not."""
-COLOUR_KNOWN = 2.5
-"""The square of what lies to one side, where the sea is the one that is estimated: 2.3 at most with each boat of the
-tests in state 3. Where it has been so many times as much while nothing was suspect, the sea is another, and does what
-looks like a fault of the rudder so much more often: as much more evidence is wanted."""
 RATE_UNKNOWN = 0.2**2
 PUSH_UNKNOWN = math.radians(20.0) ** 2
 """Variances of a rate [(rad/s)^2] and a push [rad^2] of which nothing is known."""

@@ -14,16 +14,7 @@ from typing import NamedTuple
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, steady_rudder
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
-from autopilot.supervision.compass_watch import FROZEN_SAMPLES
-from autopilot.supervision.monitor_input import (
-    SPEED_DOUBT,
-    AlarmLimits,
-    Heard,
-    MonitorInput,
-    is_hard_over,
-    reads_low,
-    speed_ratio,
-)
+from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput, is_hard_over, reads_low, speed_ratio
 from autopilot.supervision.rudder_response import (
     SEA_KNOWN_S,
     Response,
@@ -41,52 +32,37 @@ from autopilot.supervision.rudder_response import (
     verdict,
     without_evidence,
 )
+from autopilot.supervision.tuning import (
+    AGAINST_SHARE,
+    ASSUMED_RATE,
+    AT_THE_STOP_TIME,
+    BELIEVED_S,
+    FAR,
+    FROZEN_SAMPLES,
+    HOLDS,
+    LATE_LASTS,
+    LATE_S,
+    LONGEST_GAP_S,
+    PATIENCE_S,
+    PROGRESS_SHARE,
+    PUSH_LASTS,
+    PUSHED_S,
+    REMEMBERED_S,
+    SETTLED,
+    SLOW,
+    SLOW_SHARE,
+    SLOW_TIME_S,
+    SPEED_DOUBT,
+    STANDS,
+    STOP_LASTS,
+    TAKES_HOLD,
+    TOLERANCE,
+    TRIAL_SAID,
+    WAVES_REACH,
+)
 
-PATIENCE_S = 1.2
-PROGRESS_SHARE = 0.3
-ASSUMED_RATE = math.radians(5.0)
-"""A steering gear of unknown rate is asked for a share of this [rad/s]."""
-LONGEST_GAP_S = 1.0
-"""Angles, or headings, further apart [s] prove nothing."""
-SLOW_SHARE = 1.0 / 3.0
-SLOW_TIME_S = 2.0
-"""A rudder that is off its order goes there at its filed rate: less than this share of it for so long is a slow one."""
-STANDS = math.radians(0.5)
-"""A rudder that has moved by less while it should have does not move at all."""
-REMEMBERED_S = 1.5
-"""A report is of one of the orders of this time [s]: it comes at 5 to 10 Hz and is as old as the link."""
-TOLERANCE = math.radians(3.0)
-"""Dead zone and whole microseconds move an order by less [rad]."""
-BELIEVED_S = 1.0
-"""A report that is older [s] proves nothing."""
-LATE_S = 0.4
-"""An answer that comes this much later [s] than the model's is one, too: links and gears are slow at times."""
-LATE_LASTS = 1.0
-"""So long [s] after a tick that came late nothing is evidence against the rudder: what was ordered then has left some
-time between the two ticks, and what the boat did until then hangs after it."""
-SLOW = 4.0
-"""A slow rudder is so many times slower than it should be: against one that is right on a boat that answers weakly, as
-the model says, or strongly, and against one that is late."""
-PUSHED_S = 0.3
-"""A push that is heavier than the trial's rudder for this time [s] is one."""
-TRIAL_SAID = 10.0
-"""That a trial does not turn the boat is said for this time [s]: it is over by then."""
-AT_THE_STOP_TIME = 15.0
-PUSH_LASTS = 2.0
-STOP_LASTS = 0.5
-"""A push heavier than the rudder is an alarm when it lasts so long [s], and the rudder has been told for so long [s] to
-stand at its stop against it: until then it is on its way there."""
-AGAINST_SHARE = 0.8
-"""A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
 ASTRAY = math.radians(45.0)
 """No zigzag overshoots by as much: IMO MSC.137(76) allows 40 deg at most for the second of 10/10, 25 deg for 20/20."""
-TAKES_HOLD, HOLDS, SETTLED = 1.0, 2.0, 3.0
-"""Time constants after which a rudder hard over has begun to stop what it can stop, has stopped most of it, and what
-was before it is forgotten."""
-FAR = math.radians(20.0)
-WAVES_REACH = 2.0
-"""So far [rad], and so many standard deviations of what the waves turn it, has a boat turned against its rudder that is
-pushed harder than it can hold."""
 
 Past = tuple[tuple[float, float, float], ...]
 """Ticks in which we steered: the time [s], what the rudder was told in the tick before, and where it was [rad]."""

@@ -44,9 +44,9 @@ from autopilot.steering import (
     turning_at,
     wave_rudder,
 )
-from autopilot.supervision.compass_watch import FROZEN_SAMPLES, NO_TURNS, Turns, are_opposite, turns_step
+from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_opposite, turns_step
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
-from autopilot.supervision.monitor_input import AT_THE_STOP
+from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES
 
 Floats = NDArray[np.float64]
 

@@ -12,11 +12,12 @@ from watches import Jumping, alarms, trouble
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample, WindSample
-from autopilot.supervision.course_watch import SWEEP, Spin, Swings
+from autopilot.supervision.course_watch import Spin, Swings
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.monitors import Monitors, State
 from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.rudder_watch import Answer
+from autopilot.supervision.tuning import SWEEP
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
 LIMITS = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0, roll=math.radians(40.0))

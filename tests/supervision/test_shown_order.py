@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, RudderSample
 from autopilot.supervision.monitor_input import MonitorInput
-from autopilot.supervision.rudder_watch import BELIEVED_S, REMEMBERED_S, TOLERANCE, is_anothers, lengthened
+from autopilot.supervision.rudder_watch import is_anothers, lengthened
+from autopilot.supervision.tuning import BELIEVED_S, REMEMBERED_S, TOLERANCE
 
 angles = st.floats(-0.6, 0.6)
 BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)

@@ -11,20 +11,9 @@ from watches import circles, spin, swings
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import NavState
-from autopilot.supervision.course_watch import (
-    BY_RUDDER,
-    CIRCLES,
-    HALF_SWINGS,
-    NO_SWINGS,
-    SUSPECT_SWINGS,
-    SWEEP,
-    THROW,
-    ByRudder,
-    Spin,
-    goes_round,
-    widest_swing,
-)
+from autopilot.supervision.course_watch import NO_SWINGS, ByRudder, Spin, goes_round, widest_swing
 from autopilot.supervision.monitor_input import MonitorInput, speed_ratio
+from autopilot.supervision.tuning import BY_RUDDER, CIRCLES, HALF_SWINGS, SUSPECT_SWINGS, SWEEP, THROW
 
 BOAT = Norrbin(0.2, 2.0, n3=1.0, reference_speed=4.0)
 STOP = 0.5

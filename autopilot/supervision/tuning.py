@@ -1,0 +1,226 @@
+"""The tuned numbers of the monitors, in one table: everything that follows from no formula and no measurement.
+
+They were chosen on the boats of the tests and of the fault matrix, in calm, in sea state 3 and in sea state 5: so that
+healthy boats that differ from their files raise nothing (tests/closed_loop/test_false_alarms.py, test_mismatch.py), and
+faults are found in time (test_fault_matrix.py, test_detection.py). Where a figure beside a number says how close it is,
+that was seen there. What follows from others stands with its formula in the module that uses it; the envelope's
+numbers stand in `autopilot.supervision.envelope`, which shares none with anybody.
+"""
+
+from __future__ import annotations
+
+import math
+
+# The rudder-response monitor
+
+LEAST_SHARE = 0.75
+LEAST = (0.5, 0.85)
+"""A boat still answers whose answer is this share of what it usually is, and within these shares of the model's: a
+model that is 40 % too lively is none the worse for it."""
+USUAL = 0.75
+USUAL_SURE = 60.0
+SUSPECT = 2.0
+USUAL_TIME = 900.0
+"""What share of the model's answer the boat is supposed to have before it has shown any; how sure that is, as a sum of
+squares of the answer over their variance; with so much evidence against it nothing is learnt; and how long [s] what
+it has shown is remembered."""
+FADES_TIME = 20.0
+"""Evidence is forgotten in this time [s]: a fault that matters shows more of it."""
+FADES_SLOW = 8.0
+"""Or, of the boat and its gear, in so many time constants if that is longer."""
+SURE = 10.4
+"""So much more likely, as a natural logarithm, must it be that the boat does not answer. Were headings independent and
+the model true, false alarms would come no oftener than once in exp(SURE) = 33 000 of them (Lorden 1971)."""
+MOST_AT_ONCE = 0.8
+"""What one heading may add to that: a verdict takes 13 of them at least."""
+OUTLIER = 6.0
+OUTLIERS_MOST = 4
+"""A heading so many standard deviations away is left out, but no more than so many in a row."""
+PUSH_CHANGE = math.radians(0.6) ** 2
+"""Wind and trim wander by so much [rad^2 of rudder] in a second."""
+ROUGH = math.radians(0.5) ** 2
+"""So uncertain is the model itself: the square [rad^2 of rudder] of a push that lasts for `ROUGH_TIME` [s]."""
+ROUGH_TIME = 0.2
+SEA_LEAST = math.radians(1.0) ** 2
+SEA_SLOWEST = 0.5
+"""A sea of at least this size [rad^2 of rudder] and pace [1/s] is always supposed."""
+UNEXPLAINED_TIME = 0.25
+UNEXPLAINED = 3.0
+"""Where headings of this time [s] are so much further off, squared, than any answer explains, a gust has set in."""
+GUST = math.radians(25.0) ** 2
+"""What a gust adds to the push's variance, a second [rad^2/s]."""
+DOUBTED = 7.0
+"""Evidence that is a doubt in a trial, as a natural logarithm: its rudder rests, and a gust looks the same there. The
+law's rudder moves, and tells them apart."""
+PUSHED_SIGMAS = 2.0
+"""A push counts beyond so many standard deviations: with only one of them healthy zigzags in sea state 5 ended."""
+SEA_TURNED = math.radians(10.0)
+"""So far [rad] from the headings of the last SEA_KNOWN_S the sea is not the one that is estimated there: a boat meets
+the same waves slower, and from a side that turns it more."""
+ANSWERS_MOST = 1.6
+"""Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
+REVERSED_SHARE = -0.7
+"""What a boat answers at least whose rudder is wired the wrong way."""
+LIVELY = (ANSWERS_MOST, 3.5)
+QUICK = (2.4, 6.0)
+"""Shares of the model's answer, the one against the other: more than their mean is a boat that turns better than the
+model allows for, and one that is not the model's. A gust turns the boat to one side while the rudder may go there too;
+an answer is to both sides, so the evidence must be there on each."""
+STRANGE = 3.0
+STRANGE_TIME = 2.0
+"""Where headings of this time [s], or of a time constant, lie so much further off, squared, than such an answer
+explains, it is not what turns the boat."""
+COLOUR_TIME = 0.5
+"""What the best share of the answer leaves over is white noise where it is a compass's. Where it lies to one side for
+so long [s], a sea other than the one that is estimated turns the boat, and the rudder follows it at the sea's own pace:
+one heading then tells little that those before it have not."""
+COLOUR_KNOWN = 2.5
+"""The square of what lies to one side, where the sea is the one that is estimated: 2.3 at most with each boat of the
+tests in state 3. Where it has been so many times as much while nothing was suspect, the sea is another, and does what
+looks like a fault of the rudder so much more often: as much more evidence is wanted."""
+
+# The rudder watch
+
+PATIENCE_S = 1.2
+"""A rudder that is off its order and makes no progress for so long [s], and its delay, does not follow."""
+PROGRESS_SHARE = 0.3
+ASSUMED_RATE = math.radians(5.0)
+"""Progress is this share of the filed rate, and of this rate [rad/s] at most: as much where no rate is filed."""
+LONGEST_GAP_S = 1.0
+"""Angles, or headings, further apart [s] prove nothing."""
+SLOW_SHARE = 1.0 / 3.0
+SLOW_TIME_S = 2.0
+"""A rudder that is off its order goes there at its filed rate: less than this share of it for so long is a slow one."""
+STANDS = math.radians(0.5)
+"""A rudder that has moved by less while it should have does not move at all."""
+REMEMBERED_S = 1.5
+"""A report is of one of the orders of this time [s]: it comes at 5 to 10 Hz and is as old as the link."""
+TOLERANCE = math.radians(3.0)
+"""Dead zone and whole microseconds move an order by less [rad]."""
+BELIEVED_S = 1.0
+"""A report that is older [s] proves nothing."""
+LATE_S = 0.4
+"""An answer that comes this much later [s] than the model's is one, too: links and gears are slow at times."""
+LATE_LASTS = 1.0
+"""So long [s] after a tick that came late nothing is evidence against the rudder: what was ordered then has left some
+time between the two ticks, and what the boat did until then hangs after it."""
+SLOW = 4.0
+"""A slow rudder is so many times slower than it should be: against one that is right on a boat that answers weakly, as
+the model says, or strongly, and against one that is late."""
+PUSHED_S = 0.3
+"""A push that is heavier than the trial's rudder for this time [s] is one."""
+TRIAL_SAID = 10.0
+"""That a trial does not turn the boat is said for this time [s]: it is over by then."""
+AT_THE_STOP_TIME = 15.0
+"""A course held with the rudder at its stop for so long [s]: there is none left."""
+PUSH_LASTS = 2.0
+STOP_LASTS = 0.5
+"""A push heavier than the rudder is an alarm when it lasts so long [s], and the rudder has been told for so long [s] to
+stand at its stop against it: until then it is on its way there."""
+AGAINST_SHARE = 0.8
+"""A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
+TAKES_HOLD, HOLDS, SETTLED = 1.0, 2.0, 3.0
+"""Time constants after which a rudder hard over has begun to stop what it can stop, has stopped most of it, and what
+was before it is forgotten."""
+FAR = math.radians(20.0)
+WAVES_REACH = 2.0
+"""So far [rad], and so many standard deviations of what the waves turn it, has a boat turned against its rudder that is
+pushed harder than it can hold."""
+
+# The compass watch
+
+APART_TIME = 5.0
+"""Turns by heading and by rate are compared over about this time [s]."""
+SENSE_TIME = 2.0
+"""Which way the boat turns is taken from its turns over about this time [s]."""
+SENSE_LASTS = 4.0
+SENSE_LEAST = math.radians(2.0) ** 2
+SENSE_SHARE = 4.0
+"""They go opposite ways where the mean square of their difference, over this time [s], is this many times that of
+their sum and by so much [rad^2] more: a compass that lags by less than 120 deg of a wave is right yet, and so is
+a gyro that is off by a degree a second."""
+DISAGREES_LASTS = 1.0
+"""Turns by heading and by rate must differ for so long [s]."""
+DISAGREES_SAID = 20.0
+"""That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of its gyro."""
+FROZEN_SAMPLES = 10
+"""So many headings that are the same to the last digit are worth a second look."""
+FROZEN_BY_RATE = math.radians(5.0)
+FROZEN_BY_RUDDER = math.radians(15.0)
+"""The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood."""
+RATE_FORGOTTEN = 10.0
+"""A rate sensor's bias would add up over longer than this [s]."""
+SEA_FELT = math.radians(0.7)
+SEA_DIGITS = 5.0
+SEA_STOOD = 3.0
+"""In a sea that moved the heading by this standard deviation [rad], and by so many of the compass's own digits, no
+heading stands for so long [s], between two wave groups neither."""
+SEA_PROVEN = 20.0
+"""A sea is one that has been felt for so long [s] on a course that is held: a turn in flat water looks like a wave."""
+JUMPS = 3
+JUMPS_WITHIN = 10.0
+"""So many jumps within this time [s] are no spikes any more."""
+JUMP_SETTLED = 0.5
+JUMP_SAMPLES = 3
+"""A heading that stays where it jumped to for so long [s], and so many samples, has jumped for good."""
+JUMP_SAID = 5.0
+"""A jump is told for this time [s] after it was found."""
+HEADINGS_APART_S = 2.0
+"""Headings further apart [s] are not compared, nor is a rate that is older than its heading by more."""
+INNOVATION_TIME = 20.0
+"""The innovation's mean must be off for so long [s]."""
+
+# The course watch
+
+BACK_ON_COURSE = 0.7
+"""An off-course alarm ends when the error is back within this share of its limit."""
+SOFTER = 4.0
+"""The law orders as for a boat that answers so many times as much, and once more where that is not enough."""
+SUSPECT_SWINGS, HALF_SWINGS = 4, 6
+ALIKE, GROWS = 1.6, 3.0
+LEAST_TIME = 0.25
+"""So many sweeps of the rudder from side to side in a row, each with a swing of the heading, may be a limit cycle, or
+are one: a turn and its counter-rudder are two, and the third is an overshoot. They last as long as each other, and the
+swings are as far, within this factor, or farther while the cycle grows (GROWS); a sea's are not. Sweeps that last less
+than this many time constants are not the boat's, nor those of one that is sixteen times as quick."""
+BY_RUDDER = 0.98
+"""So much of the rate's variance is the rudder's where steering makes the swings. Of boats that differ from their file
+0.995 and more (5 to 40 times as lively); 0.89 to 0.96 in a sea of 6 deg of rudder, which shows them some sweeps later.
+Of boats that are theirs, in gusts and seas that their rudder is too slow for, 0.978 at most."""
+BEYOND = 3.0
+"""A swing so many times as far as the rudder from stop to stop makes by the model counts for two, where it lasts longer
+than a sea's: seas turn small boats as far beside their rudder."""
+SWEEP, THROW = 0.5, 1.0
+"""Each of them, from turning point to turning point, in units of the rudder's limit to one side: to be steered softly,
+and to be let go of."""
+SWING = math.radians(10.0)
+"""And each of the heading's [rad], as far: less is a quick boat in a sea."""
+PAUSE = (10.0, 15.0)
+"""A sweep that comes later than this [s] and so many time constants after the one before begins the count anew."""
+NEW_COURSE = math.radians(5.0)
+"""An order that differs by this [rad] begins a turn: what came before is forgotten."""
+CIRCLES, CIRCLES_DOUBTED, BEHIND = math.radians(390.0), math.radians(300.0), math.radians(150.0)
+"""Turned this far [rad] away from the heading ordered, on balance; less where the speed has been doubted, but for a
+heading that is ordered further behind than the third [rad]: it may be reached the other way round."""
+ON_COURSE = math.radians(10.0)
+ON_COURSE_TIME = 4.0
+"""A boat within this [rad] of its course for this time [s], or for so many time constants if that is longer, has not
+gone round: the turns that brought it there are over."""
+OUTRUNS, OUTRUNS_UNSTABLE, RUSH, SPIN = 1.5, 1.25, 2.0, 3.0
+"""So many times the quickest turn that the model knows is more than goes with the speed, of a course-stable boat and of
+an unstable one; makes the law soft; and is another boat's."""
+SPIN_TIME = (1.0, 0.3)
+"""The rate of turn is taken over this time [s], or over so many time constants if that is longer."""
+
+# All monitors
+
+ROLL_SECONDS = 2.0
+"""Heel must last for so long [s]."""
+LATE_PERIODS = 3.0
+"""A tick this many control periods after the one before it is late: a heading that is waited for may take half that."""
+NEWS = math.radians(10.0)
+"""An alarm is said anew when its angle has changed by more than this [rad]: each degree would be a new text."""
+AT_THE_STOP = 0.9
+"""A rudder told to be beyond this share of its limit stands at its stop."""
+SPEED_DOUBT = 1.25
+"""A speed further than this from the trial's may be what is wrong where the boat does not answer as it should."""
