@@ -15,25 +15,31 @@ from autopilot.errors import InputError
 from autopilot.filters.feedback_particle import GAINS
 from autopilot.filters.kalman import Gaussian
 from autopilot.identification.augmented_state import Case, Found, Steps, by_particle_filter
-from autopilot.identification.gust_strength import RunNoise, gust_strength, instruments
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified
 from autopilot.identification.identified import Steps as ProgressSteps
 from autopilot.identification.identify import sources_of
 from autopilot.identification.methods import NOTHING_MORE, Method, Question, begin, identified_as
-from autopilot.identification.norrbin_case import HELD_STEPS_PER_TIME_CONSTANT as HELD
-from autopilot.identification.norrbin_case import (
+from autopilot.identification.norrbin_filter import HELD_STEPS_PER_TIME_CONSTANT as HELD
+from autopilot.identification.norrbin_filter import (
     NAMES,
+    Innovations,
+    RunNoise,
+    Separated,
+    beliefs,
+    covariance_of,
     entered,
+    gust_strength,
+    instruments,
     model_of,
     passage,
     prior_about,
     segment_steps,
+    together_told,
     yaw_case,
 )
-from autopilot.identification.norrbin_case import STEPS_PER_TIME_CONSTANT as RUNNING
+from autopilot.identification.norrbin_filter import STEPS_PER_TIME_CONSTANT as RUNNING
 from autopilot.identification.residuals import typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
-from autopilot.identification.separated_filter import Innovations, Separated, beliefs, covariance_of, together_told
 from autopilot.models.norrbin import Norrbin
 
 PASSES = 10

@@ -12,7 +12,7 @@ from compiled_particles import CompiledParticleFilter, _damped_by_one, _damped_b
 from autopilot.errors import InputError
 from autopilot.filters.feedback_particle import damping_matrices, fpf_predict, fpf_update
 from autopilot.filters.kalman import FloatArray, Gaussian
-from autopilot.identification.norrbin_case import YawDrive, cubic_rates, heading_and_rate
+from autopilot.identification.norrbin_filter import YawDrive, cubic_rates, heading_and_rate
 
 NOISE = np.zeros((6, 1))
 NOISE[1, 0] = 0.01

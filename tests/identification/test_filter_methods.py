@@ -11,13 +11,24 @@ from autopilot.errors import InputError
 from autopilot.filters.kalman import Gaussian
 from autopilot.identification.augmented_state import by_kalman_filter
 from autopilot.identification.filter_methods import KalmanMethod, ParticleMethod
-from autopilot.identification.gust_strength import RunNoise, gust_strength
 from autopilot.identification.identified import Identified
 from autopilot.identification.methods import Question
-from autopilot.identification.norrbin_case import entered, passage, prior_about, segment_steps, yaw_case
+from autopilot.identification.norrbin_filter import (
+    Innovations,
+    RunNoise,
+    Separated,
+    beliefs,
+    covariance_of,
+    entered,
+    gust_strength,
+    passage,
+    prior_about,
+    segment_steps,
+    together_told,
+    yaw_case,
+)
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
-from autopilot.identification.separated_filter import Innovations, Separated, beliefs, covariance_of, together_told
 from autopilot.models.norrbin import Norrbin
 
 SLOW_BOAT = {"K": 0.2, "T": 5.0, "n3": 20.0}
