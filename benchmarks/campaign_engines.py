@@ -15,9 +15,8 @@ import time
 from dataclasses import replace
 
 from autopilot.errors import InputError
-from sitl.campaign.engines import engine_of, in_order
 from sitl.campaign.study import Job, load_study, number_of_runs, steps_of
-from sitl.campaign.work import Row, batches_of
+from sitl.campaign.work import Row, batches_of, engine_of, in_order
 from sitl.world import STEP
 
 ENGINES = ("local", "dask")

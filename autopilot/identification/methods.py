@@ -15,18 +15,20 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.identification.identified import Convergence, Identified, ModelKind, Progress, SteadyTurns, too_quick
 from autopilot.identification.identify import (
+    StartingPoint,
     check_excitation,
     check_response,
     identify,
     mean_speed,
     sources_of,
+    starting_point,
     steady_damping,
+    unstable_starting_point,
 )
 from autopilot.identification.output_error import Weighting
 from autopilot.identification.residual_tests import simulate_run
 from autopilot.identification.residuals import Trim, residual_noise
 from autopilot.identification.runs import FloatArray, Run, shortest_time_constant
-from autopilot.identification.starting_point import StartingPoint, starting_point, unstable_starting_point
 from autopilot.identification.two_stage import nomoto_at_end, nomoto_path
 from autopilot.models.norrbin import Norrbin
 

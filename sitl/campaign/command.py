@@ -83,10 +83,9 @@ def _job(arguments: argparse.Namespace) -> Job:
 def _campaign(job: Job, arguments: argparse.Namespace) -> int:
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import refuse_existing
-    from sitl.campaign.engines import default_workers, engine_of, in_order
     from sitl.campaign.results import Tally, open_results
     from sitl.campaign.study import number_of_runs
-    from sitl.campaign.work import batches_of
+    from sitl.campaign.work import batches_of, default_workers, engine_of, in_order
 
     if arguments.report:
         from autopilot.report import require_extra
@@ -194,9 +193,9 @@ def run_tune(arguments: argparse.Namespace) -> int:
     """Tune and print JSON."""
     from autopilot.cli.terminal import ProgressBar
     from autopilot.vessel.file import load_vessel
-    from sitl.campaign.engines import default_workers
     from sitl.campaign.study import Job, load_study
     from sitl.campaign.tuning import Search, tune
+    from sitl.campaign.work import default_workers
 
     vessel = load_vessel(arguments.vessel)
     study, _ = load_study(arguments.study)

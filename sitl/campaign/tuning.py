@@ -22,9 +22,8 @@ from autopilot.control.registry import LAWS
 from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.build import law_of, verdict_of
 from autopilot.vessel.schema import Vessel
-from sitl.campaign.engines import end_with_parent
 from sitl.campaign.study import Job, number_of_runs
-from sitl.campaign.work import REFUSED, do_runs, swift
+from sitl.campaign.work import REFUSED, do_runs, end_with_parent, swift
 
 SPAN = 6.0
 REFUSED_COST = 1.0e6

@@ -22,7 +22,6 @@ from autopilot.files.strict_yaml import parse_document
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Limits
 from sitl.campaign import work
-from sitl.campaign.engines import in_order, local
 from sitl.campaign.results import COLUMNS
 from sitl.campaign.setting import measured_every, rooms_of, run_fully, setting_of
 from sitl.campaign.study import (
@@ -41,7 +40,7 @@ from sitl.campaign.study import (
     study_from,
 )
 from sitl.campaign.swift import Figures, figures, run_swiftly
-from sitl.campaign.work import Row, batches_of, do_runs, done_swiftly
+from sitl.campaign.work import Row, batches_of, do_runs, done_swiftly, in_order, local
 from sitl.cli import main
 from sitl.fault_kinds import FaultKind
 from sitl.scenario import FaultSection, IttcSection, SecondOrderSection, SensorsSection, WavesSection, WindSection
@@ -250,7 +249,7 @@ def kill_once(job: Job, first: int, last: int, is_compiled: bool) -> list[Row]:
 
 def test_the_runs_of_a_lost_worker_are_done_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("NORRBIN_TEST_MARK", str(tmp_path / "mark"))
-    monkeypatch.setattr("sitl.campaign.engines.do_runs", kill_once)
+    monkeypatch.setattr("sitl.campaign.work.do_runs", kill_once)
     batches = [(run, run + 1) for run in range(9)]
     rows = [row.run for batch in in_order(local(Job(STUDY, "."), batches, 2, False)) for row in batch]
     assert (tmp_path / "mark").exists()

@@ -13,9 +13,8 @@ import pytest
 
 from autopilot.errors import ExitCode, InputError
 from sitl.campaign import work
-from sitl.campaign.engines import Engine, engine_of, in_order
 from sitl.campaign.study import BoatSection, Job, Study
-from sitl.campaign.work import Row
+from sitl.campaign.work import Engine, Row, engine_of, in_order
 from sitl.cli import main
 
 JOB = Job(replace(Study(1, "short", {"boat": BoatSection("lanxin")}, runs=6), seconds=3.0, measured_from_s=1.0), ".")
@@ -50,7 +49,7 @@ def test_two_workers_give_the_local_results_and_a_lost_one_changes_nothing(
     engine: Engine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     here = [row for batch in engine_of("local")(JOB, BATCHES, 1, False) for row in batch]
-    monkeypatch.setattr("sitl.campaign.engines.do_runs", dying)
+    monkeypatch.setattr("sitl.campaign.work.do_runs", dying)
     job = JOB._replace(folder=str(tmp_path))
     there = [row for batch in in_order(engine(job, BATCHES, 2, False)) for row in batch]
     assert (tmp_path / "mark").exists()
