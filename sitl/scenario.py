@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
-from autopilot.errors import InputError
 from autopilot.files import typed
-from autopilot.files.strict_yaml import Node, parse_document, read_document
-from autopilot.files.typed import Bounds, nearest
+from autopilot.files.strict_yaml import Node
+from autopilot.files.typed import Bounds, Shipped
 from sitl.fault_kinds import FaultKind, Source, wrong_size, wrong_source
 from sitl.plants import USUAL, PlantName
 
 SCHEMA_VERSION = 1
+SCENARIOS = Shipped("sitl", "scenarios", "a shipped scenario")
 
 Degrees = Annotated[float, Bounds(-360.0, 360.0, "direction, clockwise from north")]
 Seconds = Annotated[float, Bounds(0.0, 1.0e6, "simulated time since the start")]
@@ -185,39 +185,38 @@ class Scenario:
 
 def shipped_scenarios() -> list[str]:
     """Return the names of the scenarios that come with the product."""
-    folder = resources.files("sitl") / "scenarios"
-    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    return SCENARIOS.names()
 
 
 def load_scenario(path_or_name: str | Path) -> Scenario:
     """Return the scenario of a YAML file, or the shipped one of that name (`calm`). Raises InputError."""
-    path = Path(path_or_name)
-    name = str(path_or_name)
-    if path.exists() or path.suffix or path.name != name:
-        return scenario_from(read_document(path))
-    shipped = shipped_scenarios()
-    if name not in shipped:
-        near = nearest(name, shipped)
-        hint = f"did you mean {near}?" if near else f"shipped are {', '.join(shipped)}."
-        raise InputError(f"{name}: neither a file nor a shipped scenario; {hint}")
-    text = (resources.files("sitl") / "scenarios" / f"{name}.yaml").read_text(encoding="utf-8")
-    return scenario_from(parse_document(text, f"{name}.yaml (shipped)"))
+    return scenario_from(SCENARIOS.document(path_or_name))
+
+
+def check_version(root: Node, version: int) -> None:
+    """Raise InputError where a scenario or a study is of another version."""
+    if version != SCHEMA_VERSION:
+        raise root.at("schema_version").fault(
+            f"schema_version is {version}, this version of Norrbin reads {SCHEMA_VERSION}."
+        )
+
+
+def check_faults(root: Node, key: str, faults: Sequence[FaultSection]) -> None:
+    """Raise InputError where one of the faults, which stand at `key`, cannot be."""
+    for index, fault in enumerate(faults):
+        if fault.to_s is not None and fault.to_s <= fault.from_s:
+            raise root.at("faults").fault(
+                f"{key}[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
+            )
+        if wrong := wrong_size(fault.kind, fault.size) or wrong_source(fault.kind, fault.source):
+            raise root.at("faults").fault(f"{key}[{index}]: {wrong}")
 
 
 def scenario_from(root: Node) -> Scenario:
     """Return the scenario that a document holds, checked across its fields. Raises InputError."""
     scenario = typed.read(root, Scenario)
-    if scenario.schema_version != SCHEMA_VERSION:
-        raise root.at("schema_version").fault(
-            f"schema_version is {scenario.schema_version}, this version of Norrbin reads {SCHEMA_VERSION}."
-        )
-    for index, fault in enumerate(scenario.faults):
-        if fault.to_s is not None and fault.to_s <= fault.from_s:
-            raise root.at("faults").fault(
-                f"faults[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
-            )
-        if wrong := wrong_size(fault.kind, fault.size) or wrong_source(fault.kind, fault.source):
-            raise root.at("faults").fault(f"faults[{index}]: {wrong}")
+    check_version(root, scenario.schema_version)
+    check_faults(root, "faults", scenario.faults)
     for index, (one, other) in enumerate(itertools.pairwise(scenario.route)):
         if math.hypot(other[0] - one[0], other[1] - one[1]) < 1.0:
             raise root.at("route").fault(f"route[{index + 1}] is the place of the waypoint before it; leave one out.")

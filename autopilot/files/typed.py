@@ -13,10 +13,14 @@ import math
 import types
 import typing
 from enum import Enum
-from typing import Any, Literal, NamedTuple, TypeVar, Union
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, Union
 
 from autopilot.errors import InputError, SeveralInputError
-from autopilot.files.strict_yaml import Node
+from autopilot.files.strict_yaml import Node, parse_document, read_document
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 T = TypeVar("T")
 
@@ -234,6 +238,49 @@ def nearest(word: str, known: list[str]) -> str | None:
     folded = {name.casefold(): name for name in known}
     matches = difflib.get_close_matches(word.casefold(), list(folded), n=1, cutoff=0.6)
     return folded[matches[0]] if matches else None
+
+
+class Shipped(NamedTuple):
+    """The YAML files of one kind that come with the product: in a `folder` of a `package`, and what they are called."""
+
+    package: str
+    folder: str
+    kind: str
+
+    def names(self) -> list[str]:
+        """Return their names, without the suffix."""
+        names = (entry.name for entry in self._place().iterdir())
+        return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+
+    def document(self, path_or_name: str | Path, also: tuple[str, ...] = ()) -> Node:
+        """Return the root node of a file, or of the shipped one of that name. Raises InputError.
+
+        `also` are names that the sentences about what is not there know too.
+        """
+        path, name, shipped = Path(path_or_name), str(path_or_name), self.names()
+        if is_path(path_or_name):
+            if not path.exists() and path.name == name and path.stem in (*shipped, *also):
+                raise InputError(
+                    f"{path}: no such file here; the shipped file is named {path.stem}, without the suffix."
+                )
+            return read_document(path)
+        if name not in shipped:
+            near = nearest(name, [*shipped, *also])
+            hint = f"did you mean {near}?" if near else f"shipped are {', '.join([*shipped, *also])}."
+            raise InputError(f"{name}: neither a file nor {self.kind}; {hint}")
+        text = (self._place() / f"{name}.yaml").read_text(encoding="utf-8")
+        return parse_document(text, f"{name}.yaml (shipped)")
+
+    def _place(self) -> Traversable:
+        from importlib import resources  # what runs a boat from a path does without
+
+        return resources.files(self.package) / self.folder
+
+
+def is_path(path_or_name: str | Path) -> bool:
+    """Return whether a file is meant, no shipped one's name: what has a folder or a suffix in it, and what exists."""
+    path = Path(path_or_name)
+    return path.exists() or bool(path.suffix) or path.name != str(path_or_name)
 
 
 def _stem(key: str) -> str:

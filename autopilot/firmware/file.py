@@ -13,7 +13,6 @@ import typing
 import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -21,7 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.files import typed
-from autopilot.files.strict_yaml import FIRMWARE_STEPS, Node, migrated, newest, parse_document, read_document
+from autopilot.files.strict_yaml import FIRMWARE_STEPS, Node, migrated, newest
 from autopilot.firmware.protocol import type_name
 from autopilot.vessel.file import number_text, string_text
 
@@ -29,6 +28,7 @@ SCHEMA_VERSION = newest(FIRMWARE_STEPS)
 NAME_LENGTH_MAX = 16
 """MAVLink's param_id has 16 characters."""
 INCLUDE_DEPTH_MAX = 8
+FIRMWARE_FILES = typed.Shipped("firmware_params", "firmware", "a shipped firmware file")
 
 _NAME = re.compile(r"[A-Z_][A-Z0-9_]*")
 
@@ -111,24 +111,12 @@ def load_firmware(path_or_name: str | Path) -> FirmwareFile:
 
 def firmware_document(path_or_name: str | Path) -> Node:
     """Return the root node of a file, or of the shipped firmware file of that name. Raises InputError."""
-    path = Path(path_or_name)
-    if path.exists() or path.suffix or path.name != str(path_or_name):
-        return read_document(path)
-    shipped = shipped_firmware()
-    name = str(path_or_name)
-    if name not in shipped:
-        near = typed.nearest(name, shipped)
-        hint = f"did you mean {near}?" if near else f"shipped are {', '.join(shipped)}."
-        raise InputError(f"{name}: neither a file nor a shipped firmware file; {hint}")
-    text = (resources.files("firmware_params") / "firmware" / f"{name}.yaml").read_text(encoding="utf-8")
-    return parse_document(text, f"{name}.yaml (shipped)")
+    return FIRMWARE_FILES.document(path_or_name)
 
 
 def shipped_firmware() -> list[str]:
     """Return the names of the firmware files that come with the product."""
-    folder = resources.files("firmware_params") / "firmware"
-    names = (entry.name for entry in folder.iterdir())
-    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+    return FIRMWARE_FILES.names()
 
 
 def firmware_from(root: Node, included_by: tuple[str, ...] = ()) -> FirmwareFile:

@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from ipaddress import ip_network
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
@@ -29,15 +29,13 @@ from autopilot.files.strict_yaml import (
     migrated,
     parse_document,
     plain,
-    read_document,
     resolve_plain,
 )
-from autopilot.files.typed import Bounds, hints_of, nearest
+from autopilot.files.typed import Bounds, Shipped, hints_of
 from autopilot.models.norrbin import Norrbin, folds
 from autopilot.vessel.schema import Model, StandardErrors, Vessel
 
-if TYPE_CHECKING:
-    from importlib.resources.abc import Traversable
+VESSELS = Shipped("firmware_params", "vessels", "shipped")
 
 _BARE_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
@@ -55,19 +53,7 @@ def vessel_document(path_or_name: str | Path, also_shipped: tuple[str, ...] = ()
 
     `also_shipped` are names that the sentence about an unknown name offers too.
     """
-    path = Path(path_or_name)
-    name = str(path_or_name)
-    shipped = shipped_vessels()
-    if path.exists() or path.suffix or path.name != name:
-        if not path.exists() and path.name == name and path.stem in (*shipped, *also_shipped):
-            raise InputError(f"{path}: no such file here; the shipped file is named {path.stem}, without the suffix.")
-        return read_document(path)
-    if name not in shipped:
-        near = nearest(name, [*shipped, *also_shipped])
-        hint = f"did you mean {near}?" if near else f"shipped are {', '.join([*shipped, *also_shipped])}."
-        raise InputError(f"{name}: neither a file nor shipped; {hint}")
-    text = (_shipped() / f"{name}.yaml").read_text(encoding="utf-8")
-    return parse_document(text, f"{name}.yaml (shipped)")
+    return VESSELS.document(path_or_name, also_shipped)
 
 
 def refuse_bare_name(out: str | Path) -> None:
@@ -87,14 +73,7 @@ def parse_vessel(text: str, file: str = "<text>") -> Vessel:
 
 def shipped_vessels() -> list[str]:
     """Return the names of the vessel files that come with the product."""
-    names = (entry.name for entry in _shipped().iterdir())
-    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
-
-
-def _shipped() -> Traversable:
-    from importlib import resources
-
-    return resources.files("firmware_params") / "vessels"
+    return VESSELS.names()
 
 
 def vessel_from(root: Node) -> Vessel:

@@ -9,7 +9,6 @@ import functools
 import itertools
 import math
 from dataclasses import dataclass, field, replace
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
@@ -17,14 +16,25 @@ from autopilot.control.design import DESIGNED
 from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError
 from autopilot.files import typed
-from autopilot.files.strict_yaml import Node, parse_document, read_document
-from autopilot.files.typed import Bounds, nearest
+from autopilot.files.strict_yaml import Node
+from autopilot.files.typed import Bounds, Shipped, is_path
 from autopilot.vessel.file import load_vessel, shipped_vessels
 from autopilot.vessel.schema import Vessel
-from sitl.fault_kinds import wrong_size, wrong_source
-from sitl.scenario import FaultSection, HullSection, Scenario, SensorsSection, Start, WavesSection, WindSection
+from sitl.scenario import (
+    FaultSection,
+    HullSection,
+    Scenario,
+    SensorsSection,
+    Start,
+    WavesSection,
+    WindSection,
+    check_faults,
+    check_version,
+)
 
-SCHEMA_VERSION = 1
+STUDIES = Shipped("sitl", "studies", "a shipped study")
+LISTS = ["boats", "laws", "gain_factors", "speed_shares", "seas", "sides_deg", "mismatches", "instruments", "faults"]
+"""Keys of which each holds at least one entry."""
 MOST_RUNS = 10_000_000
 
 if TYPE_CHECKING:
@@ -94,8 +104,7 @@ class Study:
 
 def shipped_studies() -> list[str]:
     """Return the names of the studies that come with the product."""
-    folder = resources.files("sitl") / "studies"
-    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    return STUDIES.names()
 
 
 def load_study(path_or_name: str) -> tuple[Study, str]:
@@ -103,28 +112,15 @@ def load_study(path_or_name: str) -> tuple[Study, str]:
 
     Raises InputError.
     """
-    path, shipped = Path(path_or_name), shipped_studies()
-    if path.exists() or path.suffix or path.name != path_or_name:
-        return study_from(read_document(path)), str(path.parent)
-    if path_or_name not in shipped:
-        near = nearest(path_or_name, shipped)
-        hint = f"did you mean {near}?" if near else f"shipped are {', '.join(shipped)}."
-        raise InputError(f"{path_or_name}: neither a file nor a shipped study; {hint}")
-    text = (resources.files("sitl") / "studies" / f"{path_or_name}.yaml").read_text(encoding="utf-8")
-    return study_from(parse_document(text, f"{path_or_name}.yaml (shipped)")), "."
+    study = study_from(STUDIES.document(path_or_name))
+    return study, str(Path(path_or_name).parent) if is_path(path_or_name) else "."
 
 
 def study_from(root: Node) -> Study:
     """Return the study that a document holds, checked across its fields. Raises InputError."""
     study = typed.read(root, Study)
-    if study.schema_version != SCHEMA_VERSION:
-        raise root.at("schema_version").fault(
-            f"schema_version is {study.schema_version}, this version of Norrbin reads {SCHEMA_VERSION}."
-        )
-    for key in ("boats", "laws", "gain_factors", "speed_shares", "seas", "sides_deg", "mismatches"):
-        if not getattr(study, key):
-            raise root.at(key).fault(f"{key} is empty; give at least one, or leave the key out.")
-    for key in ("instruments", "faults"):
+    check_version(root, study.schema_version)
+    for key in LISTS:
         if not getattr(study, key):
             raise root.at(key).fault(f"{key} is empty; give at least one, or leave the key out.")
     if 100 % study.heading_hz:
@@ -136,13 +132,7 @@ def study_from(root: Node) -> Study:
             f"seconds is {study.seconds:g}, it must be more than measured_from_s ({study.measured_from_s:g})."
         )
     for name, faults in study.faults.items():
-        for index, fault in enumerate(faults):
-            if fault.to_s is not None and fault.to_s <= fault.from_s:
-                raise root.at("faults").fault(
-                    f"faults.{name}[{index}] ends at to_s {fault.to_s:g}, it must end after from_s ({fault.from_s:g})."
-                )
-            if wrong := wrong_size(fault.kind, fault.size) or wrong_source(fault.kind, fault.source):
-                raise root.at("faults").fault(f"faults.{name}[{index}]: {wrong}")
+        check_faults(root, f"faults.{name}", faults)
     return study
 
 
