@@ -10,11 +10,10 @@ from pathlib import Path
 from types import FrameType
 
 from autopilot import __version__
+from autopilot.cli.main import answer
 from autopilot.cli.options import SEED, SPEEDUP, add_waiting_option, number, patience_of, whole_number
-from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
-from autopilot.files.printable import brief, escaped, printable_output
+from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import say_end
-from autopilot.links.base import LinkError
 from sitl.campaign import command as campaign
 from sitl.scenario import shipped_scenarios
 
@@ -205,28 +204,7 @@ def _run_fault(arguments: argparse.Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `sitl` and return its exit code."""
-    with printable_output():
-        return _run(argv)
-
-
-def _run(argv: Sequence[str] | None) -> int:
-    try:
-        arguments = build_parser().parse_args(argv)
-        arguments.typed = ["sitl", *(sys.argv[1:] if argv is None else argv)]  # reports print it, whole
-        return int(arguments.run(arguments))
-    except InputError as error:
-        return _complain(error, ExitCode.USAGE)
-    except OSError as error:
-        return _complain(unreachable(error), ExitCode.USAGE)
-    except LinkError as error:
-        return _complain(error, ExitCode.LINK)
-    except RefusedError as error:
-        return _complain(error, ExitCode.REFUSED)
-
-
-def _complain(error: Exception, code: ExitCode) -> int:
-    print(f"sitl: {escaped(brief(str(error)))}", file=sys.stderr)
-    return int(code)
+    return answer("sitl", sys.argv[1:] if argv is None else argv, lambda given: build_parser())
 
 
 class _StopOnSignal:

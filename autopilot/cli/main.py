@@ -6,7 +6,7 @@ import argparse
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from autopilot import __version__
 from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
@@ -63,31 +63,38 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one subcommand and return its exit code. What it prints is made printable, whoever it comes from."""
-    with printable_output():
-        return _run(argv)
-
-
-def _run(argv: Sequence[str] | None) -> int:
+    """Run one subcommand and return its exit code."""
     # before numpy comes: its threads spin on cores that others need, and a sum's last digit hangs on their number
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    given = sys.argv[1:] if argv is None else argv
+    return answer("autopilot", sys.argv[1:] if argv is None else argv, build_parser)
+
+
+def answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[str]], argparse.ArgumentParser]) -> int:
+    """Run what the arguments `given` to a program ask for; return its exit code.
+
+    An error becomes one sentence; what is printed is made printable, whoever it comes from.
+    """
+    with printable_output():
+        return _answer(program, given, parser_for)
+
+
+def _answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[str]], argparse.ArgumentParser]) -> int:
     from autopilot.links.base import LinkError
 
     try:
-        arguments = build_parser(given).parse_args(given)
-        arguments.typed = ["autopilot", *given]  # reports print it, whole
+        arguments = parser_for(given).parse_args(given)
+        arguments.typed = [program, *given]  # reports print it, whole
         return int(arguments.run(arguments))
     except InputError as error:
-        return _complain(error, ExitCode.USAGE)
+        return _complain(program, error, ExitCode.USAGE)
     except OSError as error:
-        return _complain(unreachable(error), ExitCode.USAGE)
+        return _complain(program, unreachable(error), ExitCode.USAGE)
     except LinkError as error:
-        return _complain(error, ExitCode.LINK)
+        return _complain(program, error, ExitCode.LINK)
     except RefusedError as error:
-        return _complain(error, ExitCode.REFUSED)
+        return _complain(program, error, ExitCode.REFUSED)
 
 
-def _complain(error: Exception, code: ExitCode) -> int:
-    print(f"autopilot: {escaped(brief(str(error)))}", file=sys.stderr)
+def _complain(program: str, error: Exception, code: ExitCode) -> int:
+    print(f"{program}: {escaped(brief(str(error)))}", file=sys.stderr)
     return int(code)

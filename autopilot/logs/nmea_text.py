@@ -37,11 +37,7 @@ from autopilot.links.nmea.sentences import (
 from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
-    LATITUDE,
-    LONGITUDE,
     PROPELLER,
-    RATE,
-    RUDDER,
     SPEED,
     WIND_DIRECTION,
     WIND_SPEED,
@@ -49,9 +45,9 @@ from autopilot.logs.series import (
     Recording,
     Series,
     on_one_clock,
+    quantities_of,
     series_of,
 )
-from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample
 
 DAY_S = 86400.0
 MILLISECONDS_FROM = 1.0e11
@@ -281,25 +277,10 @@ def _values(
         pairs = _around(line.sentence)
         sample = reader.read(when, line.sentence)
         for one in (sample, reader.take_position()):
-            pairs += [] if one is None else _pairs(one)
+            pairs += [] if one is None else quantities_of(one)
         for quantity, value in pairs:
             found[quantity, source].append((when, value))
     return found
-
-
-def _pairs(sample: Sample) -> list[tuple[str, float]]:
-    match sample:
-        case HeadingSample(heading=heading):
-            return [(HEADING, heading)]
-        case RateSample(rate=rate):
-            return [(RATE, rate)]
-        case RudderSample(angle=rudder):
-            return [(RUDDER, rudder)]
-        case SpeedSample(speed=speed):
-            return [(SPEED, speed)]
-        case PositionSample(latitude=latitude, longitude=longitude):
-            return [(LATITUDE, latitude), (LONGITUDE, longitude)]
-    return []
 
 
 def _around(sentence: Sentence) -> list[tuple[str, float]]:

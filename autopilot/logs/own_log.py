@@ -12,8 +12,6 @@ from autopilot.links.mavlink.frames import MAGIC_V2
 from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
-    LATITUDE,
-    LONGITUDE,
     ORDER,
     PILOT,
     RATE,
@@ -22,11 +20,12 @@ from autopilot.logs.series import (
     Recording,
     Series,
     on_one_clock,
+    quantities_of,
     series_of,
 )
 from autopilot.logs.tlog import is_tlog
 from autopilot.runtime.record import PAYLOAD_TYPE, Log, read_logs, read_packets
-from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample, Tick
+from autopilot.signals import Tick
 
 
 def is_own(data: bytes) -> bool:
@@ -71,7 +70,7 @@ def _samples(ticks: list[Tick]) -> list[Series]:
     compasses: dict[str, dict[str, None]] = {HEADING: {}, RATE: {}}
     for tick in ticks:
         for sample in tick.samples:
-            for quantity, value in _values(sample):
+            for quantity, value in quantities_of(sample):
                 source = sample.source
                 if quantity in compasses:
                     compasses[quantity][source] = None
@@ -83,21 +82,6 @@ def _samples(ticks: list[Tick]) -> list[Series]:
         for key, pairs in found.items()
         for series in series_of(key[0], named[key], [time for time, _ in pairs], [value for _, value in pairs])
     ]
-
-
-def _values(sample: Sample) -> list[tuple[str, float]]:
-    match sample:
-        case HeadingSample(heading=heading, rate=rate):
-            return [(HEADING, heading)] if rate is None else [(HEADING, heading), (RATE, rate)]
-        case RateSample(rate=rate):
-            return [(RATE, rate)]
-        case RudderSample(angle=angle, ordered=False):
-            return [(RUDDER, angle)]
-        case SpeedSample(speed=speed):
-            return [(SPEED, speed)]
-        case PositionSample(latitude=latitude, longitude=longitude):
-            return [(LATITUDE, latitude), (LONGITUDE, longitude)]
-    return []
 
 
 FORMAT = LogFormat(

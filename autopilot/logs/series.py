@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
+from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample
 
 FloatArray = NDArray[np.float64]
 
@@ -212,3 +213,19 @@ def duration(recording: Recording) -> float:
 
 def _span(series: Series) -> float:
     return float(series.time[-1] - series.time[0])
+
+
+def quantities_of(sample: Sample) -> list[tuple[str, float]]:
+    """Return what a sample measured, by quantity; an ordered rudder is none."""
+    match sample:
+        case HeadingSample(heading=heading, rate=rate):
+            return [(HEADING, heading)] if rate is None else [(HEADING, heading), (RATE, rate)]
+        case RateSample(rate=rate):
+            return [(RATE, rate)]
+        case RudderSample(angle=angle, ordered=False):
+            return [(RUDDER, angle)]
+        case SpeedSample(speed=speed):
+            return [(SPEED, speed)]
+        case PositionSample(latitude=latitude, longitude=longitude):
+            return [(LATITUDE, latitude), (LONGITUDE, longitude)]
+    return []
