@@ -70,16 +70,13 @@ RUNNING_A, STALL_A = 2.5, 15.0
 STALL_ERROR = math.radians(2.0)
 
 
-class DriveLine:
-    """A helm that goes before the flight controller, fed byte by byte. Times are those of the world's clock."""
+class BoatSide:
+    """The boat's side of a serial line, both directions at the pace of its baud rate. Times are the world's."""
 
     def __init__(self, world: World, baud: int) -> None:
         self.world = world
-        self.current = 0.0
         self._to_host = UartLine(baud)
         self._to_drive = UartLine(baud)
-        self._last_rudder = world.boat.state.rudder
-        world.helms.insert(0, self)
         world.watchers.append(self._after_step)
 
     def receive(self, now: float, data: bytes) -> None:
@@ -96,6 +93,20 @@ class DriveLine:
         self.world.advance(now)
         passed = self._to_host.take(self.world.time_at(now))
         return [passed] if passed else []
+
+    def _after_step(self, time: float) -> None:
+        """Take what has arrived, and say what falls due."""
+        raise NotImplementedError
+
+
+class DriveLine(BoatSide):
+    """A helm that goes before the flight controller, fed byte by byte."""
+
+    def __init__(self, world: World, baud: int) -> None:
+        super().__init__(world, baud)
+        self.current = 0.0
+        self._last_rudder = world.boat.state.rudder
+        world.helms.insert(0, self)
 
     def orders(self, time: float) -> Orders:
         """Return what the drive does to the rudder; each kind of drive has its own."""

@@ -17,7 +17,7 @@ from autopilot.errors import InputError
 from autopilot.files.outside import typed_number
 from autopilot.links.nmea import sentences as encode
 from autopilot.links.nmea.sentences import NmeaFramer, Sentence
-from sitl.drives import UartLine
+from sitl.drives import BoatSide
 from sitl.fault_kinds import that_silence
 from sitl.plotter import ChartPlotter
 from sitl.sensors import Reading
@@ -151,18 +151,16 @@ def _rudder_order(sentence: Sentence) -> tuple[float, bool] | None:
     return (math.radians(degrees), True) if -90.0 <= degrees <= 90.0 else None
 
 
-class NmeaInstruments:
-    """The instruments of one line with the drive on it. Times are those of the world's clock."""
+class NmeaInstruments(BoatSide):
+    """The instruments of one line with the drive on it."""
 
     def __init__(self, world: World, rates_hz: Mapping[str, float], baud: int = 4800, is_stream: bool = True) -> None:
-        self.world = world
+        super().__init__(world, baud)
         self.drive = RudderDrive(world)
         self.framer = NmeaFramer()
         self.skipped = 0
         self._is_stream = is_stream
         self._unfinished = b""
-        self._to_listener = UartLine(baud)
-        self._to_drive = UartLine(baud)
         self._period = {name: 1.0 / rate for name, rate in rates_hz.items()}
         # instruments are not switched on in the same instant: spread their first sentences
         self._due = {name: world.time + index * 0.03 for index, name in enumerate(self._period)}
@@ -180,27 +178,16 @@ class NmeaInstruments:
         self._plotter = ChartPlotter(world.scenario)
         for name in PLOTTER:
             self._compose[name] = functools.partial(self._plotter.say, name)
-        world.watchers.append(self._after_step)
-
-    def receive(self, now: float, data: bytes) -> None:
-        """Take bytes that the other side began to send at `now` [s]; they arrive at the line's pace."""
-        self.world.advance(now)
-        self._to_drive.put(self.world.time_at(now), data)
-
-    def advance(self, now: float) -> None:
-        """Move the world on to `now` [s]."""
-        self.world.advance(now)
 
     def transmit(self, now: float) -> list[bytes]:
         """Return the bytes that have passed the line by `now` [s]: one chunk, cut anywhere, or none.
 
         Where the line is no stream each sentence is a chunk of its own, as in the datagrams of a multiplexer.
         """
-        self.world.advance(now)
-        passed = self._to_listener.take(self.world.time_at(now))
+        passed = super().transmit(now)
         if self._is_stream:
-            return [passed] if passed else []
-        *whole, self._unfinished = (self._unfinished + passed).split(b"\n")
+            return passed
+        *whole, self._unfinished = (self._unfinished + b"".join(passed)).split(b"\n")
         return [sentence + b"\n" for sentence in whole]
 
     def _after_step(self, time: float) -> None:
@@ -223,10 +210,10 @@ class NmeaInstruments:
             return
         if any(self.world.faults.is_on(fault, time) for fault in that_silence(name)):
             return
-        if self._to_listener.backlog(time) > BACKLOG_MAX_S:
+        if self._to_host.backlog(time) > BACKLOG_MAX_S:
             self.skipped += 1
             return
-        self._to_listener.put(time, self._compose[name](reading))
+        self._to_host.put(time, self._compose[name](reading))
 
     def _hdg(self, reading: Reading) -> bytes:
         """HDG shows the compass: heading less variation and deviation; the deviation card is on board, not sent."""
