@@ -154,4 +154,6 @@ def measurements() -> str:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(ROOT))
-    write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "reference")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parent / "reference")
+    write(parser.parse_args().folder)
