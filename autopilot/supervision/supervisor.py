@@ -103,7 +103,7 @@ class Supervisor:
     def __init__(self, envelope: Envelope, failsafe: FailsafeAction, memory: Memory = NOTHING_SEEN) -> None:
         self._failsafe = failsafe
         self._command_check = CommandCheck(envelope, memory.wrong_since)
-        self.state = memory.state
+        self.state, self.mode = memory.state, MODES[memory.state]
         self.alarm = memory.alarm
         self._cause, self._since, self._rudder = memory.cause, memory.since, memory.rudder
         self._spent, self._blocked = memory.spent, memory.blocked
@@ -134,11 +134,6 @@ class Supervisor:
             self._reboot_time,
             self._command_check.wrong_since,
         )
-
-    @property
-    def mode(self) -> Mode:
-        """What the state comes to."""
-        return MODES[self.state]
 
     def hear(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
@@ -333,7 +328,7 @@ class Supervisor:
             self._since = now
             self._command_check.reset()
             self._cause = alarm.name if alarm is not None else ""
-        self.state = row.next
+        self.state, self.mode = row.next, MODES[row.next]
         if row.says is not Says.NOTHING:
             self.alarm = alarm
 
