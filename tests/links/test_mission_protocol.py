@@ -202,6 +202,16 @@ def test_the_last_item_sent_again_is_answered_for_ten_seconds_to_its_sender() ->
         assert [fields(answer) for answer in answers] == [("MISSION_ACK", 255, 190, 0, 0)] * count
 
 
+def test_an_upload_that_was_given_up_is_not_accepted_by_a_late_item_of_the_one_before() -> None:
+    peers = Peers()
+    peers.upload(items_of(ROUTE[:2]))
+    kept = peers.mission.items
+    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    peers.say(dialect.MAVLink_mission_ack_message(1, 1, dialect.MAV_MISSION_OPERATION_CANCELLED))
+    assert peers.say(item(1, ROUTE[1])) == []
+    assert peers.mission.items == kept
+
+
 def test_an_upload_is_given_up_by_its_sender_alone() -> None:
     peers = Peers()
     assert peers.say(dialect.MAVLink_mission_ack_message(1, 1, 15)) == [] and peers.server.said == ""

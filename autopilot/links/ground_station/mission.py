@@ -250,6 +250,8 @@ class Mission:
 AGAIN_S = 0.8
 TRIES = 6
 """An item that does not come is asked for this many times, this long [s] apart."""
+NEVER_FINISHED: tuple[tuple[int, int], int, float] = ((0, 0), -1, -math.inf)
+"""Whose upload ended with which item, and when [s]."""
 AFTERWARDS_S = 10.0
 """For this long [s] an upload's last item, sent again, is answered again: our answer was lost."""
 MISSION = dialect.MAV_MISSION_TYPE_MISSION
@@ -274,7 +276,7 @@ class MissionServer:
         self.said = ""
         """What people should read of the last message, '' for nothing."""
         self._upload: Upload | None = None
-        self._finished: tuple[tuple[int, int], int, float] = ((0, 0), -1, -math.inf)
+        self._finished = NEVER_FINISHED
         self._replies = {
             "MISSION_COUNT": self._count,
             "MISSION_ITEM": self._item,
@@ -332,7 +334,8 @@ class MissionServer:
         if message.count == 0:
             return self._clear(now, message, peer)
         self.mission.uploader = self
-        self._upload = Upload(peer, message.count, asked=now)
+        # an item of the route before this one, overtaken by its count, is none of a route that was taken
+        self._upload, self._finished = Upload(peer, message.count, asked=now), NEVER_FINISHED
         return [_wanted(self._upload)]
 
     def _item(self, now: float, message: Message, peer: tuple[int, int]) -> list[Message]:
