@@ -12,7 +12,6 @@ MODULES = (
     "faults_of_instruments",
     "faults_of_the_boat",
     "faults_of_the_vehicle",
-    "faults_of_lines",
 )
 """Modules of `sitl` with a table KINDS. Where several faults act at one place, they do in this order."""
 KINDS: dict[str, Kind] = {

@@ -1,4 +1,5 @@
-"""What happens to the flight controller: reboots, hands on its sticks and switches, warnings, a clock that steps.
+"""What happens to the flight controller: reboots, hands on its sticks and switches, warnings, a clock that steps, and
+lines that lose and spoil what is said.
 
 Texts are those of ArduRover 4.6: AC_Fence.cpp ("Polygon fence breached", notice) and AP_BattMonitor.cpp ("Battery 1 is
 low ...", warning). ArduRover has no text of its own for shallow water; boats say it from a script.
@@ -82,6 +83,10 @@ def receiver_low(fault: Acting, firmware: Firmware) -> dict[int, int]:
     return {firmware.setup.throttle_channel: round(fault.size)}
 
 
+def _chance(what: str, size: float) -> Kind:
+    return Kind(what, "share of packets", size, 0.0, 1.0)
+
+
 KINDS = {
     "reboot": Kind("the firmware reboots, once", happens=reboot),
     "mode": Kind("somebody changes the mode, once", "mode number", 4.0, 0.0, 15.0, happens=mode),
@@ -103,4 +108,16 @@ KINDS = {
     "geofence": Kind("STATUSTEXT: Polygon fence breached", happens=geofence),
     "shallow": Kind("STATUSTEXT: Shallow water", "m", 1.0, 0.0, 100.0, happens=shallow),
     "clock_step": Kind("the flight controller's clock steps, once", "s", 5.0, -86400.0, 86400.0, happens=clock_step),
+    # of the lines to it: `sitl.serve` makes them as bad as these say
+    "silence": Kind("the boat sends nothing at all", is_tabled=True),
+    "link_deaf": Kind("nothing that is sent to the boat arrives"),
+    "link_half_open": Kind("nothing arrives either way, without an error"),
+    "link_loss": _chance("packets are lost", 0.3),
+    "link_delay": Kind("packets come late", "s", 0.3, 0.0, 30.0),
+    "link_jitter": Kind("packets come late by up to", "s", 0.3, 0.0, 30.0),
+    "link_duplicate": _chance("packets come twice", 0.3),
+    "link_reorder": _chance("packets are overtaken by the next ones", 0.3),
+    "link_corrupt": _chance("packets have changed bytes", 0.3),
+    "link_truncate": _chance("packets are cut short", 0.3),
+    "link_flood": Kind("noise comes in between", "packets/s", 500.0, 0.0, 20000.0),
 }
