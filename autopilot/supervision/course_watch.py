@@ -202,7 +202,7 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
         return Swings(now, extreme=order)
     swept, side, extreme, turned, low, high, low_before, high_before, swung, lasted, count, by_rudder = before
     turned += turn.turned
-    low, high = min(low, turned), max(high, turned)
+    low, high = turned if turned < low else low, turned if turned > high else high
     if by_rudder is not None:
         by_rudder = by_rudder.with_tick(turn.step, turn.turned, order, seen.state.rate)
     if side == 0:

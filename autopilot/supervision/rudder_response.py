@@ -146,7 +146,7 @@ class Others(NamedTuple):
 NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0, 1.0)
 
 
-class Response(NamedTuple):
+class ResponseState(NamedTuple):
     """time [s] of the newest heading; covariance and mean of a boat without a rudder; answers to the rudder [rad], in
     time and late; how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and
     that it is reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were;
@@ -215,12 +215,12 @@ def noise_met(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> N
     return met if met.sea > noise.sea else noise
 
 
-def first_response(noise: Noise, time: float, heading: float) -> Response:
+def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
     """Return what is known after the first heading [rad]."""
     covariance = Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
     mean, usual = Mean(heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
     # every field is given: what numba compiles has no defaults
-    return Response(
+    return ResponseState(
         time,
         covariance,
         mean,
@@ -333,8 +333,8 @@ def grown(evidence: float, off: float, one: float, other: float, variance: float
 
 
 def response_step(
-    before: Response, model: Norrbin, noise: Noise, rate: float, heard: tuple[float, float], rudders: Rudders
-) -> Response:
+    before: ResponseState, model: Norrbin, noise: Noise, rate: float, heard: tuple[float, float], rudders: Rudders
+) -> ResponseState:
     """Return what is known after a heading [rad] `heard` at its time [s], the rudder having been at `rudders` since the
     one before; the boat turns at about `rate` [rad/s]."""
     time, heading = heard
@@ -365,7 +365,7 @@ def response_step(
     # what may be a fault is none of the boat's usual ways
     learns = 0.0 if stuck >= SUSPECT or before.reversed >= SUSPECT else 1.0 / variance
     others = others_step(before.others, model, gains, dt, (off, s, s_late, slow))
-    return Response(
+    return ResponseState(
         time,
         measured(gains, covariance),
         corrected(gains, mean, off),
@@ -389,15 +389,15 @@ def _mean_of(mean: Moved) -> Mean:
 
 
 def _without_heading(
-    before: Response, time: float, covariance: Covariance, means: tuple[Moved, Moved, Moved, Moved]
-) -> Response:
+    before: ResponseState, time: float, covariance: Covariance, means: tuple[Moved, Moved, Moved, Moved]
+) -> ResponseState:
     """Return what is known at `time` [s] of a heading that is left out."""
     mean, answer, late, slow = means
     _, lively, quick, strange, strange_slow, weak, right, strong, latest, fit, left, colour = before.others
     others = Others(
         _mean_of(slow), lively, quick, strange, strange_slow, weak, right, strong, latest, fit, left, colour
     )
-    return Response(
+    return ResponseState(
         time,
         covariance,
         _mean_of(mean),
@@ -468,7 +468,7 @@ def others_step(
     )
 
 
-def without_evidence(before: Response, after: Response) -> Response:
+def without_evidence(before: ResponseState, after: ResponseState) -> ResponseState:
     """Return `after` with no more evidence against the rudder than `before`; what speaks for it counts."""
     was, (lively, quick) = before.others, (after.others.lively, after.others.quick)
     others = after.others._replace(
@@ -488,7 +488,7 @@ def without_evidence(before: Response, after: Response) -> Response:
     )
 
 
-def acquitted(response: Response) -> Response:
+def acquitted(response: ResponseState) -> ResponseState:
     """Return the same with no more evidence against the rudder than makes as much again as was a doubt a verdict."""
     most = SURE - DOUBTED
     return response._replace(
@@ -499,7 +499,7 @@ def acquitted(response: Response) -> Response:
     )
 
 
-def verdict(response: Response) -> int:
+def verdict(response: ResponseState) -> int:
     """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite."""
     sure = SURE * max(response.usual_colour / COLOUR_KNOWN, 1.0)
     if response.reversed >= sure and response.reversed_late >= sure:
@@ -507,13 +507,13 @@ def verdict(response: Response) -> int:
     return 1 if response.stuck >= sure and response.stuck_late >= sure else 0
 
 
-def is_doubtful(response: Response) -> bool:
+def is_doubtful(response: ResponseState) -> bool:
     """Return whether there is some evidence that the boat does not answer, or to the opposite rudder."""
     is_reversed = response.reversed >= DOUBTED and response.reversed_late >= DOUBTED
     return is_reversed or (response.stuck >= DOUBTED and response.stuck_late >= DOUBTED)
 
 
-def push_at_least(response: Response) -> float:
+def push_at_least(response: ResponseState) -> float:
     """Return what the boat is pushed by beside rudder and sea [rad of rudder], less `PUSHED_SIGMAS`; 0 where that
     may be nothing. The boat is supposed to answer to its rudder as usual."""
     push = response.mean.push + response.usual / response.shown * response.answer.push

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from autopilot.angles import shortest_turn
@@ -17,7 +18,7 @@ from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
 from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput, is_hard_over, reads_low, speed_ratio
 from autopilot.supervision.rudder_response import (
     SEA_KNOWN_S,
-    Response,
+    ResponseState,
     Rudders,
     Seaway,
     acquitted,
@@ -156,7 +157,7 @@ class Answer(NamedTuple):
     doubts_trial: in this tick; other: see `other_verdict`; verdict: see `verdict`."""
 
     since: float = math.nan
-    response: Response | None = None
+    response: ResponseState | None = None
     seaway: Seaway | None = None
     last: HeadingSample | None = None
     same: int = 0
@@ -235,12 +236,12 @@ def answer_step(
 NO_ANSWER = Answer()
 
 
-def _in_order(headings: tuple[HeadingSample, ...]) -> list[HeadingSample]:
+def _in_order(headings: tuple[HeadingSample, ...]) -> Sequence[HeadingSample]:
     """Return the headings that are numbers; of a burst that was read at once, and has one time, the last is the
     newest."""
+    if len(headings) == 1 and math.isfinite(headings[0].heading) and math.isfinite(headings[0].time):
+        return headings
     known = [each for each in headings if math.isfinite(each.heading) and math.isfinite(each.time)]
-    if len(known) < 2:
-        return known
     return sorted({each.time: each for each in known}.values(), key=lambda each: each.time)
 
 
@@ -252,7 +253,7 @@ def rudder_at(past: Past, earliest: float, time: float) -> float:
     return past[place if past[place][0] >= earliest else bisect_left(past, (earliest,))][2]
 
 
-def _is_held_off(response: Response, seen: MonitorInput, past: Past, earliest: float) -> bool:
+def _is_held_off(response: ResponseState, seen: MonitorInput, past: Past, earliest: float) -> bool:
     """Return whether a push holds against a trial's rudder, as far as that was over of late: on the way from one side
     to the other it passes amidships."""
     push = push_at_least(response)

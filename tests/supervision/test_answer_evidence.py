@@ -20,7 +20,7 @@ from autopilot.supervision.rudder_response import (
     Mean,
     Noise,
     Others,
-    Response,
+    ResponseState,
     Rudders,
     acquitted,
     first_response,
@@ -141,7 +141,7 @@ def are_close(found: Sequence[float], wanted: Sequence[float] | Matrix, most: fl
     return len(found) == len(wanted) and all(abs(a - b) <= most for a, b in zip(found, wanted, strict=True))
 
 
-def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -> list[tuple[Response, Judge]]:
+def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -> list[tuple[ResponseState, Judge]]:
     """A boat that answers by `share` of the model to a rudder that trails by `slowness` [s]; both judges of it."""
     random = np.random.default_rng(5)
     memory, judge = first_response(NOISE, 0.0, 0.1)._replace(usual=60.0 * usual), Judge(0.1)
@@ -299,7 +299,7 @@ def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer
 
 
 def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() -> None:
-    def memory(value: float) -> Response:
+    def memory(value: float) -> ResponseState:
         others = NO_OTHERS._replace(
             slow=Mean(value, 0.0, 0.0, 0.0), lively=(value, value + 1), quick=(value + 2, value + 3)
         )
@@ -361,7 +361,7 @@ class Looks:
         self.memory, self.doubts = memory, list[float]()
         monkeypatch.setattr("autopilot.supervision.rudder_watch.response_step", self.step)
 
-    def step(self, memory: Response, *given: Any) -> Response:
+    def step(self, memory: ResponseState, *given: Any) -> ResponseState:
         self.taken.append(given)
         return memory._replace(time=given[3][0], **self.memory)
 
@@ -482,7 +482,7 @@ def test_a_second_heading_of_the_same_instant_says_nothing_of_colour() -> None:
     )
 
 
-def stepped(share: float, seen: float, **change: Any) -> tuple[Response, Response]:
+def stepped(share: float, seen: float, **change: Any) -> tuple[ResponseState, ResponseState]:
     """What is known before and after a heading that is off by a share of the answer to the rudder, of which `seen`
     [rad] could be seen before."""
     before = sailed(1.0, 0.0, 0.75, 6.0)[-1][0]
