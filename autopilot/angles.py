@@ -34,11 +34,6 @@ def shortest_turn(from_heading: float, to_heading: float) -> float:
     return turn if -math.pi < turn <= math.pi else wrap(turn)
 
 
-def unwrap_next(previous: float, heading: float) -> float:
-    """Return `heading` [rad] shifted by whole turns so that it lies within pi of `previous` [rad]."""
-    return previous + wrap(heading - previous)
-
-
 def compass_deg(heading: float) -> float:
     """Return `heading` [rad] as degrees in [0, 360)."""
     degrees = math.degrees(wrap_positive(heading))

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.control.backstepping import BacksteppingGains, BoundedGains, backstepping_rudder, printed_equation_26
+from autopilot.control.backstepping import BacksteppingGains, BoundedGains, backstepping_rudder
 from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.control.pid import BoatPid, PidGains, PidMemory
 from autopilot.control.pid import step as pid_step
@@ -40,6 +40,21 @@ TABLE_2_DEG = ((5, 3.38), (8, 3.461), (10, 6.043), (15, 9.774), (20, 12.203), (2
 
 LawStep = Callable[[Reference, float, float, float], float]
 """Reference, heading [rad], rate [rad/s], last rudder order [rad] -> rudder demand [rad]."""
+
+
+def printed_equation_26(
+    model: Norrbin, gains: BacksteppingGains, reference: Reference, heading: float, rate: float
+) -> float:
+    """Return the rudder [rad] that eq. (26) gives as printed, misprints and all: to show what they do."""
+    z1 = wrap(heading - reference.heading)
+    k1, k2 = gains.k1, gains.k2
+    return (model.gain / model.time_constant) * (
+        (-k1 - k2 + 1.0 / model.time_constant) * rate
+        + model.n3 / model.time_constant * rate**3
+        + (1.0 - k1 * k2) * z1
+        - (k1 + k2) * reference.rate
+        + reference.acceleration
+    )
 
 
 class Trial(NamedTuple):

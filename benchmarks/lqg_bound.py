@@ -18,12 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from naval_vessel import encounter_frequency
 from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 from scipy.optimize import nnls
 from study_boats import SEAS, StudyBoat, StudySea
 
 from autopilot.models import wind
-from autopilot.models.waves import encounter_frequency
 from autopilot.runtime.build import model_of
 from sitl.scenario import IttcSection
 from sitl.sea import ittc_waves, wave_forces

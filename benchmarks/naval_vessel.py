@@ -53,7 +53,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.models.motion import LinearMotion, Motion
-from autopilot.models.waves import GRAVITY, component_amplitudes, encounter_frequency, wave_number
+from autopilot.models.waves import GRAVITY, component_amplitudes, wave_number
 
 Array = NDArray[np.float64]
 
@@ -375,6 +375,15 @@ def sections(hull: StripHull) -> tuple[Array, Array]:
     offset = -edge + step * (np.arange(STRIPS) + 0.5)
     areas = 1.0 - (offset / edge) ** 2
     return np.asarray(hull.middle + offset), np.asarray(areas / areas.sum())
+
+
+def encounter_frequency(frequency: Array, speed: float, angle: float) -> Array:
+    """Return the frequency [rad/s] at which a boat meets the waves: w - w^2 U cos(beta)/g.
+
+    `speed` U [m/s], `angle` beta [rad] from the boat's heading to the direction in which the waves travel:
+    0 following seas, pi head seas. Negative where the boat overtakes the waves. Liu and Jin 2017.
+    """
+    return np.asarray(frequency - wave_number(frequency) * speed * math.cos(angle))
 
 
 def water_acceleration(hull: StripHull, frequency: Array, angle: float) -> Complex:

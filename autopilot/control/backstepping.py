@@ -176,21 +176,6 @@ def smoothing_in(model: Norrbin, smoothing: float, reference: Reference) -> floa
     return 0.0 if abs(planned) > PLANNED else smoothing
 
 
-def printed_equation_26(
-    model: Norrbin, gains: BacksteppingGains, reference: Reference, heading: float, rate: float
-) -> float:
-    """Return the rudder [rad] that eq. (26) gives as printed, misprints and all: to show what they do."""
-    z1 = wrap(heading - reference.heading)
-    k1, k2 = gains.k1, gains.k2
-    return (model.gain / model.time_constant) * (
-        (-k1 - k2 + 1.0 / model.time_constant) * rate
-        + model.n3 / model.time_constant * rate**3
-        + (1.0 - k1 * k2) * z1
-        - (k1 + k2) * reference.rate
-        + reference.acceleration
-    )
-
-
 def linear_gains_backstepping(model: Norrbin, gains: BacksteppingGains) -> LoopGains:
     """Return the law's gains about straight running: (T/K)(gamma + k1 k2) and (T/K)(k1 + k2 - n1/T)."""
     ratio = model.time_constant / model.gain

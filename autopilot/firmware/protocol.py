@@ -46,9 +46,6 @@ _TYPE_NAMES = {
 }
 
 
-TYPE_NAMES = tuple(_TYPE_NAMES.values())
-
-
 def kind_named(name: str) -> int:
     """Return the MAV_PARAM_TYPE of that name, as INT16; KeyError where there is none."""
     return next(int(kind) for kind, known in _TYPE_NAMES.items() if known == name)

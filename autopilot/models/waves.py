@@ -132,15 +132,6 @@ def wave_number(frequency: Array) -> Array:
     return np.asarray(frequency * frequency / GRAVITY)
 
 
-def encounter_frequency(frequency: Array, speed: float, angle: float) -> Array:
-    """Return the frequency [rad/s] at which a boat meets the waves: w - w^2 U cos(beta)/g.
-
-    `speed` U [m/s], `angle` beta [rad] from the boat's heading to the direction in which the waves travel:
-    0 following seas, pi head seas. Negative where the boat overtakes the waves. Liu and Jin 2017.
-    """
-    return np.asarray(frequency - wave_number(frequency) * speed * math.cos(angle))
-
-
 def component_sum(amplitude: Array, phase: Array) -> float:
     """Return the sum of amplitude cos(phase) over the components."""
     return float(np.dot(amplitude, np.cos(phase)))

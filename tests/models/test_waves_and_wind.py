@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from naval_vessel import encounter_frequency
 from scipy import integrate, linalg, signal
 
 from autopilot.models import waves, wind
@@ -90,12 +91,12 @@ def test_component_amplitudes_carry_the_variance_of_the_spectrum() -> None:
 
 def test_encounter_frequency_rises_in_head_seas_and_falls_in_following_seas() -> None:
     frequency = np.array([0.8])
-    head = waves.encounter_frequency(frequency, 7.7, math.pi)[0]
+    head = encounter_frequency(frequency, 7.7, math.pi)[0]
     assert head == pytest.approx(0.8 + 0.8**2 * 7.7 / 9.80665)
-    assert waves.encounter_frequency(frequency, 7.7, 0.0)[0] < 0.8
-    assert waves.encounter_frequency(frequency, 7.7, math.pi / 2.0)[0] == pytest.approx(0.8)
+    assert encounter_frequency(frequency, 7.7, 0.0)[0] < 0.8
+    assert encounter_frequency(frequency, 7.7, math.pi / 2.0)[0] == pytest.approx(0.8)
     # overtaking: faster than the wave's phase speed g/w
-    assert waves.encounter_frequency(frequency, 20.0, 0.0)[0] < 0.0
+    assert encounter_frequency(frequency, 20.0, 0.0)[0] < 0.0
 
 
 def test_apparent_wind_of_a_boat_under_way() -> None:

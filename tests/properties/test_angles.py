@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.angles import compass_deg, shortest_turn, unwrap_next, wrap, wrap_positive
+from autopilot.angles import compass_deg, shortest_turn, wrap, wrap_positive
 
 finite = st.floats(-1.0e6, 1.0e6)
 
@@ -36,11 +36,6 @@ def test_the_shortest_turn_leads_there(start: float, goal: float) -> None:
     turn = shortest_turn(start, goal)
     assert abs(turn) <= math.pi
     assert abs(wrap(start + turn - goal)) < 1e-9
-
-
-@given(finite, finite)
-def test_unwrap_stays_within_half_a_turn(previous: float, heading: float) -> None:
-    assert abs(unwrap_next(previous, heading) - previous) <= math.pi + 1e-6
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

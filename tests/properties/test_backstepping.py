@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from jiang2016_heading_control import printed_equation_26
 from steersman import asked
 
 from autopilot.angles import wrap
@@ -22,7 +23,6 @@ from autopilot.control.backstepping import (
     error_max_of,
     errors,
     gains_at,
-    printed_equation_26,
 )
 from autopilot.control.law import LawBoat
 from autopilot.control.limits import RudderLimits
